@@ -1,0 +1,79 @@
+# make install   what is missing of Debian's packages (packages.txt), then .venv with PyPI's (requirements.txt) and stickslip
+# make run       the first scene; its results are then in results/block
+# make lint      style and types
+# make test      lint, and every test that is not slow
+# make verify    every test, then the verification problems
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.ONESHELL:
+.DEFAULT_GOAL := install
+.PHONY: install run lint test verify again
+
+PYTHON := /usr/bin/python3# Debian's own: its python3-* packages belong to no other
+WORKERS ?= 2
+SOURCES := geometry solvers workflows stickslip.py
+STAMP := .venv/installed-at
+
+# one thread per process: the tests run side by side, and mpirun starts several ranks
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+# several mpirun at a time, of more ranks than cores: share the cores, do not pin ranks to the same ones
+export OMPI_MCA_hwloc_base_binding_policy := none
+export OMPI_MCA_mpi_yield_when_idle := 1
+export OMPI_MCA_rmaps_base_oversubscribe := 1
+# nothing but .venv and Debian decides what `import geometry` finds
+export PYTHONNOUSERSITE := 1
+unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
+ifeq ($(shell id -u),0)
+export OMPI_ALLOW_RUN_AS_ROOT := 1
+export OMPI_ALLOW_RUN_AS_ROOT_CONFIRM := 1
+endif
+
+PACKAGES := $(shell sed 's/#.*//' packages.txt)
+# dpkg-query also complains about names that it does not know: these are missing like the others
+MISSING := $(filter-out $(shell dpkg-query -W -f '$${db:Status-Status} $${Package}\n' $(PACKAGES) 2>/dev/null | sed -n 's/^installed //p'),$(PACKAGES))
+# The stamp is written last and names its folder: an interrupted set-up, a moved folder or another Python shows here.
+BROKEN := $(shell { [ "$$(cat $(STAMP))" = '$(CURDIR)' ] && .venv/bin/python -c '' && [ -x .venv/bin/stickslip ]; } >/dev/null 2>&1 || echo yes)
+
+install: $(STAMP)
+
+$(STAMP): packages.txt requirements.txt pyproject.toml Makefile $(if $(BROKEN)$(MISSING),again)
+	@fail() { echo "make install: $$*" >&2; exit 1; }
+	missing='$(strip $(MISSING))'
+	if [ -n "$$missing" ]; then
+	    command -v apt-get >/dev/null || fail "needs Debian 12; there is no apt-get here to install: $$missing"
+	    if [ "$$(id -u)" = 0 ]; then root=(env)
+	    elif command -v sudo >/dev/null; then root=(sudo env)
+	    else fail "neither root nor sudo; ask an administrator for: apt-get install --no-install-recommends $$missing"
+	    fi
+	    apt=("$${root[@]}" DEBIAN_FRONTEND=noninteractive apt-get -q -o Acquire::Retries=3 -o Dpkg::Use-Pty=0)
+	    "$${root[@]}" DEBIAN_FRONTEND=noninteractive dpkg --configure -a  # an earlier set-up may have been interrupted
+	    "$${apt[@]}" update || true  # one source out of reach need not matter: the next line decides
+	    "$${apt[@]}" install -y --no-install-recommends $$missing
+	fi
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' ||
+	    fail "needs Debian 12: the pinned packages are for Python 3.11, and $(PYTHON) is $$($(PYTHON) -V)"
+	rm -f $@
+	if [ -n '$(BROKEN)' ]; then
+	    rm -rf .venv
+	    $(PYTHON) -m venv --system-site-packages .venv
+	fi
+	.venv/bin/python -m pip install -q --disable-pip-version-check -r requirements.txt
+	.venv/bin/python -m pip install -q --disable-pip-version-check --no-index --no-build-isolation --no-deps -e .
+	echo '$(CURDIR)' > $@
+
+run: install
+	.venv/bin/stickslip run block -o results/block
+
+lint: install
+	.venv/bin/ruff check
+	.venv/bin/ruff format --check
+	.venv/bin/mypy $(SOURCES)
+
+test: lint
+	.venv/bin/python -m pytest -n $(WORKERS) -m 'not slow'
+
+verify: install
+	.venv/bin/python -m pytest -n $(WORKERS)
+	.venv/bin/stickslip verify

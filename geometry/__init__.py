@@ -1,0 +1,1 @@
+"""From a shape's description to a mesh whose bodies and sides have names."""

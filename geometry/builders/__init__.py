@@ -1,0 +1,13 @@
+"""Ready shapes, one a file: a module here that defines a `Builder` is all it takes to add one."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+
+from geometry.builders.builder import Builder, Request
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")
+
+__all__ = ["Builder", "Request"]

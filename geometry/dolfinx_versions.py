@@ -1,0 +1,164 @@
+"""The one file that knows how dolfinx's calls differ between versions (0.5.2 of Debian 12, 0.9 of Debian 13, 0.11).
+
+Import this instead of dolfinx, and before anything that loads a shared library of its own.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_flags = sys.getdlopenflags()
+import dolfinx  # noqa: E402
+import dolfinx.fem.petsc  # noqa: E402
+
+sys.setdlopenflags(_flags)  # 0.5.2 leaves RTLD_GLOBAL on for every later import
+
+import basix  # noqa: E402
+import ufl  # noqa: E402
+from dolfinx import cpp, fem, mesh  # noqa: E402
+
+VERSION = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
+OLD = VERSION < (0, 6)
+Ints = NDArray[np.int64]
+Array = NDArray[np.float64]
+
+
+def stable(domain: Any) -> Any:
+    """The mesh itself, with the coordinate element that ffcx would swap in at the first compile (0.5.2).
+
+    Without this, later forms get other cache keys and every run compiles one more.
+    """
+    if OLD:
+        ufl_domain = domain.ufl_domain()
+        element = ufl_domain.ufl_coordinate_element()
+        if element._sub_element._variant is None:
+            scalar = ufl.FiniteElement(
+                element.family(), element.cell(), element.degree(), element.quadrature_scheme(), variant="equispaced"
+            )
+            ufl_domain._ufl_coordinate_element = ufl.VectorElement(scalar, dim=len(element.sub_elements()))
+    return domain
+
+
+def model_to_mesh(model: Any, comm: Any, dim: int) -> tuple[Any, Any, Any]:
+    """gmsh model on rank 0 to (mesh, cell tags, facet tags) on all ranks."""
+    if VERSION >= (0, 10):
+        from dolfinx.io import gmsh as gmsh_io
+
+        data = gmsh_io.model_to_mesh(model, comm, 0, gdim=dim)
+        return data.mesh, data.cell_tags, data.facet_tags
+    from dolfinx.io import gmshio
+
+    domain, cells, facets = gmshio.model_to_mesh(model, comm, 0, gdim=dim)[:3]
+    return stable(domain), cells, facets
+
+
+def vector_space(domain: Any, degree: int) -> Any:
+    """Continuous Lagrange space of vectors with as many components as the mesh has dimensions."""
+    if hasattr(fem, "functionspace"):
+        return fem.functionspace(domain, ("Lagrange", degree, (domain.geometry.dim,)))
+    return fem.VectorFunctionSpace(stable(domain), ("Lagrange", degree))
+
+
+def cellwise_space(domain: Any) -> Any:
+    """One number a cell (DG0)."""
+    if hasattr(fem, "functionspace"):
+        return fem.functionspace(domain, ("DG", 0))
+    return fem.FunctionSpace(stable(domain), ("DG", 0))
+
+
+def petsc_vector(function: Any) -> Any:
+    """PETSc vector that shares the function's memory."""
+    return function.x.petsc_vec if hasattr(function.x, "petsc_vec") else function.vector
+
+
+def _rows(table: Any) -> Ints:
+    return np.asarray(table.array.reshape(-1, table.links(0).size) if hasattr(table, "links") else table)
+
+
+def cell_dofs(space: Any) -> Ints:
+    """(cells, dofs a cell), numbers of blocks."""
+    return _rows(space.dofmap.list)
+
+
+def cell_nodes(domain: Any) -> Ints:
+    """(cells, geometry nodes a cell)."""
+    return _rows(domain.geometry.dofmap)
+
+
+def facet_dofs(space: Any, local_facet: int) -> Ints:
+    """Cell-local dofs on a facet of the reference cell."""
+    dim = space.mesh.topology.dim
+    return np.asarray(space.dofmap.dof_layout.entity_closure_dofs(dim - 1, local_facet))
+
+
+def facet_cells(domain: Any, facets: Ints) -> Ints:
+    """(cell, local facet) rows of exterior facets."""
+    dim = domain.topology.dim
+    domain.topology.create_connectivity(dim - 1, dim)
+    domain.topology.create_connectivity(dim, dim - 1)
+    to_cell, to_facet = domain.topology.connectivity(dim - 1, dim), domain.topology.connectivity(dim, dim - 1)
+    rows = []
+    for facet in facets:
+        cell = to_cell.links(facet)[0]
+        rows.append((cell, int(np.flatnonzero(to_facet.links(cell) == facet)[0])))
+    return np.array(rows, np.int64).reshape(-1, 2)
+
+
+def compile_form(form: Any) -> Any:
+    """Compile or load from the cache; the lock waits long enough for tests that run side by side."""
+    options = {"timeout": 600}
+    return fem.form(form, jit_params=options) if OLD else fem.form(form, jit_options=options)
+
+
+def assemble_matrix(form: Any) -> Any:
+    """Assembled PETSc matrix of a compiled bilinear form, no boundary conditions."""
+    matrix = fem.petsc.assemble_matrix(form)
+    matrix.assemble()
+    return matrix
+
+
+def assemble_vector(form: Any) -> Any:
+    """Assembled PETSc vector of a compiled linear form, ghosts added to their owners."""
+    from petsc4py import PETSc
+
+    vector = fem.petsc.assemble_vector(form)
+    vector.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
+    return vector
+
+
+def evaluate_on_cells(expression: Any, points: Array, cells: Ints, domain: Any) -> Array:
+    """UFL expression at reference `points` of `cells`: (cells, points, components)."""
+    compiled = (fem.Expression(expression, points, jit_params={"timeout": 600}) if OLD
+                else fem.Expression(expression, points, jit_options={"timeout": 600}))
+    numbers = np.asarray(cells, np.int32)
+    values = compiled.eval(numbers) if OLD else compiled.eval(domain, numbers)
+    return np.asarray(values).reshape(len(cells), len(points), int(np.prod(expression.ufl_shape, initial=1)))
+
+
+def reference_rule(shape: str, degree: int) -> tuple[Array, Array]:
+    """Gauss points (q, k) and weights (q,) of a reference interval, triangle or quadrilateral."""
+    points, weights = basix.make_quadrature(getattr(basix.CellType, shape), degree)
+    return np.asarray(points), np.asarray(weights)
+
+
+def reference_basis(shape: str, degree: int, points: Array) -> tuple[Array, Array]:
+    """Lagrange basis (q, n) and its gradient (k, q, n) on a reference cell, in dolfinx's order of nodes."""
+    element = basix.create_element(
+        basix.ElementFamily.P, getattr(basix.CellType, shape), degree, basix.LagrangeVariant.gll_warped
+    )
+    table = np.asarray(element.tabulate(1, points))[..., 0]
+    return table[0], table[1:]
+
+
+def midpoint(domain: Any) -> Array:
+    """Midpoint of the reference cell (1, d)."""
+    shape = domain.topology.cell_type
+    corners = np.asarray(basix.geometry(getattr(basix.CellType, shape.name)))
+    return corners.mean(axis=0, keepdims=True)
+
+
+__all__ = ["cpp", "fem", "mesh", "ufl"]

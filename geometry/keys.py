@@ -1,0 +1,48 @@
+"""What a scene key says about itself: its unit and meaning, and how one of several kinds is chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Union
+
+from pydantic import Discriminator
+
+
+@dataclass(frozen=True)
+class Key:
+    """Unit and meaning of a scene key; `workflows/SCENE.md` is generated from these."""
+
+    unit: str
+    meaning: str
+
+
+class Noun:
+    """Base of the frozen dataclasses that a scene is made of: unknown keys are refused."""
+
+    __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
+
+
+class Choice(Noun):
+    """Base of a family told apart by one literal key (`builder`, `shape`, `law`).
+
+    A direct subclass is the family, its own subclasses are the kinds; defining one is all that registers it.
+    """
+
+    tag: ClassVar[str]
+    kinds: ClassVar[list[type[Any]]]
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if Choice in cls.__bases__:
+            cls.kinds = []
+        else:
+            cls.kinds.append(cls)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Callable[[Any], Any]) -> Any:
+        if Choice not in cls.__bases__:
+            return handler(source)
+        if len(cls.kinds) == 1:
+            return handler(cls.kinds[0])
+        return handler.generate_schema(Annotated[Union[tuple(cls.kinds)], Discriminator(cls.tag)])  # type: ignore[attr-defined]

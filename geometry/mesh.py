@@ -1,0 +1,88 @@
+"""A gmsh model becomes a distributed mesh whose bodies and sides are found by name."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from geometry import dolfinx_versions as dx
+from geometry.builders import Builder, Request
+from geometry.errors import GeometryError
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Distributed mesh; every name stands for a tag of cells (bodies) or of facets (sides, `body.side`)."""
+
+    domain: Any  # dolfinx mesh
+    cell_tags: Any
+    facet_tags: Any
+    bodies: Mapping[str, int]
+    sides: Mapping[str, int]
+
+    @property
+    def dim(self) -> int:
+        return int(self.domain.geometry.dim)
+
+    @property
+    def comm(self) -> Any:
+        return self.domain.comm
+
+    def facets(self, side: str) -> NDArray[np.int64]:
+        """Facets of a side that this rank owns."""
+        owned = self.domain.topology.index_map(self.dim - 1).size_local
+        found = self.facet_tags.indices[self.facet_tags.values == self.sides[side]]
+        return np.asarray(found[found < owned], np.int64)
+
+    def box(self) -> NDArray[np.float64]:
+        """Corners of the bounding box (2, d) [m]."""
+        x = self.domain.geometry.x[:, : self.dim]
+        low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)
+        return np.array([np.min(self.comm.allgather(low), axis=0), np.max(self.comm.allgather(high), axis=0)])
+
+
+def build_mesh(builder: Builder, request: Request, comm: Any) -> Mesh:
+    """Mesh the shape on rank 0 and hand it out to all ranks of `comm`.
+
+    Raises:
+        GeometryError: gmsh cannot mesh the shape; on every rank alike.
+    """
+    import gmsh
+
+    names: dict[int, dict[str, int]] | None = None
+    failure = None
+    if comm.rank == 0:
+        interrupt = signal.getsignal(signal.SIGINT)
+        gmsh.initialize()
+        signal.signal(signal.SIGINT, interrupt)  # gmsh takes Ctrl-C for itself
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("General.AbortOnError", 0)
+        try:
+            gmsh.model.add("scene")
+            builder.draw(gmsh, request)
+            gmsh.model.mesh.generate(request.dim)
+            names = {d: _group_names(gmsh, d) for d in (request.dim - 1, request.dim)}
+        except GeometryError as error:
+            failure = str(error)
+        except Exception as error:  # gmsh raises bare Exception
+            failure = f"gmsh could not mesh the geometry: {' '.join(str(error).split())}"
+    failure = comm.bcast(failure)
+    try:
+        if failure is not None:
+            raise GeometryError(failure)
+        domain, cells, facets = dx.model_to_mesh(gmsh.model if comm.rank == 0 else None, comm, request.dim)
+    finally:
+        if comm.rank == 0:
+            gmsh.finalize()
+    names = comm.bcast(names)
+    assert names is not None
+    return Mesh(domain, cells, facets, names[request.dim], names[request.dim - 1])
+
+
+def _group_names(gmsh: Any, dim: int) -> dict[str, int]:
+    return {gmsh.model.getPhysicalName(d, tag): int(tag) for d, tag in gmsh.model.getPhysicalGroups(dim)}

@@ -1,0 +1,42 @@
+"""The nodes of a displacement space: numbers here, in the whole mesh and in the gmsh model, and coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry import dolfinx_versions as dx
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Owned nodes first, then ghosts; k local nodes of n in all."""
+
+    owned: int
+    offset: int  # global number of the first owned node
+    total: int
+    number: Ints  # (k,) global
+    input: Ints  # (k,) number in the gmsh model: the same on any number of ranks
+    points: Array  # (k, d) [m]
+
+    @staticmethod
+    def of(space: Any) -> Nodes:
+        """Nodes of a Lagrange space of the mesh's own degree."""
+        domain, index_map = space.mesh, space.dofmap.index_map
+        count = index_map.size_local + index_map.num_ghosts
+        of_geometry = np.empty(count, np.int64)
+        of_geometry[dx.cell_dofs(space).ravel()] = dx.cell_nodes(domain).ravel()
+        return Nodes(
+            owned=index_map.size_local,
+            offset=index_map.local_range[0],
+            total=index_map.size_global,
+            number=np.asarray(index_map.local_to_global(np.arange(count, dtype=np.int32)), np.int64),
+            input=np.asarray(domain.geometry.input_global_indices, np.int64)[of_geometry],
+            points=domain.geometry.x[of_geometry][:, : domain.geometry.dim].copy(),
+        )

@@ -1,0 +1,119 @@
+"""Where contact tractions may lie: the laws of all contacts, applied point by point.
+
+p is flat: normal pressures of all contacts, then their tangential multipliers; r likewise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.operators.rows import ContactRows
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where one contact's entries stand in p."""
+
+    rows: ContactRows
+    normal: slice
+    tangential: slice
+    average: Any  # (m_t, m_n) sparse
+
+    @property
+    def components(self) -> int:
+        return self.rows.surface.dim - 1
+
+
+@dataclass(frozen=True)
+class Cone:
+    """The admissible tractions of all contacts at one time."""
+
+    contacts: tuple[ContactRows, ...]
+    time: float
+    end: float
+
+    @cached_property
+    def places(self) -> tuple[Place, ...]:
+        found, n = [], 0
+        normals = []
+        for c in self.contacts:
+            normals.append(slice(n, n + len(c.W_n)))
+            n += len(c.W_n)
+        for c, normal in zip(self.contacts, normals, strict=True):
+            size = c.free.size
+            found.append(Place(c, normal, slice(n, n + size), c.average))
+            n += size
+        return tuple(found)
+
+    @property
+    def size(self) -> int:
+        return sum(len(c.W_n) + c.free.size for c in self.contacts)
+
+    def at(self, time: float) -> Cone:
+        """The same laws at another time."""
+        other = Cone(self.contacts, time, self.end)
+        other.__dict__["places"] = self.places
+        return other
+
+    def bound(self, place: Place, p_n: Array) -> Array:
+        """Friction bound s (m_t,) [Pa] of one contact."""
+        law = place.rows.friction
+        assert law is not None
+        return law.limit(place.average @ p_n, place.rows.normal.sides, self.time, self.end)
+
+    def with_friction(self) -> Iterator[Place]:
+        return (place for place in self.places if place.rows.friction is not None)
+
+    def project(self, p_hat: Array, gamma: Array) -> Array:
+        """argmin over the cone of ||q - p_hat|| in a metric that is diagonal by point.
+
+        Normal laws by their resolvent, with step gamma; then tangential tractions into the disc of radius s.
+
+        Args:
+            p_hat: trial tractions [Pa].
+            gamma: step of the trial, by row [Pa/m].
+        """
+        p = p_hat.copy()
+        for place in self.places:
+            p[place.normal] = place.rows.normal.resolvent(p_hat[place.normal], gamma[place.normal])
+        for place in self.with_friction():
+            t = p_hat[place.tangential].reshape(-1, place.components) * place.rows.free
+            p[place.tangential] = project_disc(t, self.bound(place, p[place.normal])).ravel()
+        return p
+
+    def natural_residual(self, p: Array, r: Array, gamma: float) -> Array:
+        """p - P_C(p + gamma (r - law's inverse)), by row [Pa]: zero at the solution only."""
+        residual = np.empty_like(p)
+        for place in self.places:
+            n = place.normal
+            trial = p[n] + gamma * (r[n] - place.rows.normal.penetration(p[n]))
+            residual[n] = p[n] - (trial if place.rows.normal.sides == 2 else np.maximum(trial, 0.0))
+        for place in self.with_friction():
+            trial = (p + gamma * r)[place.tangential].reshape(-1, place.components) * place.rows.free
+            disc = project_disc(trial, self.bound(place, p[place.normal]))
+            residual[place.tangential] = p[place.tangential] - disc.ravel()
+        return residual
+
+
+def project_disc(t: Array, s: Array) -> Array:
+    """Push tangential tractions t (m, c) [Pa] into the disc of radius s (m,) [Pa].
+
+    >>> project_disc(np.array([[3.0, 4.0], [0.3, 0.4]]), np.array([1.0, 1.0]))
+    array([[0.6, 0.8],
+           [0.3, 0.4]])
+    >>> project_disc(np.array([[5.0]]), np.array([0.0]))
+    array([[0.]])
+    """
+    length = np.linalg.norm(t, axis=1)
+    outside = length > s
+    scale = np.ones_like(length)
+    scale[outside] = s[outside] / length[outside]
+    return t * scale[:, None]

@@ -1,0 +1,250 @@
+"""Supports and periodic sides: u = T q + u_s(t), with q the free displacements.
+
+All that is prescribed is known on every rank (O(N^(2/3)) data), so the free numbers need no communication.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+from scipy.linalg import null_space
+from scipy.spatial import cKDTree
+
+from geometry.amplitude import Amplitude, value_at
+from geometry.errors import GeometryError, SceneError
+from geometry.mesh import Mesh
+from geometry.nodes import Nodes
+from geometry.surface import gather_surface
+from solvers.nouns.scene import Scene
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+AXES = {"x": 0, "y": 1, "z": 2}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One prescribed component: direction . u = amplitude(t)."""
+
+    direction: Array  # (d,) unit
+    amplitude: Amplitude
+    support: str
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """Which displacements are free."""
+
+    nodes: Nodes
+    dim: int
+    end: float  # time at which bare numbers are reached
+    rows: Mapping[int, tuple[Row, ...]]  # by global node; for periodic nodes by their root
+    root: Mapping[int, int]  # eliminated periodic node -> the node that it follows
+    points: Mapping[int, Array]  # coordinates of the nodes named above
+
+    @cached_property
+    def free_basis(self) -> dict[int, Array]:
+        """Free directions (d, r) of the prescribed nodes; all others are free."""
+        known: dict[bytes, Array] = {}
+        found = {}
+        for node, rows in self.rows.items():
+            matrix = np.array([row.direction for row in rows])
+            key = matrix.tobytes()
+            if key not in known:
+                aligned = np.all(np.count_nonzero(matrix, axis=1) == 1)
+                known[key] = np.eye(self.dim)[:, ~matrix.any(axis=0)] if aligned else null_space(matrix, rcond=1e-10)
+            found[node] = known[key]
+        return found
+
+    def basis(self, node: int) -> Array:
+        """Free directions (d, r) of a node, those of its root if it is periodic."""
+        return self.free_basis.get(self.root.get(node, node), np.eye(self.dim))
+
+    @cached_property
+    def _eliminated(self) -> tuple[Ints, Ints]:
+        gone = {node: self.dim - b.shape[1] for node, b in self.free_basis.items()} | {s: self.dim for s in self.root}
+        nodes = np.array(sorted(gone), np.int64)
+        return nodes, np.concatenate([[0], np.cumsum([gone[int(n)] for n in nodes])]).astype(np.int64)
+
+    def free_start(self, nodes: Ints) -> Ints:
+        """Number of the first free displacement of each node (of its root if periodic)."""
+        if self.root:
+            nodes = np.array([self.root.get(int(n), int(n)) for n in np.atleast_1d(nodes)], np.int64)
+        special, before = self._eliminated
+        return np.asarray(self.dim * nodes - before[np.searchsorted(special, nodes)])
+
+    @property
+    def free_total(self) -> int:
+        return int(self.dim * self.nodes.total - self._eliminated[1][-1])
+
+    def transformation(self, comm: Any) -> Any:
+        """T as a PETSc matrix, (d n) x (free)."""
+        d, low, high = self.dim, self.nodes.offset, self.nodes.offset + self.nodes.owned
+        numbers = np.arange(low, high)
+        start = self.free_start(numbers)
+        columns = (start[:, None] + np.arange(d)).ravel()
+        rows, values = np.arange(d * low, d * high), np.ones(d * len(numbers))
+        special = np.array([n for n in {*self.rows, *self.root} if low <= n < high], np.int64)
+        plain = ~np.isin(np.repeat(numbers, d), special)
+        parts = [(rows[plain], columns[plain], values[plain])]
+        for node in special:
+            basis, first = self.basis(int(node)), int(self.free_start(np.array([node]))[0])
+            i, j = np.nonzero(basis)
+            parts.append((d * node + i, first + j, basis[i, j]))
+        i, j, v = (np.concatenate(part) for part in zip(*parts, strict=True))
+        own_free = int(self._free_before(high) - self._free_before(low))
+        matrix = PETSc.Mat().createAIJ(
+            ((d * len(numbers), d * self.nodes.total), (own_free, self.free_total)), nnz=(d, d), comm=comm
+        )
+        order = np.lexsort((j, i))
+        i, j, v = i[order], j[order], v[order]
+        pointer = np.searchsorted(i - d * low, np.arange(d * len(numbers) + 1)).astype(PETSc.IntType)
+        matrix.setValuesCSR(pointer, j.astype(PETSc.IntType), v)
+        matrix.assemble()
+        return matrix
+
+    def _free_before(self, node: int) -> int:
+        special, before = self._eliminated
+        return int(self.dim * node - before[np.searchsorted(special, node)])
+
+    @cached_property
+    def prescribed_nodes(self) -> Ints:
+        """Global numbers of all nodes with a prescribed component, followers of prescribed roots included."""
+        return np.array(sorted({*self.rows, *(s for s, r in self.root.items() if r in self.rows)}), np.int64)
+
+    def prescribed(self, time: float) -> Array:
+        """u_s (k, d) [m] at `prescribed_nodes`.
+
+        Raises:
+            SceneError: two supports ask different things of one node.
+        """
+        values = {}
+        amplitudes: dict[int, float] = {}
+        for node, rows in self.rows.items():
+            matrix = np.array([row.direction for row in rows])
+            wanted = np.array([amplitudes.setdefault(id(r.amplitude), value_at(r.amplitude, time, self.end)) for r in rows])
+            found = np.linalg.lstsq(matrix, wanted, rcond=None)[0] if len(rows) > 1 else matrix[0] * wanted[0]
+            if np.any(np.abs(matrix @ found - wanted) > 1e-9 * np.abs(wanted).max(initial=0)):
+                names = sorted({f"supports.{row.support}" for row in rows})
+                point = ", ".join(f"{x:.6g}" for x in self.points[node])
+                raise SceneError(f"{' and '.join(names)}: contradict each other at the point ({point}) at t = {time:g}")
+            values[node] = found
+        stacked = [values[self.root.get(int(n), int(n))] for n in self.prescribed_nodes]
+        return np.array(stacked).reshape(-1, self.dim)
+
+    @cached_property
+    def reaction_nodes(self) -> Ints:
+        """Nodes whose forces the supports carry: the prescribed ones."""
+        return self.prescribed_nodes
+
+    def reactions(self, forces: Array) -> dict[str, tuple[Array, Array]]:
+        """Share nodal forces (k, d) at `reaction_nodes` among supports: force (d,) and moment about the origin.
+
+        A force is split along the prescribed directions; supports that overlap share it in the least-squares sense.
+        """
+        at: dict[int, Array] = {}
+        for node, force in zip(self.reaction_nodes, forces, strict=True):
+            root = self.root.get(int(node), int(node))
+            at[root] = at.get(root, np.zeros(self.dim)) + force
+        moments = 1 if self.dim == 2 else 3
+        total: dict[str, tuple[Array, Array]] = {}
+        for node, rows in self.rows.items():
+            matrix = np.array([row.direction for row in rows])
+            share = np.linalg.lstsq(matrix.T, at[node], rcond=None)[0]
+            for row, size in zip(rows, share, strict=True):
+                force, moment = total.setdefault(row.support, (np.zeros(self.dim), np.zeros(moments)))
+                force += size * row.direction
+                moment += np.atleast_1d(np.cross(self.points[node], size * row.direction))
+        return total
+
+    def rigid_motions(self, low: Array, high: Array) -> Array:
+        """Coefficients (3 or 6, r) of the rigid motions that nothing prescribed resists; see `rigid_fields`."""
+        centre, size = (low + high) / 2, float(np.max(high - low))
+        blocks = [np.zeros((1, 3 if self.dim == 2 else 6))]
+        for node, rows in self.rows.items():
+            field = rigid_fields(self.points[node][None], centre, size)[0]
+            blocks.append(np.array([row.direction for row in rows]) @ field)
+        for slave, master in self.root.items():
+            pair = np.array([self.points[slave], self.points[master]])
+            a, b = rigid_fields(pair, centre, size)
+            blocks.append(a - b)
+        return np.asarray(null_space(np.concatenate(blocks), rcond=1e-9))
+
+
+def rigid_fields(points: Array, centre: Array, size: float) -> Array:
+    """Translations and infinitesimal rotations (m, d, 3 or 6) at `points` (m, d), of comparable magnitude.
+
+    >>> rigid_fields(np.array([[2.0, 0.0]]), np.zeros(2), 2.0)[0]
+    array([[ 1.,  0., -0.],
+           [ 0.,  1.,  1.]])
+    """
+    m, d = points.shape
+    x = (points - centre) / size
+    translations = np.tile(np.eye(d), (m, 1, 1))
+    if d == 2:
+        return np.concatenate([translations, np.stack([-x[:, 1], x[:, 0]], axis=1)[:, :, None]], axis=2)
+    rotations = np.stack([np.cross(axis, x) for axis in np.eye(3)], axis=2)
+    return np.concatenate([translations, rotations], axis=2)
+
+
+def find_constraints(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes) -> Constraints:
+    """Collect supports and periodic sides from all ranks."""
+    rows: dict[int, list[Row]] = {}
+    points: dict[int, Array] = {}
+    root = _periodic_roots(scene, mesh, space, nodes, points)
+    for name, support in scene.supports.items():
+        if support.boundary is not None:
+            side = gather_surface(mesh, space, nodes, support.boundary)
+            where, x = side.nodes, side.points
+            normals = side.node_normals() if "normal" in support.displacement else np.zeros_like(x)
+        else:
+            where, x = _vertex_at(mesh, nodes, np.array(support.point), f"supports.{name}.point")
+            normals = np.zeros_like(x)
+        for axis, amplitude in support.displacement.items():
+            for i, node in enumerate(where):
+                direction = normals[i] if axis == "normal" else np.eye(mesh.dim)[AXES[axis]]
+                direction = np.where(np.abs(direction) < 1e-12, 0.0, direction)
+                rows.setdefault(root.get(int(node), int(node)), []).append(Row(direction, amplitude, name))
+                points[int(node)] = x[i]
+    return Constraints(nodes, mesh.dim, scene.steps.end, {n: tuple(r) for n, r in sorted(rows.items())}, root, points)
+
+
+def _vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, Array]:
+    own = nodes.points[: nodes.owned]
+    distance = np.linalg.norm(own - point, axis=1)
+    best = int(np.argmin(distance)) if len(own) else -1
+    offers = mesh.comm.allgather((distance[best], int(nodes.number[best]), own[best]) if len(own) else (np.inf, -1, point))
+    nearest, number, x = min(offers, key=lambda offer: offer[0])
+    low, high = mesh.box()
+    if nearest > 1e-6 * float(np.max(high - low)):
+        at = ", ".join(f"{c:.6g}" for c in x)
+        raise SceneError(f"{key} = {point.tolist()}: no mesh vertex there; the nearest is ({at})")
+    return np.array([number]), np.array([x])
+
+
+def _periodic_roots(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes, points: dict[int, Array]) -> dict[int, int]:
+    follows: dict[int, int] = {}
+    for slave_side, master_side in scene.request().periodic:
+        slave, master = (gather_surface(mesh, space, nodes, side) for side in (slave_side, master_side))
+        shift = master.points.mean(axis=0) - slave.points.mean(axis=0)
+        distance, match = cKDTree(master.points).query(slave.points + shift)
+        size = float(np.ptp(master.points, axis=0).max())
+        if len(slave.nodes) != len(master.nodes) or distance.max() > 1e-6 * size:
+            raise GeometryError(f"periodic sides {slave_side} and {master_side}: their meshes do not match")
+        for node, other, x, y in zip(slave.nodes, master.nodes[match], slave.points, master.points[match], strict=True):
+            points[int(node)], points[int(other)] = x, y
+            if node != other:
+                follows[_end_of(follows, int(node))] = _end_of(follows, int(other))
+    return {node: _end_of(follows, node) for node in follows}
+
+
+def _end_of(follows: dict[int, int], node: int) -> int:
+    while node in follows:
+        node = follows[node]
+    return node

@@ -1,0 +1,19 @@
+"""What a scene can switch on, one effect a file: a module here that defines `EFFECT` is all it takes to add one.
+
+An effect that is off allocates, assembles, compiles and searches nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+
+from solvers.effects.effect import Effect
+
+_ORDER = ("contact", "unilateral", "compliance", "bilateral", "friction")  # the rest follows by name
+_modules = [importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__)]
+_found: list[Effect] = [module.EFFECT for module in _modules if hasattr(module, "EFFECT")]
+
+EFFECTS: tuple[Effect, ...] = tuple(
+    sorted(_found, key=lambda e: (_ORDER.index(e.name) if e.name in _ORDER else len(_ORDER), e.name))
+)

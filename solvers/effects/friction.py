@@ -1,0 +1,64 @@
+"""Friction: the tangential traction is bounded, and works against slip."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+
+from geometry.amplitude import Amplitude, check, value_at
+from geometry.errors import require
+from geometry.keys import Key
+from solvers.effects.effect import Effect
+from solvers.effects.laws import Array, FrictionLaw
+from solvers.effects.reasons import contacts_with
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coulomb(FrictionLaw):
+    """s = mu p_n."""
+
+    mu: Annotated[float, Key("-", "coefficient of friction")]
+    law: Annotated[Literal["coulomb"], Key("-", "the law's name")] = "coulomb"
+
+    def __post_init__(self) -> None:
+        require(self.mu >= 0, "mu", self.mu, "must not be negative")
+
+    def limit(self, p: Array, sides: int, time: float, end: float) -> Array:
+        return np.asarray(self.mu * np.maximum(p, 0.0))
+
+    def limit_slope(self, p: Array) -> Array:
+        return np.where(p > 0, self.mu, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tresca(FrictionLaw):
+    """s given, where p_n > 0; everywhere if the normal law is bilateral."""
+
+    bound: Annotated[Amplitude, Key("Pa", "bound of the tangential traction, in time")]
+    law: Annotated[Literal["tresca"], Key("-", "the law's name")] = "tresca"
+
+    def __post_init__(self) -> None:
+        check(self.bound, "bound")
+        values = [self.bound] if isinstance(self.bound, float | int) else [v for _, v in self.bound]
+        require(min(values) >= 0, "bound", min(values), "must not be negative, in pascal")
+
+    def limit(self, p: Array, sides: int, time: float, end: float) -> Array:
+        return np.where((p > 0) | (sides == 2), value_at(self.bound, time, end), 0.0)
+
+    def amplitudes(self) -> tuple[Amplitude, ...]:
+        return (self.bound,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stick(FrictionLaw):
+    """No slip wherever the surfaces touch: no bound."""
+
+    law: Annotated[Literal["stick"], Key("-", "the law's name")] = "stick"
+
+    def limit(self, p: Array, sides: int, time: float, end: float) -> Array:
+        return np.where((p > 0) | (sides == 2), np.inf, 0.0)
+
+
+EFFECT = Effect(name="friction", because=contacts_with(FrictionLaw, "friction"))

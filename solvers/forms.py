@@ -1,0 +1,92 @@
+"""The weak forms in UFL, and the one place where they are compiled and counted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from geometry import dolfinx_versions as dx
+from geometry.amplitude import Amplitude
+from geometry.dolfinx_versions import ufl
+from geometry.mesh import Mesh
+from solvers.counters import Counters
+from solvers.effects.compliance import Compliance
+from solvers.nouns.scene import Scene
+
+LoadForm = tuple[Amplitude, Any]  # amplitude in time, linear form in v at amplitude 1
+
+
+@dataclass(frozen=True)
+class WeakForms:
+    """Elasticity, loads and the normal-compliance work of a scene, on its mesh."""
+
+    scene: Scene
+    mesh: Mesh
+    space: Any
+    counters: Counters
+    u: Any = field(init=False)
+    v: Any = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "u", ufl.TrialFunction(self.space))
+        object.__setattr__(self, "v", ufl.TestFunction(self.space))
+
+    def volume(self, body: str) -> Any:
+        """Measure of a body."""
+        measure = ufl.Measure("dx", domain=self.mesh.domain, subdomain_data=self.mesh.cell_tags)
+        return measure(self.mesh.bodies[body])
+
+    def boundary(self, side: str, degree: int | None = None) -> Any:
+        """Measure of a side."""
+        metadata = {} if degree is None else {"quadrature_degree": degree}
+        measure = ufl.Measure("ds", domain=self.mesh.domain, subdomain_data=self.mesh.facet_tags, metadata=metadata)
+        return measure(self.mesh.sides[side])
+
+    def stress(self, u: Any, body: str) -> Any:
+        """sigma(u) [Pa], (d, d); in plane strain and plane stress the in-plane components."""
+        material = self.scene.bodies[body]
+        mu, lame_lambda = material.lame_mu, material.lame_lambda
+        if self.scene.model == "plane stress":
+            lame_lambda = 2 * lame_lambda * mu / (lame_lambda + 2 * mu)
+        strain = ufl.sym(ufl.grad(u))
+        return 2 * mu * strain + lame_lambda * ufl.tr(strain) * ufl.Identity(self.mesh.dim)
+
+    def elasticity(self) -> Any:
+        """a(u, v) = sum over bodies of ∫ sigma(u) : eps(v) dx."""
+        strain = ufl.sym(ufl.grad(self.v))
+        return sum(ufl.inner(self.stress(self.u, b), strain) * self.volume(b) for b in self.scene.bodies)
+
+    def loads(self) -> list[LoadForm]:
+        """The scene's surface loads; effects add theirs."""
+        found: list[LoadForm] = []
+        normal = ufl.FacetNormal(self.mesh.domain)
+        for load in self.scene.loads.values():
+            ds = self.boundary(load.boundary)
+            if load.pressure is not None:
+                found.append((load.pressure, -ufl.inner(normal, self.v) * ds))
+                continue
+            area = self.area(load.boundary) if load.force is not None else 1.0
+            found += [(a, self.v[i] / area * ds) for i, a in enumerate(load.amplitudes()) if a != 0]
+        return found
+
+    def area(self, side: str) -> float:
+        """Area of a side [m²], per metre of thickness in plane models [m]."""
+        one = dx.fem.Constant(self.mesh.domain, 1.0)
+        return float(self.mesh.comm.allreduce(dx.fem.assemble_scalar(self.compile(one * self.boundary(side)))))
+
+    def normal_compliance(self, u: Any, normal: Any, gap: Any, law: Compliance, side: str) -> Any:
+        """j_n(u, v) = ∫ c_n (u_n - g)_+^m_n v_n ds.
+
+        Args:
+            u: displacement Function relative to the obstacle [m].
+            normal: unit normal n towards the obstacle, UFL vector.
+            gap: initial gap g [m], UFL scalar.
+        """
+        penetration = ufl.max_value(ufl.inner(u, normal) - gap, 0)
+        degree = law.degree(self.space.ufl_element().degree())
+        return law.c_n * penetration**law.m_n * ufl.inner(self.v, normal) * self.boundary(side, degree)
+
+    def compile(self, form: Any) -> Any:
+        """Compiled (or loaded) form; counted."""
+        self.counters.forms += 1
+        return dx.compile_form(form)

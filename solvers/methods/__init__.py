@@ -1,0 +1,1 @@
+"""Solution methods, one file a method; all of them meet the bodies through `SurfaceProblem` only."""

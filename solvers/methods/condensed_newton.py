@@ -1,0 +1,98 @@
+"""Semismooth Newton on the condensed surface problem: the laws are linearised, the bodies stay exact."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from solvers.methods.linearised_laws import linearise
+from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
+from solvers.surface_problem import SurfaceProblem
+
+STALL_WINDOW = 12  # iterations in which the least residual must halve
+ATTEMPT = 60  # iterations before another start is tried
+UNKNOWN = 1e300  # residual of a start that is not in equilibrium
+
+
+@dataclass(frozen=True, kw_only=True)
+class CondensedNewton:
+    """Solves p = P_C(p + gamma (w - gap)) for tractions and contact displacement together.
+
+    Which point sticks, slips or is open follows from the trial tractions p_hat = p + gamma (w - gap),
+    gamma = E / depth; an iteration that cycles starts again elsewhere before the step is given up.
+
+    Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991); Hüeber, Stadler & Wohlmuth,
+    SIAM J. Sci. Comput. 30 (2008).
+    """
+
+    rtol: float = 1e-8
+    max_it: int = 10000
+
+    def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
+        history: list[Step] = []
+        best: Solution | None = None
+        for start in _starts(problem, p):
+            attempt = self._attempt(problem, start, history, on_step)
+            if best is None or attempt.status is Status.CONVERGED or attempt.residual < best.residual:
+                best = attempt
+            if attempt.status is Status.CONVERGED or len(history) > self.max_it:
+                break
+        assert best is not None
+        return Solution(best.p, best.w, best.u_c, best.status, tuple(history))
+
+    def _attempt(self, problem: SurfaceProblem, start: Start, history: list[Step], on_step: OnStep) -> Solution:
+        p, u_c, gamma = start.p, start.u_c, start.factor * problem.gamma
+        w = problem.surface.N @ u_c + problem.offset
+        p_hat = start.p_hat
+        least, found_at, status = np.inf, 0, Status.STALLED
+        for k in range(ATTEMPT):
+            residual = problem.natural_residual(p, w) if k or start.in_equilibrium else UNKNOWN
+            history.append(Step(len(history), residual, problem.volume_solves))
+            on_step(history[-1])
+            if not np.isfinite(residual):
+                status = Status.NOT_FINITE
+                break
+            if residual <= self.rtol:
+                status = Status.CONVERGED
+                break
+            if len(history) > self.max_it:
+                status = Status.MAX_IT
+                break
+            if residual < least / 2:
+                least, found_at = residual, k
+            elif k - found_at > STALL_WINDOW:
+                break
+            try:
+                p, u_c = linearise(problem, p_hat, gamma).solve()
+            except np.linalg.LinAlgError:
+                status = Status.NO_HOLD
+                break
+            w = problem.surface.N @ u_c + problem.offset
+            p_hat = p + gamma * (w - problem.gap)
+        return Solution(p, w, u_c, status, tuple(history[-1:]))
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where an attempt begins."""
+
+    p: Array  # (rows,) [Pa]
+    u_c: Array  # (c,) [m]
+    p_hat: Array  # trial tractions (rows,) [Pa]
+    factor: float  # of gamma
+    in_equilibrium: bool  # whether u_c belongs to p
+
+
+def _starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
+    """From the last step's tractions, from none, from everything closed and sticking; then with another gamma."""
+    normal = problem.surface.normal_rows
+    closed = np.concatenate([np.full(normal, problem.p_ref), np.zeros(len(p) - normal)])
+    nowhere = np.zeros(len(problem.f_c))
+    for factor in (1.0, 0.1, 10.0):
+        for tractions in [] if problem.surface.floating else [p, np.zeros_like(p)] if p.any() else [p]:
+            u_c = problem.contact_displacement(tractions)
+            r = problem.surface.N @ u_c + problem.offset - problem.gap
+            yield Start(tractions, u_c, tractions + factor * problem.gamma * r, factor, True)
+        yield Start(p, nowhere, closed, factor, False)

@@ -1,0 +1,57 @@
+"""What every method returns: tractions, how it ended, and each iteration's residual."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Status(Enum):
+    """How an iteration ended; the value tells the user what to try."""
+
+    CONVERGED = "converged"
+    MAX_IT = "the iterations ran out: raise solver.max_iterations, or try method condensed-newton"
+    STALLED = "the residual stopped falling: try smaller steps (steps.count)"
+    NOT_FINITE = "the iteration left the range of numbers: try smaller steps (steps.count)"
+    NO_HOLD = "contact and friction could not hold the body: check loads, friction and the start of contact"
+
+
+@dataclass(frozen=True)
+class Step:
+    """One iteration: its residual is that of the tractions before its update."""
+
+    iteration: int
+    residual: float
+    volume_solves: int
+
+
+OnStep = Callable[[Step], None]
+
+
+def ignore(step: Step) -> None:
+    """The callback that does nothing."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """p, w: flat, see `SurfaceProblem`; u_c (c,): displacement of the contact dofs [m]."""
+
+    p: Array
+    w: Array
+    u_c: Array
+    status: Status
+    history: tuple[Step, ...]
+
+    @property
+    def residual(self) -> float:
+        return self.history[-1].residual
+
+    @property
+    def iterations(self) -> int:
+        return len(self.history) - 1

@@ -1,0 +1,1 @@
+"""What a user says about a scene: frozen data that refuse nonsense."""

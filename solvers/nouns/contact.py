@@ -1,0 +1,27 @@
+"""A surface that may touch an obstacle, and the laws that hold there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from geometry.errors import SceneError
+from geometry.keys import Key, Noun
+from solvers.effects.laws import FrictionLaw, NormalLaw
+from solvers.effects.unilateral import Unilateral
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact(Noun):
+    """Slave surface against a rigid obstacle."""
+
+    surface: Annotated[str, Key("-", "slave side, as body.side")]
+    against: Annotated[str, Key("-", "name of an obstacle")]
+    normal: Annotated[NormalLaw, Key("-", "normal law")] = Unilateral()
+    friction: Annotated[FrictionLaw | None, Key("-", "friction law; absent: none")] = None
+
+    def __post_init__(self) -> None:
+        if self.friction is not None:
+            reason = self.friction.refuses(self.normal)
+            if reason:
+                raise SceneError(f"friction: {reason}")

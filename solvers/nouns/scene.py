@@ -1,0 +1,153 @@
+"""The scene: every noun a user has said, checked against each other before anything is built."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+from geometry.amplitude import Amplitude, listed_times
+from geometry.builders import Builder, Request
+from geometry.errors import SceneError, nearest, require
+from geometry.keys import Key, Noun
+from geometry.obstacles import Obstacle
+from solvers.effects import EFFECTS
+from solvers.methods.table import METHODS
+from solvers.nouns.contact import Contact
+from solvers.nouns.load import Load
+from solvers.nouns.material import Material
+from solvers.nouns.stepping import Output, Probe, Solver, Steps
+from solvers.nouns.support import Support
+
+NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene(Noun):
+    """Frozen and validated; `sections` holds the tables that effects own (`gravity`, `periodic`)."""
+
+    model: Annotated[Literal["plane strain", "plane stress", "3d"], Key("-", "kinematics; plane: per metre")]
+    geometry: Builder
+    bodies: Mapping[str, Material]
+    title: Annotated[str, Key("-", "a sentence for tables and pictures")] = ""
+    obstacles: Mapping[str, Obstacle] = field(default_factory=dict)
+    contacts: Mapping[str, Contact] = field(default_factory=dict)
+    supports: Mapping[str, Support] = field(default_factory=dict)
+    loads: Mapping[str, Load] = field(default_factory=dict)
+    probes: Mapping[str, Probe] = field(default_factory=dict)
+    steps: Steps = Steps()
+    solver: Solver = Solver()
+    output: Output = Output()
+    sections: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._check_names()
+        self._check_dimensions()
+        self._check_references()
+        require(self.solver.method in METHODS, "solver.method", self.solver.method, nearest(self.solver.method, METHODS))
+        for effect in EFFECTS:
+            if effect.name in self.sections:
+                effect.check(self)
+
+    @property
+    def dim(self) -> int:
+        return 3 if self.model == "3d" else 2
+
+    def request(self) -> Request:
+        """What the mesh must offer this scene."""
+        return Request(
+            dim=self.dim,
+            contact_sides=tuple(dict.fromkeys(c.surface for c in self.contacts.values())),
+            periodic=tuple(pair for effect in EFFECTS if effect.because(self) for pair in effect.periodic(self)),
+        )
+
+    def sides(self) -> tuple[str, ...]:
+        """All sides, as body.side."""
+        return tuple(f"{body}.{side}" for body, sides in self.geometry.bodies(self.dim).items() for side in sides)
+
+    def require_side(self, side: str, key: str) -> None:
+        """Refuse a side that the geometry does not have."""
+        require(side in self.sides(), key, side, f"no such side; {nearest(side, self.sides())}")
+
+    def requested_times(self) -> tuple[float, ...]:
+        """Equal steps and every time of a table up to the end; t = 0 only if a table starts from a value there."""
+        end, count = self.steps.end, self.steps.count
+        tables = list(self.amplitudes())
+        times = {end * (k + 1) / count for k in range(count)}
+        times |= {t for table in tables for t in listed_times(table) if 0 < t <= end}
+        if any(not isinstance(a, float | int) and a[0][0] == 0 and a[0][1] != 0 for a in tables):
+            times.add(0.0)
+        close = 1e-12 * end
+        ordered = sorted(times)
+        return tuple(t for t, after in zip(ordered, [*ordered[1:], None], strict=True) if after is None or after - t > close)
+
+    def amplitudes(self) -> Iterator[Amplitude]:
+        """Every value in time that the scene contains."""
+        for support in self.supports.values():
+            yield from support.displacement.values()
+        for load in self.loads.values():
+            yield from load.amplitudes()
+        for obstacle in self.obstacles.values():
+            yield from getattr(obstacle, "displacement", {}).values()
+        for contact in self.contacts.values():
+            if contact.friction is not None:
+                yield from contact.friction.amplitudes()
+        for section in self.sections.values():
+            yield from getattr(section, "acceleration", ())
+
+    def _check_names(self) -> None:
+        for table in ("bodies", "obstacles", "contacts", "supports", "loads", "probes"):
+            for name in getattr(self, table):
+                require(bool(NAME.fullmatch(name)), f"{table}.{name}", name, "a name is made of a-z, 0-9 and _")
+        known = self.geometry.bodies(self.dim)
+        for name in self.bodies:
+            require(name in known, f"bodies.{name}", name, f"no such body in the geometry; {nearest(name, known)}")
+        for name in known:
+            if name not in self.bodies:
+                raise SceneError(f"bodies.{name}: missing, this body of the geometry needs E and nu")
+
+    def _check_dimensions(self) -> None:
+        with prefixed("geometry"):
+            self.geometry.check_dimension(self.dim)
+        for name, obstacle in self.obstacles.items():
+            with prefixed(f"obstacles.{name}"):
+                obstacle.check_dimension(self.dim)
+        expected = f"expected {self.dim} components in this model"
+        for name, load in self.loads.items():
+            vector = load.traction if load.traction is not None else load.force
+            require(vector is None or len(vector) == self.dim, f"loads.{name}", list(vector or ()), expected)
+        for table, items in (("supports", self.supports), ("probes", self.probes)):
+            for name, item in items.items():
+                require(item.point is None or len(item.point) == self.dim, f"{table}.{name}.point", item.point, expected)
+        for name, support in self.supports.items():
+            found = "z" in support.displacement
+            require(self.dim == 3 or not found, f"supports.{name}.displacement", "z", "a plane model has x and y only")
+
+    def _check_references(self) -> None:
+        slaves: dict[str, str] = {}
+        for name, contact in self.contacts.items():
+            self.require_side(contact.surface, f"contacts.{name}.surface")
+            known, key = contact.against in self.obstacles, f"contacts.{name}.against"
+            require(known, key, contact.against, f"no such obstacle; {nearest(contact.against, self.obstacles)}")
+            other = slaves.setdefault(contact.surface, name)
+            expected = f"already the slave of contacts.{other}; a facet has one slave role"
+            require(other == name, f"contacts.{name}.surface", contact.surface, expected)
+        for table, items in (("supports", self.supports), ("loads", self.loads)):
+            for name, item in items.items():
+                if item.boundary is not None:
+                    self.require_side(item.boundary, f"{table}.{name}.boundary")
+
+
+class prefixed:  # noqa: N801  reads as a word in `with`
+    """Context that puts the table's name in front of a SceneError."""
+
+    def __init__(self, prefix: str) -> None:
+        self.prefix = prefix
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, SceneError):
+            raise SceneError(f"{self.prefix}.{error}") from None

@@ -1,0 +1,52 @@
+"""When to solve, how exactly, what to write, where to probe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from geometry.errors import require
+from geometry.keys import Key, Noun
+
+
+@dataclass(frozen=True, kw_only=True)
+class Steps(Noun):
+    """Equal steps; these and every time listed in a table are hit."""
+
+    end: Annotated[float, Key("s", "last time")] = 1.0
+    count: Annotated[int, Key("-", "number of equal steps")] = 1
+
+    def __post_init__(self) -> None:
+        require(self.end > 0, "end", self.end, "must be positive")
+        require(1 <= self.count <= 1_000_000, "count", self.count, "must be a whole number from 1 to 1000000")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solver(Noun):
+    """The method, and the residual at which a step counts as solved."""
+
+    method: Annotated[str, Key("-", "solution method")] = "auto"
+    tolerance: Annotated[float, Key("-", "on the natural residual, relative to p_ref")] = 1e-8
+    max_iterations: Annotated[int, Key("-", "per step")] = 10000
+
+    def __post_init__(self) -> None:
+        require(0 < self.tolerance < 1, "tolerance", self.tolerance, "must lie between 0 and 1, for example 1e-8")
+        require(self.max_iterations >= 1, "max_iterations", self.max_iterations, "must be at least 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Output(Noun):
+    """What is written."""
+
+    every: Annotated[int, Key("-", "keep the fields of every n-th reported step, and of the last")] = 1
+    pictures: Annotated[bool, Key("-", "draw PNG pictures of the last step")] = True
+
+    def __post_init__(self) -> None:
+        require(self.every >= 1, "every", self.every, "must be at least 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Probe(Noun):
+    """Displacement and stress at a point, each step."""
+
+    point: Annotated[tuple[float, ...], Key("m", "inside a body or on its boundary")]

@@ -1,0 +1,1 @@
+"""Contact operators: from the displacement of surface nodes to relative displacement at the contact points."""

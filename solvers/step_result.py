@@ -1,0 +1,84 @@
+"""What a reported step leaves behind: fields, contact states, reactions, probes, energy. Plain arrays, no PETSc."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.energy import Energy
+
+Array = NDArray[np.float64]
+OPEN, SLIP, STICK = 0, 1, 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactState:
+    """One contact surface: n nodes, d dimensions, Cartesian components; resultants act on the slave side."""
+
+    weight: Array  # (n,) [m^(d-1)]
+    gap: Array  # (n,) current gap g - u_n [m], negative: penetration
+    pressure: Array  # (n,) [Pa]
+    traction: Array  # (n, d) sigma_T [Pa]
+    slip: Array  # (n, d) tangential relative displacement since t = 0 [m]
+    slip_increment: Array  # (n, d) since the last accepted step [m]
+    lam: Array  # (n, d) lambda = t/s, 0 where s = 0 [-]
+    status: NDArray[np.int8]  # (n,) OPEN, SLIP or STICK
+    force: Array  # (d,) [N]
+    moment: Array  # (1,) or (3,) about the origin [N m]
+    normal_force: float
+    tangential_force: float
+    max_pressure: float
+    contact_area: float
+    stick_area: float
+    slip_area: float
+    max_penetration: float
+    max_slip: float
+    dissipation: float  # in this step [J]
+    dissipation_total: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepResult:
+    """A requested time, reached. Nodes and cells in the order of the gmsh model, whatever the number of ranks.
+
+    `displacement` and `stress` are on rank 0 only (empty elsewhere), all else is on every rank.
+    """
+
+    time: float
+    substeps: int
+    iterations: int
+    volume_solves: int
+    residual: float
+    displacement: Array  # (nodes, d) [m]
+    stress: Array  # (cells, 3, 3) [Pa]
+    contacts: Mapping[str, ContactState]
+    supports: Mapping[str, tuple[Array, Array]]  # force (d,) [N], moment [N m] about the origin
+    probes: Mapping[str, tuple[Array, Array]]  # displacement (d,) [m], stress (3, 3) [Pa]
+    energy: Energy
+    p: Array  # (rows,) flat tractions [Pa], for the audit and the next step
+    w: Array  # (rows,) flat relative displacement [m]
+    w_before: Array  # (rows,) at the last accepted step [m]
+    p_ref: float  # [Pa]
+    u_ref: float  # [m]
+    history: tuple[tuple[float, int, float, int, float], ...]  # time, iteration, residual, volume solves, seconds
+
+    @property
+    def von_mises(self) -> Array:
+        """(cells,) [Pa]."""
+        deviator = self.stress - np.trace(self.stress, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
+        return np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshData:
+    """The mesh as plain arrays in the order of the gmsh model, on rank 0 (empty elsewhere)."""
+
+    points: Array  # (nodes, d) [m]
+    cells: NDArray[np.int64]  # (cells, k) in dolfinx's order of nodes
+    shape: str  # triangle, quadrilateral, tetrahedron, hexahedron
+    body: NDArray[np.int64]  # (cells,) index into `bodies`
+    bodies: tuple[str, ...]
+    surfaces: Mapping[str, tuple[Array, NDArray[np.int64], str]]  # contact: points (n, d), facets (f, k), shape

@@ -1,0 +1,228 @@
+"""Load steps: each starts from the slip of the one before; one that fails is halved."""
+
+from __future__ import annotations
+
+import logging
+import time as clock
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.errors import SolverError
+from solvers.cone import Cone
+from solvers.energy import Energy
+from solvers.methods.condensed_newton import CondensedNewton
+from solvers.methods.solution import OnStep, Solution, Status, Step
+from solvers.methods.uzawa import Uzawa
+from solvers.plan import method_of
+from solvers.prepare import prepare_surface
+from solvers.surface_problem import SurfaceProblem
+from solvers.system import System
+from solvers.volume import Volume
+
+Array = NDArray[np.float64]
+Method = Callable[[SurfaceProblem, Array, OnStep], Solution]
+log = logging.getLogger(__name__)
+HALVINGS = 8  # a step is cut to 1/256 before it is given up
+
+
+@dataclass(frozen=True)
+class State:
+    """An equilibrium: everything the next step needs of the past. Vectors run over all displacements."""
+
+    time: float
+    u: Any  # [m]
+    u_s: Any  # prescribed part [m]
+    load: Any  # [N]
+    residual: Any  # K u - load + B^T p [N]: what supports and periodic sides carry
+    p: Array  # (rows,) [Pa]
+    w: Array  # (rows,) relative displacement [m]
+    energy: Energy
+
+
+@dataclass(frozen=True)
+class HistoryRow:
+    """One iteration of one attempt at a step."""
+
+    time: float
+    step: Step
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accepted:
+    """A requested time, reached."""
+
+    state: State
+    before: State  # at the last requested time
+    problem: SurfaceProblem  # of the last substep
+    substeps: int
+    iterations: int
+    volume_solves: int
+    residual: float
+    history: tuple[HistoryRow, ...]
+
+
+class Stepper:
+    """The bodies prepared once, and the march through the requested times."""
+
+    def __init__(self, system: System) -> None:
+        """Factorise and condense; collective."""
+        self.system = system
+        self.volume = Volume(system.K_B, system.contact_dofs, system.counters)
+        self.surface = prepare_surface(system, self.volume)
+        self.cone = Cone(system.contacts, 0.0, system.scene.steps.end)
+        self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
+        self.gamma = _trial_stiffness(system)
+        solver = system.scene.solver
+        method = Uzawa if method_of(system.scene) == "uzawa" else CondensedNewton
+        self.method: Method = method(rtol=solver.tolerance, max_it=solver.max_iterations)
+
+    def start(self) -> State:
+        """Nothing has happened yet."""
+        zero, vector = np.zeros(self.cone.size), self.system.K.createVecRight
+        energy = Energy(0.0, 0.0, 0.0, 0.0, np.zeros(len(self.system.contacts)))
+        return State(0.0, vector(), vector(), vector(), vector(), zero, zero, energy)
+
+    def run(self, on_iteration: Callable[[HistoryRow], None] = lambda row: None) -> Iterator[Accepted]:
+        """Reach every requested time in turn.
+
+        Raises:
+            SolverError: the smallest step failed; its text says what to try.
+        """
+        state = self.start()
+        for time in self.system.scene.requested_times():
+            accepted = self.reach(state, time, on_iteration)
+            yield accepted
+            state = accepted.state
+
+    def reach(self, state: State, target: float, on_iteration: Callable[[HistoryRow], None]) -> Accepted:
+        """Solve up to `target`, halving steps that fail; each retry starts from the last accepted state."""
+        before, substeps, iterations = state, 0, 0
+        history: list[HistoryRow] = []
+        solves = self.system.counters.volume_solves
+        size = target - state.time
+        smallest = size / 2**HALVINGS
+        while True:
+            last = target - state.time <= size * (1 + 1e-9)
+            end = target if last else state.time + size
+            solution, problem, accept = self._solve(state, end, history, on_iteration)
+            iterations += solution.iterations
+            if solution.status is Status.CONVERGED:
+                state, substeps = accept(), substeps + 1
+                if last:
+                    break
+            elif size <= smallest * (1 + 1e-9):
+                raise SolverError(
+                    f"t = {end:g}: not converged, residual {solution.residual:.1e} after {solution.iterations} "
+                    f"iterations; {solution.status.value}"
+                )
+            else:
+                size /= 2
+                log.warning("t = %g: %s; the step is halved", end, solution.status.value)
+        return Accepted(
+            state=state,
+            before=before,
+            problem=problem,
+            substeps=substeps,
+            iterations=iterations,
+            volume_solves=self.system.counters.volume_solves - solves,
+            residual=solution.residual,
+            history=tuple(history),
+        )
+
+    def _solve(
+        self, state: State, end: float, history: list[HistoryRow], on_iteration: Callable[[HistoryRow], None]
+    ) -> tuple[Solution, SurfaceProblem, Callable[[], State]]:
+        """One attempt at the step from `state` to `end`, and what makes it the new state."""
+        system, began = self.system, clock.perf_counter()
+        load, u_s = system.load(end), system.prescribed(end)
+        f_q = system.T.createVecRight()
+        system.T.multTranspose(load - system.K * u_s, f_q)
+        problem = self._problem(state, end, load, u_s, self.volume.condense(f_q))
+
+        def record(step: Step) -> None:
+            row = HistoryRow(end, step, clock.perf_counter() - began)
+            history.append(row)
+            log.info("t = %g  iteration %d  residual %.2e", row.time, step.iteration, step.residual)
+            on_iteration(row)
+
+        solution = self.method(problem, state.p, record)
+
+        def accept() -> State:
+            q = self.volume.expand(f_q - self._forces(solution.p, f_q), solution.u_c)
+            u = system.T * q + u_s
+            residual = system.K * u - load + system.contact_forces(*self.split(solution.p))
+            return self._with_energy(state, end, u, u_s, load, residual, solution)
+
+        return solution, problem, accept
+
+    def split(self, p: Array) -> tuple[list[Array], list[Array]]:
+        """Flat tractions to normal (m_n,) and tangential (m_t, d-1) ones of each contact."""
+        places = self.cone.places
+        return [p[s.normal] for s in places], [p[s.tangential].reshape(-1, s.components) for s in places]
+
+    def _forces(self, p: Array, like: Any) -> Any:
+        total = like.duplicate()
+        self.volume.contact.write(total, self.surface.forces(p))
+        return total
+
+    def _problem(self, state: State, time: float, load: Any, u_s: Any, f_c: Array) -> SurfaceProblem:
+        system, n = self.system, self.surface.normal_rows
+        return SurfaceProblem(
+            surface=self.surface,
+            cone=self.cone.at(time),
+            f_c=f_c,
+            offset=self._relative(u_s, time),
+            gap=np.concatenate([self.gap, state.w[n:]]),
+            gamma=self.gamma,
+            force=load.norm(0),
+            stiffness=min(m.E for m in system.scene.bodies.values()) / system.extent,
+        )
+
+    def _relative(self, u: Any, time: float) -> Array:
+        """Rows (rows,) [m] of a displacement, the obstacles' motion taken off."""
+        motion = self.system.obstacle_motion(time)
+        surfaces = self.system.contact_displacement(u)
+        return self._rows([v - motion[c.name] for c, v in zip(self.system.contacts, surfaces, strict=True)])
+
+    def _rows(self, relative: list[Array]) -> Array:
+        pairs = list(zip(self.system.contacts, relative, strict=True))
+        blocks = [c.N_n @ v.ravel() for c, v in pairs] + [c.N_t @ v.ravel() for c, v in pairs]
+        return np.concatenate([np.zeros(0), *blocks])
+
+    def _with_energy(
+        self, old: State, time: float, u: Any, u_s: Any, load: Any, residual: Any, solution: Solution
+    ) -> State:
+        system, W, n = self.system, self.surface.W, self.surface.normal_rows
+        w = self._relative(u, time)
+        moved, p = w - old.w, solution.p
+        motion, motion_before = system.obstacle_motion(time), system.obstacle_motion(old.time)
+        contacts = system.contacts
+        obstacle = self._rows([np.tile(motion[c.name] - motion_before[c.name], (len(c.surface.nodes), 1)) for c in contacts])
+        mean = W * (p + old.p) / 2
+        external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
+        dissipation = np.array([(W * p * moved)[place.tangential].sum() for place in self.cone.places])
+        energy = Energy(
+            external=old.energy.external + external - float(mean @ obstacle),
+            stored=(system.K * u).dot(u) / 2,
+            contact=old.energy.contact + float(mean @ moved),
+            compliance=sum(float(c.W_n @ c.normal.energy(p[s.normal])) for c, s in zip(contacts, self.cone.places, strict=True)),
+            dissipation=old.energy.dissipation + dissipation,
+        )
+        return State(time, u, u_s, load, residual, p, w, energy)
+
+
+def _trial_stiffness(system: System) -> Array:
+    """E / depth of the body behind each row [Pa/m]."""
+    low, high = system.mesh.box()
+    scale = []
+    for c in system.contacts:
+        E = system.scene.bodies[system.scene.contacts[c.name].surface.split(".")[0]].E
+        scale.append(E / float(np.abs(c.frames[:, 0].mean(axis=0)) @ (high - low)))
+    parts = [np.full(len(c.W_n), s) for c, s in zip(system.contacts, scale, strict=True)]
+    parts += [np.full(c.free.size, s) for c, s in zip(system.contacts, scale, strict=True)]
+    return np.concatenate([np.zeros(0), *parts])

@@ -1,0 +1,68 @@
+"""The surface problem of one load step: relative displacement caused by tractions. All that a method sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.condensed import CondensedSurface
+from solvers.cone import Cone
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceProblem:
+    """Find p in the cone with w(p) - gap in its normal cone, and R^T (f - B^T p) = 0 for the rigid modes R.
+
+    Flat arrays (rows,): normal rows of all contacts, then tangential rows in the local frames.
+    """
+
+    surface: CondensedSurface
+    cone: Cone
+    f_c: Array  # (c,) load condensed onto the contact dofs [N]
+    offset: Array  # (rows,) prescribed part of the relative displacement [m]
+    gap: Array  # (rows,) initial gap, and tangential displacement at the last accepted step [m]
+    gamma: Array  # (rows,) E / depth of the body [Pa/m], the scale of Newton's trial tractions
+    force: float  # applied force, sum of magnitudes [N]
+    stiffness: float  # E / L [Pa/m], L the extent of the bodies
+    u_ref: float = field(init=False)  # [m]
+    p_ref: float = field(init=False)  # [Pa]
+
+    def __post_init__(self) -> None:
+        w = self.offset
+        if not self.surface.floating:
+            w = self.surface.N @ self.surface.displacement(self.f_c) + self.offset
+        n = self.surface.normal_rows
+        closing = np.concatenate([np.abs(w), np.maximum(w - self.gap, 0.0)[:n], np.abs(self.gap[n:]), [0.0]])
+        area = sum(float(c.node_weights.sum()) for c in self.cone.contacts)
+        u_ref = float(closing.max())
+        p_ref = max(self.force / area if area else 0.0, self.stiffness * u_ref)
+        object.__setattr__(self, "p_ref", p_ref)
+        object.__setattr__(self, "u_ref", u_ref or p_ref / self.stiffness)
+
+    @property
+    def volume_solves(self) -> int:
+        return self.surface.counters.volume_solves
+
+    def relative_displacement(self, p: Array) -> Array:
+        """w(p) = N K_B^-1 (f - B^T p) + offset (rows,) [m]: one volume solve. Not for floating bodies."""
+        return np.asarray(self.surface.N @ self.surface.displacement(self.f_c - self.surface.forces(p)) + self.offset)
+
+    def contact_displacement(self, p: Array) -> Array:
+        """Displacement of the contact dofs (c,) [m]."""
+        return self.surface.displacement(self.f_c - self.surface.forces(p))
+
+    def project(self, p_hat: Array, gamma: Any) -> Array:
+        """Trial tractions pushed back into the cone; `gamma` is the step that made them [Pa/m]."""
+        return self.cone.project(p_hat, np.broadcast_to(gamma, p_hat.shape))
+
+    def natural_residual(self, p: Array, w: Array) -> float:
+        """max |p - P_C(p + (p_ref/u_ref) r)| / p_ref: one yardstick for every method, free of its step."""
+        if self.p_ref == 0:
+            return 0.0
+        residual = self.cone.natural_residual(p, w - self.gap, self.p_ref / self.u_ref)
+        return float(np.abs(residual).max(initial=0.0) / self.p_ref)

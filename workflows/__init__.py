@@ -1,0 +1,1 @@
+"""What a person runs: the scene file, the command line, the run, its results."""
