@@ -130,13 +130,53 @@ def assemble_vector(form: Any) -> Any:
     return vector
 
 
-def evaluate_on_cells(expression: Any, points: Array, cells: Ints, domain: Any) -> Array:
-    """UFL expression at reference `points` of `cells`: (cells, points, components)."""
-    compiled = (fem.Expression(expression, points, jit_params={"timeout": 600}) if OLD
-                else fem.Expression(expression, points, jit_options={"timeout": 600}))
-    numbers = np.asarray(cells, np.int32)
-    values = compiled.eval(numbers) if OLD else compiled.eval(domain, numbers)
-    return np.asarray(values).reshape(len(cells), len(points), int(np.prod(expression.ufl_shape, initial=1)))
+class CellExpression:
+    """A UFL expression compiled at reference `points` (q, d) of the cells."""
+
+    def __init__(self, expression: Any, points: Array, domain: Any) -> None:
+        options = {"timeout": 600}
+        self._domain = domain
+        self._shape = (len(points), int(np.prod(expression.ufl_shape, initial=1)))
+        if OLD:
+            self._compiled = fem.Expression(expression, points, jit_params=options)
+        else:
+            self._compiled = fem.Expression(expression, points, jit_options=options)
+
+    def __call__(self, cells: Ints) -> Array:
+        """Values (cells, q, components)."""
+        numbers = np.asarray(cells, np.int32)
+        values = self._compiled.eval(numbers) if OLD else self._compiled.eval(self._domain, numbers)
+        return np.asarray(values).reshape(len(cells), *self._shape)
+
+
+def find_cell(domain: Any, point: Array, slack: float) -> tuple[int, Array] | None:
+    """An owned cell that holds `point` (d,), with the values of its linear basis there; None if there is none.
+
+    Of several cells the one that comes first in the gmsh model, so that the ranks agree.
+    """
+    dim = domain.topology.dim
+    owned = domain.topology.index_map(dim).size_local
+    x = domain.geometry.x[:, :dim][cell_nodes(domain)[:owned]]
+    near = np.all((x.min(axis=1) <= point + slack) & (x.max(axis=1) >= point - slack), axis=1)
+    found = []
+    for cell in np.flatnonzero(near):
+        local = _pull_back(domain.topology.cell_type.name, x[cell], point)
+        basis = reference_basis(domain.topology.cell_type.name, 1, local[None])[0][0]
+        if np.linalg.norm(basis @ x[cell] - point) <= slack and basis.min() >= -1e-9:
+            found.append((int(domain.topology.original_cell_index[cell]), int(cell), basis))
+    return min(found, key=lambda entry: entry[0])[1:] if found else None
+
+
+def _pull_back(shape: str, corners: Array, point: Array) -> Array:
+    """Reference coordinates (d,) by Newton; exact after one step on simplices."""
+    local = np.full(len(point), 1 / 3)
+    for _ in range(30):
+        basis, gradient = reference_basis(shape, 1, local[None])
+        step = np.linalg.solve((gradient[:, 0] @ corners).T, point - basis[0] @ corners)
+        local = local + step
+        if np.linalg.norm(step) < 1e-14:
+            break
+    return local
 
 
 def reference_rule(shape: str, degree: int) -> tuple[Array, Array]:

@@ -58,6 +58,7 @@ class StepResult:
     supports: Mapping[str, tuple[Array, Array]]  # force (d,) [N], moment [N m] about the origin
     probes: Mapping[str, tuple[Array, Array]]  # displacement (d,) [m], stress (3, 3) [Pa]
     energy: Energy
+    iteration_error: float  # relative, energy norm
     p: Array  # (rows,) flat tractions [Pa], for the audit and the next step
     w: Array  # (rows,) flat relative displacement [m]
     w_before: Array  # (rows,) at the last accepted step [m]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,6 +58,7 @@ class Accepted:
 
     state: State
     before: State  # at the last requested time
+    last: State  # before the last substep
     problem: SurfaceProblem  # of the last substep
     substeps: int
     iterations: int
@@ -87,21 +88,9 @@ class Stepper:
         energy = Energy(0.0, 0.0, 0.0, 0.0, np.zeros(len(self.system.contacts)))
         return State(0.0, vector(), vector(), vector(), vector(), zero, zero, energy)
 
-    def run(self, on_iteration: Callable[[HistoryRow], None] = lambda row: None) -> Iterator[Accepted]:
-        """Reach every requested time in turn.
-
-        Raises:
-            SolverError: the smallest step failed; its text says what to try.
-        """
-        state = self.start()
-        for time in self.system.scene.requested_times():
-            accepted = self.reach(state, time, on_iteration)
-            yield accepted
-            state = accepted.state
-
     def reach(self, state: State, target: float, on_iteration: Callable[[HistoryRow], None]) -> Accepted:
         """Solve up to `target`, halving steps that fail; each retry starts from the last accepted state."""
-        before, substeps, iterations = state, 0, 0
+        before, last_state, substeps, iterations = state, state, 0, 0
         history: list[HistoryRow] = []
         solves = self.system.counters.volume_solves
         size = target - state.time
@@ -112,7 +101,7 @@ class Stepper:
             solution, problem, accept = self._solve(state, end, history, on_iteration)
             iterations += solution.iterations
             if solution.status is Status.CONVERGED:
-                state, substeps = accept(), substeps + 1
+                last_state, state, substeps = state, accept(), substeps + 1
                 if last:
                     break
             elif size <= smallest * (1 + 1e-9):
@@ -126,6 +115,7 @@ class Stepper:
         return Accepted(
             state=state,
             before=before,
+            last=last_state,
             problem=problem,
             substeps=substeps,
             iterations=iterations,

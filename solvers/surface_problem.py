@@ -33,16 +33,18 @@ class SurfaceProblem:
     p_ref: float = field(init=False)  # [Pa]
 
     def __post_init__(self) -> None:
-        w = self.offset
-        if not self.surface.floating:
-            w = self.surface.N @ self.surface.displacement(self.f_c) + self.offset
         n = self.surface.normal_rows
-        closing = np.concatenate([np.abs(w), np.maximum(w - self.gap, 0.0)[:n], np.abs(self.gap[n:]), [0.0]])
         area = sum(float(c.node_weights.sum()) for c in self.cone.contacts)
+        pressure = self.force / area if area else 0.0
+        w, elastic = self.offset, 0.0
+        if self.surface.floating:
+            elastic = pressure / self.stiffness  # without contact there is no displacement to speak of
+        else:
+            w = self.surface.N @ self.surface.displacement(self.f_c) + self.offset
+        closing = np.concatenate([np.abs(w), np.maximum(w - self.gap, 0.0)[:n], np.abs(self.gap[n:]), [elastic]])
         u_ref = float(closing.max())
-        p_ref = max(self.force / area if area else 0.0, self.stiffness * u_ref)
-        object.__setattr__(self, "p_ref", p_ref)
-        object.__setattr__(self, "u_ref", u_ref or p_ref / self.stiffness)
+        object.__setattr__(self, "u_ref", u_ref)
+        object.__setattr__(self, "p_ref", max(pressure, self.stiffness * u_ref))
 
     @property
     def volume_solves(self) -> int:

@@ -1,0 +1,141 @@
+"""The audit: displacement and tractions, read back from the files, against equilibrium and the contact laws.
+
+K is assembled anew; the contact rows are built anew. Nothing here imports a method, so a method cannot vouch for itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry import dolfinx_versions as dx
+from geometry.mesh import Mesh
+from solvers.cone import Cone, Place
+from solvers.counters import Counters
+from solvers.effects.compliance import Compliance
+from solvers.nouns.scene import Scene
+from solvers.system import System, assemble
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Relative defects; all zero for an exact answer."""
+
+    equilibrium: float  # sum |nodal force out of balance| / sum |nodal force|
+    penetration: float  # max (u_n - g)_+ / u_ref; with compliance |u_n - g - law's inverse|
+    negative_pressure: float  # max (-p_n)_+ / p_ref
+    cone: float  # max (|t| - s)_+ / s_max
+    complementarity: float  # max of min(p/p_ref, open gap/u_ref), and of |t.du - s|du|| / (s_max u_ref)
+    dissipation: float  # max(-friction work, 0) / |external work|
+
+    @staticmethod
+    def worst(audits: Iterable[Audit]) -> Audit:
+        """Maximum of each defect."""
+        rows = [tuple(asdict(audit).values()) for audit in audits]
+        return Audit(*(max(column) for column in zip(*rows, strict=True))) if rows else Audit(*(0.0,) * 6)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """What is audited: one step as the files hold it."""
+
+    time: float
+    displacement: Array  # (nodes, d) in the order of the gmsh model [m]
+    p: Array  # (rows,) flat tractions [Pa]
+    w: Array  # (rows,) flat relative displacement [m]
+    w_before: Array  # (rows,)
+    p_ref: float
+    u_ref: float
+    external_work: float  # in this run so far [J]
+
+
+class Auditor:
+    """A system of its own, for as many records as there are."""
+
+    def __init__(self, scene: Scene, mesh: Mesh) -> None:
+        self.system: System = assemble(scene, mesh, Counters())
+        self.cone = Cone(self.system.contacts, 0.0, scene.steps.end)
+
+    def __call__(self, record: Record) -> Audit:
+        """Audit one step; collective, `displacement` is read on every rank."""
+        tangential = [self._tangential(place, record) for place in self.cone.places]
+        normal = [self._normal(place, record) for place in self.cone.places]
+        return Audit(
+            equilibrium=self._equilibrium(record),
+            penetration=max((n[0] for n in normal), default=0.0),
+            negative_pressure=max((n[1] for n in normal), default=0.0),
+            cone=max((t[0] for t in tangential), default=0.0),
+            complementarity=max((x for n, t in zip(normal, tangential, strict=True) for x in (n[2], t[1])), default=0.0),
+            dissipation=max((t[2] for t in tangential), default=0.0),
+        )
+
+    def _equilibrium(self, record: Record) -> float:
+        """K u - f + contact forces, where nothing is prescribed; compliance pressures from the UFL form j_n."""
+        system = self.system
+        own = system.nodes.input[: system.nodes.owned]
+        u = system.K.createVecRight()
+        u.array[:] = record.displacement[own].ravel()
+        p_n, t = [], []
+        contact = system.K.createVecRight()
+        for place in self.cone.places:
+            rows, law = place.rows, place.rows.normal
+            from_form = isinstance(law, Compliance)
+            p_n.append(np.zeros(len(rows.W_n)) if from_form else record.p[place.normal])
+            t.append(record.p[place.tangential].reshape(-1, place.components))
+            if isinstance(law, Compliance):
+                contact += self._compliance_force(place, law, u, record.time)
+        contact += system.contact_forces(p_n, t)
+        load, inner = system.load(record.time), system.K * u
+        out = inner - load + contact
+        free = system.T.createVecRight()
+        system.T.multTranspose(out, free)
+        scale = sum(v.norm(0) for v in (inner, load, contact))
+        return float(free.norm(0) / scale) if scale else 0.0
+
+    def _compliance_force(self, place: Place, law: Compliance, u: object, time: float) -> object:
+        system, obstacle = self.system, place.rows.obstacle
+        relative, normal, gap = (dx.fem.Function(system.space) for _ in range(3))
+        nodes = system.nodes.points
+        motion = obstacle.displacement_at(time, system.scene.steps.end, system.mesh.dim)
+        dx.petsc_vector(relative).array[:] = u.array  # type: ignore[attr-defined]
+        relative.x.scatter_forward()
+        relative.x.array[:] -= np.tile(motion, len(nodes))
+        normal.x.array[:] = -obstacle.normals(nodes).ravel()
+        gap.x.array[:: system.mesh.dim] = obstacle.signed_gap(nodes)
+        side = system.scene.contacts[place.rows.name].surface
+        form = system.weak.normal_compliance(relative, normal, gap[0], law, side)
+        return dx.assemble_vector(system.weak.compile(form))
+
+    def _normal(self, place: Place, record: Record) -> tuple[float, float, float]:
+        """Penetration, negative pressure and complementarity of one contact."""
+        law, p = place.rows.normal, record.p[place.normal]
+        opening = place.rows.gap - record.w[place.normal] + law.penetration(p)
+        p_ref, u_ref = record.p_ref or 1.0, record.u_ref or 1.0
+        if law.sides == 2:
+            return float(np.abs(opening).max(initial=0.0)) / u_ref, 0.0, 0.0
+        both = np.minimum(np.maximum(p, 0.0) / p_ref, np.maximum(opening, 0.0) / u_ref)
+        negative = np.maximum(-p, 0.0).max(initial=0.0) / p_ref
+        return float(np.maximum(-opening, 0.0).max(initial=0.0)) / u_ref, float(negative), float(both.max(initial=0.0))
+
+    def _tangential(self, place: Place, record: Record) -> tuple[float, float, float]:
+        """Cone, slip direction and friction work of one contact."""
+        if place.rows.friction is None:
+            return 0.0, 0.0, 0.0
+        t = record.p[place.tangential].reshape(-1, place.components)
+        du = (record.w - record.w_before)[place.tangential].reshape(t.shape) * place.rows.free
+        s = self.cone.at(record.time).bound(place, record.p[place.normal])
+        finite = np.isfinite(s)
+        s_max = float(s[finite].max(initial=0.0)) or record.p_ref or 1.0
+        length, slip = np.linalg.norm(t, axis=1), np.linalg.norm(du, axis=1)
+        work = np.einsum("mi,mi->m", t, du)
+        against = np.where(finite, np.abs(work - np.where(finite, s, 0.0) * slip), length * slip)
+        excess = float(np.maximum(length - s, 0.0)[finite].max(initial=0.0)) / s_max
+        friction_work = float(place.rows.W_t @ work)
+        external = abs(record.external_work) or s_max * (record.u_ref or 1.0) * float(place.rows.W_t.sum())
+        direction = float(against.max(initial=0.0)) / (s_max * (record.u_ref or 1.0))
+        return excess, direction, max(-friction_work, 0.0) / external

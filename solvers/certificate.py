@@ -1,0 +1,21 @@
+"""How accurate an accepted step is: the iteration's error in the energy norm."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solvers.stepping import Accepted
+
+
+def iteration_error(accepted: Accepted) -> float:
+    """Energy norm of the displacement that the tractions' defect would cause, relative to that of the step.
+
+    The defect is p - P_C(p + gamma r), gamma = p_ref / u_ref: what the contact laws would still change.
+    """
+    problem, state = accepted.problem, accepted.state
+    if problem.p_ref == 0 or state.energy.stored <= 0:
+        return 0.0
+    defect = problem.cone.natural_residual(state.p, state.w - problem.gap, problem.p_ref / problem.u_ref)
+    force = problem.surface.forces(defect)
+    energy = float(force @ problem.surface.displacement(force))
+    return float(np.sqrt(max(energy, 0.0) / (2 * state.energy.stored)))

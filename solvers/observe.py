@@ -1,0 +1,181 @@
+"""From an accepted step to its result: what the unknowns mean at the surface's nodes, the supports and the probes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry import dolfinx_versions as dx
+from geometry.errors import SceneError
+from geometry.mesh import Mesh
+from geometry.nodes import Nodes
+from solvers.certificate import iteration_error
+from solvers.operators.rows import ContactRows
+from solvers.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
+from solvers.stepping import Accepted, State, Stepper
+from solvers.stress import CellStress
+from solvers.system import System
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Observer:
+    """Reads results off accepted steps; collective."""
+
+    stepper: Stepper
+    stress: CellStress = field(init=False)
+    probes: dict[str, tuple[int, Array] | None] = field(init=False)  # cell and reference basis, where this rank has it
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stress", CellStress(self.stepper.system))
+        system = self.stepper.system
+        points = {name: np.array(probe.point) for name, probe in system.scene.probes.items()}
+        object.__setattr__(self, "probes", {name: _locate(system.mesh, x, name) for name, x in points.items()})
+
+    def __call__(self, accepted: Accepted) -> StepResult:
+        system, state = self.stepper.system, accepted.state
+        contact = system.contact_forces(*self.stepper.split(state.p))
+        cell_stress = self.stress(state.u)
+        return StepResult(
+            time=state.time,
+            substeps=accepted.substeps,
+            iterations=accepted.iterations,
+            volume_solves=accepted.volume_solves,
+            residual=accepted.residual,
+            displacement=gather_nodes(system.mesh, system.nodes, state.u.array.reshape(-1, system.mesh.dim)),
+            stress=gather_cells(system.mesh, cell_stress),
+            contacts={c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)},
+            supports=system.reactions(state.u, state.load, contact),
+            probes={name: self._probe(where, state.u, cell_stress) for name, where in self.probes.items()},
+            energy=state.energy,
+            iteration_error=iteration_error(accepted),
+            p=state.p,
+            w=state.w,
+            w_before=accepted.last.w,
+            p_ref=accepted.problem.p_ref,
+            u_ref=accepted.problem.u_ref,
+            history=tuple(
+                (h.time, h.step.iteration, h.step.residual, h.step.volume_solves, h.seconds) for h in accepted.history
+            ),
+        )
+
+    def _contact(self, index: int, c: ContactRows, accepted: Accepted) -> ContactState:
+        system, state = self.stepper.system, accepted.state
+        p_n, t = (parts[index] for parts in self.stepper.split(state.p))
+        u_n, slip = self._motion(index, c, state)
+        pressure, multiplier, gap = c.node_pressure(p_n), c.node_traction(t), c.node_gap - u_n
+        increment = slip - self._motion(index, c, accepted.last)[1]
+        if c.friction is None:
+            bound = np.zeros_like(pressure)
+        else:
+            bound = c.friction.limit(pressure, c.normal.sides, state.time, system.scene.steps.end)
+        lam = np.divide(multiplier, bound[:, None], out=np.zeros_like(multiplier), where=bound[:, None] > 0)
+        status = _status(c, pressure, multiplier, bound, increment, accepted)
+        weight, x = c.node_weights, c.surface.points
+        forces = -c.nodal_forces(p_n, t)
+        tangential = (weight[:, None] * multiplier).sum(axis=0)
+        excess = self.stepper.cone.places[index].normal
+        return ContactState(
+            weight=weight,
+            gap=gap,
+            pressure=pressure,
+            traction=-multiplier,
+            slip=slip,
+            slip_increment=increment,
+            lam=lam,
+            status=status,
+            force=forces.sum(axis=0),
+            moment=np.atleast_1d(np.cross(x, forces).sum(axis=0)),
+            normal_force=float(c.W_n @ p_n),
+            tangential_force=float(np.linalg.norm(tangential)),
+            max_pressure=float(p_n.max(initial=0.0)),
+            contact_area=float(weight[status != OPEN].sum()),
+            stick_area=float(weight[status == STICK].sum()),
+            slip_area=float(weight[status == SLIP].sum()),
+            max_penetration=float(np.max(state.w[excess] - c.gap, initial=0.0)),
+            max_slip=float(np.linalg.norm(slip[status != OPEN], axis=1).max(initial=0.0)),
+            dissipation=float(state.energy.dissipation[index] - accepted.before.energy.dissipation[index]),
+            dissipation_total=float(state.energy.dissipation[index]),
+        )
+
+    def _motion(self, index: int, c: ContactRows, state: State) -> tuple[Array, Array]:
+        system = self.stepper.system
+        relative = system.contact_displacement(state.u)[index] - system.obstacle_motion(state.time)[c.name]
+        return c.node_motion(relative)
+
+    def _probe(self, where: tuple[int, Array] | None, u: Any, cell_stress: Array) -> tuple[Array, Array]:
+        system = self.stepper.system
+        function = dx.fem.Function(system.space)
+        dx.petsc_vector(function).array[:] = u.array
+        function.x.scatter_forward()
+        found = None
+        if where is not None:
+            cell, basis = where
+            values = function.x.array.reshape(-1, system.mesh.dim)[dx.cell_dofs(system.space)[cell]]
+            found = (basis @ values, cell_stress[cell])
+        offers = [offer for offer in system.mesh.comm.allgather(found) if offer is not None]
+        return offers[0]
+
+
+def _status(
+    c: ContactRows, pressure: Array, multiplier: Array, bound: Array, increment: Array, accepted: Accepted
+) -> NDArray[np.int8]:
+    """OPEN, SLIP or STICK of each node, as the result files define them."""
+    touching = (pressure > 1e-9 * accepted.problem.p_ref) | (c.normal.sides == 2)
+    at_bound = np.linalg.norm(multiplier, axis=1) >= bound * (1 - 1e-6)
+    moving = np.linalg.norm(increment, axis=1) > 1e-9 * accepted.problem.u_ref
+    return np.where(touching, np.where(at_bound & moving, SLIP, STICK), OPEN).astype(np.int8)
+
+
+def _locate(mesh: Mesh, point: Array, name: str) -> tuple[int, Array] | None:
+    """Cell that holds the point and the values of its basis there: on the rank with the lowest cell of the gmsh model."""
+    size = float(np.max(np.diff(mesh.box(), axis=0)))
+    found = dx.find_cell(mesh.domain, point, 1e-9 * size)
+    mine = (int(mesh.domain.topology.original_cell_index[found[0]]), mesh.comm.rank) if found else (np.inf, -1)
+    best = min(mesh.comm.allgather(mine))
+    if best[1] < 0:
+        raise SceneError(f"probes.{name}.point = {point.tolist()}: lies outside the bodies")
+    return found if best[1] == mesh.comm.rank else None
+
+
+def gather_nodes(mesh: Mesh, nodes: Nodes, values: Array) -> Array:
+    """Values at owned nodes (own, ...) to rank 0 in the order of the gmsh model; empty elsewhere."""
+    return _in_order(mesh, nodes.input[: nodes.owned], values)
+
+
+def gather_cells(mesh: Mesh, values: Array) -> Array:
+    """Values at owned cells to rank 0 in the order of the gmsh model; empty elsewhere."""
+    return _in_order(mesh, np.asarray(mesh.domain.topology.original_cell_index)[: len(values)], values)
+
+
+def _in_order(mesh: Mesh, numbers: NDArray[np.int64], values: Array) -> Array:
+    parts = mesh.comm.gather((numbers, values))
+    if parts is None:
+        return values[:0]
+    order = np.argsort(np.concatenate([part[0] for part in parts]))
+    return np.concatenate([part[1] for part in parts])[order]
+
+
+def mesh_data(system: System) -> MeshData:
+    """The mesh and its contact surfaces as plain arrays; collective."""
+    mesh, nodes = system.mesh, system.nodes
+    own = mesh.domain.topology.index_map(mesh.dim).size_local
+    names = tuple(mesh.bodies)
+    body = np.zeros(own, np.int64)
+    mine = mesh.cell_tags.indices < own
+    tag_of = {tag: names.index(name) for name, tag in mesh.bodies.items()}
+    body[mesh.cell_tags.indices[mine]] = [tag_of[int(tag)] for tag in mesh.cell_tags.values[mine]]
+    inputs = gather_cells(mesh, nodes.input[dx.cell_dofs(system.space)[:own]])
+    known = gather_nodes(mesh, nodes, nodes.input[: nodes.owned])
+    return MeshData(
+        points=gather_nodes(mesh, nodes, nodes.points[: nodes.owned]),
+        cells=np.searchsorted(known, inputs),
+        shape=mesh.domain.topology.cell_type.name,
+        body=gather_cells(mesh, body),
+        bodies=names,
+        surfaces={c.name: (c.surface.points, c.surface.facets, c.surface.shape) for c in system.contacts},
+    )

@@ -1,0 +1,82 @@
+"""A scene solved step by step: plan, mesh, system, surface problem, steps."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from geometry.mesh import Mesh, build_mesh
+from solvers.counters import Counters
+from solvers.nouns.scene import Scene
+from solvers.observe import Observer, mesh_data
+from solvers.plan import PlanRow, make_plan
+from solvers.step_result import MeshData, StepResult
+from solvers.stepping import HistoryRow, Stepper
+from solvers.system import System, assemble
+
+
+@dataclass
+class Seconds:
+    """Wall time by phase [s]."""
+
+    mesh: float = 0.0
+    assemble: float = 0.0
+    prepare: float = 0.0
+    iterate: float = 0.0
+    output: float = 0.0
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Everything prepared; `steps` marches. Collective: every rank of the communicator takes part."""
+
+    scene: Scene
+    plan: tuple[PlanRow, ...]
+    mesh: Mesh
+    system: System
+    stepper: Stepper
+    counters: Counters
+    seconds: Seconds
+    data: MeshData = field(repr=False)
+
+    def steps(self, on_iteration: Callable[[HistoryRow], None] = lambda row: None) -> Iterator[StepResult]:
+        """Results of the requested times, one after the other.
+
+        Raises:
+            SolverError: a step could not be solved.
+        """
+        observe = Observer(self.stepper)
+        state = self.stepper.start()
+        for time in self.scene.requested_times():
+            began = clock.perf_counter()
+            accepted = self.stepper.reach(state, time, on_iteration)
+            solved = clock.perf_counter()
+            result = observe(accepted)
+            self.seconds.iterate += solved - began
+            self.seconds.output += clock.perf_counter() - solved
+            yield result
+            state = accepted.state
+
+
+def prepare(scene: Scene, comm: Any = None) -> Simulation:
+    """Plan, mesh, assemble, factorise; collective.
+
+    Raises:
+        SceneError: the scene cannot be solved, known before solving.
+        GeometryError: the shape cannot be meshed.
+    """
+    from mpi4py import MPI
+
+    plan = make_plan(scene)
+    seconds, counters = Seconds(), Counters()
+    began = clock.perf_counter()
+    mesh = build_mesh(scene.geometry, scene.request(), comm or MPI.COMM_WORLD)
+    meshed = clock.perf_counter()
+    system = assemble(scene, mesh, counters)
+    assembled = clock.perf_counter()
+    stepper = Stepper(system)
+    seconds.mesh, seconds.assemble = meshed - began, assembled - meshed
+    seconds.prepare = clock.perf_counter() - assembled
+    return Simulation(scene, plan, mesh, system, stepper, counters, seconds, mesh_data(system))

@@ -1,0 +1,67 @@
+"""Frictional contact between elastic bodies in FEniCSx: the public face.
+
+>>> import stickslip
+>>> scene = stickslip.read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5"])
+>>> [step.time for step in stickslip.steps(scene)]
+[1.0, 2.0]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from geometry.builders.block import Block
+from geometry.errors import StickslipError
+from geometry.obstacles import Plane
+from solvers.effects.bilateral import Bilateral
+from solvers.effects.compliance import Compliance
+from solvers.effects.friction import Coulomb, Stick, Tresca
+from solvers.effects.gravity import Gravity
+from solvers.effects.periodic import Periodic
+from solvers.effects.unilateral import Unilateral
+from solvers.nouns.contact import Contact
+from solvers.nouns.load import Load
+from solvers.nouns.material import Material
+from solvers.nouns.scene import Scene
+from solvers.nouns.stepping import Output, Probe, Solver, Steps
+from solvers.nouns.support import Support
+from solvers.simulation import prepare
+from solvers.step_result import StepResult
+from workflows.run import run
+from workflows.scene import read
+
+__version__ = "0.1.0"
+
+
+def steps(scene: Scene) -> Iterator[StepResult]:
+    """Solve a scene, one `StepResult` a requested time; nothing is written."""
+    yield from prepare(scene).steps()
+
+
+__all__ = [
+    "Bilateral",
+    "Block",
+    "Compliance",
+    "Contact",
+    "Coulomb",
+    "Gravity",
+    "Load",
+    "Material",
+    "Output",
+    "Periodic",
+    "Plane",
+    "Probe",
+    "Scene",
+    "Solver",
+    "StepResult",
+    "Steps",
+    "Stick",
+    "StickslipError",
+    "Support",
+    "Tresca",
+    "Unilateral",
+    "prepare",
+    "read",
+    "run",
+    "steps",
+]

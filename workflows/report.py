@@ -1,0 +1,124 @@
+"""What the run says on the terminal: progress while it works, a short table at the end."""
+
+from __future__ import annotations
+
+import sys
+from types import TracebackType
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from solvers.simulation import Simulation
+from solvers.step_result import StepResult
+from solvers.stepping import HistoryRow
+from workflows.results import Outcome
+from workflows.run import Watch
+
+Content = dict[str, Any]
+
+
+class Reporter:
+    """Speaks on rank 0 unless quiet; a bar on a terminal, plain lines elsewhere."""
+
+    def __init__(self, quiet: bool, verbose: bool) -> None:
+        self.quiet, self.verbose = quiet, verbose
+        self.console = Console(stderr=True, highlight=False)
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        self.progress = Progress(*columns, console=self.console, disable=quiet or not self.console.is_terminal)
+        self.task = self.progress.add_task("meshing and preparing", total=None)
+
+    def __enter__(self) -> Reporter:
+        self.progress.start()
+        if not self.console.is_terminal:
+            self._line("meshing and preparing ...")
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.progress.stop()
+
+    def watch(self) -> Watch:
+        """Callbacks for the run."""
+        return Watch(self._prepared, self._iteration, self._step)
+
+    def _prepared(self, simulation: Simulation) -> None:
+        times = simulation.scene.requested_times()
+        self.progress.update(self.task, total=len(times), description="solving")
+        free, points = simulation.system.constraints.free_total, simulation.stepper.cone.size
+        self._line(f"{free} unknown displacements, {points} contact unknowns, {len(times)} steps")
+
+    def _iteration(self, row: HistoryRow) -> None:
+        if self.verbose:
+            self._line(f"  t = {row.time:g}  iteration {row.step.iteration}  residual {row.step.residual:.1e}")
+        text = f"solving t = {row.time:g}, iteration {row.step.iteration}, residual {row.step.residual:.0e}"
+        self.progress.update(self.task, description=text)
+
+    def _step(self, step: StepResult) -> None:
+        self.progress.advance(self.task)
+        if not self.console.is_terminal or self.verbose:
+            self._line(f"t = {step.time:g}: {step.iterations} iterations, residual {step.residual:.1e}")
+
+    def _line(self, text: str) -> None:
+        if not self.quiet:
+            self.console.print(text)
+
+    def table(self, content: Content) -> None:
+        """Contacts by step, then cost and accuracy."""
+        if self.quiet:
+            return
+        out = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
+        out.print(content["scene"]["title"])
+        out.print(_contacts(content))
+        seconds, counters, audit = content["seconds"], content["counters"], content["audit"]
+        phases = ", ".join(f"{name} {seconds[name]:.2f}" for name in ("mesh", "assemble", "prepare", "iterate", "output"))
+        out.print(f"method {content['method']}, {counters['volume_solves']} volume solves, {content['dofs']} unknowns")
+        out.print(f"seconds: {phases}, total {seconds['total']:.2f}")
+        defects = ", ".join(f"{name.replace('_', ' ')} {value:.0e}" for name, value in audit.items())
+        out.print(f"audit (relative defects): {defects}")
+
+    def files(self, outcome: Outcome) -> None:
+        """Which files to open."""
+        if self.quiet:
+            return
+        folder = outcome.folder
+        print(f"results in {folder}: fields.xdmf and contact_*.xdmf for ParaView, result.json and *.csv for scripts,")
+        pictures = sorted(path.name for path in folder.glob("*.png"))
+        print(f"pictures {', '.join(pictures)}" if pictures else "no pictures")
+
+
+def _contacts(content: Content) -> Table:
+    table = Table()
+    for name in ("t", "contact", "normal force [N]", "tangential [N]", "touching [m²]", "stick", "slip"):
+        table.add_column(name, justify="left" if name == "contact" else "right")
+    for name in ("max pressure [Pa]", "max penetration [m]", "iterations", "volume solves"):
+        table.add_column(name, justify="right")
+    for step in content["steps"]:
+        cost = (str(step["iterations"]), str(step["volume_solves"]))
+        for name, c in (step["contacts"] or {"-": None}).items():
+            keys = ("normal_force", "tangential_force", "contact_area", "stick_area", "slip_area")
+            numbers = [f"{c[k]:.5g}" for k in (*keys, "max_pressure", "max_penetration")] if c else ["-"] * 7
+            table.add_row(f"{step['time']:g}", name, *numbers, *cost)
+    return table
+
+
+def print_plan(content: Content) -> None:
+    """Effects, reasons, and counts where the scene was meshed."""
+    out = Console(highlight=False, width=None if sys.stdout.isatty() else 120)
+    out.print(content["title"])
+    table = Table()
+    for name in ("effect", "on", "because"):
+        table.add_column(name)
+    for row in content["effects"]:
+        table.add_row(row["effect"], "yes" if row["on"] else "-", row["because"])
+    out.print(table)
+    times = content["times"]
+    shown = ", ".join(f"{t:g}" for t in times[:8]) + (", ..." if len(times) > 8 else "")
+    out.print(f"model {content['model']}, method {content['method']}, {len(times)} steps at t = {shown}")
+    if "mesh" in content:
+        mesh = content["mesh"]
+        out.print(f"{mesh['cells']} cells, {mesh['nodes']} nodes, {mesh['displacement_unknowns']} unknown displacements")
+        for name, c in mesh["contacts"].items():
+            points = f"{c['normal_points']} normal and {c['tangential_points']} tangential points"
+            dropped = f", {c['dropped_multipliers']} multipliers dropped" if c["dropped_multipliers"] else ""
+            out.print(f"contact {name}: {points}{dropped}, area {c['area']:g}, smallest gap {c['smallest_gap']:g} m")

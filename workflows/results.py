@@ -1,0 +1,137 @@
+"""result.json: the whole run in one file that scripts can rely on (format 1, SI, no NaN, null where not computed)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import dolfinx
+import numpy as np
+
+from solvers.audit import Audit
+from solvers.plan import method_of
+from solvers.simulation import Simulation
+from solvers.step_result import ContactState, StepResult
+from workflows import VERSION
+from workflows.scene import to_dict
+from workflows.writers.aside import write_aside
+from workflows.writers.tables import STRESSES
+
+CONTACT_NUMBERS = (
+    "normal_force", "tangential_force", "max_pressure", "contact_area", "stick_area", "slip_area", "max_penetration",
+    "max_slip", "dissipation", "dissipation_total",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended."""
+
+    status: str  # converged, not_converged, no_equilibrium, interrupted
+    sentence: str  # what to tell the user, empty when converged
+    folder: Path
+
+    @property
+    def exit_code(self) -> int:
+        return {"converged": 0, "interrupted": 130}.get(self.status, 3)
+
+
+def summary(
+    simulation: Simulation, status: str, steps: Sequence[StepResult], audits: Sequence[Audit], total: float
+) -> dict[str, Any]:
+    """The content of result.json."""
+    scene, counters = simulation.scene, simulation.counters
+    contacts = simulation.system.contacts
+    resolved = to_dict(scene)
+    text = json.dumps(resolved, sort_keys=True)
+    return {
+        "format": 1,
+        "status": status,
+        "scene": resolved | {"hash": hashlib.sha256(text.encode()).hexdigest()},
+        "version": VERSION,
+        "dolfinx": dolfinx.__version__,
+        "ranks": simulation.mesh.comm.size,
+        "method": method_of(scene),
+        "dofs": simulation.system.constraints.free_total,
+        "contact_points": sum(len(c.W_n) for c in contacts),
+        "plan": [{"effect": row.effect, "on": row.on, "because": row.because} for row in simulation.plan],
+        "steps": [_step(step, audit) for step, audit in zip(steps, audits, strict=True)],
+        "counters": {
+            "unknowns": {
+                "displacement": simulation.system.constraints.free_total,
+                "normal": sum(len(c.W_n) for c in contacts if not c.normal.at_quadrature),
+                "tangential": sum(int(c.free.sum()) for c in contacts),
+            },
+            "dropped_multipliers": sum(c.dropped for c in contacts),
+            "forms": counters.forms,
+            "searches": counters.searches,
+            "factorisations": counters.factorisations,
+            "schur_size": counters.schur_size,
+            "volume_solves": counters.volume_solves,
+            "linear_iterations": counters.linear_iterations,
+            "lanczos_applications": counters.lanczos_applications,
+        },
+        "audit": asdict(Audit.worst(audits)),
+        "error": {
+            "discretisation": None,
+            "law": None,
+            "iteration": max((step.iteration_error for step in steps), default=None),
+            "linear_solver": None,
+            "what": "relative, energy norm",
+        },
+        "seconds": asdict(simulation.seconds) | {"total": total, "linear_reference": None},
+    }
+
+
+def write_result(folder: Path, content: dict[str, Any]) -> None:
+    """Write result.json; a number that is not finite becomes null."""
+    text = json.dumps(_finite(content), indent=1, ensure_ascii=False, allow_nan=False)
+    write_aside(folder / "result.json", (text + "\n").encode())
+
+
+def _step(step: StepResult, audit: Audit) -> dict[str, Any]:
+    energy = step.energy
+    return {
+        "time": step.time,
+        "substeps": step.substeps,
+        "iterations": step.iterations,
+        "volume_solves": step.volume_solves,
+        "residual": step.residual,
+        "contacts": {name: _contact(contact) for name, contact in step.contacts.items()},
+        "supports": {n: {"force": f.tolist(), "moment": _moment(m)} for n, (f, m) in step.supports.items()},
+        "probes": {
+            name: {"displacement": u.tolist(), "stress": [float(sigma[ij]) for ij in STRESSES.values()]}
+            for name, (u, sigma) in step.probes.items()
+        },
+        "energy": {
+            "external": energy.external,
+            "stored": energy.stored,
+            "contact": energy.contact,
+            "dissipated": energy.dissipated,
+            "time_remainder": energy.time_remainder,
+        },
+        "audit": asdict(audit),
+    }
+
+
+def _contact(contact: ContactState) -> dict[str, Any]:
+    resultants = {"force": contact.force.tolist(), "moment": _moment(contact.moment)}
+    return resultants | {key: getattr(contact, key) for key in CONTACT_NUMBERS}
+
+
+def _moment(moment: np.ndarray[Any, Any]) -> Any:
+    """A number in the plane, three components in space."""
+    return float(moment[0]) if len(moment) == 1 else moment.tolist()
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,199 @@
+"""One run: solve the steps, write each as it is accepted, audit what was written, draw, and put the results in place."""
+
+from __future__ import annotations
+
+import logging
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from geometry.errors import MachineError, SceneError, SolverError, StickslipError
+from solvers.audit import Audit, Auditor, Record
+from solvers.nouns.scene import Scene
+from solvers.simulation import Simulation, prepare
+from solvers.step_result import StepResult
+from solvers.stepping import HistoryRow
+from workflows.folder import MARK, ResultsFolder
+from workflows.results import Outcome, summary, write_result
+from workflows.writers.steps import read_step, step_name, write_step
+from workflows.writers.tables import write_tables
+from workflows.writers.xdmf import write_fields
+
+log = logging.getLogger(__name__)
+LOGGERS = ("geometry", "solvers", "workflows")
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What a run tells while it works; rank 0 only."""
+
+    on_prepared: Callable[[Simulation], None] = lambda simulation: None
+    on_iteration: Callable[[HistoryRow], None] = lambda row: None
+    on_step: Callable[[StepResult], None] = lambda step: None
+
+
+@dataclass
+class Run:
+    """The state of a run between its phases."""
+
+    simulation: Simulation
+    folder: Path
+    began: float
+    steps: list[StepResult] = field(default_factory=list)
+
+    @property
+    def rank(self) -> int:
+        return int(self.simulation.mesh.comm.rank)
+
+    def march(self, watch: Watch) -> tuple[str, str]:
+        """Solve and write step by step: status and what to tell the user."""
+        tell = watch if self.rank == 0 else Watch()
+        try:
+            for index, step in enumerate(self.simulation.steps(tell.on_iteration), start=1):
+                began = clock.perf_counter()
+                self.steps.append(step)
+                self._write(index, step)
+                tell.on_step(step)
+                self.simulation.seconds.output += clock.perf_counter() - began
+        except SolverError as error:
+            log.error("%s", error)
+            return "not_converged", str(error)
+        except KeyboardInterrupt:
+            return "interrupted", "stopped by the user; the steps so far are kept"
+        return "converged", ""
+
+    def _write(self, index: int, step: StepResult) -> None:
+        """Tables, step file, and the XDMF that shows it; all ranks fail or none."""
+
+        def write() -> None:
+            write_tables(self.folder, index, self.simulation.data, step)
+            write_step(self.folder, index, step)
+            write_fields(self.folder, self.simulation.data, self._shown())
+
+        self.on_rank_0(write)
+
+    def _shown(self) -> list[tuple[int, float]]:
+        every = self.simulation.scene.output.every
+        last = len(self.simulation.scene.requested_times())
+        return [(i, s.time) for i, s in enumerate(self.steps, start=1) if i % every == 0 or i == last]
+
+    def audit(self) -> list[Audit]:
+        """Every step against equilibrium and the laws, from its file."""
+        if not self.steps:
+            return []
+        began = clock.perf_counter()
+        auditor = Auditor(self.simulation.scene, self.simulation.mesh)
+        dim = self.simulation.mesh.dim
+        found = []
+        for index, step in enumerate(self.steps, start=1):
+            stored = read_step(self.folder / step_name(index))
+            found.append(
+                auditor(
+                    Record(
+                        time=stored.time,
+                        displacement=stored.displacement[:, :dim],
+                        p=stored.p,
+                        w=stored.w,
+                        w_before=stored.w_before,
+                        p_ref=stored.p_ref,
+                        u_ref=stored.u_ref,
+                        external_work=step.energy.external,
+                    )
+                )
+            )
+        self.simulation.seconds.output += clock.perf_counter() - began
+        return found
+
+    def finish(self, status: str) -> dict[str, Any]:
+        """Audit, result.json, pictures."""
+        audits, began = self.audit(), clock.perf_counter()
+        seconds, scene = self.simulation.seconds, self.simulation.scene
+
+        def content() -> dict[str, Any]:
+            return summary(self.simulation, status, self.steps, audits, clock.perf_counter() - self.began)
+
+        self.on_rank_0(lambda: write_result(self.folder, content()))  # before the pictures: they can fail
+        if scene.output.pictures and self.steps:
+            self.on_rank_0(lambda: _draw(self.folder, self.simulation, self.steps[-1]))
+        seconds.output += clock.perf_counter() - began
+        final = content()
+        self.on_rank_0(lambda: write_result(self.folder, final))
+        return final
+
+    def on_rank_0(self, act: Callable[[], object]) -> None:
+        """Act on rank 0; if that fails, every rank raises the same error."""
+        raise_together(self.simulation.mesh.comm, act)
+
+
+def run(scene: Scene, folder: str | Path, watch: Watch | None = None) -> tuple[Outcome, dict[str, Any]]:
+    """Run a scene and leave its results in `folder`; collective.
+
+    Returns:
+        How it ended, and the content of result.json.
+
+    Raises:
+        SceneError, GeometryError: known before solving; nothing is written.
+        MachineError: the results cannot be written.
+    """
+    from mpi4py import MPI
+
+    comm, began = MPI.COMM_WORLD, clock.perf_counter()
+    results: list[ResultsFolder] = []
+    raise_together(comm, lambda: results.append(ResultsFolder(Path(folder))))
+    simulation = prepare(scene, comm)
+    watch = watch or Watch()
+    work = Path(folder).with_name(f".{Path(folder).name}.running")
+    raise_together(comm, lambda: results[0].start())
+    handler = _log_to(work / MARK) if comm.rank == 0 else None
+    try:
+        if comm.rank == 0:
+            watch.on_prepared(simulation)
+        going = Run(simulation, work, began)
+        status, sentence = going.march(watch)
+        content = going.finish(status)
+    finally:
+        if handler is not None:
+            _stop_log(handler)
+    raise_together(comm, lambda: results[0].finish())
+    return Outcome(status, sentence, Path(folder)), content
+
+
+def raise_together(comm: Any, act: Callable[[], object]) -> None:
+    """Run `act` on rank 0; its error, if any, is raised on every rank."""
+    failure: StickslipError | None = None
+    if comm.rank == 0:
+        try:
+            act()
+        except StickslipError as error:
+            failure = error
+        except OSError as error:
+            failure = MachineError(f"{error.filename or 'results'}: {error.strerror or error}")
+    failure = comm.bcast(failure)
+    if failure is not None:
+        raise failure
+
+
+def _draw(folder: Path, simulation: Simulation, step: StepResult) -> None:
+    from workflows.pictures import draw
+
+    draw(folder, simulation.data, step, simulation.scene.title)
+
+
+def _log_to(path: Path) -> logging.Handler:
+    handler = logging.FileHandler(path, encoding="utf-8")
+    handler.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
+    for name in LOGGERS:
+        logging.getLogger(name).addHandler(handler)
+        logging.getLogger(name).setLevel(logging.INFO)
+    return handler
+
+
+def _stop_log(handler: logging.Handler) -> None:
+    for name in LOGGERS:
+        logging.getLogger(name).removeHandler(handler)
+    handler.close()
+
+
+__all__ = ["Outcome", "Run", "SceneError", "Watch", "run"]

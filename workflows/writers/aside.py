@@ -1,0 +1,59 @@
+"""A file that appears whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from geometry.errors import MachineError
+
+
+def write_aside(path: Path, content: bytes) -> None:
+    """Write beside `path`, bring it to the disk, then rename: readers and a crash see the old file or the new one.
+
+    Raises:
+        MachineError: disk full, no permission; `path` is then as it was.
+    """
+    aside = path.with_name(f".{path.name}.part")
+    with disk_errors(path):
+        try:
+            with aside.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            aside.replace(path)
+        except BaseException:  # also on Ctrl-C
+            aside.unlink(missing_ok=True)
+            raise
+        sync_folder(path.parent)
+
+
+def make_folder(folder: Path) -> None:
+    """Create a folder that outlives a crash.
+
+    Raises:
+        MachineError: disk full, no permission.
+    """
+    with disk_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        sync_folder(folder.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Bring the names in a folder to the disk: a rename is not safe before."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def disk_errors(path: Path) -> Iterator[None]:
+    """Say in one line which file could not be written."""
+    try:
+        yield
+    except OSError as error:
+        raise MachineError(f"{path}: cannot be written: {error.strerror or error}") from error

@@ -1,0 +1,133 @@
+"""One reported step is one file, steps/000012.h5: fields to look at, and the checkpoint to go on from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.errors import MachineError
+from solvers.step_result import Array, ContactState, StepResult
+from workflows.writers.aside import make_folder
+from workflows.writers.hdf5 import AnyArray, read_arrays, write_arrays
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredContact:
+    """A contact surface of n nodes as stored; vectors have three components, the third is 0 in a plane model."""
+
+    weight: Array  # (n,) [m^(d-1)]
+    gap: Array  # (n,) [m], negative: penetration
+    pressure: Array  # (n,) [Pa]
+    traction: Array  # (n, 3) sigma_T [Pa]
+    slip: Array  # (n, 3) since t = 0 [m]
+    slip_increment: Array  # (n, 3) since the last accepted step [m]
+    lam: Array  # (n, 3) [-]
+    status: NDArray[np.int8]  # (n,) OPEN, SLIP or STICK
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredStep:
+    """A step as stored."""
+
+    index: int
+    time: float
+    p_ref: float  # [Pa]
+    u_ref: float  # [m]
+    displacement: Array  # (nodes, 3) [m]
+    stress: Array  # (cells, 3, 3) [Pa]
+    von_mises: Array  # (cells,) [Pa]
+    contacts: Mapping[str, StoredContact]
+    p: Array  # (rows,) flat tractions [Pa]
+    w: Array  # (rows,) flat relative displacement [m]
+    w_before: Array  # (rows,) at the last accepted step [m]
+
+
+def step_name(index: int) -> str:
+    """Path below the results folder.
+
+    >>> step_name(12)
+    'steps/000012.h5'
+    """
+    return f"steps/{index:06d}.h5"
+
+
+def three(values: Array) -> Array:
+    """Pad vectors (n, d) to (n, 3).
+
+    >>> three(np.array([[1.0, 2.0]]))
+    array([[1., 2., 0.]])
+    """
+    return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
+
+
+def write_step(folder: Path, index: int, result: StepResult) -> Path:
+    """Write the step's file below `folder` and return its path.
+
+    Raises:
+        MachineError: the disk is full; no half file is left.
+    """
+    arrays: dict[str, AnyArray] = {
+        "displacement": three(result.displacement),
+        "stress": result.stress.reshape(-1, 9),
+        "von_mises": result.von_mises,
+        "state/p": result.p,
+        "state/w": result.w,
+        "state/w_before": result.w_before,
+    }
+    for name, contact in result.contacts.items():
+        arrays |= {f"contacts/{name}/{key}": value for key, value in _columns(contact).items()}
+    path = folder / step_name(index)
+    make_folder(path.parent)
+    write_arrays(
+        path,
+        arrays,
+        {
+            "index": int(index),
+            "time": float(result.time),
+            "p_ref": float(result.p_ref),
+            "u_ref": float(result.u_ref),
+        },
+    )
+    return path
+
+
+def read_step(path: Path) -> StoredStep:
+    """Read a step's file back, verified.
+
+    Raises:
+        MachineError: missing, cut short, damaged, or not a step.
+    """
+    arrays, numbers = read_arrays(path)
+    contacts: dict[str, dict[str, AnyArray]] = {}
+    for name, array in arrays.items():
+        if name.startswith("contacts/"):
+            _, contact, column = name.split("/")
+            contacts.setdefault(contact, {})[column] = array
+    try:
+        return StoredStep(
+            index=int(numbers["index"]),
+            time=numbers["time"],
+            p_ref=numbers["p_ref"],
+            u_ref=numbers["u_ref"],
+            displacement=arrays["displacement"],
+            stress=arrays["stress"].reshape(-1, 3, 3),
+            von_mises=arrays["von_mises"],
+            contacts={name: StoredContact(**columns) for name, columns in contacts.items()},
+            p=arrays["state/p"],
+            w=arrays["state/w"],
+            w_before=arrays["state/w_before"],
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise MachineError(f"{path}: not a step of this version of stickslip") from error
+
+
+def _columns(contact: ContactState) -> dict[str, AnyArray]:
+    found: dict[str, AnyArray] = {"status": np.asarray(contact.status, np.int8)}
+    for name in (field.name for field in fields(StoredContact) if field.name != "status"):
+        values = np.asarray(getattr(contact, name), np.float64)
+        found[name] = values if values.ndim == 1 else three(values)
+    return found

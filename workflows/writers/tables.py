@@ -1,0 +1,111 @@
+"""Tables for spreadsheets and scripts: contact_NAME.csv, probes.csv and history.csv grow by the rows of each step.
+
+Numbers are written so that they read back to the same bits. Write a step's tables before its step file: whatever a
+crash leaves beyond the last step file is then surplus, and `cut_tables` takes it away.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from geometry.errors import MachineError
+from solvers.step_result import OPEN, SLIP, STICK, Array, ContactState, MeshData, StepResult
+from workflows.writers.aside import disk_errors, make_folder, write_aside
+
+STATUS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
+STRESSES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
+HISTORY = ("step", "time", "iteration", "residual", "volume_solves", "seconds")
+Row = Sequence[object]
+
+
+def write_tables(folder: Path, index: int, mesh: MeshData, result: StepResult) -> None:
+    """Append the rows of one step to every table.
+
+    Raises:
+        MachineError: the disk is full.
+    """
+    make_folder(folder)
+    dim = mesh.points.shape[1]
+    for name, contact in result.contacts.items():
+        rows = contact_rows(result.time, mesh.surfaces[name][0], contact)
+        _append(folder / f"contact_{name}.csv", contact_header(dim), rows)
+    if result.probes:
+        _append(folder / "probes.csv", probe_header(dim), probe_rows(result))
+    _append(folder / "history.csv", HISTORY, [(int(index), *_plain(row)) for row in result.history])
+
+
+def contact_header(dim: int) -> list[str]:
+    """Columns of contact_NAME.csv."""
+    vectors = [f"{name}_{a}" for name in ("traction", "slip", "slip_increment", "lambda") for a in "xyz"[:dim]]
+    return ["time", *"xyz"[:dim], "weight", "gap", "pressure", *vectors, "status"]
+
+
+def contact_rows(time: float, points: Array, contact: ContactState) -> list[Row]:
+    """One row a point; points (n, d) [m]."""
+    scalars = np.column_stack([contact.weight, contact.gap, contact.pressure])
+    vectors = np.hstack([contact.traction, contact.slip, contact.slip_increment, contact.lam])
+    numbers = np.hstack([points, scalars, vectors]).tolist()
+    words = [STATUS[int(s)] for s in contact.status]
+    return [(float(time), *row, word) for row, word in zip(numbers, words, strict=True)]
+
+
+def probe_header(dim: int) -> list[str]:
+    """Columns of probes.csv."""
+    return ["time", "probe", *(f"displacement_{a}" for a in "xyz"[:dim]), *(f"stress_{ij}" for ij in STRESSES)]
+
+
+def probe_rows(result: StepResult) -> list[Row]:
+    """One row a probe."""
+    return [
+        (float(result.time), name, *_plain(displacement), *(float(stress[ij]) for ij in STRESSES.values()))
+        for name, (displacement, stress) in result.probes.items()
+    ]
+
+
+def cut_tables(folder: Path, time: float) -> None:
+    """Take away the rows after `time` [s] and rows cut short, before a run is resumed from there.
+
+    Raises:
+        MachineError: a table cannot be read, or the disk is full.
+    """
+    for path in [*sorted(folder.glob("contact_*.csv")), folder / "probes.csv", folder / "history.csv"]:
+        if path.exists():
+            header, *rows = _read(path) or [[]]
+            when = header.index("time") if "time" in header else 0
+            # a last line without its end may be half a number: _read has dropped it
+            kept = [row for row in rows if len(row) == len(header) and float(row[when]) <= time]
+            write_aside(path, _text([header, *kept] if header else []).encode())
+
+
+def _read(path: Path) -> list[list[str]]:
+    try:
+        text = path.read_bytes().decode(errors="replace")
+    except OSError as error:
+        raise MachineError(f"{path}: cannot be read: {error.strerror}") from error
+    whole = text[: text.rfind("\n") + 1]
+    return list(csv.reader(io.StringIO(whole)))
+
+
+def _append(path: Path, header: Sequence[str], rows: Iterable[Row]) -> None:
+    with disk_errors(path), path.open("ab") as file:
+        first = [header] if file.tell() == 0 else []
+        file.write(_text([*first, *rows]).encode())
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _text(rows: Iterable[Row]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
+
+
+def _plain(numbers: Iterable[float]) -> list[float | int]:
+    """numpy's numbers as Python's, whose repr is the shortest that reads back the same."""
+    return [n.item() if isinstance(n, np.generic) else n for n in numbers]
