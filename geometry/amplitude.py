@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from geometry.errors import require
@@ -35,5 +37,5 @@ def check(amplitude: Amplitude, key: str) -> None:
         return
     times = listed_times(amplitude)
     require(len(times) > 0, key, "[]", "a table needs at least one [time, value]")
-    increasing = all(a < b for a, b in zip(times, times[1:], strict=False))
+    increasing = all(a < b for a, b in pairwise(times))
     require(times[0] >= 0 and increasing, key, list(times), "times must increase, from 0 or later")

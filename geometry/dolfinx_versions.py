@@ -198,7 +198,7 @@ def midpoint(domain: Any) -> Array:
     """Midpoint of the reference cell (1, d)."""
     shape = domain.topology.cell_type
     corners = np.asarray(basix.geometry(getattr(basix.CellType, shape.name)))
-    return corners.mean(axis=0, keepdims=True)
+    return np.asarray(corners.mean(axis=0, keepdims=True))
 
 
 __all__ = ["cpp", "fem", "mesh", "ufl"]

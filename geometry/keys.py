@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Union
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Discriminator
 
@@ -20,7 +20,7 @@ class Key:
 class Noun:
     """Base of the frozen dataclasses that a scene is made of: unknown keys are refused."""
 
-    __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
 
 class Choice(Noun):
@@ -45,4 +45,4 @@ class Choice(Noun):
             return handler(source)
         if len(cls.kinds) == 1:
             return handler(cls.kinds[0])
-        return handler.generate_schema(Annotated[Union[tuple(cls.kinds)], Discriminator(cls.tag)])  # type: ignore[attr-defined]
+        return handler.generate_schema(Annotated[tuple(cls.kinds), Discriminator(cls.tag)])  # type: ignore[attr-defined]

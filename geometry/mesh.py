@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from geometry import dolfinx_versions as dx
 from geometry.builders import Builder, Request
 from geometry.errors import GeometryError
-from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from geometry.keys import Choice, Key
 
 Array = NDArray[np.float64]
 Axis = Literal["x", "y", "z"]
+AXES: tuple[Axis, ...] = ("x", "y", "z")
 
 
 class Obstacle(Choice):
@@ -72,7 +73,7 @@ class Plane(Obstacle):
         return np.tile(self._unit(), (len(points), 1))
 
     def displacement_at(self, time: float, end: float, dim: int) -> Array:
-        return np.array([value_at(self.displacement.get(a, 0.0), time, end) for a in ("x", "y", "z")[:dim]])
+        return np.array([value_at(self.displacement.get(a, 0.0), time, end) for a in AXES[:dim]])
 
     def _unit(self) -> Array:
         normal = np.array(self.normal)

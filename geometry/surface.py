@@ -17,7 +17,12 @@ from geometry.nodes import Nodes
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-FACET_OF = {"triangle": "interval", "quadrilateral": "interval", "tetrahedron": "triangle", "hexahedron": "quadrilateral"}
+FACET_OF = {
+    "triangle": "interval",
+    "quadrilateral": "interval",
+    "tetrahedron": "triangle",
+    "hexahedron": "quadrilateral",
+}
 
 
 @dataclass(frozen=True)
@@ -49,12 +54,12 @@ class Surface:
         return self.scatter(weights @ basis)
 
     def dual_basis(self, degree: int) -> Array:
-        """Biorthogonal basis psi (f, q, k) at quadrature points: ∫ psi_i phi_k ds = delta_ik ∫ phi_k ds on each facet."""
+        """Biorthogonal basis psi (f, q, k): on each facet ∫ psi_i phi_k ds = delta_ik ∫ phi_k ds."""
         weights, basis = self.quadrature(degree)
         mass = np.einsum("fq,qi,qk->fik", weights, basis, basis)
         lumped = weights @ basis
         coefficients = lumped[:, :, None] * np.linalg.inv(mass)
-        return np.einsum("fik,qk->fqi", coefficients, basis)
+        return np.asarray(np.einsum("fik,qk->fqi", coefficients, basis))
 
     def node_normals(self) -> Array:
         """Outward unit normals (n, d), averaged over the facets of the side, area weighted."""

@@ -1,6 +1,6 @@
-"""The audit: displacement and tractions, read back from the files, against equilibrium and the contact laws.
+"""The audit: displacement and tractions, as the files hold them, against equilibrium and the contact laws.
 
-K is assembled anew; the contact rows are built anew. Nothing here imports a method, so a method cannot vouch for itself.
+K is assembled anew, the contact rows are built anew. Nothing here imports a method: none can vouch for itself.
 """
 
 from __future__ import annotations
@@ -70,7 +70,9 @@ class Auditor:
             penetration=max((n[0] for n in normal), default=0.0),
             negative_pressure=max((n[1] for n in normal), default=0.0),
             cone=max((t[0] for t in tangential), default=0.0),
-            complementarity=max((x for n, t in zip(normal, tangential, strict=True) for x in (n[2], t[1])), default=0.0),
+            complementarity=max(
+                (x for n, t in zip(normal, tangential, strict=True) for x in (n[2], t[1])), default=0.0
+            ),
             dissipation=max((t[2] for t in tangential), default=0.0),
         )
 

@@ -85,7 +85,7 @@ class Cone:
         for place in self.places:
             p[place.normal] = place.rows.normal.resolvent(p_hat[place.normal], gamma[place.normal])
         for place in self.with_friction():
-            t = p_hat[place.tangential].reshape(-1, place.components) * place.rows.free
+            t = np.where(place.rows.free, p_hat[place.tangential].reshape(-1, place.components), 0.0)
             p[place.tangential] = project_disc(t, self.bound(place, p[place.normal])).ravel()
         return p
 
@@ -97,8 +97,8 @@ class Cone:
             trial = p[n] + gamma * (r[n] - place.rows.normal.penetration(p[n]))
             residual[n] = p[n] - (trial if place.rows.normal.sides == 2 else np.maximum(trial, 0.0))
         for place in self.with_friction():
-            trial = (p + gamma * r)[place.tangential].reshape(-1, place.components) * place.rows.free
-            disc = project_disc(trial, self.bound(place, p[place.normal]))
+            hat = np.where(place.rows.free, (p + gamma * r)[place.tangential].reshape(-1, place.components), 0.0)
+            disc = project_disc(hat, self.bound(place, p[place.normal]))
             residual[place.tangential] = p[place.tangential] - disc.ravel()
         return residual
 
@@ -116,4 +116,4 @@ def project_disc(t: Array, s: Array) -> Array:
     outside = length > s
     scale = np.ones_like(length)
     scale[outside] = s[outside] / length[outside]
-    return t * scale[:, None]
+    return np.asarray(t * scale[:, None])

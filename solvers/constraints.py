@@ -128,7 +128,9 @@ class Constraints:
         amplitudes: dict[int, float] = {}
         for node, rows in self.rows.items():
             matrix = np.array([row.direction for row in rows])
-            wanted = np.array([amplitudes.setdefault(id(r.amplitude), value_at(r.amplitude, time, self.end)) for r in rows])
+            wanted = np.array(
+                [amplitudes.setdefault(id(r.amplitude), value_at(r.amplitude, time, self.end)) for r in rows]
+            )
             found = np.linalg.lstsq(matrix, wanted, rcond=None)[0] if len(rows) > 1 else matrix[0] * wanted[0]
             if np.any(np.abs(matrix @ found - wanted) > 1e-9 * np.abs(wanted).max(initial=0)):
                 names = sorted({f"supports.{row.support}" for row in rows})
@@ -219,7 +221,9 @@ def _vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, 
     own = nodes.points[: nodes.owned]
     distance = np.linalg.norm(own - point, axis=1)
     best = int(np.argmin(distance)) if len(own) else -1
-    offers = mesh.comm.allgather((distance[best], int(nodes.number[best]), own[best]) if len(own) else (np.inf, -1, point))
+    offers = mesh.comm.allgather(
+        (distance[best], int(nodes.number[best]), own[best]) if len(own) else (np.inf, -1, point)
+    )
     nearest, number, x = min(offers, key=lambda offer: offer[0])
     low, high = mesh.box()
     if nearest > 1e-6 * float(np.max(high - low)):

@@ -64,21 +64,20 @@ class Observer:
         )
 
     def _contact(self, index: int, c: ContactRows, accepted: Accepted) -> ContactState:
-        system, state = self.stepper.system, accepted.state
+        state = accepted.state
         p_n, t = (parts[index] for parts in self.stepper.split(state.p))
         u_n, slip = self._motion(index, c, state)
         pressure, multiplier, gap = c.node_pressure(p_n), c.node_traction(t), c.node_gap - u_n
         increment = slip - self._motion(index, c, accepted.last)[1]
-        if c.friction is None:
-            bound = np.zeros_like(pressure)
-        else:
-            bound = c.friction.limit(pressure, c.normal.sides, state.time, system.scene.steps.end)
+        place = self.stepper.cone.places[index]
+        bound = np.zeros_like(pressure)
+        if c.friction is not None:  # at the points that carry the multipliers, then at the nodes that each stands for
+            bound = c.share_t.T @ accepted.problem.cone.bound(place, p_n)
         lam = np.divide(multiplier, bound[:, None], out=np.zeros_like(multiplier), where=bound[:, None] > 0)
         status = _status(c, pressure, multiplier, bound, increment, accepted)
         weight, x = c.node_weights, c.surface.points
         forces = -c.nodal_forces(p_n, t)
         tangential = (weight[:, None] * multiplier).sum(axis=0)
-        excess = self.stepper.cone.places[index].normal
         return ContactState(
             weight=weight,
             gap=gap,
@@ -96,7 +95,7 @@ class Observer:
             contact_area=float(weight[status != OPEN].sum()),
             stick_area=float(weight[status == STICK].sum()),
             slip_area=float(weight[status == SLIP].sum()),
-            max_penetration=float(np.max(state.w[excess] - c.gap, initial=0.0)),
+            max_penetration=float(np.max(state.w[place.normal] - c.gap, initial=0.0)),
             max_slip=float(np.linalg.norm(slip[status != OPEN], axis=1).max(initial=0.0)),
             dissipation=float(state.energy.dissipation[index] - accepted.before.energy.dissipation[index]),
             dissipation_total=float(state.energy.dissipation[index]),
@@ -118,7 +117,8 @@ class Observer:
             values = function.x.array.reshape(-1, system.mesh.dim)[dx.cell_dofs(system.space)[cell]]
             found = (basis @ values, cell_stress[cell])
         offers = [offer for offer in system.mesh.comm.allgather(found) if offer is not None]
-        return offers[0]
+        found_first: tuple[Array, Array] = offers[0]
+        return found_first
 
 
 def _status(
@@ -132,7 +132,7 @@ def _status(
 
 
 def _locate(mesh: Mesh, point: Array, name: str) -> tuple[int, Array] | None:
-    """Cell that holds the point and the values of its basis there: on the rank with the lowest cell of the gmsh model."""
+    """Cell that holds the point, and its basis there: on one rank, that of the gmsh model's first such cell."""
     size = float(np.max(np.diff(mesh.box(), axis=0)))
     found = dx.find_cell(mesh.domain, point, 1e-9 * size)
     mine = (int(mesh.domain.topology.original_cell_index[found[0]]), mesh.comm.rank) if found else (np.inf, -1)
@@ -142,22 +142,22 @@ def _locate(mesh: Mesh, point: Array, name: str) -> tuple[int, Array] | None:
     return found if best[1] == mesh.comm.rank else None
 
 
-def gather_nodes(mesh: Mesh, nodes: Nodes, values: Array) -> Array:
+def gather_nodes(mesh: Mesh, nodes: Nodes, values: Any) -> NDArray[Any]:
     """Values at owned nodes (own, ...) to rank 0 in the order of the gmsh model; empty elsewhere."""
     return _in_order(mesh, nodes.input[: nodes.owned], values)
 
 
-def gather_cells(mesh: Mesh, values: Array) -> Array:
+def gather_cells(mesh: Mesh, values: Any) -> NDArray[Any]:
     """Values at owned cells to rank 0 in the order of the gmsh model; empty elsewhere."""
     return _in_order(mesh, np.asarray(mesh.domain.topology.original_cell_index)[: len(values)], values)
 
 
-def _in_order(mesh: Mesh, numbers: NDArray[np.int64], values: Array) -> Array:
+def _in_order(mesh: Mesh, numbers: NDArray[np.int64], values: Any) -> NDArray[Any]:
     parts = mesh.comm.gather((numbers, values))
     if parts is None:
-        return values[:0]
+        return np.asarray(values[:0])
     order = np.argsort(np.concatenate([part[0] for part in parts]))
-    return np.concatenate([part[1] for part in parts])[order]
+    return np.asarray(np.concatenate([part[1] for part in parts])[order])
 
 
 def mesh_data(system: System) -> MeshData:

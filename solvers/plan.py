@@ -10,7 +10,8 @@ from scipy.linalg import null_space
 
 from geometry.errors import SceneError
 from solvers.constraints import AXES, rigid_fields
-from solvers.effects import EFFECTS, Effect
+from solvers.effects import EFFECTS
+from solvers.effects.effect import Effect
 from solvers.methods.table import METHODS
 from solvers.nouns.scene import Scene
 

@@ -27,7 +27,7 @@ class Replicated:
     def read(self, vector: Any) -> Array:
         """Entries (m,) of a distributed vector; collective."""
         self._scatter.scatter(vector, self._target, addv=PETSc.InsertMode.INSERT_VALUES)
-        return self._target.array.copy()
+        return np.array(self._target.array)
 
     def write(self, vector: Any, values: Array) -> None:
         """Set the entries; each rank its own, no communication."""

@@ -70,7 +70,7 @@ class StepResult:
     def von_mises(self) -> Array:
         """(cells,) [Pa]."""
         deviator = self.stress - np.trace(self.stress, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
-        return np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator))
+        return np.asarray(np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator)))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -187,12 +187,14 @@ class Stepper:
     def _with_energy(
         self, old: State, time: float, u: Any, u_s: Any, load: Any, residual: Any, solution: Solution
     ) -> State:
-        system, W, n = self.system, self.surface.W, self.surface.normal_rows
+        system, W = self.system, self.surface.W
         w = self._relative(u, time)
         moved, p = w - old.w, solution.p
         motion, motion_before = system.obstacle_motion(time), system.obstacle_motion(old.time)
         contacts = system.contacts
-        obstacle = self._rows([np.tile(motion[c.name] - motion_before[c.name], (len(c.surface.nodes), 1)) for c in contacts])
+        obstacle = self._rows(
+            [np.tile(motion[c.name] - motion_before[c.name], (len(c.surface.nodes), 1)) for c in contacts]
+        )
         mean = W * (p + old.p) / 2
         external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
         dissipation = np.array([(W * p * moved)[place.tangential].sum() for place in self.cone.places])
@@ -200,7 +202,9 @@ class Stepper:
             external=old.energy.external + external - float(mean @ obstacle),
             stored=(system.K * u).dot(u) / 2,
             contact=old.energy.contact + float(mean @ moved),
-            compliance=sum(float(c.W_n @ c.normal.energy(p[s.normal])) for c, s in zip(contacts, self.cone.places, strict=True)),
+            compliance=sum(
+                float(c.W_n @ c.normal.energy(p[s.normal])) for c, s in zip(contacts, self.cone.places, strict=True)
+            ),
             dissipation=old.energy.dissipation + dissipation,
         )
         return State(time, u, u_s, load, residual, p, w, energy)

@@ -39,7 +39,7 @@ class Volume:
         self.counters = counters
         self.contact = Replicated(K.createVecRight(), contact_dofs)
         self.counters.schur_size = len(contact_dofs)
-        if K.comm.size == 1:
+        if K.comm.size == 1 and len(contact_dofs) < K.size[0]:  # MUMPS refuses a Schur block without an interior
             self._factor_with_schur(contact_dofs)
         else:
             self._factor_interior(contact_dofs)
@@ -159,7 +159,7 @@ def _schur_complement(petsc: Any, factor: Any, count: int) -> Array:
     petsc.MatDenseRestoreArray(matrix, ctypes.byref(data))
     petsc.MatDestroy(ctypes.byref(matrix))
     if not np.triu(S, 1).any():  # symmetric storage: one triangle comes back
-        return S + np.tril(S, -1).T
+        return np.asarray(S + np.tril(S, -1).T)
     if not np.tril(S, -1).any():
         return np.asarray(S + np.triu(S, 1).T)
     return S

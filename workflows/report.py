@@ -35,7 +35,9 @@ class Reporter:
             self._line("meshing and preparing ...")
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.progress.stop()
 
     def watch(self) -> Watch:
@@ -71,7 +73,9 @@ class Reporter:
         out.print(content["scene"]["title"])
         out.print(_contacts(content))
         seconds, counters, audit = content["seconds"], content["counters"], content["audit"]
-        phases = ", ".join(f"{name} {seconds[name]:.2f}" for name in ("mesh", "assemble", "prepare", "iterate", "output"))
+        phases = ", ".join(
+            f"{name} {seconds[name]:.2f}" for name in ("mesh", "assemble", "prepare", "iterate", "output")
+        )
         out.print(f"method {content['method']}, {counters['volume_solves']} volume solves, {content['dofs']} unknowns")
         out.print(f"seconds: {phases}, total {seconds['total']:.2f}")
         defects = ", ".join(f"{name.replace('_', ' ')} {value:.0e}" for name, value in audit.items())
@@ -117,7 +121,9 @@ def print_plan(content: Content) -> None:
     out.print(f"model {content['model']}, method {content['method']}, {len(times)} steps at t = {shown}")
     if "mesh" in content:
         mesh = content["mesh"]
-        out.print(f"{mesh['cells']} cells, {mesh['nodes']} nodes, {mesh['displacement_unknowns']} unknown displacements")
+        out.print(
+            f"{mesh['cells']} cells, {mesh['nodes']} nodes, {mesh['displacement_unknowns']} unknown displacements"
+        )
         for name, c in mesh["contacts"].items():
             points = f"{c['normal_points']} normal and {c['tangential_points']} tangential points"
             dropped = f", {c['dropped_multipliers']} multipliers dropped" if c["dropped_multipliers"] else ""

@@ -1,4 +1,4 @@
-"""One run: solve the steps, write each as it is accepted, audit what was written, draw, and put the results in place."""
+"""One run: solve the steps, write each as it is accepted, audit what was written, put the results in place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A TOML file becomes a Scene: the registries say which tables exist, pydantic checks types, one line says what is wrong."""
+"""A TOML file becomes a Scene: the registries say which tables exist, pydantic checks types."""
 
 from __future__ import annotations
 
@@ -86,7 +86,9 @@ def to_dict(scene: Scene) -> dict[str, Any]:
     """The scene as plain data, every default filled in; `from_dict` reads it back."""
     hints = get_type_hints(Scene, include_extras=True)
     plain = {
-        f.name: TypeAdapter(hints[f.name]).dump_python(getattr(scene, f.name), mode="json", by_alias=True, exclude_none=True)
+        f.name: TypeAdapter(hints[f.name]).dump_python(
+            getattr(scene, f.name), mode="json", by_alias=True, exclude_none=True
+        )
         for f in fields(Scene)
         if f.name != "sections"
     }
@@ -110,7 +112,7 @@ def _explain(error: ValidationError, kind: Any, data: Mapping[str, Any], at: tup
     problem = min(error.errors(include_url=False), key=lambda e: (rank.get(e["type"], 3), len(e["loc"])))
     path, node = list(at), data[at[0]]
     for part in problem["loc"]:  # pydantic also names the branch of a choice; the file does not
-        if isinstance(node, Mapping) and part in node or isinstance(node, list) and isinstance(part, int):
+        if (isinstance(node, Mapping) and part in node) or (isinstance(node, list) and isinstance(part, int)):
             path.append(str(part))
             node = node[part]  # type: ignore[index]
     key, found = ".".join(path), json.dumps(node, ensure_ascii=False, default=str)
@@ -135,7 +137,11 @@ def _explain(error: ValidationError, kind: Any, data: Mapping[str, Any], at: tup
 
 def _keys_at(kind: Any, data: Any, path: Sequence[str]) -> set[str]:
     """Valid names in the table at `path`, found by walking the types along the data."""
-    kind = next((k for k in get_args(kind) if k is not type(None)), kind) if get_origin(kind) in (Union, UnionType) else kind
+    kind = (
+        next((k for k in get_args(kind) if k is not type(None)), kind)
+        if get_origin(kind) in (Union, UnionType)
+        else kind
+    )
     if get_origin(kind) is Annotated:
         return _keys_at(get_args(kind)[0], data, path)
     if get_origin(kind) is Mapping:

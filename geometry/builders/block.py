@@ -61,10 +61,8 @@ class Block(Builder):
 
     def draw(self, gmsh: Any, request: Request) -> None:
         dim, size = request.dim, self.extent(request.dim)
-        if dim == 2:
-            volume = gmsh.model.occ.addRectangle(0, 0, 0, *size)
-        else:
-            volume = gmsh.model.occ.addBox(0, 0, 0, *size)
+        add = gmsh.model.occ.addRectangle if dim == 2 else gmsh.model.occ.addBox
+        volume = add(0, 0, 0, *size)
         gmsh.model.occ.synchronize()
         tags = {}
         for name, (axis, end) in self._sides(dim).items():
@@ -105,7 +103,9 @@ class Block(Builder):
             steps, ratio = self._grading(self.extent(dim)[axis], axis, fine)
             from_start = (axis, 0 if start[axis] < end[axis] else 1) in fine
             law = "Bump" if ratio != 1 and {(axis, 0), (axis, 1)} <= set(fine) else "Progression"
-            gmsh.model.mesh.setTransfiniteCurve(curve, steps + 1, law, ratio if from_start or law == "Bump" else 1 / ratio)
+            gmsh.model.mesh.setTransfiniteCurve(
+                curve, steps + 1, law, ratio if from_start or law == "Bump" else 1 / ratio
+            )
         for kind in range(2, dim + 1):
             for _, tag in gmsh.model.getEntities(kind):
                 if kind == 3:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from geometry.errors import require
 from geometry.keys import Key, Noun
@@ -21,7 +21,10 @@ class Periodic(Noun):
     boundary: Annotated[str, Key("-", "side whose dofs are eliminated")]
     with_: Annotated[str, Key("-", "opposite side; the key is `with`")]
 
-    __pydantic_config__ = {"extra": "forbid", "alias_generator": lambda name: name.rstrip("_")}
+    __pydantic_config__: ClassVar[dict[str, Any]] = {
+        "extra": "forbid",
+        "alias_generator": lambda name: name.rstrip("_"),
+    }
 
     def __post_init__(self) -> None:
         require(self.boundary != self.with_, "with", self.with_, "a side cannot be periodic with itself")

@@ -24,7 +24,9 @@ class Load(Noun):
     def __post_init__(self) -> None:
         given = [key for key in ("traction", "pressure", "force") if getattr(self, key) is not None]
         if len(given) != 1:
-            raise SceneError(f"{' / '.join(given) or 'traction / pressure / force'}: exactly one of the three is needed")
+            raise SceneError(
+                f"{' / '.join(given) or 'traction / pressure / force'}: exactly one of the three is needed"
+            )
         for amplitude in self.amplitudes():
             check(amplitude, given[0])
 

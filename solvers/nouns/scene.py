@@ -45,7 +45,9 @@ class Scene(Noun):
         self._check_names()
         self._check_dimensions()
         self._check_references()
-        require(self.solver.method in METHODS, "solver.method", self.solver.method, nearest(self.solver.method, METHODS))
+        require(
+            self.solver.method in METHODS, "solver.method", self.solver.method, nearest(self.solver.method, METHODS)
+        )
         for effect in EFFECTS:
             if effect.name in self.sections:
                 effect.check(self)
@@ -80,7 +82,9 @@ class Scene(Noun):
             times.add(0.0)
         close = 1e-12 * end
         ordered = sorted(times)
-        return tuple(t for t, after in zip(ordered, [*ordered[1:], None], strict=True) if after is None or after - t > close)
+        return tuple(
+            t for t, after in zip(ordered, [*ordered[1:], None], strict=True) if after is None or after - t > close
+        )
 
     def amplitudes(self) -> Iterator[Amplitude]:
         """Every value in time that the scene contains."""
@@ -119,7 +123,9 @@ class Scene(Noun):
             require(vector is None or len(vector) == self.dim, f"loads.{name}", list(vector or ()), expected)
         for table, items in (("supports", self.supports), ("probes", self.probes)):
             for name, item in items.items():
-                require(item.point is None or len(item.point) == self.dim, f"{table}.{name}.point", item.point, expected)
+                require(
+                    item.point is None or len(item.point) == self.dim, f"{table}.{name}.point", item.point, expected
+                )
         for name, support in self.supports.items():
             found = "z" in support.displacement
             require(self.dim == 3 or not found, f"supports.{name}.displacement", "z", "a plane model has x and y only")

@@ -103,7 +103,8 @@ def _carry(surface: Surface, directions: Array, constraints: Constraints, used: 
     n, c, _ = directions.shape
     point_of_root: dict[int, int] = {}
     owner = np.full(n, -1)
-    kept_directions, kept_free = [], []
+    kept_directions: list[Array] = []
+    kept_free: list[NDArray[np.bool_]] = []
     for j, node in enumerate(surface.nodes):
         root = constraints.root.get(int(node), int(node))
         if root in point_of_root:  # a periodic image: one multiplier for both

@@ -6,6 +6,7 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+
 from workflows.verification import circular_drive, column, raous, sheared_column
 
 

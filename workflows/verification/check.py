@@ -1,0 +1,75 @@
+"""One figure of a verification problem: what was computed, what it must be, how far it may be off."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Check:
+    """Passes while the deviation does not exceed the tolerance; a value that is not a number never passes.
+
+    >>> Check("pressure [Pa]", 9.9, 10.0, 0.02, relative=True).passed
+    True
+    >>> Check("pressure [Pa]", float("nan"), 10.0, 0.02, relative=True).passed
+    False
+    """
+
+    name: str  # quantity and unit, and where it was taken
+    computed: float
+    reference: float
+    tolerance: float
+    relative: bool  # whether deviation and tolerance are relative to the reference
+
+    def __post_init__(self) -> None:
+        if self.relative and self.reference == 0:
+            raise ValueError(f"{self.name}: a deviation from 0 cannot be relative")
+
+    @property
+    def deviation(self) -> float:
+        """Distance from the reference, in its unit or relative to it."""
+        return abs(self.computed - self.reference) / (abs(self.reference) if self.relative else 1.0)
+
+    @property
+    def passed(self) -> bool:
+        return bool(self.deviation <= self.tolerance)
+
+    def __str__(self) -> str:
+        kind = "relative" if self.relative else "absolute"
+        return (
+            f"{self.name}: {self.computed:.10g}, expected {self.reference:.10g}; "
+            f"{kind} deviation {self.deviation:.1e}, allowed {self.tolerance:.1e}"
+        )
+
+
+def close(name: str, computed: float, reference: float, tolerance: float, scale: float) -> Check:
+    """Relative to the reference, or to `scale` where the reference is 0.
+
+    >>> close("slip [m]", 1e-12, 0.0, 1e-9, scale=0.01).passed
+    True
+    """
+    if reference == 0:
+        return Check(name, float(computed), 0.0, tolerance * scale, relative=False)
+    return Check(name, float(computed), float(reference), tolerance, relative=True)
+
+
+def within(name: str, computed: float, low: float, high: float) -> Check:
+    """A figure of which only the limits are known.
+
+    >>> within("iterations", 11, 0, 10).passed
+    False
+    """
+    return Check(name, float(computed), (low + high) / 2, (high - low) / 2, relative=False)
+
+
+def failures(checks: Iterable[Check]) -> list[str]:
+    """A sentence for each check that does not pass; raises if there is nothing to check.
+
+    >>> failures([Check("force [N]", 2.0, 1.0, 0.1, relative=False)])
+    ['force [N]: 2, expected 1; absolute deviation 1.0e+00, allowed 1.0e-01']
+    """
+    all_checks = list(checks)
+    if not all_checks:
+        raise ValueError("nothing was checked")
+    return [str(check) for check in all_checks if not check.passed]
