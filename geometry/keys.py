@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
+from operator import or_
 from typing import Annotated, Any, ClassVar
 
 from pydantic import Discriminator
@@ -45,4 +47,5 @@ class Choice(Noun):
             return handler(source)
         if len(cls.kinds) == 1:
             return handler(cls.kinds[0])
-        return handler.generate_schema(Annotated[tuple(cls.kinds), Discriminator(cls.tag)])  # type: ignore[attr-defined]
+        any_kind = reduce(or_, cls.kinds)
+        return handler.generate_schema(Annotated[any_kind, Discriminator(cls.tag)])  # type: ignore[attr-defined]

@@ -82,7 +82,7 @@ def _table(rows: Iterator[tuple[str, ...]]) -> Iterator[str]:
 
 
 def _type_text(kind: Any) -> str:
-    if kind == Amplitude:
+    if kind == Amplitude or set(get_args(Amplitude)) <= set(get_args(kind)):
         return "value in time"
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Annotated:
@@ -90,8 +90,7 @@ def _type_text(kind: Any) -> str:
     if origin is Literal:
         return " or ".join(f'"{part}"' if isinstance(part, str) else str(part) for part in parts)
     if origin in (Union, UnionType):
-        rest: Any = Union.__getitem__(tuple(part for part in parts if part is not NoneType))
-        return _type_text(rest)
+        return " or ".join(_type_text(part) for part in parts if part is not NoneType)
     if origin is tuple:
         return f"list of {_type_text(parts[0])}"
     if origin is Mapping:
