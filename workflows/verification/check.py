@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 
 @dataclass(frozen=True)
 class Check:
@@ -59,6 +62,8 @@ def within(name: str, computed: float, low: float, high: float) -> Check:
 
     >>> within("iterations", 11, 0, 10).passed
     False
+    >>> within("share", 0.3, 0.2, 0.5).passed
+    True
     """
     return Check(name, float(computed), (low + high) / 2, (high - low) / 2, relative=False)
 
@@ -73,3 +78,12 @@ def failures(checks: Iterable[Check]) -> list[str]:
     if not all_checks:
         raise ValueError("nothing was checked")
     return [str(check) for check in all_checks if not check.passed]
+
+
+def farthest(values: NDArray[np.float64], reference: float) -> float:
+    """The value that is farthest from the reference: a field that must be uniform is checked by its worst point.
+
+    >>> farthest(np.array([1.0, 1.2, 0.9]), 1.0)
+    1.2
+    """
+    return float(values[np.argmax(np.abs(values - reference))])
