@@ -54,6 +54,7 @@ def build_mesh(builder: Builder, request: Request, comm: Any) -> Mesh:
     """
     import gmsh
 
+    unit = max(builder.extent(request.dim))  # gmsh has absolute tolerances: it draws in the shape's own unit of length
     names: dict[int, dict[str, int]] | None = None
     failure = None
     if comm.rank == 0:
@@ -64,7 +65,7 @@ def build_mesh(builder: Builder, request: Request, comm: Any) -> Mesh:
         gmsh.option.setNumber("General.AbortOnError", 0)
         try:
             gmsh.model.add("scene")
-            builder.draw(gmsh, request)
+            builder.scaled(1 / unit).draw(gmsh, request)
             gmsh.model.mesh.generate(request.dim)
             names = {d: _group_names(gmsh, d) for d in (request.dim - 1, request.dim)}
         except GeometryError as error:
@@ -79,6 +80,7 @@ def build_mesh(builder: Builder, request: Request, comm: Any) -> Mesh:
     finally:
         if comm.rank == 0:
             gmsh.finalize()
+    domain.geometry.x[:] *= unit
     names = comm.bcast(names)
     assert names is not None
     return Mesh(domain, cells, facets, names[request.dim], names[request.dim - 1])

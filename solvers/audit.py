@@ -6,7 +6,7 @@ K is assembled anew, the contact rows are built anew. Nothing here imports a met
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,10 +34,10 @@ class Audit:
     dissipation: float  # max(-friction work, 0) / |external work|
 
     @staticmethod
-    def worst(audits: Iterable[Audit]) -> Audit:
-        """Maximum of each defect."""
-        rows = [tuple(asdict(audit).values()) for audit in audits]
-        return Audit(*(max(column) for column in zip(*rows, strict=True))) if rows else Audit(*(0.0,) * 6)
+    def worst(audits: Iterable[Audit]) -> dict[str, float | None]:
+        """Maximum of each defect over the steps; None where nothing was audited."""
+        rows = [asdict(audit) for audit in audits]
+        return {f.name: max((row[f.name] for row in rows), default=None) for f in fields(Audit)}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,6 +43,8 @@ class CondensedSurface:
     @cached_property
     def flexibility(self) -> Array:
         """(S + rho R R^T)^-1 (c, c) [m/N]."""
+        if not len(self.S):  # no contact in the scene
+            return self.S
         inverse = cho_solve(self.factor(np.zeros_like(self.S)), np.eye(len(self.S)))
         return np.asarray((inverse + inverse.T) / 2)
 

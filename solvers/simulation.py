@@ -13,7 +13,7 @@ from solvers.nouns.scene import Scene
 from solvers.observe import Observer, mesh_data
 from solvers.plan import PlanRow, make_plan
 from solvers.step_result import MeshData, StepResult
-from solvers.stepping import HistoryRow, Stepper
+from solvers.stepping import HistoryRow, StepFailed, Stepper
 from solvers.system import System, assemble
 
 
@@ -45,13 +45,18 @@ class Simulation:
         """Results of the requested times, one after the other.
 
         Raises:
-            SolverError: a step could not be solved.
+            StepFailed: a step could not be solved; its last good substep was yielded before.
         """
         observe = Observer(self.stepper)
         state = self.stepper.start()
         for time in self.scene.requested_times():
             began = clock.perf_counter()
-            accepted = self.stepper.reach(state, time, on_iteration)
+            try:
+                accepted = self.stepper.reach(state, time, on_iteration)
+            except StepFailed as failure:
+                if failure.reached is not None:
+                    yield observe(failure.reached)
+                raise
             solved = clock.perf_counter()
             result = observe(accepted)
             self.seconds.iterate += solved - began

@@ -67,6 +67,15 @@ class Accepted:
     history: tuple[HistoryRow, ...]
 
 
+class StepFailed(SolverError):
+    """The smallest step failed; `reached` is the last good substep, if there is one."""
+
+    def __init__(self, time: float, solution: Solution, history: tuple[HistoryRow, ...], reached: Accepted | None) -> None:
+        text = f"t = {time:g}: residual {solution.residual:.1e} after {solution.iterations} iterations"
+        super().__init__(f"{text}; {solution.status.value}")
+        self.history, self.reached = history, reached
+
+
 class Stepper:
     """The bodies prepared once, and the march through the requested times."""
 
@@ -88,41 +97,42 @@ class Stepper:
         energy = Energy(0.0, 0.0, 0.0, 0.0, np.zeros(len(self.system.contacts)))
         return State(0.0, vector(), vector(), vector(), vector(), zero, zero, energy)
 
-    def reach(self, state: State, target: float, on_iteration: Callable[[HistoryRow], None]) -> Accepted:
-        """Solve up to `target`, halving steps that fail; each retry starts from the last accepted state."""
-        before, last_state, substeps, iterations = state, state, 0, 0
+    def reach(self, start: State, target: float, on_iteration: Callable[[HistoryRow], None]) -> Accepted:
+        """Solve up to `target`, halving steps that fail; each retry starts from the last accepted state.
+
+        Raises:
+            StepFailed: the smallest step failed; it carries what was reached.
+        """
+        state, substeps, iterations = start, 0, 0
         history: list[HistoryRow] = []
         solves = self.system.counters.volume_solves
-        size = target - state.time
+        size = target - start.time
         smallest = size / 2**HALVINGS
-        while True:
+        reached: Accepted | None = None
+        while reached is None or state.time < target:
             last = target - state.time <= size * (1 + 1e-9)
             end = target if last else state.time + size
             solution, problem, accept = self._solve(state, end, history, on_iteration)
             iterations += solution.iterations
             if solution.status is Status.CONVERGED:
-                last_state, state, substeps = state, accept(), substeps + 1
-                if last:
-                    break
-            elif size <= smallest * (1 + 1e-9):
-                raise SolverError(
-                    f"t = {end:g}: not converged, residual {solution.residual:.1e} after {solution.iterations} "
-                    f"iterations; {solution.status.value}"
+                before_substep, state, substeps = state, accept(), substeps + 1
+                reached = Accepted(
+                    state=state,
+                    before=start,
+                    last=before_substep,
+                    problem=problem,
+                    substeps=substeps,
+                    iterations=iterations,
+                    volume_solves=self.system.counters.volume_solves - solves,
+                    residual=solution.residual,
+                    history=tuple(history),
                 )
+            elif size <= smallest * (1 + 1e-9):
+                raise StepFailed(end, solution, tuple(history), reached)
             else:
                 size /= 2
                 log.warning("t = %g: %s; the step is halved", end, solution.status.value)
-        return Accepted(
-            state=state,
-            before=before,
-            last=last_state,
-            problem=problem,
-            substeps=substeps,
-            iterations=iterations,
-            volume_solves=self.system.counters.volume_solves - solves,
-            residual=solution.residual,
-            history=tuple(history),
-        )
+        return reached
 
     def _solve(
         self, state: State, end: float, history: list[HistoryRow], on_iteration: Callable[[HistoryRow], None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -69,8 +70,8 @@ class System:
     def contact_displacement(self, u: Any) -> list[Array]:
         """Displacement (n, d) [m] of each contact surface's nodes, on every rank."""
         values = self._surface.read(u).reshape(-1, self.mesh.dim)
-        sizes = np.cumsum([len(c.surface.nodes) for c in self.contacts])[:-1]
-        return np.split(values, sizes)
+        ends = np.cumsum([0, *(len(c.surface.nodes) for c in self.contacts)])
+        return [values[i:j] for i, j in pairwise(ends)]
 
     def contact_forces(self, p_n: list[Array], t: list[Array]) -> Any:
         """B^T p over all displacements [N]."""

@@ -71,15 +71,16 @@ class Reporter:
             return
         out = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
         out.print(content["scene"]["title"])
-        out.print(_contacts(content))
+        out.print(_contacts(content) if content["steps"] else "no step was solved")
         seconds, counters, audit = content["seconds"], content["counters"], content["audit"]
         phases = ", ".join(
             f"{name} {seconds[name]:.2f}" for name in ("mesh", "assemble", "prepare", "iterate", "output")
         )
         out.print(f"method {content['method']}, {counters['volume_solves']} volume solves, {content['dofs']} unknowns")
         out.print(f"seconds: {phases}, total {seconds['total']:.2f}")
-        defects = ", ".join(f"{name.replace('_', ' ')} {value:.0e}" for name, value in audit.items())
-        out.print(f"audit (relative defects): {defects}")
+        defects = ", ".join(f"{name.replace('_', ' ')} {value:.0e}" for name, value in audit.items() if value is not None)
+        if defects:
+            out.print(f"audit (relative defects): {defects}")
 
     def files(self, outcome: Outcome) -> None:
         """Which files to open."""

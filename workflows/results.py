@@ -76,7 +76,7 @@ def summary(
             "linear_iterations": counters.linear_iterations,
             "lanczos_applications": counters.lanczos_applications,
         },
-        "audit": asdict(Audit.worst(audits)),
+        "audit": Audit.worst(audits),
         "error": {
             "discretisation": None,
             "law": None,

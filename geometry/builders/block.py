@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Annotated, Any, Literal
 
@@ -14,6 +14,7 @@ from geometry.builders.builder import Array, Builder, Request
 from geometry.errors import GeometryError, SceneError, require
 from geometry.keys import Key
 
+LENGTHS = ("length", "height", "width", "mesh_size", "contact_mesh_size")
 MOST_CELLS = 50_000_000
 GROWTH = 0.3  # growth of the cell size per unit of distance from a contact side
 
@@ -34,7 +35,7 @@ class Block(Builder):
     builder: Annotated[Literal["block"], Key("-", "the shape's name")] = "block"
 
     def __post_init__(self) -> None:
-        for key in ("length", "height", "width", "mesh_size", "contact_mesh_size"):
+        for key in LENGTHS:
             value = getattr(self, key)
             require(value is None or value > 0, key, value, "must be positive, in metres")
         fine = self.contact_mesh_size
@@ -52,6 +53,10 @@ class Block(Builder):
 
     def extent(self, dim: int) -> tuple[float, ...]:
         return (self.length, self.height) if dim == 2 else (self.length, self.width or 0.0, self.height)
+
+    def scaled(self, factor: float) -> Block:
+        lengths = {key: getattr(self, key) for key in LENGTHS}
+        return replace(self, **{key: value * factor for key, value in lengths.items() if value is not None})
 
     def sample(self, side: str, dim: int) -> tuple[Array, Array]:
         axis, end = self._sides(dim)[side.split(".")[1]]

@@ -40,6 +40,10 @@ class Builder(Choice):
         """Size of the bounding box (d,) [m]."""
         raise NotImplementedError
 
+    def scaled(self, factor: float) -> Builder:
+        """The same shape and mesh in another unit of length."""
+        raise NotImplementedError
+
     def sample(self, side: str, dim: int) -> tuple[Array, Array]:
         """Corners (k, d) [m] of a side (as body.side), in the same order on opposite sides, and its normal (d,)."""
         raise NotImplementedError

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from solvers.surface_problem import SurfaceProblem
 
 STALL_WINDOW = 12  # iterations in which the least residual must halve
 ATTEMPT = 60  # iterations before another start is tried
-UNKNOWN = 1e300  # residual of a start that is not in equilibrium
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +39,7 @@ class CondensedNewton:
             if attempt.status is Status.CONVERGED or len(history) > self.max_it:
                 break
         assert best is not None
-        return Solution(best.p, best.w, best.u_c, best.status, tuple(history))
+        return replace(best, history=tuple(history))
 
     def _attempt(self, problem: SurfaceProblem, start: Start, history: list[Step], on_step: OnStep) -> Solution:
         p, u_c, gamma = start.p, start.u_c, start.factor * problem.gamma
@@ -48,10 +47,12 @@ class CondensedNewton:
         p_hat = start.p_hat
         least, found_at, status = np.inf, 0, Status.STALLED
         for k in range(ATTEMPT):
-            residual = problem.natural_residual(p, w) if k or start.in_equilibrium else UNKNOWN
-            history.append(Step(len(history), residual, problem.volume_solves))
-            on_step(history[-1])
-            if not np.isfinite(residual):
+            residual = np.inf  # until w belongs to p
+            if k or start.in_equilibrium:
+                residual = problem.natural_residual(p, w)
+                history.append(Step(history[-1].iteration + 1 if history else k, residual, problem.volume_solves))
+                on_step(history[-1])
+            if np.isnan(residual):
                 status = Status.NOT_FINITE
                 break
             if residual <= self.rtol:
@@ -71,7 +72,7 @@ class CondensedNewton:
                 break
             w = problem.surface.N @ u_c + problem.offset
             p_hat = p + gamma * (w - problem.gap)
-        return Solution(p, w, u_c, status, tuple(history[-1:]))
+        return Solution(p, w, u_c, status, residual, ())
 
 
 @dataclass(frozen=True)

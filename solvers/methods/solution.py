@@ -16,7 +16,7 @@ class Status(Enum):
     """How an iteration ended; the value tells the user what to try."""
 
     CONVERGED = "converged"
-    MAX_IT = "the iterations ran out: raise solver.max_iterations, or try method condensed-newton"
+    MAX_IT = "the iterations ran out: raise solver.max_iterations"
     STALLED = "the residual stopped falling: try smaller steps (steps.count)"
     NOT_FINITE = "the iteration left the range of numbers: try smaller steps (steps.count)"
     NO_HOLD = "contact and friction could not hold the body: check loads, friction and the start of contact"
@@ -46,12 +46,9 @@ class Solution:
     w: Array
     u_c: Array
     status: Status
+    residual: float  # of these tractions
     history: tuple[Step, ...]
 
     @property
-    def residual(self) -> float:
-        return self.history[-1].residual
-
-    @property
     def iterations(self) -> int:
-        return len(self.history) - 1
+        return self.history[-1].iteration if self.history else 0

@@ -50,4 +50,4 @@ class Uzawa:
                 break
             if k < self.max_it:
                 p = problem.project(p + alpha * (w - problem.gap), alpha)
-        return Solution(p, w, u_c, status, tuple(history))
+        return Solution(p, w, u_c, status, residual, tuple(history))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pyvista as pv
 
 from solvers.step_result import MeshData, StepResult
 from workflows.writers.render import View, grid_of, render
@@ -16,8 +16,8 @@ from workflows.writers.steps import three
 VISIBLE = (0.02, 0.2)  # displacements between these parts of the size are drawn as they are
 DRAWN = 0.08  # others so that the largest is about this part
 FEW_CELLS = 6000  # up to here their edges are drawn
-EDGES = {"color": "#222222", "line_width": 2.5}
-GHOST = {"color": "#8c8c8c", "line_width": 2.0}
+EDGES: dict[str, Any] = {"color": "#222222", "line_width": 2.5}
+GHOST: dict[str, Any] = {"color": "#8c8c8c", "line_width": 2.0}
 
 
 def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str) -> Path:
@@ -30,7 +30,7 @@ def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str) -> P
     after.cell_data["von_mises"] = result.von_mises
     norm = span(result.von_mises)
 
-    def add(stage: pv.Plotter) -> None:
+    def add(stage: Any) -> None:
         stage.add_mesh(
             after,
             scalars="von_mises",
@@ -85,7 +85,7 @@ def displacement_scale(mesh: MeshData, result: StepResult) -> float:
     return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= wanted * (1 + 1e-12))
 
 
-def _outline(grid: pv.UnstructuredGrid, solid: bool) -> pv.PolyData:
+def _outline(grid: Any, solid: bool) -> Any:
     """Border of a plane body, sharp edges of a solid one."""
     return grid.extract_feature_edges(
         feature_angle=30.0,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,7 @@ def walk(points: Array, facets: NDArray[np.int64]) -> Line:
     neighbours: dict[int, list[int]] = {}
     for facet in facets:
         chain = [facet[0], *facet[2:], facet[1]]
-        for a, b in zip(chain[:-1], chain[1:], strict=True):
+        for a, b in pairwise(chain):
             neighbours.setdefault(int(a), []).append(int(b))
             neighbours.setdefault(int(b), []).append(int(a))
     ends = [j for j, near in neighbours.items() if len(near) != 2]
@@ -142,6 +143,6 @@ def _status_band(axes: Any, line: Line, status: NDArray[np.int8]) -> None:
     for piece in np.split(np.arange(len(line.nodes)), np.flatnonzero(line.starts)[1:]):
         x = line.place[piece]
         borders = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
-        bars = [(left, right - left) for left, right in zip(borders[:-1], borders[1:], strict=True)]
+        bars = [(left, right - left) for left, right in pairwise(borders)]
         axes.broken_barh(bars, (0.0, 1.0), facecolors=[STATUS_COLOURS[int(s)] for s in status[piece]], linewidth=0)
     axes.set_ylim(0.0, 1.0)

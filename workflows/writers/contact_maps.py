@@ -40,7 +40,7 @@ def draw_surface(folder: Path, name: str, surface: tuple[Array, Facets, str], co
         if edges is not None:
             stage.add_mesh(edges, color="#333333", line_width=1.0, opacity=0.25, lighting=False)
 
-    def add_pressure(stage: pv.Plotter) -> None:
+    def add_pressure(stage: Any) -> None:
         stage.add_mesh(
             grid,
             scalars="pressure",
@@ -53,7 +53,7 @@ def draw_surface(folder: Path, name: str, surface: tuple[Array, Facets, str], co
         if arrows is not None:
             stage.add_mesh(arrows, color="#d7301f", lighting=False)
 
-    def add_status(stage: pv.Plotter) -> None:
+    def add_status(stage: Any) -> None:
         stage.add_mesh(dual, scalars="colour", rgb=True, lighting=not flat, ambient=0.4)
         add_edges(stage)
 

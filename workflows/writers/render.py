@@ -75,7 +75,7 @@ def grid_of(points: Array, cells: NDArray[np.int64], shape: str) -> pv.Unstructu
     return pv.UnstructuredGrid({kind: corners}, three(points))
 
 
-def render(view: View, width: int, add: Callable[[pv.Plotter], None]) -> Image:
+def render(view: View, width: int, add: Callable[[Any], None]) -> Image:
     """Draw what `add` puts on the stage, `width` pixels wide, on white."""
     window = (width, max(1, round(width / view.aspect)))
     with _quiet():

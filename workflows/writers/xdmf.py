@@ -1,4 +1,4 @@
-"""XDMF for ParaView: light XML that points at the mesh in fields.h5 and at the step files, so nothing is stored twice."""
+"""XDMF for ParaView: light XML that points at fields.h5 (mesh) and at the step files; nothing is stored twice."""
 
 from __future__ import annotations
 
