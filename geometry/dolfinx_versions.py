@@ -21,7 +21,8 @@ import basix  # noqa: E402
 import ufl  # noqa: E402
 from dolfinx import cpp, fem, mesh  # noqa: E402
 
-VERSION = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
+DOLFINX: str = dolfinx.__version__
+VERSION = tuple(int(part) for part in DOLFINX.split(".")[:2])
 OLD = VERSION < (0, 6)
 Ints = NDArray[np.int64]
 Array = NDArray[np.float64]

@@ -45,9 +45,10 @@ class WeakForms:
     def stress(self, u: Any, body: str) -> Any:
         """sigma(u) [Pa], (d, d); in plane strain and plane stress the in-plane components."""
         material = self.scene.bodies[body]
-        mu, lame_lambda = material.lame_mu, material.lame_lambda
+        lame_mu, lame_lambda = material.lame_mu, material.lame_lambda
         if self.scene.model == "plane stress":
-            lame_lambda = 2 * lame_lambda * mu / (lame_lambda + 2 * mu)
+            lame_lambda = 2 * lame_lambda * lame_mu / (lame_lambda + 2 * lame_mu)
+        mu, lame_lambda = self.constant(lame_mu), self.constant(lame_lambda)
         strain = ufl.sym(ufl.grad(u))
         return 2 * mu * strain + lame_lambda * ufl.tr(strain) * ufl.Identity(self.mesh.dim)
 
@@ -65,14 +66,18 @@ class WeakForms:
             if load.pressure is not None:
                 found.append((load.pressure, -ufl.inner(normal, self.v) * ds))
                 continue
-            area = self.area(load.boundary) if load.force is not None else 1.0
-            found += [(a, self.v[i] / area * ds) for i, a in enumerate(load.amplitudes()) if a != 0]
+            spread = self.constant(1 / self.area(load.boundary) if load.force is not None else 1.0)
+            found += [(a, spread * self.v[i] * ds) for i, a in enumerate(load.amplitudes()) if a != 0]
         return found
 
     def area(self, side: str) -> float:
         """Area of a side [m²], per metre of thickness in plane models [m]."""
-        one = dx.fem.Constant(self.mesh.domain, 1.0)
-        return float(self.mesh.comm.allreduce(dx.fem.assemble_scalar(self.compile(one * self.boundary(side)))))
+        form = self.compile(self.constant(1.0) * self.boundary(side))
+        return float(self.mesh.comm.allreduce(dx.fem.assemble_scalar(form)))
+
+    def constant(self, value: float) -> Any:
+        """A number that the compiled form takes at run time: other values need no other compilation."""
+        return dx.fem.Constant(self.mesh.domain, value)
 
     def normal_compliance(self, u: Any, normal: Any, gap: Any, law: Compliance, side: str) -> Any:
         """j_n(u, v) = ∫ c_n (u_n - g)_+^m_n v_n ds.
@@ -84,7 +89,7 @@ class WeakForms:
         """
         penetration = ufl.max_value(ufl.inner(u, normal) - gap, 0)
         degree = law.degree(self.space.ufl_element().degree())
-        return law.c_n * penetration**law.m_n * ufl.inner(self.v, normal) * self.boundary(side, degree)
+        return self.constant(law.c_n) * penetration**law.m_n * ufl.inner(self.v, normal) * self.boundary(side, degree)
 
     def compile(self, form: Any) -> Any:
         """Compiled (or loaded) form; counted."""

@@ -13,7 +13,10 @@ Ints = NDArray[np.int64]
 
 
 class Replicated:
-    """Read and write entries `rows` (global numbers, any order) of vectors laid out like `like`."""
+    """Read and write entries `rows` (global numbers, any order) of vectors laid out like `like`.
+
+    `mine` says which of the rows this rank owns, `local` where they stand in its part of a vector.
+    """
 
     def __init__(self, like: Any, rows: Ints) -> None:
         self.rows = np.asarray(rows, PETSc.IntType)
@@ -21,8 +24,8 @@ class Replicated:
         self._target = PETSc.Vec().createSeq(len(self.rows))
         self._scatter = PETSc.Scatter().create(like, index, self._target, None)
         low, high = like.getOwnershipRange()
-        self._mine = np.flatnonzero((self.rows >= low) & (self.rows < high))
-        self._local = self.rows[self._mine] - low
+        self.mine = np.flatnonzero((self.rows >= low) & (self.rows < high))
+        self.local = self.rows[self.mine] - low
 
     def read(self, vector: Any) -> Array:
         """Entries (m,) of a distributed vector; collective."""
@@ -31,8 +34,8 @@ class Replicated:
 
     def write(self, vector: Any, values: Array) -> None:
         """Set the entries; each rank its own, no communication."""
-        vector.array[self._local] = np.asarray(values)[self._mine]
+        vector.array[self.local] = np.asarray(values)[self.mine]
 
     def add(self, vector: Any, values: Array) -> None:
         """Add to the entries; each rank its own. Repeated rows add up."""
-        np.add.at(vector.array, self._local, np.asarray(values)[self._mine])
+        np.add.at(vector.array, self.local, np.asarray(values)[self.mine])

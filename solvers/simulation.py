@@ -13,7 +13,7 @@ from solvers.nouns.scene import Scene
 from solvers.observe import Observer, mesh_data
 from solvers.plan import PlanRow, make_plan
 from solvers.step_result import MeshData, StepResult
-from solvers.stepping import HistoryRow, StepFailed, Stepper
+from solvers.stepping import HistoryRow, StepError, Stepper
 from solvers.system import System, assemble
 
 
@@ -45,7 +45,7 @@ class Simulation:
         """Results of the requested times, one after the other.
 
         Raises:
-            StepFailed: a step could not be solved; its last good substep was yielded before.
+            StepError: a step could not be solved; its last good substep was yielded before.
         """
         observe = Observer(self.stepper)
         state = self.stepper.start()
@@ -53,7 +53,7 @@ class Simulation:
             began = clock.perf_counter()
             try:
                 accepted = self.stepper.reach(state, time, on_iteration)
-            except StepFailed as failure:
+            except StepError as failure:
                 if failure.reached is not None:
                     yield observe(failure.reached)
                 raise

@@ -67,10 +67,12 @@ class Accepted:
     history: tuple[HistoryRow, ...]
 
 
-class StepFailed(SolverError):
+class StepError(SolverError):
     """The smallest step failed; `reached` is the last good substep, if there is one."""
 
-    def __init__(self, time: float, solution: Solution, history: tuple[HistoryRow, ...], reached: Accepted | None) -> None:
+    def __init__(
+        self, time: float, solution: Solution, history: tuple[HistoryRow, ...], reached: Accepted | None
+    ) -> None:
         text = f"t = {time:g}: residual {solution.residual:.1e} after {solution.iterations} iterations"
         super().__init__(f"{text}; {solution.status.value}")
         self.history, self.reached = history, reached
@@ -101,7 +103,7 @@ class Stepper:
         """Solve up to `target`, halving steps that fail; each retry starts from the last accepted state.
 
         Raises:
-            StepFailed: the smallest step failed; it carries what was reached.
+            StepError: the smallest step failed; it carries what was reached.
         """
         state, substeps, iterations = start, 0, 0
         history: list[HistoryRow] = []
@@ -128,7 +130,7 @@ class Stepper:
                     history=tuple(history),
                 )
             elif size <= smallest * (1 + 1e-9):
-                raise StepFailed(end, solution, tuple(history), reached)
+                raise StepError(end, solution, tuple(history), reached)
             else:
                 size /= 2
                 log.warning("t = %g: %s; the step is halved", end, solution.status.value)

@@ -107,7 +107,7 @@ class Volume:
         factor.setMumpsIcntl(26, 0)  # from here on, solve with the interior block alone
 
     def _factor_interior(self, contact_dofs: Ints) -> None:
-        own = self.contact.rows[self.contact._mine]
+        own = self.contact.rows[self.contact.mine]
         rows = PETSc.IS().createGeneral(own, comm=self.K.comm)
         interior = self.K.copy()
         interior.zeroRowsColumns(rows, diag=1.0)
@@ -123,13 +123,13 @@ class Volume:
             mine = block[(self.contact.rows[block] >= low) & (self.contact.rows[block] < high)]
             columns = PETSc.IS().createGeneral(self.contact.rows[mine], comm=self.K.comm)
             K_ic = self.K.createSubMatrix(every, columns).convert("dense")
-            direct = K_ic.getDenseArray()[self.contact._local].copy()  # my rows of K_cc
-            K_ic.getDenseArray()[self.contact._local] = 0.0
+            direct = K_ic.getDenseArray()[self.contact.local].copy()  # my rows of K_cc
+            K_ic.getDenseArray()[self.contact.local] = 0.0
             K_ic.assemble()
             X = K_ic.duplicate()
             factor.matSolve(K_ic, X)
-            correction = self.K.matMult(X).getDenseArray()[self.contact._local]
-            self.S[np.ix_(self.contact._mine, block)] = direct - correction
+            correction = self.K.matMult(X).getDenseArray()[self.contact.local]
+            self.S[np.ix_(self.contact.mine, block)] = direct - correction
         self.S = self.K.comm.tompi4py().allreduce(self.S)
         self.S = (self.S + self.S.T) / 2
 

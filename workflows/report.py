@@ -78,7 +78,9 @@ class Reporter:
         )
         out.print(f"method {content['method']}, {counters['volume_solves']} volume solves, {content['dofs']} unknowns")
         out.print(f"seconds: {phases}, total {seconds['total']:.2f}")
-        defects = ", ".join(f"{name.replace('_', ' ')} {value:.0e}" for name, value in audit.items() if value is not None)
+        defects = ", ".join(
+            f"{name.replace('_', ' ')} {value:.0e}" for name, value in audit.items() if value is not None
+        )
         if defects:
             out.print(f"audit (relative defects): {defects}")
 

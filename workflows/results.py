@@ -10,9 +10,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import dolfinx
 import numpy as np
 
+from geometry.dolfinx_versions import DOLFINX
 from solvers.audit import Audit
 from solvers.plan import method_of
 from solvers.simulation import Simulation
@@ -54,7 +54,7 @@ def summary(
         "status": status,
         "scene": resolved | {"hash": hashlib.sha256(text.encode()).hexdigest()},
         "version": VERSION,
-        "dolfinx": dolfinx.__version__,
+        "dolfinx": DOLFINX,
         "ranks": simulation.mesh.comm.size,
         "method": method_of(scene),
         "dofs": simulation.system.constraints.free_total,

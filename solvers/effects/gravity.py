@@ -42,7 +42,7 @@ def loads(scene: Scene, weak: WeakForms) -> Iterable[LoadForm]:
     for body, material in scene.bodies.items():
         for axis, amplitude in enumerate(scene.sections["gravity"].acceleration):
             if material.density:
-                yield amplitude, material.density * weak.v[axis] * weak.volume(body)
+                yield amplitude, weak.constant(material.density) * weak.v[axis] * weak.volume(body)
 
 
 EFFECT = Effect(name="gravity", because=because, section=Gravity, check=check_section, loads=loads)

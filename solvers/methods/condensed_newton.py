@@ -89,8 +89,11 @@ class Start:
 def _starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     """From the last step's tractions, from none, from everything closed and sticking; then with another gamma."""
     normal = problem.surface.normal_rows
-    closed = np.concatenate([np.full(normal, problem.p_ref), np.zeros(len(p) - normal)])
     nowhere = np.zeros(len(problem.f_c))
+    if problem.surface.floating and problem.p_ref == 0:  # no load, no motion: nothing happens
+        yield Start(np.zeros_like(p), nowhere, np.zeros_like(p), 1.0, True)
+        return
+    closed = np.concatenate([np.full(normal, problem.p_ref), np.zeros(len(p) - normal)])
     for factor in (1.0, 0.1, 10.0):
         for tractions in [] if problem.surface.floating else [p, np.zeros_like(p)] if p.any() else [p]:
             u_c = problem.contact_displacement(tractions)
