@@ -243,8 +243,9 @@ def _periodic_roots(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes, points: 
             raise GeometryError(f"periodic sides {slave_side} and {master_side}: their meshes do not match")
         for node, other, x, y in zip(slave.nodes, master.nodes[match], slave.points, master.points[match], strict=True):
             points[int(node)], points[int(other)] = x, y
-            if node != other:
-                follows[_end_of(follows, int(node))] = _end_of(follows, int(other))
+            own, others = _end_of(follows, int(node)), _end_of(follows, int(other))
+            if own != others:  # an edge of two periodic pairs in 3D is met twice: the second time says nothing new
+                follows[own] = others
     return {node: _end_of(follows, node) for node in follows}
 
 

@@ -58,9 +58,7 @@ class Observer:
             w_before=accepted.last.w,
             p_ref=accepted.problem.p_ref,
             u_ref=accepted.problem.u_ref,
-            history=tuple(
-                (h.time, h.step.iteration, h.step.residual, h.step.volume_solves, h.seconds) for h in accepted.history
-            ),
+            history=tuple(row.as_tuple() for row in accepted.history),
         )
 
     def _contact(self, index: int, c: ContactRows, accepted: Accepted) -> ContactState:

@@ -51,6 +51,10 @@ class HistoryRow:
     step: Step
     seconds: float
 
+    def as_tuple(self) -> tuple[float, int, float, int, float]:
+        """Time, iteration, residual, volume solves, seconds."""
+        return self.time, self.step.iteration, self.step.residual, self.step.volume_solves, self.seconds
+
 
 @dataclass(frozen=True, kw_only=True)
 class Accepted:

@@ -9,16 +9,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import MachineError, SceneError, SolverError, StickslipError
+from geometry.errors import MachineError, StickslipError
 from solvers.audit import Audit, Auditor, Record
 from solvers.nouns.scene import Scene
 from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
-from solvers.stepping import HistoryRow
+from solvers.stepping import HistoryRow, StepError
 from workflows.folder import MARK, ResultsFolder
 from workflows.results import Outcome, summary, write_result
 from workflows.writers.steps import read_step, step_name, write_step
-from workflows.writers.tables import write_tables
+from workflows.writers.tables import write_history, write_tables
 from workflows.writers.xdmf import write_fields
 
 log = logging.getLogger(__name__)
@@ -57,8 +57,11 @@ class Run:
                 self._write(index, step)
                 tell.on_step(step)
                 self.simulation.seconds.output += clock.perf_counter() - began
-        except SolverError as error:
+        except StepError as error:
             log.error("%s", error)
+            written = len(error.reached.history) if error.reached else 0  # with the last good substep
+            rows = [row.as_tuple() for row in error.history[written:]]
+            self.on_rank_0(lambda: write_history(self.folder, len(self.steps) + (not written), rows))
             return "not_converged", str(error)
         except KeyboardInterrupt:
             return "interrupted", "stopped by the user; the steps so far are kept"
@@ -195,5 +198,3 @@ def _stop_log(handler: logging.Handler) -> None:
         logging.getLogger(name).removeHandler(handler)
     handler.close()
 
-
-__all__ = ["Outcome", "Run", "SceneError", "Watch", "run"]

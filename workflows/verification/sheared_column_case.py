@@ -54,8 +54,8 @@ def scene(*, dim: int, method: str, E: float, friction: FrictionLaw | None, path
 
 
 def bases(scene: Scene) -> list[ContactState]:
-    """The base after each step, the pressing first."""
-    return [step.contacts["base"] for step in prepare(scene).steps()]
+    """The base after each step, the pressing first; t = 0 is reported too where a table has a value there."""
+    return [step.contacts["base"] for step in prepare(scene).steps() if step.time > 0]
 
 
 def laws(mu: float = MU) -> dict[str, FrictionLaw]:

@@ -121,7 +121,7 @@ def walk(points: Array, facets: NDArray[np.int64]) -> Line:
     return Line(order, begin, np.array(tangents), arc, "arc length [m]")
 
 
-def line_of(line: Line, values: Array) -> tuple[Array, Array]:
+def line_of(line: Line, values: NDArray[Any]) -> tuple[Array, Array]:
     """Abscissa and ordinate of a curve that breaks between the pieces of a line."""
     breaks = np.flatnonzero(line.starts)[1:]
     return np.insert(line.place, breaks, np.nan), np.insert(values, breaks, np.nan)

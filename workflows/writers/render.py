@@ -79,7 +79,7 @@ def render(view: View, width: int, add: Callable[[Any], None]) -> Image:
     """Draw what `add` puts on the stage, `width` pixels wide, on white."""
     window = (width, max(1, round(width / view.aspect)))
     with _quiet():
-        stage = pv.Plotter(off_screen=True, window_size=list(window), lighting="none")
+        stage: Any = pv.Plotter(off_screen=True, window_size=list(window), lighting="none")
         try:
             stage.set_background("white")
             stage.enable_anti_aliasing("ssaa")

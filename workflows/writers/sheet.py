@@ -42,8 +42,8 @@ class Sheet:
 
     def write(self, x: float, y: float, text: str, **options: Any) -> None:
         """Text at a place in inches."""
-        options = {"fontsize": 8, "color": INK, "va": "baseline", "parse_math": False} | options
-        self.figure.text(x / self.width, y / self.height, text, **options)
+        look: dict[str, Any] = {"fontsize": 8, "color": INK, "va": "baseline", "parse_math": False} | options
+        self.figure.text(x / self.width, y / self.height, text, **look)
 
     def head(self, title: str, caption: str, left: float) -> None:
         """Title in the top line, what the picture shows in the line below."""
@@ -53,7 +53,7 @@ class Sheet:
 
     def colour_bar(self, axes: Any, norm: Normalize, label: str, orientation: str) -> None:
         mappable = ScalarMappable(norm, COLOURS)
-        bar = self.figure.colorbar(mappable, cax=axes, orientation=orientation, format=number_format())
+        bar: Any = self.figure.colorbar(mappable, cax=axes, orientation=orientation, format=number_format())
         bar.ax.tick_params(labelsize=8, color=PALE, labelcolor=INK)
         bar.ax.xaxis.get_offset_text().set_fontsize(8)
         bar.ax.yaxis.get_offset_text().set_fontsize(8)

@@ -37,7 +37,16 @@ def write_tables(folder: Path, index: int, mesh: MeshData, result: StepResult) -
         _append(folder / f"contact_{name}.csv", contact_header(dim), rows)
     if result.probes:
         _append(folder / "probes.csv", probe_header(dim), probe_rows(result))
-    _append(folder / "history.csv", HISTORY, [(int(index), *_plain(row)) for row in result.history])
+    write_history(folder, index, result.history)
+
+
+def write_history(folder: Path, index: int, history: Iterable[tuple[float, int, float, int, float]]) -> None:
+    """Append iterations to history.csv; those of a step that failed too.
+
+    Args:
+        history: time, iteration, residual, volume solves, seconds.
+    """
+    _append(folder / "history.csv", HISTORY, [(int(index), *_plain(row)) for row in history])
 
 
 def contact_header(dim: int) -> list[str]:

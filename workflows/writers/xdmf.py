@@ -104,7 +104,7 @@ def _store(
     shape = shape_of(shape_name, cells)
     arrays[f"{place}/points"] = three(points)
     arrays[f"{place}/cells"] = np.asarray(cells[:, shape.order], np.int64)
-    return Grid(name, place, len(points), *cells.shape, shape)
+    return Grid(name, place, len(points), len(cells), cells.shape[1], shape)
 
 
 def _series(grid: Grid, fields: Sequence[Field], steps: Sequence[tuple[int, float]]) -> bytes:

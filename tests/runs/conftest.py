@@ -1,0 +1,57 @@
+"""The command line, called as a user calls it: in this process, which is fast, or as one of its own."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from workflows.cli import app, guarded
+
+Spoken = tuple[int, str, str]  # exit code, standard output, standard error
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working folder."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def call(folder: Path, capfd: pytest.CaptureFixture[str]) -> Callable[..., Spoken]:
+    """Run `stickslip WORDS` in this process; what C libraries print is captured too."""
+
+    def act(*words: str) -> Spoken:
+        capfd.readouterr()
+        code = guarded(lambda: app(list(words), standalone_mode=False))
+        return code, *capfd.readouterr()
+
+    return act
+
+
+@pytest.fixture
+def command() -> list[str]:
+    """What starts the command line as a process."""
+    return [sys.executable, "-m", "workflows.cli"]
+
+
+@pytest.fixture
+def environment() -> dict[str, str]:
+    """Python's own copy of the environment: MPI has left its variables in the C library's."""
+    return {**os.environ, "OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
+
+
+@pytest.fixture
+def spawn(folder: Path, command: list[str], environment: dict[str, str]) -> Callable[..., Spoken]:
+    """Run `stickslip WORDS` as a process."""
+
+    def act(*words: str) -> Spoken:
+        done = subprocess.run(
+            [*command, *words], cwd=folder, env=environment, capture_output=True, text=True, timeout=120, check=False
+        )
+        return done.returncode, done.stdout, done.stderr
+
+    return act

@@ -1,0 +1,248 @@
+"""A wrong scene is refused with one line: the key, what was found, what is expected. Nothing is written."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from workflows.scene import READY
+
+Spoken = tuple[int, str, str]
+Call = Callable[..., Spoken]
+
+# A word or more of the ready scene `block` overridden -> what the line says.
+WRONG = {
+    # names
+    "unknown key": (["contacts.base.surfce='x'"], r"contacts\.base\.surfce: unknown key; did you mean surface\?"),
+    "unknown key of a law": (["contacts.base.friction.nu=1"], r"friction\.nu: unknown key; known: law, mu"),
+    "unknown key of the geometry": (["geometry.lenght=1"], r"geometry\.lenght: unknown key; did you mean length\?"),
+    "unknown key of the solver": (["solver.tolerence=1"], r"solver\.tolerence: unknown key; did you mean tolerance\?"),
+    "unknown table": (["suports.top.x=1"], r"suports: unknown key; did you mean supports\?"),
+    "unknown model": (["model='plane stran'"], r'model = "plane stran": .*did you mean plane strain\?'),
+    "unknown builder": (["geometry.builder='blok'"], r'geometry\.builder = "blok": .*did you mean block\?'),
+    "unknown cells": (["geometry.cells='quad'"], r'geometry\.cells = "quad": .*known: simplex, tensor'),
+    "unknown normal law": (
+        ["contacts.base.normal.law='unilatral'"],
+        r'contacts\.base\.normal\.law = "unilatral": .*did you mean unilateral\?',
+    ),
+    "unknown friction law": (
+        ["contacts.base.friction.law='culomb'"],
+        r'contacts\.base\.friction\.law = "culomb": .*did you mean coulomb\?',
+    ),
+    "friction without a law": (["contacts.base.friction={mu=0.3}"], r"contacts\.base\.friction: needs the key.*law"),
+    "unknown shape": (["obstacles.foundation.shape='plan'"], r'foundation\.shape = "plan": .*did you mean plane\?'),
+    "unknown method": (["solver.method='uzava'"], r"solver\.method = uzava: .*did you mean uzawa\?"),
+    "unknown direction": (["supports.top.displacement.w=0.0"], r"top\.displacement\.w.*known: normal, x, y, z"),
+    "unknown body": (["bodies.bloc={E=1.0,nu=0.3}"], r"bodies\.bloc.*no such body.*did you mean block\?"),
+    "unknown side of a contact": (
+        ["contacts.base.surface='block.botom'"],
+        r"contacts\.base\.surface = block\.botom: .*did you mean block\.bottom\?",
+    ),
+    "unknown side of a support": (
+        ["supports.top.boundary='block.tp'"],
+        r"supports\.top\.boundary = block\.tp: .*did you mean block\.top\?",
+    ),
+    "unknown side of a load": (
+        ["loads.side={boundary='block.lft',pressure=1.0}"],
+        r"loads\.side\.boundary = block\.lft: .*did you mean block\.left\?",
+    ),
+    "unknown obstacle": (
+        ["contacts.base.against='foundatoin'"],
+        r"contacts\.base\.against = foundatoin: no such obstacle; did you mean foundation\?",
+    ),
+    "name in capitals": (
+        ["contacts.Base={surface='block.left',against='foundation'}"],
+        r"contacts\.Base.*a name is made of a-z, 0-9 and _",
+    ),
+    # types
+    "text for a number": (["bodies.block.E='steel'"], r'bodies\.block\.E = "steel": .*number'),
+    "truth for a number": (["bodies.block.E=true"], r"bodies\.block\.E = true: .*number"),
+    "list for a number": (["geometry.length=[1, 2]"], r"geometry\.length = \[1, 2\]: .*number"),
+    "fraction for a whole number": (["steps.count=2.5"], r"steps\.count = 2\.5: .*(integer|whole)"),
+    "number for a text": (["title=3"], r"title = 3: .*(string|text)"),
+    "number for a table": (["bodies.block=3"], r"bodies\.block = 3: .*(object|table)"),
+    "text for a value in time": (["supports.top.displacement.y='fast'"], r'top\.displacement\.y = "fast": .*number'),
+    "not a number": (["bodies.block.E=nan"], r"bodies\.block\.E = nan: must be a finite number"),
+    "infinite in a table": (["supports.top.displacement.y=[[0,0],[1,-inf]]"], r"displacement\.y.*= -inf: .*finite"),
+    # values
+    "incompressible": (["bodies.block.nu=0.5"], r"bodies\.block\.nu = 0\.5: must lie between -1 and 0\.5"),
+    "negative stiffness": (["bodies.block.E=-1.0"], r"bodies\.block\.E = -1\.0: must be positive, in pascal"),
+    "negative density": (["bodies.block.density=-1.0"], r"bodies\.block\.density = -1\.0: must not be negative"),
+    "negative friction": (["contacts.base.friction.mu=-0.1"], r"friction\.mu = -0\.1: must not be negative"),
+    "negative bound": (
+        ["contacts.base.friction={law='tresca',bound=[[1,-1]]}"],
+        r"contacts\.base\.friction\.bound = -1\.0: must not be negative, in pascal",
+    ),
+    "root as compliance": (
+        ["contacts.base.normal={law='compliance',c_n=1.0,m_n=0.5}"],
+        r"contacts\.base\.normal\.m_n = 0\.5: must be at least 1",
+    ),
+    "no mesh size": (["geometry.mesh_size=0.0"], r"geometry\.mesh_size = 0\.0: must be positive, in metres"),
+    "no normal": (["obstacles.foundation.normal=[0.0,0.0]"], r"foundation\.normal = \[0\.0, 0\.0\]: .*not be zero"),
+    "no steps": (["steps.count=0"], r"steps\.count = 0: must be a whole number from 1"),
+    "no time": (["steps.end=0.0"], r"steps\.end = 0\.0: must be positive"),
+    "exact answer": (["solver.tolerance=0.0"], r"solver\.tolerance = 0\.0: must lie between 0 and 1"),
+    "times that do not increase": (
+        ["supports.top.displacement.y=[[1,0],[0.5,-0.1]]"],
+        r"supports\.top\.displacement\.y = \[1\.0, 0\.5\]: times must increase",
+    ),
+    "time before the start": (
+        ["supports.top.displacement.y=[[-1,0],[1,-0.1]]"],
+        r"supports\.top\.displacement\.y = \[-1\.0, 1\.0\]: times must increase, from 0 or later",
+    ),
+    "empty table in time": (["supports.top.displacement.y=[]"], r"top\.displacement\.y = \[\]: .*at least one"),
+    # number of components
+    "point in space": (["obstacles.foundation.point=[0.0,0.0,0.0]"], r"foundation\.point = \[.*\]: expected 2 comp"),
+    "traction in space": (["loads.side={boundary='block.left',traction=[1.0,0.0,0.0]}"], r"loads\.side.*expected 2 "),
+    "gravity along a line": (["bodies.block.density=1.0", "gravity.acceleration=[-9.81]"], r"acceleration = \[-9\.81\]"),
+    "probe on a line": (["probes.corner.point=[0.0]"], r"probes\.corner\.point = .*expected 2 components"),
+    "support across the plane": (["supports.top.displacement.z=0.0"], r"top\.displacement.*a plane model has x and y"),
+    "obstacle across the plane": (["obstacles.foundation.displacement={z=0.0}"], r"displacement.*plane model has x and"),
+    "width in the plane": (["geometry.width=1.0"], r"geometry\.width = 1\.0: a plane model has no width"),
+    "no width in space": (["model='3d'"], r"geometry\.width: missing"),
+    # what is missing, or too much
+    "no stiffness": (["bodies.block={nu=0.3}"], r"bodies\.block\.E: missing"),
+    "no material": (["bodies={}"], r"bodies\.block: missing, this body of the geometry needs E and nu"),
+    "no compliance": (["contacts.base.normal={law='compliance'}"], r"contacts\.base\.normal\.c_n: missing"),
+    "load of two kinds": (
+        ["loads.side={boundary='block.left',traction=[1.0,0.0],pressure=1.0}"],
+        r"loads\.side\.traction / pressure: exactly one",
+    ),
+    "load of no kind": (["loads.side={boundary='block.left'}"], r"loads\.side\.traction / pressure / force: exactly"),
+    "support of nothing": (["supports.new={displacement={x=0.0}}"], r"supports\.new\.boundary / point: .*exactly one"),
+    "support of two things": (["supports.top.point=[0.0,2.0]"], r"supports\.top\.boundary / point: .*exactly one"),
+    "support of no direction": (["supports.top.displacement={}"], r"top\.displacement = \{\}: name at least one"),
+    "normal of a point": (
+        ["supports.new={point=[0.0,2.0],displacement={normal=0.0}}"],
+        r"supports\.new\.displacement = normal: a point has no normal",
+    ),
+    "gravity without density": (["gravity.acceleration=[0.0,-9.81]"], r"gravity: no body has a density; set bodies\."),
+    "two slave roles": (
+        ["contacts.second={surface='block.bottom',against='foundation'}"],
+        r"contacts\.second\.surface = block\.bottom: already the slave of contacts\.base",
+    ),
+    "periodic with itself": (
+        ["periodic.sides={boundary='block.left',with='block.left'}"],
+        r"periodic\.sides\.with = block\.left: a side cannot be periodic with itself",
+    ),
+    "periodic with nothing": (["periodic.sides={boundary='block.left'}"], r"periodic\.sides\.with: missing"),
+    # mechanics, known before solving
+    "body that nothing holds": (["supports={}"], r"supports: nothing resists the .* of the body; add a support"),
+    "body that slides freely": (
+        ["supports.top.displacement={y=-0.1}", "contacts.base={surface='block.bottom',against='foundation'}"],
+        r"supports: nothing resists the translation along x",
+    ),
+    "Uzawa for a body held by friction": (
+        ["supports.top.displacement={y=-0.1}", "solver.method='uzawa'"],
+        r"solver\.method = uzawa: .*held by contact alone, use condensed-newton",
+    ),
+    # known when meshed
+    "contradictory supports": (
+        ["supports.new={boundary='block.top',displacement={x=1.0}}"],
+        r"supports\.new and supports\.top: contradict each other at the point \(.*, 2\) at t = 1",
+    ),
+    "contradictory supports, later": (
+        ["supports.new={boundary='block.top',displacement={x=[[0,0],[1,0],[2,1]]}}"],
+        r"supports\.new and supports\.top: contradict each other at the point \(.*, 2\) at t = 2",
+    ),
+    "periodic sides that do not match": (
+        ["periodic.sides={boundary='block.left',with='block.top'}"],
+        r"periodic.* block\.left and block\.top: their meshes do not match",
+    ),
+    "support beside every vertex": (
+        ["supports.new={point=[0.1234,0.777],displacement={x=0.0}}"],
+        r"supports\.new\.point = \[0\.1234, 0\.777\]: no mesh vertex there; the nearest is \(0, 1\)",
+    ),
+    "probe outside": (["probes.corner.point=[10.0,10.0]"], r"probes\.corner\.point = \[10\.0, 10\.0\]: lies outside"),
+    # the override itself
+    "override without a value": (["solver.method"], r"--set solver\.method: expected KEY=VALUE"),
+    "override below a number": (["geometry.length.x=3"], r"--set geometry\.length\.x=3: length is not a table"),
+    "two lines in a name": (["solver.method='''a\nb'''"], r"solver\.method = a.b: known: auto"),
+}
+COARSE = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=1.0"]
+
+
+def words(overrides: list[str]) -> list[str]:
+    """The command line's options for overrides."""
+    return [word for override in overrides for word in ("--set", override)]
+
+
+def assert_refused(spoken: Spoken, pattern: str, folder: Path, before: list[str]) -> None:
+    """Exit code 2, one line that says `pattern`, and the folder as it was."""
+    code, out, err = spoken
+    assert (code, out, err.count("\n")) == (2, "", 1), (code, out, err)
+    assert err.startswith("stickslip: ")
+    assert re.search(pattern, err), err
+    assert sorted(str(path.relative_to(folder)) for path in folder.rglob("*")) == before
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong_scene_is_refused_with_one_line_and_nothing_is_written(name: str, call: Call, folder: Path) -> None:
+    overrides, pattern = WRONG[name]
+    spoken = call("run", "block", "-q", "-o", "out", *words(COARSE), *words(overrides))
+    assert_refused(spoken, pattern, folder, [])
+
+
+@pytest.mark.parametrize("name", ["unknown key", "incompressible", "body that nothing holds", "Uzawa for a body held"])
+def test_plan_refuses_what_run_refuses(name: str, call: Call, folder: Path) -> None:
+    overrides, pattern = next(case for known, case in WRONG.items() if known.startswith(name))
+    assert_refused(call("plan", "block", *words(overrides)), pattern, folder, [])
+
+
+@pytest.mark.parametrize("name", ["unknown key of the solver", "probe outside", "contradictory supports"])
+def test_a_process_refuses_as_the_function_does(name: str, spawn: Call, folder: Path) -> None:
+    overrides, pattern = WRONG[name]
+    spoken = spawn("run", "block", "-q", "-o", "out", *words(COARSE), *words(overrides))
+    assert_refused(spoken, pattern, folder, [])
+
+
+@pytest.mark.parametrize(
+    ("text", "pattern"),
+    [
+        ("model = 'plane strain", r"scene\.toml: not valid TOML: .*line 1"),
+        ("title = 'a'\ntitle = 'b'", r"scene\.toml: not valid TOML: .*line 2"),
+        ("", r"scene\.toml: .*missing"),
+        ("model = '3d'\n[geometry]\nbuilder = 'block'", r"scene\.toml: geometry\.[a-z_]+: missing"),
+        ("a = " + "[" * 40 + "]" * 40, r"scene\.toml: a: unknown key"),
+    ],
+    ids=["quote left open", "key twice", "empty", "little", "nested"],
+)
+def test_file_that_is_no_scene_is_refused(text: str, pattern: str, call: Call, folder: Path) -> None:
+    (folder / "scene.toml").write_text(text)
+    assert_refused(call("run", "scene.toml", "-q"), pattern, folder, ["scene.toml"])
+
+
+def test_bytes_that_are_no_text_are_refused(call: Call, folder: Path) -> None:
+    (folder / "scene.toml").write_bytes(b"title = '\xff\xfe'")
+    assert_refused(call("run", "scene.toml", "-q"), r"scene\.toml: cannot be read", folder, ["scene.toml"])
+
+
+def test_missing_file_is_refused_with_the_nearest_ready_scene(call: Call, folder: Path) -> None:
+    assert_refused(call("run", "blok", "-q"), r"blok: no such file, nor a ready scene; did you mean block\?", folder, [])
+
+
+def test_folder_in_place_of_a_file_is_refused(call: Call, folder: Path) -> None:
+    (folder / "mine").mkdir()
+    assert_refused(call("run", "mine", "-q"), r"mine: is a folder; name a scene file", folder, ["mine"])
+
+
+def test_error_names_the_scene_file(call: Call, folder: Path) -> None:
+    text = (READY / "block.toml").read_text().replace("nu = 0.3", "nu = 0.7")
+    (folder / "mine.toml").write_text(text)
+    assert_refused(call("run", "mine.toml", "-q"), r"mine\.toml: bodies\.block\.nu = 0\.7", folder, ["mine.toml"])
+
+
+def test_foreign_folder_is_not_written_to(call: Call, folder: Path) -> None:
+    (folder / "thesis").mkdir()
+    (folder / "thesis" / "chapter.tex").write_text("years of work")
+    spoken = call("run", "block", "-q", "-o", "thesis", *words(COARSE))
+    assert_refused(spoken, r"thesis: .*choose another folder with -o", folder, ["thesis", "thesis/chapter.tex"])
+    assert (folder / "thesis" / "chapter.tex").read_text() == "years of work"
+
+
+def test_file_in_place_of_the_results_folder_is_not_overwritten(call: Call, folder: Path) -> None:
+    (folder / "out").write_text("mine")
+    spoken = call("run", "block", "-q", "-o", "out", *words(COARSE))
+    assert_refused(spoken, r"out: .*choose another folder with -o", folder, ["out"])
+    assert (folder / "out").read_text() == "mine"

@@ -1,0 +1,50 @@
+"""Small blocks to try the parts on: a scene in a few words, its system, its steps."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from mpi4py import MPI
+
+from geometry.mesh import build_mesh
+from solvers.counters import Counters
+from solvers.nouns.scene import Scene
+from solvers.simulation import Simulation, prepare
+from solvers.system import System, assemble
+from workflows.scene import from_dict
+
+
+@pytest.fixture(scope="session")
+def scene_of() -> Callable[..., Scene]:
+    """A block on the foundation y = 0 (z = 0 in 3D), E = 1 Pa, nu = 0.3; keywords replace or add whole tables."""
+
+    def make(dim: int = 2, geometry: dict[str, Any] | None = None, **tables: Any) -> Scene:
+        width = {"width": 1.0} if dim == 3 else {}
+        shape = {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.25 if dim == 2 else 0.5} | width
+        data = {
+            "model": "plane strain" if dim == 2 else "3d",
+            "geometry": shape | (geometry or {}),
+            "bodies": {"block": {"E": 1.0, "nu": 0.3}},
+            "obstacles": {
+                "foundation": {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}
+            },
+        }
+        return from_dict(data | tables)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def system_of() -> Callable[[Scene], System]:
+    """The scene meshed and assembled; nothing is factorised."""
+
+    def make(scene: Scene) -> System:
+        return assemble(scene, build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters())
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def simulation_of() -> Callable[[Scene], Simulation]:
+    """The scene ready to be solved."""
+    return lambda scene: prepare(scene, MPI.COMM_SELF)

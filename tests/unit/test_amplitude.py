@@ -1,0 +1,47 @@
+"""Values in time: a bare number is ramped from zero, a table is piecewise linear."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from geometry.amplitude import check, listed_times, value_at
+from geometry.errors import SceneError
+
+
+def test_a_bare_number_is_ramped_from_zero_and_held_after_the_end() -> None:
+    assert [value_at(-3.0, t, end=2.0) for t in (0.0, 0.5, 2.0, 9.0)] == [0.0, -0.75, -3.0, -3.0]
+    assert value_at(2, 1.0, end=2.0) == 1.0  # an integer is a number
+
+
+def test_a_table_starts_from_zero_unless_it_lists_time_zero() -> None:
+    table = ((1.0, 4.0), (3.0, -2.0))
+    assert [value_at(table, t, end=99.0) for t in (0.0, 0.25, 1.0, 2.0, 3.0, 50.0)] == [0.0, 1.0, 4.0, 1.0, -2.0, -2.0]
+    preload = ((0.0, 5.0), (2.0, 6.0))
+    assert [value_at(preload, t, end=99.0) for t in (0.0, 1.0, 3.0)] == [5.0, 5.5, 6.0]
+
+
+@given(st.lists(st.floats(0.0, 1e6), min_size=1, max_size=6, unique=True), st.data())
+def test_a_table_is_hit_at_its_times_and_stays_between_its_values(times: list[float], data: st.DataObject) -> None:
+    values = data.draw(st.lists(st.floats(-1e6, 1e6), min_size=len(times), max_size=len(times)))
+    table = tuple(zip(sorted(times), values, strict=True))
+    check(table, "x")
+    assert listed_times(table) == tuple(sorted(times))
+    assert [value_at(table, t, end=1.0) for t, _ in table] == values
+    between = value_at(table, data.draw(st.floats(0.0, 2e6)), end=1.0)
+    slack = 1e-9 * max(map(abs, values))  # interpolation rounds
+    assert min(0.0, *values) - slack <= between <= max(0.0, *values) + slack
+
+
+def test_a_bare_number_lists_no_times() -> None:
+    assert listed_times(4.0) == ()
+
+
+@pytest.mark.parametrize("table", [((1.0, 0.0), (1.0, 2.0)), ((2.0, 0.0), (1.0, 2.0)), ((-1.0, 0.0),)])
+def test_times_that_do_not_increase_from_zero_are_refused(table: tuple[tuple[float, float], ...]) -> None:
+    with pytest.raises(SceneError, match=r"pressure = \[.*\]: times must increase, from 0 or later"):
+        check(table, "pressure")
+
+
+def test_an_empty_table_is_refused() -> None:
+    with pytest.raises(SceneError, match=r"pressure = \[\]: a table needs at least one \[time, value\]"):
+        check((), "pressure")

@@ -1,0 +1,213 @@
+"""Supports and periodic sides: what is prescribed holds for every free displacement, and nothing else is held."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from numpy.typing import NDArray
+
+from geometry.errors import SceneError
+from geometry.surface import Surface, gather_surface
+from solvers.constraints import Row, rigid_fields
+from solvers.nouns.scene import Scene
+from solvers.simulation import Simulation
+from solvers.system import System
+
+Array = NDArray[np.float64]
+SceneOf = Callable[..., Scene]
+SystemOf = Callable[[Scene], System]
+AXES = {"x": 0, "y": 1, "z": 2}
+SIDES = {"periodic": {"sides": {"boundary": "block.right", "with": "block.left"}}}
+
+
+def support(side: str, **displacement: Any) -> dict[str, Any]:
+    return {"boundary": f"block.{side}", "displacement": displacement}
+
+
+def surface(system: System, side: str) -> Surface:
+    return gather_surface(system.mesh, system.space, system.nodes, side)
+
+
+def dense(matrix: Any) -> Array:
+    indptr, indices, data = matrix.getValuesCSR()
+    found = np.zeros(matrix.size)
+    for row, (i, j) in enumerate(zip(indptr[:-1], indptr[1:], strict=True)):
+        found[row, indices[i:j]] = data[i:j]
+    return found
+
+
+def any_displacement(system: System, time: float) -> Array:
+    """T q + u_s for random q, by node (n, d)."""
+    T = dense(system.T)
+    q = np.random.default_rng(3).normal(size=T.shape[1])
+    u = T @ q + system.prescribed(time).array
+    return np.asarray(u.reshape(-1, system.mesh.dim))
+
+
+CASES: dict[str, tuple[int, dict[str, Any]]] = {
+    "free": (2, {}),
+    "one side": (2, {"supports": {"top": support("top", x=0.3, y=-0.1)}}),
+    "corner from two sides": (2, {"supports": {"top": support("top", y=-0.1), "left": support("left", x=0.2)}}),
+    "normal on two sides": (2, {"supports": {"a": support("left", normal=0.1), "b": support("bottom", normal=-0.2)}}),
+    "one corner twice": (2, {"supports": {"top": support("top", x=0.1), "left": support("left", normal=-0.1)}}),
+    "periodic": (2, SIDES),
+    "periodic, held": (2, SIDES | {"supports": {"top": support("top", x=0.1, y=0.2), "base": support("bottom", y=0.0)}}),
+    "3d edge": (3, {"supports": {"left": support("left", normal=0.1), "front": support("front", y=0.3)}}),
+    "3d corner": (
+        3, {"supports": {"a": support("left", x=0.1), "b": support("front", normal=0.3), "c": support("bottom", z=0.7)}},
+    ),
+    "3d periodic both ways": (
+        3,
+        {
+            "periodic": SIDES["periodic"] | {"depth": {"boundary": "block.back", "with": "block.front"}},
+            "supports": {"top": support("top", x=0.1, z=-0.2)},
+        },
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_free_displacement_fulfils_what_is_prescribed(
+    case: str, scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    dim, tables = CASES[case]
+    scene = scene_of(dim, **tables)
+    system = system_of(scene)
+    T = dense(system.T)
+    assert_allclose(T.T @ T, np.eye(T.shape[1]) * (T * T).sum(axis=0), atol=1e-14)  # no two free numbers mix
+    if "periodic" not in tables:
+        assert_allclose(T.T @ T, np.eye(T.shape[1]), atol=1e-14)
+    for time in (0.5, 1.0):
+        u = any_displacement(system, time)
+        for held in scene.supports.values():
+            side = surface(system, str(held.boundary))
+            for axis, value in held.displacement.items():
+                direction = side.normals[0] if axis == "normal" else np.eye(dim)[AXES[axis]]
+                assert_allclose(u[side.nodes] @ direction, float(value) * time, atol=1e-14)  # type: ignore[arg-type]
+        for slave_side, master_side in scene.request().periodic:
+            slave, master = surface(system, slave_side), surface(system, master_side)
+            shift = master.points.mean(axis=0) - slave.points.mean(axis=0)
+            distance = np.linalg.norm(slave.points[:, None] + shift - master.points, axis=2)
+            assert distance.min(axis=1).max() < 1e-12
+            assert_array_equal(u[slave.nodes], u[master.nodes[distance.argmin(axis=1)]])
+
+
+def test_nothing_more_than_what_is_prescribed_is_held(scene_of: SceneOf, system_of: SystemOf) -> None:
+    # 9 x 5 nodes, 9 of them on top: x and y there, and the periodic image of the lower four on the right
+    everywhere = 2 * 9 * 5
+    free = {case: system_of(scene_of(2, **CASES[case][1])).constraints.free_total for case in list(CASES)[:6]}
+    assert free["free"] == everywhere
+    assert free["one side"] == everywhere - 2 * 9
+    assert free["corner from two sides"] == free["normal on two sides"] == everywhere - 9 - 5
+    assert free["one corner twice"] == everywhere - 9 - 5 + 1  # both hold x in the corner
+    assert free["periodic"] == everywhere - 2 * 5
+
+
+def test_an_inclined_direction_is_held_and_the_other_is_free(scene_of: SceneOf, system_of: SystemOf) -> None:
+    system = system_of(scene_of(3))
+    directions = np.array([[1.0, 2.0, 2.0], [0.0, 3.0, 4.0]]) / np.array([[3.0], [5.0]])
+    points = {4: system.nodes.points[4], 9: system.nodes.points[9]}
+    rows = {4: (Row(directions[0], 0.3, "a"),), 9: (Row(directions[0], 0.3, "a"), Row(directions[1], -0.1, "b"))}
+    inclined = replace(system.constraints, rows=rows, points=points)
+    T = dense(inclined.transformation(system.mesh.comm))
+    assert inclined.free_total == 3 * system.nodes.total - 3 == T.shape[1]
+    assert_allclose(T.T @ T, np.eye(T.shape[1]), atol=1e-14)
+    u = (T @ np.random.default_rng(5).normal(size=T.shape[1])).reshape(-1, 3)
+    u[inclined.prescribed_nodes] += inclined.prescribed(1.0)
+    assert_allclose([u[4] @ directions[0], u[9] @ directions[0], u[9] @ directions[1]], [0.3, 0.3, -0.1], atol=1e-14)
+    # a force along what holds is shared among those that hold, with nothing left over
+    force = np.array([0.7 * directions[0], -0.2 * directions[0] + 1.1 * directions[1]])
+    shares = inclined.reactions(force)
+    assert_allclose(shares["a"][0], 0.5 * directions[0], atol=1e-14)
+    assert_allclose(shares["b"][0], 1.1 * directions[1], atol=1e-14)
+
+
+def test_supports_that_contradict_are_refused_by_name(scene_of: SceneOf, system_of: SystemOf) -> None:
+    at_corner = {"lid": support("top", y=-0.1), "wall": support("left", y=0.0)}
+    with pytest.raises(SceneError, match=r"supports\.lid and supports\.wall: contradict each other at the point \(0, 1\)"):
+        system_of(scene_of(supports=at_corner))
+    later = {"lid": support("top", y=[[0, 0], [1, 0], [2, -0.1]]), "wall": support("left", y=0.0)}
+    steps = {"end": 2.0, "count": 4}
+    with pytest.raises(SceneError, match=r"supports\.lid and supports\.wall: .* at t = 1\.5"):
+        system_of(scene_of(supports=later, steps=steps))
+    images = SIDES | {"supports": {"one": support("left", x=0.1), "other": support("right", x=0.2)}}
+    with pytest.raises(SceneError, match=r"supports\.one and supports\.other: contradict"):
+        system_of(scene_of(**images))
+
+
+def test_a_point_support_away_from_every_vertex_is_refused(scene_of: SceneOf, system_of: SystemOf) -> None:
+    pin = {"pin": {"point": [0.01, 0.0], "displacement": {"x": 0.0}}}
+    with pytest.raises(SceneError, match=r"supports\.pin\.point = \[0\.01, 0\.0\]: .* the nearest is \(0, 0\)"):
+        system_of(scene_of(supports=pin))
+
+
+MOTIONS: list[tuple[int, dict[str, Any], int, str]] = [
+    (2, {}, 3, "free"),
+    (3, {}, 6, "free"),
+    (2, {"a": support("left", x=0.0, y=0.0)}, 0, "one side held"),
+    (3, {"a": support("left", x=0.0, y=0.0, z=0.0)}, 0, "one side held"),
+    (2, {"a": support("left", x=0.0)}, 1, "slides along y"),
+    (2, {"a": support("left", y=0.0)}, 1, "slides along x: the side's points move in y as the body turns? no, in x"),
+    (2, {"a": {"point": [0.0, 0.0], "displacement": {"x": 0.0, "y": 0.0}}}, 1, "turns about the pin"),
+    (3, {"a": support("bottom", z=0.0)}, 3, "slides in the plane and turns about z"),
+    (3, {"a": support("bottom", z=0.0), "b": support("left", x=0.0)}, 1, "slides along y"),
+    (3, {"a": {"point": [0.0, 0.0, 0.0], "displacement": {"x": 0.0, "y": 0.0, "z": 0.0}}}, 3, "turns about the pin"),
+]
+
+
+@pytest.mark.parametrize(("dim", "supports", "count", "why"), MOTIONS)
+def test_rigid_motions_left_free_are_counted(
+    dim: int, supports: Mapping[str, Any], count: int, why: str, scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    if "? no" in why:
+        count = 2  # all points of x = 0 move along x alone when the body turns about (0, y): y = 0 holds there
+    system = system_of(scene_of(dim, supports=supports))
+    low, high = system.mesh.box()
+    motions = system.constraints.rigid_motions(low, high)
+    assert motions.shape[1] == count, why
+    # each is a displacement without strain that the supports allow
+    points = system.nodes.points[np.argsort(system.nodes.number)]
+    fields = rigid_fields(points, (low + high) / 2, float(np.max(high - low))) @ motions
+    T = dense(system.T)
+    for field in np.moveaxis(fields, 2, 0):
+        assert_allclose(T @ (T.T @ field.ravel()), field.ravel(), atol=1e-12)
+        K_u = dense(system.K) @ field.ravel()
+        assert np.abs(K_u).max() < 1e-12 * np.abs(dense(system.K)).max()
+
+
+def test_a_periodic_block_moves_but_does_not_turn(scene_of: SceneOf, system_of: SystemOf) -> None:
+    system = system_of(scene_of(**SIDES))
+    motions = system.constraints.rigid_motions(*system.mesh.box())
+    assert motions.shape[1] == 2
+    assert_allclose(motions[2], 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_reactions_contact_and_loads_balance(
+    dim: int, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
+) -> None:
+    pull = {"x": 0.02, "y": -0.05} if dim == 2 else {"x": 0.02, "y": 0.01, "z": -0.05}
+    scene = scene_of(
+        dim,
+        contacts={"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "stick"}}},
+        supports={"top": support("top", **pull), "wall": support("left", normal=0.0)} if dim == 3
+        else {"top": support("top", **pull)},
+        loads={"push": {"boundary": "block.right", "traction": [0.01, -0.02] + [0.005] * (dim - 2)}},
+    )  # fmt: skip
+    if dim == 3:  # the corner of top and wall: the wall moves with the top there
+        scene = replace(scene, supports={**scene.supports, "wall": replace(scene.supports["wall"], displacement={"x": 0.02})})
+    simulation = simulation_of(scene)
+    (step,) = simulation.steps()
+    load = simulation.system.load(1.0).array.reshape(-1, dim)
+    points = simulation.system.nodes.points
+    contact = step.contacts["base"]
+    force = load.sum(axis=0) + contact.force + sum(f for f, _ in step.supports.values())
+    moment = np.atleast_1d(np.cross(points, load).sum(axis=0)) + contact.moment + sum(m for _, m in step.supports.values())
+    largest = max(float(np.linalg.norm(f)) for f, _ in step.supports.values())
+    assert contact.normal_force > 0.01
+    assert largest > 0.01
+    assert_allclose(force, 0.0, atol=1e-12 * largest)  # a direct solve
+    assert_allclose(moment, 0.0, atol=1e-12 * largest)

@@ -1,0 +1,121 @@
+"""The block of Raous, Chabrand and Lebon as a scene: linear triangles, 32 x 32 x 2."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from geometry.builders.block import Block
+from geometry.obstacles import Plane
+from solvers.effects.friction import Coulomb
+from solvers.nouns.contact import Contact
+from solvers.nouns.load import Load
+from solvers.nouns.material import Material
+from solvers.nouns.scene import Scene
+from solvers.nouns.stepping import Solver, Steps
+from solvers.nouns.support import Support
+from solvers.simulation import prepare
+from solvers.step_result import OPEN, SLIP, STICK, StepResult
+from workflows.verification import raous
+from workflows.verification.check import Check, within
+from workflows.verification.circular_drive import Array
+
+N = 32
+CELL = raous.SIDE / N  # [m]
+
+
+def scene(method: str, steps: int = 1, mu: float = raous.MU, n: int = N) -> Scene:
+    """n x n x 2 triangles, the loads growing in proportion."""
+    low, up, corner = (0.0, 0.0), (0.0, 1.0), (raous.SIDE, 0.0)
+    return Scene(
+        title="Block of Raous, Chabrand and Lebon",
+        model="plane strain",
+        geometry=Block(length=raous.SIDE, height=raous.SIDE, mesh_size=raous.SIDE / n),
+        bodies={"block": Material(E=raous.E, nu=raous.NU)},
+        obstacles={"floor": Plane(point=low, normal=up)},
+        contacts={"base": Contact(surface="block.bottom", against="floor", friction=Coulomb(mu=mu))},
+        supports={
+            "wall": Support(boundary="block.right", displacement={"x": 0.0}),
+            "corner": Support(point=corner, displacement={"y": 0.0}),
+        },
+        loads={
+            "top": Load(boundary="block.top", pressure=raous.TOP_PRESSURE),
+            "left": Load(boundary="block.left", pressure=raous.SIDE_PRESSURE),
+        },
+        steps=Steps(count=steps),
+        solver=Solver(method=method, tolerance=1e-11),
+    )
+
+
+@lru_cache
+def solve(method: str, steps: int = 1, mu: float = raous.MU) -> tuple[StepResult, Array]:
+    """The last step, and the abscissae of the nodes of its contact [m]."""
+    simulation = prepare(scene(method, steps, mu))
+    *_, last = simulation.steps()
+    return last, simulation.data.surfaces["base"][0][:, 0]
+
+
+def displacements(method: str, steps: int = 1, mu: float = raous.MU) -> list[Check]:
+    """u_x at the five samples, all of them nodes, against the column of the same mesh."""
+    last, x = solve(method, steps, mu)
+    order = np.argsort(x)
+    u_x = np.interp(raous.X, x[order], last.contacts["base"].slip[order, 0])
+    # the other code's column is one of figures rounded to 4 digits, from another way of averaging the contact: 0.2 %
+    return [
+        Check(f"u_x at x = {1000 * at:g} mm [m]", float(found), float(reference), 2e-3, relative=True)
+        for at, found, reference in zip(raous.X, u_x, raous.U_X_P1_32, strict=True)
+    ]
+
+
+def forces(method: str, mu: float = raous.MU) -> list[Check]:
+    """Balance, the corner's share, and friction."""
+    last, _ = solve(method, mu=mu)
+    base, corner = last.contacts["base"], last.supports["corner"][0][1]
+    return [
+        # balance only: as exact as the solver
+        Check("F_n, contact and corner [N/m]", base.normal_force + corner, raous.F_N, 1e-9, relative=True),
+        # given to two digits
+        Check("corner's share of F_n", corner / raous.F_N, raous.CORNER_SHARE_P1_32, 5e-4, relative=False),
+        # the mesh: 1.4112e6 at n = 32 against the converged figure, first order in the size of the cell
+        Check("F_t [N/m]", base.tangential_force, raous.F_T, 6e-3, relative=True),
+    ]
+
+
+def zones(method: str, mu: float = raous.MU) -> list[Check]:
+    """Open, then slip, then stick, as far as cells of 1.25 mm can tell."""
+    last, x = solve(method, mu=mu)
+    status = last.contacts["base"].status[np.argsort(x)]
+    x = np.sort(x)
+    slipping, sticking = x[status == SLIP], x[status == STICK]
+    opened, ordered = x[status == OPEN], np.all(np.diff(status) >= 0)  # OPEN < SLIP < STICK
+    return [
+        Check("open, slip, stick come in this order (1: yes)", float(ordered), 1.0, 0.0, relative=False),
+        # a limit lies between the last node of one state and the first of the next: a cell, and its half each way
+        within("last open node [m]", opened.max(initial=0), raous.OPEN_UNTIL - 1.5 * CELL, raous.OPEN_UNTIL + CELL / 2),
+        within("last slipping node [m]", slipping.max(initial=0), raous.SLIP_UNTIL - 2 * CELL, raous.SLIP_UNTIL + CELL),
+        within("first sticking node [m]", sticking.min(initial=1), raous.SLIP_UNTIL - CELL, raous.SLIP_UNTIL + 2 * CELL),
+    ]
+
+
+def ramped(method: str, mu: float = raous.MU) -> list[Check]:
+    """An n-step ramp dissipates (n + 1) / n of the limit, and its displacements do not depend on n."""
+    found = []
+    one, _ = solve(method, 1, mu)
+    for n in (1, 2, 5):
+        work = solve(method, n, mu)[0].contacts["base"].dissipation_total
+        # the mesh: friction is 0.4 % too large and slip 0.25 % too small here
+        found.append(Check(f"dissipation in {n} steps [J/m]", work, raous.dissipation(n), 5e-3, relative=True))
+        if n > 1:
+            ratio = work / one.contacts["base"].dissipation_total if mu else 0.0
+            # the law itself, free of the mesh: as exact as the solver
+            found.append(Check(f"dissipation in {n} steps over one", ratio, (n + 1) / n / 2, 1e-7, relative=True))
+            u, u_n = one.displacement, solve(method, n, mu)[0].displacement
+            change = float(np.abs(u_n - u).max() / np.abs(u).max())
+            found.append(Check(f"displacement, {n} steps against one, relative", change, 0.0, 1e-8, relative=False))
+    return found
+
+
+def checks(method: str, mu: float = raous.MU) -> list[Check]:
+    """All of them; with another mu than 1 they must fail."""
+    return displacements(method, mu=mu) + forces(method, mu) + zones(method, mu) + ramped(method, mu)
