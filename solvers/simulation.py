@@ -37,8 +37,10 @@ class Simulation:
     mesh: Mesh
     system: System
     stepper: Stepper
+    observer: Observer
     counters: Counters
     seconds: Seconds
+    observe: Observer = field(repr=False)
     data: MeshData = field(repr=False)
 
     def steps(self, on_iteration: Callable[[HistoryRow], None] = lambda row: None) -> Iterator[StepResult]:
@@ -47,7 +49,7 @@ class Simulation:
         Raises:
             StepError: a step could not be solved; its last good substep was yielded before.
         """
-        observe = Observer(self.stepper)
+        observe = self.observer
         state = self.stepper.start()
         for time in self.scene.requested_times():
             began = clock.perf_counter()
@@ -55,10 +57,10 @@ class Simulation:
                 accepted = self.stepper.reach(state, time, on_iteration)
             except StepError as failure:
                 if failure.reached is not None:
-                    yield observe(failure.reached)
+                    yield self.observe(failure.reached)
                 raise
             solved = clock.perf_counter()
-            result = observe(accepted)
+            result = self.observe(accepted)
             self.seconds.iterate += solved - began
             self.seconds.output += clock.perf_counter() - solved
             yield result
@@ -82,6 +84,7 @@ def prepare(scene: Scene, comm: Any = None) -> Simulation:
     system = assemble(scene, mesh, counters)
     assembled = clock.perf_counter()
     stepper = Stepper(system)
+    observe = Observer(stepper)  # here, not in `steps`: a probe outside the bodies shows before anything is written
     seconds.mesh, seconds.assemble = meshed - began, assembled - meshed
     seconds.prepare = clock.perf_counter() - assembled
-    return Simulation(scene, plan, mesh, system, stepper, counters, seconds, mesh_data(system))
+    return Simulation(scene, plan, mesh, system, stepper, Observer(stepper), counters, seconds, observe, mesh_data(system))

@@ -154,7 +154,7 @@ def guarded(act: Callable[[], object]) -> int:
 
 def _say(text: str, code: int) -> int:
     if _speaks():
-        print(f"stickslip: {text}", file=sys.stderr)
+        print(f"stickslip: {' '.join(text.split())}", file=sys.stderr)
     return code
 
 

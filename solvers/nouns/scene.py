@@ -103,10 +103,12 @@ class Scene(Noun):
     def _check_names(self) -> None:
         for table in ("bodies", "obstacles", "contacts", "supports", "loads", "probes"):
             for name in getattr(self, table):
-                require(bool(NAME.fullmatch(name)), f"{table}.{name}", name, "a name is made of a-z, 0-9 and _")
+                if not NAME.fullmatch(name):
+                    raise SceneError(f"{table}.{name}: a name is made of a-z, 0-9 and _, and begins with a letter")
         known = self.geometry.bodies(self.dim)
         for name in self.bodies:
-            require(name in known, f"bodies.{name}", name, f"no such body in the geometry; {nearest(name, known)}")
+            if name not in known:
+                raise SceneError(f"bodies.{name}: no such body in the geometry; {nearest(name, known)}")
         for name in known:
             if name not in self.bodies:
                 raise SceneError(f"bodies.{name}: missing, this body of the geometry needs E and nu")
@@ -120,15 +122,15 @@ class Scene(Noun):
         expected = f"expected {self.dim} components in this model"
         for name, load in self.loads.items():
             vector = load.traction if load.traction is not None else load.force
-            require(vector is None or len(vector) == self.dim, f"loads.{name}", list(vector or ()), expected)
+            key = f"loads.{name}.{'traction' if load.traction is not None else 'force'}"
+            require(vector is None or len(vector) == self.dim, key, list(vector or ()), expected)
         for table, items in (("supports", self.supports), ("probes", self.probes)):
             for name, item in items.items():
-                require(
-                    item.point is None or len(item.point) == self.dim, f"{table}.{name}.point", item.point, expected
-                )
+                found = list(item.point or ())
+                require(item.point is None or len(found) == self.dim, f"{table}.{name}.point", found, expected)
         for name, support in self.supports.items():
-            found = "z" in support.displacement
-            require(self.dim == 3 or not found, f"supports.{name}.displacement", "z", "a plane model has x and y only")
+            if self.dim == 2 and "z" in support.displacement:
+                raise SceneError(f"supports.{name}.displacement.z: a plane model has x and y only")
 
     def _check_references(self) -> None:
         slaves: dict[str, str] = {}

@@ -128,7 +128,7 @@ WRONG = {
     ),
     "periodic with nothing": (["periodic.sides={boundary='block.left'}"], r"periodic\.sides\.with: missing"),
     # mechanics, known before solving
-    "body that nothing holds": (["supports={}"], r"supports: nothing resists the .* of the body; add a support"),
+    "body that nothing holds": (["supports={}", "contacts={}"], r"supports: nothing resists the .* of the body; add a support"),
     "body that slides freely": (
         ["supports.top.displacement={y=-0.1}", "contacts.base={surface='block.bottom',against='foundation'}"],
         r"supports: nothing resists the translation along x",
@@ -200,8 +200,8 @@ def test_a_process_refuses_as_the_function_does(name: str, spawn: Call, folder: 
 @pytest.mark.parametrize(
     ("text", "pattern"),
     [
-        ("model = 'plane strain", r"scene\.toml: not valid TOML: .*line 1"),
-        ("title = 'a'\ntitle = 'b'", r"scene\.toml: not valid TOML: .*line 2"),
+        ("model = 'plane strain\n", r"scene\.toml: not valid TOML: .*line 1"),
+        ("title = 'a'\ntitle = 'b'\n", r"scene\.toml: not valid TOML: .*line 2"),
         ("", r"scene\.toml: .*missing"),
         ("model = '3d'\n[geometry]\nbuilder = 'block'", r"scene\.toml: geometry\.[a-z_]+: missing"),
         ("a = " + "[" * 40 + "]" * 40, r"scene\.toml: a: unknown key"),

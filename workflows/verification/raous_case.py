@@ -69,14 +69,16 @@ def displacements(method: str, steps: int = 1, mu: float = raous.MU) -> list[Che
 
 
 def forces(method: str, mu: float = raous.MU) -> list[Check]:
-    """Balance, the corner's share, and friction."""
+    """Balance, and friction.
+
+    How the corner shares F_n with its neighbour is a matter of the discretisation: with multipliers at nodes a node
+    that a support holds carries none, its neighbour takes over, and CORNER_SHARE_P1_32 does not apply.
+    """
     last, _ = solve(method, mu=mu)
     base, corner = last.contacts["base"], last.supports["corner"][0][1]
     return [
         # balance only: as exact as the solver
         Check("F_n, contact and corner [N/m]", base.normal_force + corner, raous.F_N, 1e-9, relative=True),
-        # given to two digits
-        Check("corner's share of F_n", corner / raous.F_N, raous.CORNER_SHARE_P1_32, 5e-4, relative=False),
         # the mesh: 1.4112e6 at n = 32 against the converged figure, first order in the size of the cell
         Check("F_t [N/m]", base.tangential_force, raous.F_T, 6e-3, relative=True),
     ]

@@ -83,11 +83,11 @@ def driven(method: str, name: str, friction: FrictionLaw, top: Sequence[float] |
     return found
 
 
-def cycled(method: str, cycles: int = 5) -> list[Check]:
+def cycled(method: str, mu: float = MU, cycles: int = 5) -> list[Check]:
     """Many reversals: cycles 2 to 5 dissipate 4 s (A - s H / G), each the same."""
     amplitude = 0.01
     top = np.tile([amplitude, -amplitude], cycles)
-    states = bases(scene(dim=2, method=method, E=E, friction=Coulomb(mu=MU), path=top[:, None]))[1:]
+    states = bases(scene(dim=2, method=method, E=E, friction=Coulomb(mu=mu), path=top[:, None]))[1:]
     totals = [state.dissipation_total for state in states[1::2]]
     column = sheared_column.COLUMN
     loop = 4 * column.bound * (amplitude - column.bound * column.height / column.G)
@@ -99,4 +99,4 @@ def cycled(method: str, cycles: int = 5) -> list[Check]:
 
 def checks(method: str, mu: float = MU) -> list[Check]:
     """All of them; with another mu than 0.3 they must fail."""
-    return [check for name, law in laws(mu).items() for check in driven(method, name, law)] + cycled(method)
+    return [check for name, law in laws(mu).items() for check in driven(method, name, law)] + cycled(method, mu)

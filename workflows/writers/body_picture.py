@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from solvers.step_result import MeshData, StepResult
-from workflows.writers.render import View, grid_of, render
+from workflows.writers.render import SHADED, View, grid_of, render
 from workflows.writers.sheet import COLOURS, DPI, Sheet, show_image, span
 from workflows.writers.steps import three
 
@@ -36,9 +36,7 @@ def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str) -> P
             scalars="von_mises",
             cmap=COLOURS,
             clim=(norm.vmin, norm.vmax),
-            lighting=solid,
-            ambient=0.35,
-            diffuse=0.75,
+            **(SHADED if solid else {"lighting": False}),
             show_edges=len(mesh.cells) <= FEW_CELLS,
             edge_color="#333333",
             edge_opacity=0.25,

@@ -37,8 +37,8 @@ def draw_line(
     magnitude = np.linalg.norm(contact.traction[line.nodes], axis=1)
     lam = np.linalg.norm(contact.lam[line.nodes], axis=1)
     bound = np.divide(magnitude, lam, out=np.where(pressure > 0, np.nan, 0.0), where=lam > 1e-6)  # |t| = s |lambda|
-    sheet = Sheet(7.0, 4.3)
-    axes = sheet.axes(0.85, 1.15, 5.85, 2.25)
+    sheet = Sheet(7.0, 4.0)
+    axes = sheet.axes(0.85, 0.87, 5.85, 2.23)
     axes.axhline(0.0, color=PALE, linewidth=0.6)
     style = {"markersize": 2.5, "marker": "o"} if len(line.nodes) <= 120 else {}
     lines = [axes.plot(*line_of(line, pressure), color=PRESSURE, linewidth=1.4, label="pressure $p_n$", **style)[0]]
@@ -55,7 +55,7 @@ def draw_line(
             drawn.set_label(label)
             lines += [drawn] if sign == 1 else []
     axes.legend(
-        handles=lines, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=3, fontsize=8, frameon=False, borderpad=0.2
+        handles=lines, loc="lower right", bbox_to_anchor=(1.01, 1.0), ncols=3, fontsize=8, frameon=False, borderpad=0.2
     )
     axes.set_ylabel("traction [Pa]", fontsize=9)
     low, high = axes.get_ylim()
@@ -65,7 +65,7 @@ def draw_line(
         axes.set_ylim(low, high)
     frame(axes, "top", "right")
     axes.tick_params(labelbottom=False)
-    band = sheet.axes(0.85, 0.93, 5.85, 0.14, sharex=axes)
+    band = sheet.axes(0.85, 0.65, 5.85, 0.14, sharex=axes)
     _status_band(band, line, contact.status[line.nodes])
     frame(band)
     band.set_yticks([])

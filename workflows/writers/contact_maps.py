@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
 from solvers.step_result import Array, ContactState
-from workflows.writers.render import View, grid_of, render
+from workflows.writers.render import SHADED, View, grid_of, render
 from workflows.writers.shapes import corner_cells
 from workflows.writers.sheet import COLOURS, DPI, STATUS_COLOURS, Sheet, show_image, span
 
@@ -34,6 +34,7 @@ def draw_surface(folder: Path, name: str, surface: tuple[Array, Facets, str], co
         [np.round(255 * np.array(to_rgb(STATUS_COLOURS[int(s)]))) for s in contact.status[owners]]
     ).astype(np.uint8)
     flat = labels is not None
+    lit: dict[str, Any] = {"lighting": False} if flat else SHADED
     edges = grid.extract_all_edges() if len(facets) <= FEW_FACETS else None
 
     def add_edges(stage: Any) -> None:
@@ -46,7 +47,7 @@ def draw_surface(folder: Path, name: str, surface: tuple[Array, Facets, str], co
             scalars="pressure",
             cmap=COLOURS,
             clim=(norm.vmin, norm.vmax),
-            lighting=not flat,
+            **lit,
             show_scalar_bar=False,
         )
         add_edges(stage)
@@ -54,7 +55,7 @@ def draw_surface(folder: Path, name: str, surface: tuple[Array, Facets, str], co
             stage.add_mesh(arrows, color="#d7301f", lighting=False)
 
     def add_status(stage: Any) -> None:
-        stage.add_mesh(dual, scalars="colour", rgb=True, lighting=not flat, ambient=0.4)
+        stage.add_mesh(dual, scalars="colour", rgb=True, **lit)
         add_edges(stage)
 
     width, height = (3.6, 3.6 / view.aspect) if view.aspect > 1 else (3.6 * view.aspect, 3.6)

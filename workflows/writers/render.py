@@ -18,6 +18,7 @@ from workflows.writers.steps import three
 
 Image = NDArray[np.uint8]
 MARGIN = 0.04  # of the longer side of the view
+SHADED: dict[str, Any] = {"lighting": True, "ambient": 0.6, "diffuse": 0.45}  # edges show, colours stay near the bar's
 FLATTEST = 6.0  # largest ratio of the view's sides; slimmer bodies get empty space around them
 
 
@@ -108,7 +109,7 @@ def _aim(stage: Any, view: View) -> None:
 def _light(stage: Any, view: View) -> None:
     """One lamp above the viewer's left shoulder, one weaker at the right: edges between faces are seen."""
     back = np.cross(view.right, view.up)
-    for left, above, strength in ((0.5, 0.8, 0.75), (-0.9, 0.1, 0.35)):
+    for left, above, strength in ((0.6, 0.9, 0.7), (-0.9, 0.1, 0.35)):
         position = back - left * view.right + above * view.up
         stage.add_light(
             pv.Light(position=position, focal_point=(0, 0, 0), intensity=strength, light_type="scene light")

@@ -58,7 +58,7 @@ class Sheet:
         bar.ax.xaxis.get_offset_text().set_fontsize(8)
         bar.ax.yaxis.get_offset_text().set_fontsize(8)
         bar.outline.set_linewidth(0.5)
-        bar.locator = MaxNLocator(5)
+        bar.locator = _ticks(5)
         bar.update_ticks()
         bar.set_label(label, fontsize=9, color=INK)
 
@@ -103,7 +103,7 @@ def frame(axes: Any, *hidden: str) -> None:
         spine.set_visible(name not in hidden)
     inches = axes.get_window_extent().size / DPI
     for axis, length in ((axes.xaxis, inches[0]), (axes.yaxis, inches[1])):
-        axis.set_major_locator(MaxNLocator(int(np.clip(length * 1.6, 2, 7))))
+        axis.set_major_locator(_ticks(int(np.clip(length * 2.8, 2, 8))))
         axis.set_major_formatter(number_format())
         axis.get_offset_text().set_fontsize(8)
 
@@ -111,8 +111,12 @@ def frame(axes: Any, *hidden: str) -> None:
 def number_format() -> ScalarFormatter:
     """0.25 or 2.5 with × 10⁸ at the end of the axis, never 250000000."""
     formatter = ScalarFormatter(useMathText=True, useOffset=False)
-    formatter.set_powerlimits((-2, 4))
+    formatter.set_powerlimits((-3, 4))
     return formatter
+
+
+def _ticks(count: int) -> MaxNLocator:
+    return MaxNLocator(count, steps=[1, 2, 2.5, 5, 10])
 
 
 def span(values: Array, at_least: float = 0.0) -> Normalize:

@@ -1,0 +1,37 @@
+"""What is written about the scene file is true."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import workflows
+from solvers.methods.table import METHODS
+from workflows.scene import READY, from_dict, read
+from workflows.scene_reference import FILE, reference
+
+README = Path(workflows.__file__).parents[1] / "README.md"
+
+
+def test_scene_reference_is_what_the_dataclasses_say() -> None:
+    """Renew it with `python -m workflows.scene_reference`."""
+    assert FILE.read_text(encoding="utf-8") == reference()
+
+
+def test_every_key_of_the_reference_has_a_unit_and_a_meaning() -> None:
+    rows = [
+        line.strip("|").split("|") for line in FILE.read_text(encoding="utf-8").splitlines() if line.startswith("| `")
+    ]
+    assert len(rows) > 40
+    assert all(cell.strip() for row in rows for cell in row)
+
+
+def test_the_readme_scene_is_the_ready_scene_block() -> None:
+    text = re.search(r"```toml\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    assert text is not None
+    shown, ready = from_dict(tomllib.loads(text[1])), read(READY / "block.toml")
+    assert (shown.contacts, shown.supports, shown.geometry) == (ready.contacts, ready.supports, ready.geometry)
+
+
+def test_the_readme_names_every_method() -> None:
+    text = README.read_text(encoding="utf-8")
+    assert all(f"`{name}`" in text or f"= `{name}`" in text for name in METHODS)
