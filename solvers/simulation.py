@@ -40,7 +40,6 @@ class Simulation:
     observer: Observer
     counters: Counters
     seconds: Seconds
-    observe: Observer = field(repr=False)
     data: MeshData = field(repr=False)
 
     def steps(self, on_iteration: Callable[[HistoryRow], None] = lambda row: None) -> Iterator[StepResult]:
@@ -57,10 +56,10 @@ class Simulation:
                 accepted = self.stepper.reach(state, time, on_iteration)
             except StepError as failure:
                 if failure.reached is not None:
-                    yield self.observe(failure.reached)
+                    yield observe(failure.reached)
                 raise
             solved = clock.perf_counter()
-            result = self.observe(accepted)
+            result = observe(accepted)
             self.seconds.iterate += solved - began
             self.seconds.output += clock.perf_counter() - solved
             yield result
@@ -84,7 +83,6 @@ def prepare(scene: Scene, comm: Any = None) -> Simulation:
     system = assemble(scene, mesh, counters)
     assembled = clock.perf_counter()
     stepper = Stepper(system)
-    observe = Observer(stepper)  # here, not in `steps`: a probe outside the bodies shows before anything is written
     seconds.mesh, seconds.assemble = meshed - began, assembled - meshed
     seconds.prepare = clock.perf_counter() - assembled
-    return Simulation(scene, plan, mesh, system, stepper, Observer(stepper), counters, seconds, observe, mesh_data(system))
+    return Simulation(scene, plan, mesh, system, stepper, Observer(stepper), counters, seconds, mesh_data(system))

@@ -19,6 +19,16 @@ from solvers.effects import EFFECTS
 from solvers.nouns.scene import Scene
 
 READY = Path(__file__).parent / "scenes"
+EXPECTED = {  # pydantic speaks of JSON; a user wrote TOML
+    "float_type": "expected a number",
+    "int_type": "expected a whole number",
+    "int_from_float": "expected a whole number",
+    "string_type": "expected a text, in quotes",
+    "bool_type": "expected true or false",
+    "dict_type": "expected a table",
+    "dataclass_type": "expected a table",
+    "tuple_type": "expected a list",
+}
 
 
 def read(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
@@ -128,11 +138,13 @@ def _explain(error: ValidationError, kind: Any, data: Mapping[str, Any], at: tup
         wanted = [name.strip(" '") for name in context["expected_tags"].split(",")]
         return f"{key}.{tag} = {json.dumps(context['tag'])}: not one of these; {nearest(str(context['tag']), wanted)}"
     if what == "union_tag_not_found":
-        return f"{key}: needs the key {context['discriminator']}"
+        return f"{key}.{context['discriminator'].strip(chr(39))}: missing, it says which kind is meant"
     if what == "literal_error":
         wanted = [name.strip(" '") for name in context["expected"].replace(" or ", ",").split(",")]
         return f"{key} = {found}: not one of these; {nearest(str(node), wanted)}"
-    return f"{key} = {found}: {problem['msg'][0].lower()}{problem['msg'][1:]}"
+    if what == "float_type" and "float" in problem["loc"]:  # one branch of a value in time
+        return f"{key} = {found}: expected a number, or a table [[time, value], ...]"
+    return f"{key} = {found}: {EXPECTED.get(what, problem['msg'][0].lower() + problem['msg'][1:])}"
 
 
 def _keys_at(kind: Any, data: Any, path: Sequence[str]) -> set[str]:

@@ -78,7 +78,7 @@ def compare(name: str, step: StepResult, exact: ColumnState, g: float, tolerance
     base = step.contacts["base"]
     pressure, displacement = farthest(base.pressure, exact.pressure), farthest(g - base.gap, exact.displacement)
     return [
-        close(f"{name}: displacement of the base [m]", displacement, exact.displacement, tolerance, abs(g)),
+        close(f"{name}: base displacement [m]", displacement, exact.displacement, tolerance, abs(g)),
         close(f"{name}: pressure [Pa]", pressure, exact.pressure, tolerance, M * abs(g)),
         close(f"{name}: upward force [N]", base.force[-1], exact.pressure, tolerance, M * abs(g)),
     ]

@@ -1,0 +1,248 @@
+"""Pictures exist, show something, and survive whatever a contact can look like."""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib import pyplot
+from matplotlib.image import imread
+
+from geometry.errors import MachineError
+from solvers.energy import Energy
+from solvers.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
+from workflows.pictures import draw
+from workflows.writers.body_picture import displacement_scale
+from workflows.writers.contact_curves import walk
+from workflows.writers.contact_maps import dual_cells, view_of
+from workflows.writers.render import View
+
+SHAPES = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
+TETRAHEDRA = ((0, 1, 3, 7), (0, 1, 5, 7), (0, 2, 3, 7), (0, 2, 6, 7), (0, 4, 5, 7), (0, 4, 6, 7))
+
+
+def block(shape: str, n: int = 4) -> MeshData:
+    """A block 2 × 1 (× 1) m; its contact is the bottom. Boxes in dolfinx's tensor order, cut where simplices are asked."""
+    d = 2 if shape in ("triangle", "quadrilateral") else 3
+    steps = [2 * n, *[n] * (d - 1)]
+    numbers = np.arange(np.prod([k + 1 for k in steps])).reshape([k + 1 for k in reversed(steps)])  # x runs fastest
+    axes = [np.linspace(0.0, length, k + 1) for length, k in zip((2.0, 1.0, 1.0), steps, strict=False)]
+    points = np.stack([g.ravel() for g in np.meshgrid(*reversed(axes), indexing="ij")][::-1], axis=1)
+    cells = boxes(numbers)
+    bottom = numbers[0]
+    facets = boxes(bottom)
+    if shape == "triangle":
+        cells = np.vstack([cells[:, [0, 1, 3]], cells[:, [0, 2, 3]]])
+    if shape == "tetrahedron":
+        cells = np.vstack([cells[:, t] for t in TETRAHEDRA])
+        facets = np.vstack([facets[:, [0, 1, 3]], facets[:, [0, 2, 3]]])
+    facet = {"triangle": "interval", "quadrilateral": "interval", "tetrahedron": "triangle"}.get(shape, "quadrilateral")
+    return MeshData(
+        points=points,
+        cells=cells,
+        shape=shape,
+        body=np.zeros(len(cells), np.int64),
+        bodies=("block",),
+        surfaces={"base": (points[bottom.ravel()], facets, facet)},
+    )
+
+
+def boxes(numbers: np.ndarray) -> np.ndarray:
+    """Nodes of each box of a grid of node numbers, x fastest."""
+    corners = np.ndindex(*[2] * numbers.ndim)
+    cut = [numbers[tuple(slice(c, c - 1 or None) for c in corner)].ravel() for corner in corners]
+    return np.stack(cut, axis=1)
+
+
+def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
+    """Pushed down and to the right: slips in front, sticks in the middle, opens at the back."""
+    d = mesh.points.shape[1]
+    x, up = mesh.points[:, 0], mesh.points[:, -1]
+    displacement = np.zeros_like(mesh.points)
+    displacement[:, 0], displacement[:, -1] = 0.05 * up**2, -0.04 * up * (1 + 0.3 * x)
+    centre = mesh.points[mesh.cells].mean(axis=1)
+    stress = np.zeros((len(mesh.cells), 3, 3))
+    stress[:, d - 1, d - 1] = -(1 + centre[:, 0] ** 2)
+    at = mesh.surfaces["base"][0]
+    p = np.maximum(0.0, at[:, 0] - 0.4)
+    share = np.clip(at[:, 0] - 0.6, -1.0, 1.0)
+    along = np.eye(d)[0]
+    status = np.where(p == 0, OPEN, np.where(share == 1.0, SLIP, STICK)).astype(np.int8)
+    zeros = {f.name: 0.0 for f in dataclasses.fields(ContactState) if f.type == "float"}
+    contact = ContactState(
+        weight=np.ones(len(at)),
+        gap=np.where(p > 0, 0.0, 0.01),
+        pressure=p * size,
+        traction=np.outer(-0.3 * p * share, along) * size,
+        slip=np.outer(share == 1.0, along) * 0.01,
+        slip_increment=np.outer(share == 1.0, along) * 0.01,
+        lam=np.outer(np.where(p > 0, share, 0.0), along),
+        status=status,
+        force=np.zeros(d),
+        moment=np.zeros(1 if d == 2 else 3),
+        **zeros,
+    )
+    return StepResult(
+        time=1.0,
+        substeps=1,
+        iterations=1,
+        volume_solves=1,
+        residual=0.0,
+        displacement=displacement,
+        stress=stress * size,
+        contacts={"base": contact},
+        supports={},
+        probes={},
+        energy=Energy(0.0, 0.0, 0.0, 0.0, np.zeros(1)),
+        iteration_error=0.0,
+        p=np.zeros(0),
+        w=np.zeros(0),
+        w_before=np.zeros(0),
+        p_ref=1.0,
+        u_ref=1.0,
+        history=(),
+    )
+
+
+def nothing(mesh: MeshData) -> StepResult:
+    """The step before anything has happened: zero everywhere, all open."""
+    step = pressed(mesh, 0.0)
+    zero = {
+        k: np.zeros_like(getattr(step.contacts["base"], k)) for k in ("gap", "slip", "slip_increment", "lam", "status")
+    }
+    contact = dataclasses.replace(step.contacts["base"], **zero)
+    return dataclasses.replace(step, displacement=np.zeros_like(mesh.points), contacts={"base": contact})
+
+
+def colours(path: Path) -> int:
+    pixels = imread(path)
+    assert pixels.shape[0] > 300
+    assert pixels.shape[1] > 600
+    return len(np.unique((pixels[..., :3] * 255).astype(int).reshape(-1, 3), axis=0))
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_pictures_show_a_pressed_block(tmp_path: Path, shape: str) -> None:
+    mesh = block(shape)
+    drawn = draw(tmp_path, mesh, pressed(mesh), "A block")
+    assert [path.name for path in drawn] == ["deformed.png", "contact_base.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["contact_base.png", "deformed.png"]
+    assert all(colours(path) > 100 for path in drawn)
+    assert pyplot.get_fignums() == []
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_nothing_at_all_is_drawn_without_a_complaint(tmp_path: Path, shape: str) -> None:
+    mesh = block(shape, n=2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        drawn = draw(tmp_path, mesh, nothing(mesh), "")
+    assert all(colours(path) > 10 for path in drawn)
+
+
+@pytest.mark.parametrize("shape", ["quadrilateral", "hexahedron"])
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_pictures_do_not_depend_on_the_size_of_things(tmp_path: Path, shape: str, unit: float) -> None:
+    mesh = block(shape, n=2)
+    points, *rest = mesh.surfaces["base"]
+    large = dataclasses.replace(mesh, points=mesh.points * unit, surfaces={"base": (points * unit, *rest)})
+    step = pressed(mesh, size=1 / unit**2)
+    step = dataclasses.replace(step, displacement=step.displacement * unit)
+    for path in draw(tmp_path, large, step, "$ % _ { a title with strange letters } & " + "long " * 40):
+        assert colours(path) > 50
+
+
+def test_slim_bodies_many_contacts_and_no_contact(tmp_path: Path) -> None:
+    mesh = block("quadrilateral")
+    slim = dataclasses.replace(mesh, points=mesh.points * [1.0, 1e-3])
+    draw(tmp_path, slim, pressed(slim), "slim")
+    tall = dataclasses.replace(mesh, points=mesh.points * [1e-3, 1.0])
+    draw(tmp_path, tall, pressed(tall), "tall")
+    step = pressed(mesh)
+    contact, surface = step.contacts["base"], mesh.surfaces["base"]
+    two = dataclasses.replace(mesh, surfaces={"a": surface, "b": surface})
+    drawn = draw(tmp_path, two, dataclasses.replace(step, contacts={"a": contact, "b": contact}), "two")
+    assert [path.name for path in drawn] == ["deformed.png", "contact_a.png", "contact_b.png"]
+    free = dataclasses.replace(mesh, surfaces={})
+    assert len(draw(tmp_path, free, dataclasses.replace(step, contacts={}), "free")) == 1
+
+
+def test_curved_surfaces_are_drawn_from_the_front_right(tmp_path: Path) -> None:
+    mesh = block("hexahedron")
+    points, *rest = mesh.surfaces["base"]
+    bent = points + np.outer((points[:, 0] - 1.0) ** 2, [0.0, 0.0, 0.3])
+    assert view_of(points)[1] == ("x", "y")
+    assert view_of(bent)[1] is None
+    mesh = dataclasses.replace(mesh, surfaces={"base": (bent, *rest)})
+    assert all(colours(path) > 100 for path in draw(tmp_path, mesh, pressed(mesh), "bent"))
+
+
+def test_a_picture_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    mesh = block("triangle", n=1)
+    (tmp_path / "deformed.png").mkdir()
+    with pytest.raises(MachineError, match=r"deformed\.png: cannot be written"):
+        draw(tmp_path, mesh, pressed(mesh), "no place")
+
+
+@pytest.mark.parametrize(
+    ("largest", "scale"), [(0.0, 1.0), (0.05, 1.0), (0.3, 1.0), (1e-4, 1000.0), (0.01, 10.0), (4.0, 0.02)]
+)
+def test_displacements_are_scaled_by_a_round_factor_unless_they_are_seen(largest: float, scale: float) -> None:
+    mesh = block("quadrilateral", n=1)
+    step = pressed(mesh)
+    moved = np.zeros_like(mesh.points)
+    moved[0, 1] = -largest
+    assert displacement_scale(mesh, dataclasses.replace(step, displacement=moved)) == pytest.approx(scale)
+
+
+def test_a_contact_line_is_walked_from_end_to_end() -> None:
+    points = np.array([[2.0, 0.0], [0.0, 0.0], [1.0, 0.0], [3.0, 0.0]])
+    line = walk(points, np.array([[2, 0], [2, 1], [0, 3]]))
+    assert line.nodes.tolist() == [1, 2, 0, 3]
+    assert line.place.tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert line.label == "x [m]"
+    assert line.tangents.tolist() == [[1.0, 0.0]] * 4
+
+
+def test_middle_nodes_of_curved_facets_are_walked_too() -> None:
+    points = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, 0.0]])
+    assert walk(points, np.array([[0, 1, 2]])).nodes.tolist() == [0, 2, 1]
+
+
+def test_a_closed_contact_line_returns_to_its_start_over_its_arc_length() -> None:
+    angle = np.linspace(0.0, 2 * np.pi, 64, endpoint=False)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    line = walk(circle, np.column_stack([np.arange(64), np.roll(np.arange(64), -1)]))
+    assert line.nodes[0] == line.nodes[-1]
+    assert line.label == "arc length [m]"
+    assert line.place[-1] == pytest.approx(2 * np.pi, rel=1e-3)  # the polygon is shorter by (2 pi / 64)^2 / 24
+    radial = np.einsum("ki,ki->k", line.tangents, circle[line.nodes])
+    assert np.abs(radial).max() < 1e-12
+
+
+def test_a_contact_line_in_two_pieces_has_a_break() -> None:
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0], [4.0, 0.0]])
+    line = walk(points, np.array([[0, 1], [2, 3]]))
+    assert line.starts.tolist() == [True, False, True, False]
+
+
+@pytest.mark.parametrize("shape", ["tetrahedron", "hexahedron"])
+def test_each_node_owns_its_part_of_the_surface(shape: str) -> None:
+    points, facets, facet = block(shape).surfaces["base"]
+    dual, owners = dual_cells(points, facets, facet)
+    areas = dual.compute_cell_sizes()["Area"]
+    assert areas.sum() == pytest.approx(2.0)
+    corner = int(np.flatnonzero((points == 0).all(axis=1))[0])
+    share = {"tetrahedron": 1 / 3, "hexahedron": 1 / 4}[shape] / 16  # two triangles or one square of 1/16 meet there
+    assert areas[owners == corner].sum() == pytest.approx(share)
+
+
+def test_the_view_is_to_scale() -> None:
+    view = View.facing(np.array([[0.0, 0.0, 0.0], [2.0, 1.0, 0.0]]))
+    left, right, bottom, top = view.extent
+    assert left < 0.0 < 2.0 < right
+    assert bottom < 0.0 < 1.0 < top
+    assert view.aspect == pytest.approx((right - left) / (top - bottom))

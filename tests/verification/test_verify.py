@@ -1,0 +1,50 @@
+"""`verify` says what was computed and what was expected, and whether all of it agrees."""
+
+import pytest
+from geometry.errors import SceneError, SolverError
+from workflows import verify as module
+from workflows.verification.cases import CASES, Case
+from workflows.verification.check import Check, failures
+from workflows.verify import verify
+
+
+def test_named_problem_is_solved_and_tabulated(capsys: pytest.CaptureFixture[str]) -> None:
+    assert verify(["zeros"])
+    printed = capsys.readouterr().out
+    for word in ("no increment", "condensed-newton", "uzawa", "deviation", "checks passed"):
+        assert word in printed
+
+
+def test_unknown_problem_is_refused_with_the_nearest_name() -> None:
+    with pytest.raises(SceneError, match=r"raus: no such verification problem; did you mean raous\?"):
+        verify(["zeros", "raus"])
+
+
+def test_one_wrong_figure_fails_the_whole(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def checks(method: str) -> list[Check]:
+        return [Check("right [m]", 1.0, 1.0, 0.0, relative=True), Check("wrong [m]", 1.0, 2.0, 0.1, relative=True)]
+
+    monkeypatch.setattr(module, "CASES", {"wrong": Case(about="a wrong figure", checks=checks)})
+    assert not verify([])
+    assert "2 of 4 checks failed" in capsys.readouterr().out  # with each of two methods
+
+
+def test_problem_without_an_answer_fails_and_the_others_go_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def checks(method: str) -> list[Check]:
+        raise SolverError("t = 1: not converged")
+
+    monkeypatch.setattr(module, "CASES", {"stuck": Case(about="no answer", checks=checks), "zeros": CASES["zeros"]})
+    assert not verify([])
+    printed = capsys.readouterr().out
+    assert "not solved: t = 1: not converged" in printed
+    assert "no increment" in printed
+
+
+def test_check_that_is_not_a_number_fails_and_no_check_is_no_success() -> None:
+    assert not Check("force [N]", float("nan"), 0.0, 1.0, relative=False).passed
+    with pytest.raises(ValueError, match="nothing was checked"):
+        failures([])
+    with pytest.raises(ValueError, match="cannot be relative"):
+        Check("force [N]", 1.0, 0.0, 1.0, relative=True)
