@@ -19,6 +19,8 @@ class ResultsFolder:
         Raises:
             SceneError: something that is not a run's results stands there.
         """
+        if target.name in ("", ".."):
+            raise SceneError(f"-o {target}: name a folder that may be made and replaced, for example results/mine")
         self.target = target
         self.work = target.with_name(f".{target.name}.running")
         for folder in (target, self.work, self._old):

@@ -16,6 +16,7 @@ from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
 from solvers.stepping import HistoryRow, StepError
 from workflows.folder import MARK, ResultsFolder
+from workflows.interrupt import undisturbed
 from workflows.results import Outcome, summary, write_result
 from workflows.writers.steps import read_step, step_name, write_step
 from workflows.writers.tables import write_history, write_tables
@@ -53,8 +54,9 @@ class Run:
         try:
             for index, step in enumerate(self.simulation.steps(tell.on_iteration), start=1):
                 began = clock.perf_counter()
-                self.steps.append(step)
-                self._write(index, step)
+                with undisturbed():
+                    self.steps.append(step)
+                    self._write(index, step)
                 tell.on_step(step)
                 self.simulation.seconds.output += clock.perf_counter() - began
         except StepError as error:
@@ -197,4 +199,3 @@ def _stop_log(handler: logging.Handler) -> None:
     for name in LOGGERS:
         logging.getLogger(name).removeHandler(handler)
     handler.close()
-

@@ -7,7 +7,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from geometry.amplitude import Amplitude, listed_times
+import numpy as np
+
+from geometry.amplitude import Amplitude, listed_times, value_at
 from geometry.builders import Builder, Request
 from geometry.errors import SceneError, nearest, require
 from geometry.keys import Key, Noun
@@ -73,30 +75,27 @@ class Scene(Noun):
         require(side in self.sides(), key, side, f"no such side; {nearest(side, self.sides())}")
 
     def requested_times(self) -> tuple[float, ...]:
-        """Equal steps and every time of a table up to the end; t = 0 only if a table starts from a value there."""
+        """Equal steps and every time of a table up to the end; t = 0 only if a load or motion starts from a value."""
         end, count = self.steps.end, self.steps.count
-        tables = list(self.amplitudes())
+        drives = list(self._drives())
+        bounds = [a for c in self.contacts.values() if c.friction is not None for a in c.friction.amplitudes()]
         times = {end * (k + 1) / count for k in range(count)}
-        times |= {t for table in tables for t in listed_times(table) if 0 < t <= end}
-        if any(not isinstance(a, float | int) and a[0][0] == 0 and a[0][1] != 0 for a in tables):
+        times |= {t for table in (*drives, *bounds) for t in listed_times(table) if 0 < t <= end}
+        if any(0.0 in listed_times(table) and value_at(table, 0.0, end) != 0 for table in drives):
             times.add(0.0)
         close = 1e-12 * end
         ordered = sorted(times)
-        return tuple(
-            t for t, after in zip(ordered, [*ordered[1:], None], strict=True) if after is None or after - t > close
-        )
+        later = [*ordered[1:], np.inf]
+        return tuple(t for t, after in zip(ordered, later, strict=True) if after - t > close)
 
-    def amplitudes(self) -> Iterator[Amplitude]:
-        """Every value in time that the scene contains."""
+    def _drives(self) -> Iterator[Amplitude]:
+        """Loads and motions in time."""
         for support in self.supports.values():
             yield from support.displacement.values()
         for load in self.loads.values():
             yield from load.amplitudes()
         for obstacle in self.obstacles.values():
             yield from getattr(obstacle, "displacement", {}).values()
-        for contact in self.contacts.values():
-            if contact.friction is not None:
-                yield from contact.friction.amplitudes()
         for section in self.sections.values():
             yield from getattr(section, "acceleration", ())
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import errno
 import os
 from pathlib import Path
+from typing import Any
 
 import basix
 import h5py
@@ -14,12 +16,12 @@ import numpy as np
 import pytest
 import pyvista as pv
 from numpy.testing import assert_allclose, assert_array_equal
+from numpy.typing import NDArray
 from vtkmodules.vtkCommonDataModel import vtkGenericCell
 
 from geometry.errors import MachineError
 from solvers.energy import Energy
-from solvers.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
-from workflows.writers import aside
+from solvers.step_result import OPEN, SLIP, STICK, Array, ContactState, MeshData, StepResult
 from workflows.writers.shapes import SHAPES
 from workflows.writers.steps import read_step, write_step
 from workflows.writers.tables import cut_tables, write_tables
@@ -30,13 +32,13 @@ SIZE = {"triangle": 1 / 2, "quadrilateral": 1, "tetrahedron": 1 / 6, "hexahedron
 MESHES = [(shape, order) for shape in FACET for order in (1, 2)]
 
 
-def reference_nodes(shape: str, order: int) -> np.ndarray:
+def reference_nodes(shape: str, order: int) -> Array:
     """The nodes of dolfinx's reference cell, from basix: an answer that our tables do not know."""
     cell = getattr(basix.CellType, shape)
     return np.array(basix.create_element(basix.ElementFamily.P, cell, order, basix.LagrangeVariant.gll_warped).points)
 
 
-def two_cells(shape: str, order: int) -> tuple[np.ndarray, np.ndarray]:
+def two_cells(shape: str, order: int) -> tuple[Array, NDArray[np.int64]]:
     """Two reference cells three metres apart."""
     nodes = reference_nodes(shape, order)
     shift = np.eye(nodes.shape[1])[0] * 3.0
@@ -99,11 +101,11 @@ def result_of(mesh: MeshData, time: float = 0.1 + 0.2, seed: int = 0) -> StepRes
         w_before=random.normal(size=n * d),
         p_ref=1.5,
         u_ref=1e-3 / 3,
-        history=((time, 1, 0.1, np.int64(1), 0.5), (time, np.int64(2), np.float64(1e-9), 3, 0.1 + 0.7)),
+        history=((time, 1, 0.1, 1, 0.5), (time, 2, 1e-9, 3, 0.1 + 0.7)),
     )
 
 
-def padded(values: np.ndarray) -> np.ndarray:
+def padded(values: Array) -> Array:
     return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
 
 
@@ -186,7 +188,7 @@ def test_a_full_disk_leaves_the_old_step_and_no_rubbish(tmp_path: Path, monkeypa
     def full(descriptor: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(aside.os, "fsync", full)
+    monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(MachineError, match="cannot be written: No space left on device"):
         write_step(tmp_path, 1, result_of(mesh, seed=1))
     assert path.read_bytes() == before
@@ -247,9 +249,9 @@ def test_meshio_reads_fields_and_contacts(tmp_path: Path, shape: str, order: int
                 assert_array_equal(at_nodes[name], padded(getattr(contact, name)))
 
 
-def vtk_grid(path: Path, time: float) -> pv.UnstructuredGrid:
+def vtk_grid(path: Path, time: float) -> Any:
     """Through VTK's own XDMF reader, as ParaView does."""
-    reader = pv.get_reader(path)
+    reader: Any = pv.get_reader(path)  # type: ignore[no-untyped-call]
     assert_array_equal(reader.time_values, [0.5, 1.0])
     reader.set_active_time_value(time)
     found = reader.read()
@@ -357,6 +359,13 @@ def test_tables_read_back_to_the_same_bits(tmp_path: Path, shape: str) -> None:
         "volume_solves": "3",
         "seconds": repr(0.1 + 0.7),
     }
+
+
+def test_numbers_of_numpy_are_written_like_those_of_python(tmp_path: Path) -> None:
+    mesh = mesh_of("triangle")
+    counted: Any = ((np.float64(0.1), np.int64(2), np.float32(0.5), np.int64(3), 0.1),)
+    write_tables(tmp_path, 1, mesh, dataclasses.replace(result_of(mesh), history=counted))
+    assert (tmp_path / "history.csv").read_text().splitlines()[1] == "1,0.1,2,0.5,3,0.1"
 
 
 def test_tables_are_cut_back_to_the_last_good_step(tmp_path: Path) -> None:

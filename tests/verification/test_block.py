@@ -3,6 +3,7 @@
 from typing import get_args
 
 import pytest
+
 from workflows.verification import block_case
 from workflows.verification.block_case import History
 from workflows.verification.check import failures

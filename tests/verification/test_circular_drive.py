@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+
 from workflows.verification.check import failures
 from workflows.verification.circular_drive_case import FRAME_TOLERANCE, last_turn, steady, turned
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from workflows.verification import column, column_case
 from workflows.verification.check import failures
 
@@ -22,6 +23,14 @@ def test_foundation_carries_the_pressure_of_its_penetration(method: str, dim: in
 @pytest.mark.parametrize("dim", [2, 3])
 def test_quadrilaterals_and_hexahedra_carry_it_too(method: str, dim: int) -> None:
     assert not failures(column_case.pressed(method, dim, 2, cells="tensor"))
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_column_of_one_cell_has_no_interior_to_condense(method: str, dim: int) -> None:
+    scene = column_case.scene(dim=dim, method=method, c_n=1e6, m=2, g=0.002, top=0.01, mesh_size=1.0)
+    exact = column.driven_by_displacement(M=column_case.M, U=0.01, g=0.002, c_n=1e6, m=2)
+    assert not failures(column_case.compare("one cell", column_case.solve(scene), exact, 0.002))
 
 
 @pytest.mark.parametrize("method", METHODS)

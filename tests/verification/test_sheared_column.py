@@ -5,10 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+
 from solvers.effects.friction import Coulomb
 from workflows.verification import sheared_column, sheared_column_case
 from workflows.verification.check import Check, failures
-from workflows.verification.sheared_column_case import E, MU, bases, cycled, driven, laws, scene
+from workflows.verification.sheared_column_case import MU, E, bases, cycled, driven, laws, scene
 
 METHODS = ("condensed-newton", "uzawa")
 PATH = sheared_column.TOP[:, None]

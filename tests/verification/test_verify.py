@@ -1,6 +1,7 @@
 """`verify` says what was computed and what was expected, and whether all of it agrees."""
 
 import pytest
+
 from geometry.errors import SceneError, SolverError
 from workflows import verify as module
 from workflows.verification.cases import CASES, Case

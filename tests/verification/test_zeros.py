@@ -1,6 +1,7 @@
 """Where there is nothing to do, nothing is done: no change, at most one iteration, no 0/0."""
 
 import pytest
+
 from workflows.verification import zeros_case
 from workflows.verification.check import failures
 

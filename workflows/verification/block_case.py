@@ -35,7 +35,8 @@ def scene(method: str, history: History, mu: float = MU) -> Scene:
     changed = replace(ready, contacts={"base": base}, solver=Solver(method=method, tolerance=1e-11))
     if history == "two steps":
         return changed
-    final = {axis: table[-1][1] for axis, table in ready.supports["top"].displacement.items() if isinstance(table, tuple)}
+    tables = ready.supports["top"].displacement
+    final = {axis: table[-1][1] for axis, table in tables.items() if isinstance(table, tuple)}
     top = Support(boundary="block.top", displacement=final)
     return replace(changed, supports={"top": top}, steps=Steps(end=1.0, count=1))
 

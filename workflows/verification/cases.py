@@ -29,7 +29,7 @@ class Case:
 CASES: Mapping[str, Case] = {
     "column": Case(about="column on a compliant foundation, against the closed form", checks=column_case.checks),
     "sheared_column": Case(about="stick, slip, reversal, dissipation, closed form", checks=sheared_column_case.checks),
-    "circular_drive": Case(about="the friction cone in 3D, against the exact polygon", checks=circular_drive_case.checks),
+    "circular_drive": Case(about="the round friction cone in 3D, closed form", checks=circular_drive_case.checks),
     "raous": Case(about="block of Raous, Chabrand and Lebon, published figures", checks=raous_case.checks),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
     "block": Case(about="the ready scene, one method against the other", checks=block_case.checks),

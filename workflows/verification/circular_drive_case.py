@@ -19,6 +19,7 @@ E = 1000.0  # [Pa]
 TURNS = 3
 TOLERANCE = 1e-9  # the solver's 1e-12 per step, carried over the steps of a turn, and a digit to spare
 FRAME_TOLERANCE = 1e-10
+FIGURES = {"face_radius": "face radius [m]", "lag": "lag [rad]", "dissipation": "dissipation a turn [J]"}
 TURNED = np.radians(17)
 
 
@@ -57,7 +58,7 @@ def turned(method: str, n: int, by: float = TURNED) -> list[Check]:
     name = f"{n} steps a turn, turned by {np.degrees(by):g} degrees"
     return [
         Check(f"{name}: {what}", getattr(oblique, key), getattr(straight, key), FRAME_TOLERANCE, relative=True)
-        for key, what in {"face_radius": "face radius [m]", "lag": "lag [rad]", "dissipation": "dissipation a turn [J]"}.items()
+        for key, what in FIGURES.items()
     ]
 
 

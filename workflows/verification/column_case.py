@@ -43,6 +43,7 @@ def scene(
     pressure: float | None = None,
     nu: float = NU,
     cells: Literal["simplex", "tensor"] = "simplex",
+    mesh_size: float = 0.5,
 ) -> Scene:
     """Column of side 1 m above a plane at -g, its top driven down by `top` [m] or by `pressure` [Pa]."""
     up = "xyz"[dim - 1]
@@ -57,7 +58,7 @@ def scene(
     return Scene(
         title="Column on a compliant foundation",
         model="3d" if dim == 3 else "plane strain",
-        geometry=Block(length=1.0, width=1.0 if dim == 3 else None, height=1.0, mesh_size=0.5, cells=cells),
+        geometry=Block(length=1.0, width=1.0 if dim == 3 else None, height=1.0, mesh_size=mesh_size, cells=cells),
         bodies={"block": Material(E=E, nu=nu)},
         obstacles={"foundation": Plane(point=(*across, -g), normal=(*across, 1.0))},
         contacts={"base": Contact(surface="block.bottom", against="foundation", normal=Compliance(c_n=c_n, m_n=m))},

@@ -79,7 +79,7 @@ def forces(method: str, mu: float = raous.MU) -> list[Check]:
     return [
         # balance only: as exact as the solver
         Check("F_n, contact and corner [N/m]", base.normal_force + corner, raous.F_N, 1e-9, relative=True),
-        # the mesh: 1.4112e6 at n = 32 against the converged figure, first order in the size of the cell
+        # the mesh: 1.6, .41, .10 % too large at n = 16, 32, 64, which extrapolates to the converged figure
         Check("F_t [N/m]", base.tangential_force, raous.F_T, 6e-3, relative=True),
     ]
 
@@ -96,7 +96,7 @@ def zones(method: str, mu: float = raous.MU) -> list[Check]:
         # a limit lies between the last node of one state and the first of the next: a cell, and its half each way
         within("last open node [m]", opened.max(initial=0), raous.OPEN_UNTIL - 1.5 * CELL, raous.OPEN_UNTIL + CELL / 2),
         within("last slipping node [m]", slipping.max(initial=0), raous.SLIP_UNTIL - 2 * CELL, raous.SLIP_UNTIL + CELL),
-        within("first sticking node [m]", sticking.min(initial=1), raous.SLIP_UNTIL - CELL, raous.SLIP_UNTIL + 2 * CELL),
+        within("first sticking node [m]", sticking.min(initial=1), raous.SLIP_UNTIL - CELL, raous.SLIP_UNTIL + CELL),
     ]
 
 
@@ -106,7 +106,7 @@ def ramped(method: str, mu: float = raous.MU) -> list[Check]:
     one, _ = solve(method, 1, mu)
     for n in (1, 2, 5):
         work = solve(method, n, mu)[0].contacts["base"].dissipation_total
-        # the mesh: friction is 0.4 % too large and slip 0.25 % too small here
+        # the mesh: .8, .23, .06 % too small at n = 16, 32, 64
         found.append(Check(f"dissipation in {n} steps [J/m]", work, raous.dissipation(n), 5e-3, relative=True))
         if n > 1:
             ratio = work / one.contacts["base"].dissipation_total if mu else 0.0

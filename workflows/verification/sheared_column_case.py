@@ -5,7 +5,7 @@ The state is uniform, so any mesh is exact, and a step of any size is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -35,10 +35,12 @@ TOLERANCE = 1e-9  # the solver's 1e-12, summed over six steps, and two digits to
 def scene(*, dim: int, method: str, E: float, friction: FrictionLaw | None, path: Array) -> Scene:
     """Column of side 1 m, pressed at t = 1, its top at path[k] (steps, dim - 1) [m] at t = k + 2."""
     opposite = {"right": "left"} | ({"back": "front"} if dim == 3 else {})
+    periodic = {slave: Periodic(boundary=f"block.{slave}", with_=f"block.{m}") for slave, m in opposite.items()}
     up, across = "xyz"[dim - 1], (0.0,) * (dim - 1)
     times = [float(k + 2) for k in range(len(path))]
-    tables = {axis: ((1.0, 0.0), *zip(times, path[:, k].tolist(), strict=True)) for k, axis in enumerate("xy"[: dim - 1])}
-    top = {**tables, up: ((1.0, -PRESSURE / constrained_modulus(E, NU)),)}
+    moves = zip("xy"[: dim - 1], path.T.tolist(), strict=True)
+    top = {axis: ((1.0, 0.0), *zip(times, values, strict=True)) for axis, values in moves}
+    top[up] = ((1.0, -PRESSURE / constrained_modulus(E, NU)),)
     return Scene(
         title="Column sheared on a frictional base",
         model="3d" if dim == 3 else "plane strain",
@@ -47,7 +49,7 @@ def scene(*, dim: int, method: str, E: float, friction: FrictionLaw | None, path
         obstacles={"floor": Plane(point=(*across, 0.0), normal=(*across, 1.0))},
         contacts={"base": Contact(surface="block.bottom", against="floor", friction=friction)},
         supports={"top": Support(boundary="block.top", displacement=top)},  # type: ignore[arg-type]
-        sections={"periodic": {slave: Periodic(boundary=f"block.{slave}", with_=f"block.{m}") for slave, m in opposite.items()}},
+        sections={"periodic": periodic},
         steps=Steps(end=times[-1], count=len(path) + 1),
         solver=Solver(method=method, tolerance=1e-12),
     )
@@ -63,12 +65,12 @@ def laws(mu: float = MU) -> dict[str, FrictionLaw]:
     return {"Coulomb": Coulomb(mu=mu), "Tresca": Tresca(bound=((0.0, mu * PRESSURE),))}
 
 
-def driven(method: str, name: str, friction: FrictionLaw, top: Sequence[float] | Array = sheared_column.TOP) -> list[Check]:
+def driven(method: str, name: str, friction: FrictionLaw, top: Array = sheared_column.TOP) -> list[Check]:
     """Traction, slip and dissipation after each of the top's moves, at the worst node of the base."""
-    pressed, *moved = bases(scene(dim=2, method=method, E=E, friction=friction, path=np.array(top)[:, None]))
-    exact = sheared_column.drive(sheared_column.COLUMN, np.array(top))
+    pressed, *moved = bases(scene(dim=2, method=method, E=E, friction=friction, path=top[:, None]))
+    exact = sheared_column.drive(sheared_column.COLUMN, top)
     found = [close(f"{name}: pressure [Pa]", farthest(pressed.pressure, PRESSURE), PRESSURE, TOLERANCE, PRESSURE)]
-    scale = abs(np.array(top)).max()
+    scale = abs(top).max()
     for k, base in enumerate(moved):
         at = f"{name}, top at {1000 * top[k]:+g} mm (move {k + 1})"
         tau, slip, work = exact.tau[k], exact.slip[k], exact.dissipation[k]
@@ -93,7 +95,7 @@ def cycled(method: str, mu: float = MU, cycles: int = 5) -> list[Check]:
     loop = 4 * column.bound * (amplitude - column.bound * column.height / column.G)
     return [
         close(f"cycle {k + 2}: loop area [J]", after - before, loop, 1e-8, loop)
-        for k, (before, after) in enumerate(zip(totals[:-1], totals[1:], strict=True))
+        for k, (before, after) in enumerate(pairwise(totals))
     ]
 
 

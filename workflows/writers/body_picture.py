@@ -53,7 +53,7 @@ def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str) -> P
     beside = view.aspect <= 1.6
     left = 0.25 if solid else 0.8
     foot = (0.2 if solid else 0.55) + (0.0 if beside else 0.75)
-    sheet = Sheet(max(4.5, left + width + (1.3 if beside else 0.4)), foot + height + 0.7)
+    sheet = Sheet(max(4.5, left + width + (1.3 if beside else 0.4)), foot + height + 0.75)
     show_image(
         sheet.axes(left, foot, width, height),
         view,
@@ -85,6 +85,8 @@ def displacement_scale(mesh: MeshData, result: StepResult) -> float:
 
 def _outline(grid: Any, solid: bool) -> Any:
     """Border of a plane body, sharp edges of a solid one."""
+    if solid:  # cells may be mirror images: faces are turned to one side before their angles are measured
+        grid = grid.extract_surface().compute_normals(point_normals=False, consistent_normals=True)
     return grid.extract_feature_edges(
         feature_angle=30.0,
         boundary_edges=not solid,

@@ -70,7 +70,7 @@ def draw_line(
     frame(band)
     band.set_yticks([])
     band.set_xlabel(line.label, fontsize=9)
-    sheet.status_legend(band, loc="upper right", bbox_to_anchor=(1.01, -1.6), borderpad=0)
+    sheet.status_legend(band, loc="upper left", bbox_to_anchor=(-0.005, -1.6), borderpad=0)
     margin = 0.01 * (float(np.ptp(line.place)) or 1.0)
     axes.set_xlim(line.place.min() - margin, line.place.max() + margin)
     title, caption = head.split("\n")

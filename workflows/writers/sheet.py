@@ -47,8 +47,11 @@ class Sheet:
 
     def head(self, title: str, caption: str, left: float) -> None:
         """Title in the top line, what the picture shows in the line below."""
-        size = 11.0 * min(1.0, 13.5 * (self.width - left - 0.1) / max(1, len(title)))  # about 13.5 letters an inch
-        self.write(left, self.height - 0.28, title, fontsize=max(size, 5.0), fontweight="bold")
+        room = int(11 * (self.width - left - 0.1))  # letters of 11 points, bold
+        longest = int(1.6 * room)
+        title = title if len(title) <= longest else title[: longest - 1].rstrip() + "…"
+        size = 11.0 * min(1.0, room / max(1, len(title)))
+        self.write(left, self.height - 0.28, title, fontsize=size, fontweight="bold")
         self.write(left, self.height - 0.48, caption, color=PALE)
 
     def colour_bar(self, axes: Any, norm: Normalize, label: str, orientation: str) -> None:

@@ -1,0 +1,168 @@
+"""Weak forms: what UFL writes is what the rows add up, and a constant stress comes out as it went in."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+from geometry import dolfinx_versions as dx
+from geometry.dolfinx_versions import ufl
+from solvers.effects.compliance import Compliance
+from solvers.nouns.scene import Scene
+from solvers.operators.rows import ContactRows
+from solvers.simulation import Simulation
+from solvers.system import System
+
+Array = NDArray[np.float64]
+SceneOf = Callable[..., Scene]
+SystemOf = Callable[[Scene], System]
+MESHES: list[tuple[int, dict[str, Any]]] = [
+    (2, {"contact_mesh_size": 0.2}),
+    (2, {"cells": "tensor"}),
+    (3, {"contact_mesh_size": 0.4}),
+    (3, {"cells": "tensor"}),
+]
+
+
+def compliant(scene_of: SceneOf, system_of: SystemOf, dim: int, geometry: dict[str, Any], m_n: float) -> System:
+    law = {"law": "compliance", "c_n": 3.0, "m_n": m_n}
+    return system_of(
+        scene_of(dim, geometry, contacts={"base": {"surface": "block.bottom", "against": "foundation", "normal": law}})
+    )
+
+
+def some_displacement(system: System) -> Any:
+    """Random, partly touching: about half of the facets cross the line between open and closed."""
+    u = dx.fem.Function(system.space)
+    u.x.array[:] = np.random.default_rng(11).normal(size=len(u.x.array))
+    return u
+
+
+def j_n(system: System, u: Any) -> Any:
+    """The form of the contact with the foundation at height 0."""
+    dim, (rows,) = system.mesh.dim, system.contacts
+    assert isinstance(rows.normal, Compliance)
+    normal = dx.fem.Constant(system.mesh.domain, -np.eye(dim)[-1])
+    gap = ufl.SpatialCoordinate(system.mesh.domain)[dim - 1]
+    return system.weak.normal_compliance(u, normal, gap, rows.normal, "block.bottom")
+
+
+def penetration(rows: ContactRows, u: Array) -> Array:
+    return np.maximum(rows.N_n @ u[rows.surface.nodes].ravel() - rows.gap, 0.0)
+
+
+def by_rows(system: System, u: Array) -> Array:
+    """B^T p over all nodes (n, d), p from the law at the quadrature points."""
+    (rows,) = system.contacts
+    assert isinstance(rows.normal, Compliance)
+    p = rows.normal.c_n * penetration(rows, u) ** rows.normal.m_n
+    total = np.zeros_like(u)
+    total[rows.surface.nodes] = rows.nodal_forces(p, np.zeros(rows.free.shape))
+    return total
+
+
+@pytest.mark.parametrize("m_n", [1.0, 1.5, 2.0, 3.0])
+@pytest.mark.parametrize(("dim", "geometry"), MESHES)
+def test_compliance_form_is_what_the_quadrature_rows_add_up(
+    dim: int, geometry: dict[str, Any], m_n: float, scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    system = compliant(scene_of, system_of, dim, geometry, m_n)
+    u = some_displacement(system)
+    form = dx.assemble_vector(system.weak.compile(j_n(system, u))).array.reshape(-1, dim)
+    rows = by_rows(system, u.x.array.reshape(-1, dim))
+    closed = penetration(system.contacts[0], u.x.array.reshape(-1, dim)) > 0
+    assert closed.any()
+    assert not closed.all()
+    assert_allclose(rows, form, atol=1e-12 * np.abs(form).max())  # the same points and weights: rounding only
+
+
+@pytest.mark.parametrize("m_n", [1.5, 2.0])
+@pytest.mark.parametrize(("dim", "geometry"), [MESHES[0], MESHES[3]])
+def test_compliance_tangent_is_the_derivative_of_the_form(
+    dim: int, geometry: dict[str, Any], m_n: float, scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    system = compliant(scene_of, system_of, dim, geometry, m_n)
+    (rows,) = system.contacts
+    assert isinstance(rows.normal, Compliance)
+    u = some_displacement(system)
+    values = u.x.array.reshape(-1, dim)
+    tangent = dx.assemble_matrix(system.weak.compile(ufl.derivative(j_n(system, u), u)))
+    direction = np.random.default_rng(12).normal(size=values.shape)
+    x = tangent.createVecRight()
+    x.array[:] = direction.ravel()
+    from_form = (tangent * x).array.reshape(-1, dim)
+    # N^T W k N with the slope that Newton uses
+    p = rows.normal.c_n * penetration(rows, values) ** rows.normal.m_n
+    k = rows.normal.stiffness(p, np.where(p > 0, 1.0, -1.0))
+    moved = rows.N_n @ direction[rows.surface.nodes].ravel()
+    from_rows = np.zeros_like(values)
+    from_rows[rows.surface.nodes] = rows.nodal_forces(k * moved, np.zeros(rows.free.shape))
+    assert_allclose(from_rows, from_form, atol=1e-12 * np.abs(from_form).max())
+    # central difference; m_n = 1.5 has no second derivative where the surface lifts off
+    h = 1e-6
+    difference = (by_rows(system, values + h * direction) - by_rows(system, values - h * direction)) / (2 * h)
+    assert_allclose(difference, from_form, atol=1e-5 * np.abs(from_form).max())
+
+
+STATES = {
+    # model: strain (x, along the last axis) per unit pull in x, E = 1, nu = 0.3
+    "plane stress": (2, 1.0, -0.3),
+    "plane strain": (2, 1 - 0.09, -0.3 * 1.3),
+    "3d": (3, 1.0, -0.3),
+}
+
+
+@pytest.mark.parametrize("cells", ["simplex", "tensor"])
+@pytest.mark.parametrize("model", STATES)
+def test_a_pulled_block_stretches_by_the_modulus_of_its_model(
+    model: str, cells: str, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
+) -> None:
+    dim, along, across = STATES[model]
+    rollers = {"left": {"boundary": "block.left", "displacement": {"x": 0.0}}}
+    rollers["bottom"] = {"boundary": "block.bottom", "displacement": {"xyz"[dim - 1]: 0.0}}
+    if dim == 3:
+        rollers["front"] = {"boundary": "block.front", "displacement": {"y": 0.0}}
+    pull = {"pull": {"boundary": "block.right", "traction": [2.0] + [0.0] * (dim - 1)}}
+    size = {"cells": cells} | ({"contact_mesh_size": 0.2 * (dim - 1)} if cells == "simplex" else {})
+    scene = scene_of(dim, size, model=model, obstacles={}, supports=rollers, loads=pull)
+    simulation = simulation_of(scene)
+    (step,) = simulation.steps()
+    x = simulation.data.points
+    strain = np.array([along] + [across] * (dim - 1))
+    assert_allclose(step.displacement, 2.0 * strain * x, atol=1e-12)  # linear: in the space
+    expected = np.zeros((3, 3))
+    expected[0, 0] = 2.0
+    if model == "plane strain":
+        expected[2, 2] = 0.3 * 2.0  # what holds the thickness
+    assert_allclose(step.stress, np.tile(expected, (len(step.stress), 1, 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize("law", ["unilateral", "bilateral", "compliance"])
+@pytest.mark.parametrize(("dim", "geometry"), MESHES)
+def test_a_pressed_block_hands_its_pressure_to_the_foundation(
+    dim: int, geometry: dict[str, Any], law: str, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
+) -> None:
+    normal = {"law": law} | ({"c_n": 5.0, "m_n": 2.0} if law == "compliance" else {})
+    rollers = {"left": {"boundary": "block.left", "displacement": {"x": 0.0}}}
+    if dim == 3:
+        rollers["front"] = {"boundary": "block.front", "displacement": {"y": 0.0}}
+    scene = scene_of(
+        dim,
+        geometry,
+        contacts={"base": {"surface": "block.bottom", "against": "foundation", "normal": normal}},
+        supports=rollers,
+        loads={"press": {"boundary": "block.top", "pressure": 0.2}},
+    )
+    (step,) = simulation_of(scene).steps()
+    contact = step.contacts["base"]
+    assert_allclose(contact.pressure, 0.2, rtol=1e-7)  # solver.tolerance 1e-8
+    assert_allclose(contact.gap, -((0.2 / 5.0) ** 0.5) if law == "compliance" else 0.0, atol=1e-8)
+    assert_allclose(contact.force, np.eye(dim)[-1] * 0.4, atol=1e-8)  # 0.2 Pa on 2 m (2 m x 1 m)
+    expected = np.zeros((3, 3))
+    expected[dim - 1, dim - 1] = -0.2
+    if dim == 2:
+        expected[2, 2] = -0.3 * 0.2  # plane strain
+    assert_allclose(step.stress, np.tile(expected, (len(step.stress), 1, 1)), atol=1e-7)

@@ -1,0 +1,195 @@
+"""Methods: the linearised laws are the derivative of the laws, and every method finds the same answer."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+from scipy.linalg import null_space
+
+from solvers.cone import Cone
+from solvers.methods.condensed_newton import CondensedNewton
+from solvers.methods.linearised_laws import LinearisedLaws, linearise
+from solvers.methods.solution import Status
+from solvers.methods.uzawa import Uzawa
+from solvers.nouns.scene import Scene
+from solvers.simulation import Simulation
+from solvers.surface_problem import SurfaceProblem
+
+Array = NDArray[np.float64]
+SceneOf = Callable[..., Scene]
+SimulationOf = Callable[[Scene], Simulation]
+NORMAL: dict[str, dict[str, Any]] = {
+    "unilateral": {"law": "unilateral"},
+    "bilateral": {"law": "bilateral"},
+    "linear": {"law": "compliance", "c_n": 20.0},
+    "power": {"law": "compliance", "c_n": 20.0, "m_n": 2.0},
+}
+FRICTION: dict[str, dict[str, Any]] = {
+    "coulomb": {"law": "coulomb", "mu": 0.4},
+    "tresca": {"law": "tresca", "bound": 0.3},
+    "stick": {"law": "stick"},
+}
+
+
+def pressed(scene_of: SceneOf, dim: int, normal: str, friction: str, **solver: Any) -> Scene:
+    """Pressed and dragged in one step; in 3D along both axes."""
+    drag = {"x": 0.06, "y": -0.1} if dim == 2 else {"x": 0.06, "y": 0.03, "z": -0.1}
+    laws = {"normal": NORMAL[normal], "friction": FRICTION[friction]}
+    return scene_of(
+        dim,
+        contacts={"base": {"surface": "block.bottom", "against": "foundation"} | laws},
+        supports={"top": {"boundary": "block.top", "displacement": drag}},
+        solver={"tolerance": 1e-11} | solver,
+    )
+
+
+def problem_of(simulation: Simulation) -> SurfaceProblem:
+    """The surface problem at t = 1."""
+    stepper = simulation.stepper
+    return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+
+
+def trial_away_from_kinks(cone: Cone, gamma: Array, seed: int) -> tuple[Array, NDArray[np.str_]]:
+    """Random trial tractions, none near the edge between open, stick and slip, and the state of each tangential point."""
+    random = np.random.default_rng(seed)
+    p_hat = random.uniform(0.2, 1.0, cone.size) * random.choice([-1.0, 1.0, 1.0], cone.size)
+    (place,) = cone.places
+    p_n = place.rows.normal.resolvent(p_hat[place.normal], gamma[place.normal])
+    s = cone.bound(place, p_n)
+    assert not np.any((s > 0) & (s < 1e-6))  # else choose another seed
+    t = random.normal(size=(len(s), place.components))
+    slipping = random.random(len(s)) < 0.5
+    t *= (np.where(np.isfinite(s), np.where(slipping, 1.6, 0.5) * s, 1.0) / np.linalg.norm(t, axis=1))[:, None]
+    p_hat[place.tangential] = t.ravel()
+    return p_hat, np.where(s == 0, "open", np.where(slipping & np.isfinite(s), "slip", "stick"))
+
+
+def as_one_system(laws: LinearisedLaws, rows: int) -> tuple[Array, Array]:
+    """M (p, w) = r: springs p - k w = p_0 - k gap, carried rows, and p = 0 elsewhere."""
+    M, r = np.zeros((rows, 2 * rows)), np.zeros(rows)
+    M[:, :rows] = np.eye(rows)
+    M[:, rows:] = -np.diag(laws.k)
+    r[:] = laws.p_0 - laws.k * laws.problem.gap
+    M[laws.carried] = np.hstack([laws.A_p.toarray(), laws.A_w.toarray()])
+    r[laws.carried] = laws.rhs
+    return M, r
+
+
+COMBINATIONS = [
+    (dim, normal, friction)
+    for dim in (2, 3)
+    for normal, friction in [
+        ("unilateral", "coulomb"), ("unilateral", "tresca"), ("unilateral", "stick"), ("bilateral", "coulomb"),
+        ("bilateral", "tresca"), ("linear", "coulomb"), ("power", "coulomb"), ("power", "tresca"),
+    ]
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("dim", "normal", "friction"), COMBINATIONS)
+def test_linearised_laws_are_the_derivative_of_the_laws(
+    dim: int, normal: str, friction: str, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """One Newton step of p - P_C(p + gamma (w - gap)) = 0, by differences, has the linearised laws' solutions."""
+    problem = problem_of(simulation_of(pressed(scene_of, dim, normal, friction)))
+    cone, gamma, rows = problem.cone, problem.gamma * 0.8, problem.cone.size
+    p_hat, states = trial_away_from_kinks(cone, gamma, seed=4)
+    if normal != "bilateral" and friction != "stick":
+        assert set(states) >= {"open", "slip", "stick"}
+    p = np.random.default_rng(5).normal(size=rows)
+    w = problem.gap + (p_hat - p) / gamma
+
+    def defect(x: Array) -> Array:
+        return np.asarray(x[:rows] - cone.project(x[:rows] + gamma * (x[rows:] - problem.gap), gamma))
+
+    x, h = np.concatenate([p, w]), 1e-6
+    columns = [(defect(x + h * e) - defect(x - h * e)) / (2 * h) for e in np.eye(2 * rows)]
+    J = np.stack(columns, axis=1)
+    M, r = as_one_system(linearise(problem, p_hat, gamma), rows)
+    assert np.linalg.matrix_rank(M) == np.linalg.matrix_rank(J, tol=1e-6) == rows
+    solution = np.linalg.lstsq(M, r, rcond=None)[0]
+    assert_allclose(M @ solution, r, atol=1e-12)
+    scale = np.abs(J).max() * np.abs(solution - x).max()
+    assert_allclose(defect(x) + J @ (solution - x), 0.0, atol=1e-8 * scale)  # differences: h², eps/h
+    assert_allclose(J @ null_space(M), 0.0, atol=1e-8 * np.abs(J).max())
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_condensed_system_is_solved_with_its_laws(dim: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    problem = problem_of(simulation_of(pressed(scene_of, dim, "power", "coulomb")))
+    p_hat, _ = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
+    laws = linearise(problem, p_hat, problem.gamma)
+    p, u_c = laws.solve()
+    surface = problem.surface
+    w = surface.N @ u_c + problem.offset
+    M, r = as_one_system(laws, len(p))
+    size = np.abs(M).max() * max(np.abs(p).max(), np.abs(w).max())
+    assert_allclose(M @ np.concatenate([p, w]), r, atol=1e-11 * size)
+    balance = surface.S @ u_c + surface.forces(p) - problem.f_c
+    assert_allclose(balance, 0.0, atol=1e-11 * np.abs(surface.S @ u_c).max())
+
+
+@pytest.mark.parametrize(("dim", "normal", "friction"), [
+    (2, "power", "coulomb"), (2, "unilateral", "coulomb"), (2, "linear", "tresca"), (2, "bilateral", "tresca"),
+    (3, "power", "coulomb"),
+])  # fmt: skip
+def test_uzawa_and_newton_find_the_same_answer(
+    dim: int, normal: str, friction: str, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    steps, problems = [], []
+    for method in ("uzawa", "condensed-newton"):
+        simulation = simulation_of(pressed(scene_of, dim, normal, friction, method=method))
+        steps += list(simulation.steps())
+        problems.append(simulation.stepper.surface)
+    one, other = steps
+    assert 0 < other.iterations < one.iterations
+    size = np.abs(one.displacement).max()
+    assert_allclose(one.displacement, other.displacement, atol=1e-9 * size)  # tolerance 1e-11, condition some 100
+    forces = [surface.forces(step.p) for surface, step in zip(problems, steps, strict=True)]
+    assert_allclose(forces[0], forces[1], atol=1e-9 * np.abs(forces[0]).max())
+    contact = other.contacts["base"]
+    assert contact.slip_area > 0
+    assert contact.tangential_force > 0.01
+    assert contact.dissipation > 0
+
+
+def test_friction_is_what_the_methods_see_of_mu(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    scene = pressed(scene_of, 2, "power", "coulomb")
+    smooth = scene_of(
+        contacts={"base": {"surface": "block.bottom", "against": "foundation", "normal": NORMAL["power"],
+                           "friction": {"law": "coulomb", "mu": 0.0}}},
+        supports={"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}},
+    )  # fmt: skip
+    (rough,), (slippery,) = (list(simulation_of(s).steps()) for s in (scene, smooth))
+    assert slippery.contacts["base"].tangential_force == 0.0
+    assert rough.contacts["base"].tangential_force <= 0.4 * rough.contacts["base"].normal_force * (1 + 1e-9)
+
+
+@pytest.mark.parametrize(("relaxation", "converges"), [(0.2, True), (1.99, True), (2.02, False)])
+def test_uzawa_converges_up_to_two_over_lambda_max_and_no_further(
+    relaxation: float, converges: bool, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """All points closed and sticking: Richardson's iteration, whose bound is sharp."""
+    problem = problem_of(simulation_of(pressed(scene_of, 2, "bilateral", "stick")))
+    method = Uzawa(relaxation=relaxation, rtol=1e-8, max_it=20000)
+    solution = method(problem, np.zeros(problem.cone.size))
+    residuals = [step.residual for step in solution.history]
+    if converges:
+        assert solution.status is Status.CONVERGED
+        newton = CondensedNewton(rtol=1e-10)(problem, np.zeros(problem.cone.size))
+        assert_allclose(solution.w, newton.w, atol=1e-7 * problem.u_ref)
+    else:
+        assert solution.status is Status.STALLED
+        assert residuals[-1] > 1e3 * min(residuals)  # (2.02 - 1)^500 = 2e4, started at rounding or above
+
+
+def test_a_method_says_when_it_ran_out_of_iterations(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    problem = problem_of(simulation_of(pressed(scene_of, 2, "unilateral", "coulomb")))
+    nothing = np.zeros(problem.cone.size)
+    solution = Uzawa(rtol=1e-12, max_it=3)(problem, nothing)
+    assert (solution.status, solution.iterations, len(solution.history)) == (Status.MAX_IT, 3, 4)
+    # what is returned is what was measured
+    assert solution.residual == problem.natural_residual(solution.p, problem.relative_displacement(solution.p))
+    assert CondensedNewton(rtol=1e-12, max_it=1)(problem, nothing).status is not Status.CONVERGED

@@ -1,0 +1,155 @@
+"""The bodies prepared once: what the surface feels is exact, by dense algebra."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpy.typing import NDArray
+
+from solvers.condensed import CondensedSurface
+from solvers.counters import Counters
+from solvers.methods.linearised_laws import linearise
+from solvers.nouns.scene import Scene
+from solvers.prepare import prepare_surface
+from solvers.simulation import Simulation
+from solvers.system import System
+from solvers.volume import Volume
+
+Array = NDArray[np.float64]
+SceneOf = Callable[..., Scene]
+SystemOf = Callable[[Scene], System]
+STICKING = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "stick"}}}
+HELD = {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": -0.1}}}
+
+
+def scene_in(dim: int, scene_of: SceneOf, held: bool = True) -> Scene:
+    return scene_of(
+        dim,
+        {"contact_mesh_size": 0.2 if dim == 2 else 0.4},
+        contacts=STICKING,
+        supports=HELD if held else {},
+        loads={"push": {"boundary": "block.right", "pressure": 0.1}},
+    )
+
+
+def dense(matrix: Any) -> Array:
+    return np.array(matrix.convert("dense").getDenseArray()) if matrix.getType() != "seqdense" else matrix.getDenseArray()
+
+
+def blocks(system: System) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """K_B, its Schur complement on the contact dofs, and where these stand."""
+    K = dense(system.K_B)
+    c = np.zeros(len(K), bool)
+    c[system.contact_dofs] = True
+    return K, K[c][:, c] - K[c][:, ~c] @ np.linalg.solve(K[~c][:, ~c], K[~c][:, c]), c
+
+
+@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("by_blocks", [False, True])
+def test_schur_complement_condense_and_expand_are_exact(
+    dim: int, held: bool, by_blocks: bool, scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    system = system_of(scene_in(dim, scene_of, held))
+    K, S, c = blocks(system)
+    volume = Volume(system.K_B, system.contact_dofs, Counters())
+    if by_blocks:  # what several ranks do, on one
+        volume._factor_interior(system.contact_dofs)
+    assert_allclose(volume.S, S, atol=1e-13 * np.abs(K).max())
+    assert_allclose(volume.S, volume.S.T, atol=1e-14 * np.abs(K).max())
+    random = np.random.default_rng(0)
+    f, u_c = random.normal(size=len(K)), random.normal(size=c.sum())
+    f_vec = system.K_B.createVecRight()
+    f_vec.array[:] = f
+    interior = np.linalg.solve(K[~c][:, ~c], f[~c])
+    assert_allclose(volume.condense(f_vec), f[c] - K[c][:, ~c] @ interior, atol=1e-11)
+    q = volume.expand(f_vec, u_c).array
+    assert_allclose(q[c], u_c, rtol=1e-15)
+    assert_allclose(K[~c] @ q, f[~c], atol=1e-11)
+    assert_allclose(f_vec.array, f, rtol=0)  # the caller's vector is left alone
+    assert volume.counters.volume_solves == 2
+    assert volume.counters.factorisations == 1
+    assert volume.counters.schur_size == c.sum()
+
+
+def test_a_body_without_contact_is_solved_directly(scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]) -> None:
+    scene = replace(scene_in(2, scene_of), contacts={})
+    simulation = simulation_of(scene)
+    system = simulation.system
+    (step,) = simulation.steps()
+    T, K = dense(system.T), dense(system.K)
+    u_s = system.prescribed(1.0).array
+    u = T @ np.linalg.solve(T.T @ K @ T, T.T @ (system.load(1.0).array - K @ u_s)) + u_s
+    assert_allclose(simulation.stepper.start().u.norm(), 0.0)
+    found = np.zeros((system.nodes.total, 2))
+    found[np.argsort(np.argsort(system.nodes.input))] = u.reshape(-1, 2)
+    assert_allclose(step.displacement, found, atol=1e-12)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_surface_displacement_is_that_of_the_bodies(dim: int, scene_of: SceneOf, system_of: SystemOf) -> None:
+    system = system_of(scene_in(dim, scene_of))
+    K, _, c = blocks(system)
+    surface = prepare_surface(system, Volume(system.K_B, system.contact_dofs, Counters()))
+    p = np.random.default_rng(1).normal(size=len(surface.W))
+    f = np.zeros(len(K))
+    f[c] = surface.forces(p)
+    assert_allclose(surface.displacement(surface.forces(p)), np.linalg.solve(K, f)[c], atol=1e-11)
+    (rows,) = system.contacts
+    # <N u, W p> = <u, B^T p>
+    u_c = np.random.default_rng(2).normal(size=c.sum())
+    assert_allclose((surface.N @ u_c) @ (surface.W * p), u_c @ surface.forces(p), rtol=1e-12)
+    assert surface.normal_rows == len(rows.W_n)
+
+
+@pytest.mark.parametrize("law", ["unilateral", "compliance"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_lambda_max_bounds_the_largest_eigenvalue_closely(
+    law: str, dim: int, scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    normal = {"law": law} | ({"c_n": 2.0} if law == "compliance" else {})
+    scene = scene_of(dim, contacts={"base": STICKING["base"] | {"normal": normal}}, supports=HELD)
+    system = system_of(scene)
+    surface = prepare_surface(system, Volume(system.K_B, system.contact_dofs, Counters()))
+    root = np.sqrt(surface.W)[:, None]
+    B = root * surface.N.toarray()
+    exact = float(np.linalg.eigvalsh(B @ np.linalg.solve(surface.S, B.T)).max())
+    assert exact <= surface.lambda_max * (1 + 1e-12)  # Uzawa's step must not be too long
+    assert surface.lambda_max <= exact * (1 + 1e-3)  # nor much shorter than it may be
+    assert surface.counters.lanczos_applications > 0
+    assert surface.counters.volume_solves == 0  # kept apart
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_floating_body_does_not_feel_its_augmentation(
+    dim: int, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
+) -> None:
+    shelf = {"load": {"boundary": "block.top", "pressure": 0.1}, "push": {"boundary": "block.left", "pressure": 0.01}}
+    scene = scene_of(
+        dim,
+        contacts={"base": STICKING["base"] | {"friction": {"law": "coulomb", "mu": 0.3}}},
+        loads=shelf,
+    )
+    stepper = simulation_of(scene).stepper
+    surface = stepper.surface
+    assert surface.R.shape[1] == (3 if dim == 2 else 6)
+    assert_allclose(surface.R.T @ surface.R, np.eye(surface.R.shape[1]), atol=1e-13)
+    assert_allclose(surface.S @ surface.R, 0.0, atol=1e-12 * np.abs(surface.S).max())  # rigid: no stiffness
+    accepted = stepper.reach(stepper.start(), 1.0, lambda row: None)
+    found = []
+    for factor in (0.1, 20.0):
+        other: CondensedSurface = prepare_surface(stepper.system, stepper.volume)
+        other.rho *= factor
+        problem = replace(accepted.problem, surface=other)
+        closed = np.zeros(len(other.W))
+        closed[: other.normal_rows] = problem.p_ref
+        found.append(linearise(problem, closed, problem.gamma).solve())
+    (p, u), (q, v) = found
+    assert np.abs(p).max() > 0.1
+    assert_allclose(p, q, atol=1e-9 * np.abs(p).max())  # rounding, rho over a factor of 200
+    assert_allclose(u, v, atol=1e-9 * np.abs(u).max())
+    # and the contact carries the loads: R^T (f - B^T p) = 0
+    assert_allclose(surface.R.T @ (accepted.problem.f_c - surface.forces(p)), 0.0, atol=1e-12)
