@@ -17,6 +17,7 @@ from geometry.errors import SolverError, StickslipError
 from workflows import VERSION
 from workflows.cli import app, guarded
 from workflows.scene import READY, read
+from workflows.writers.steps import write_step
 
 Spoken = tuple[int, str, str]
 Call = Callable[..., Spoken]
@@ -283,7 +284,7 @@ def test_full_disk_ends_with_4(call: Call, folder: Path, monkeypatch: pytest.Mon
 def test_ctrl_c_while_a_step_is_written_leaves_readable_results(
     call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write = workflows.run.write_step
+    write = write_step
 
     def press(where: Path, index: int, step: Any) -> Path:
         if index == 3:

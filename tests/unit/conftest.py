@@ -25,9 +25,7 @@ def scene_of() -> Callable[..., Scene]:
             "model": "plane strain" if dim == 2 else "3d",
             "geometry": shape | (geometry or {}),
             "bodies": {"block": {"E": 1.0, "nu": 0.3}},
-            "obstacles": {
-                "foundation": {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}
-            },
+            "obstacles": {"foundation": {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}},
         }
         return from_dict(data | tables)
 

@@ -51,7 +51,7 @@ def j_n(system: System, u: Any) -> Any:
 
 
 def penetration(rows: ContactRows, u: Array) -> Array:
-    return np.maximum(rows.N_n @ u[rows.surface.nodes].ravel() - rows.gap, 0.0)
+    return np.asarray(np.maximum(rows.N_n @ u[rows.surface.nodes].ravel() - rows.gap, 0.0))
 
 
 def by_rows(system: System, u: Array) -> Array:

@@ -19,7 +19,7 @@ from solvers.effects.laws import NormalLaw
 from solvers.effects.unilateral import Unilateral
 
 Array = NDArray[np.float64]
-EPS = np.finfo(float).eps
+EPS = float(np.finfo(float).eps)
 EXPONENTS = st.sampled_from([1.0, 1.5, 2.0, 2.7, 3.0])
 STIFFNESS = st.floats(-20, 20).map(lambda e: 10.0**e)  # Pa/m^m_n, from a sponge to rigid
 STEPS = st.floats(-12, 12).map(lambda e: 10.0**e)
@@ -47,7 +47,7 @@ def test_compliance_never_pulls(m_n: float, c_n: float, gamma: float, p: float) 
 @pytest.mark.parametrize("m_n", [1.5, 2.0, 2.7, 3.0])
 def test_compliance_newton_never_meets_its_bound(m_n: float, monkeypatch: pytest.MonkeyPatch) -> None:
     exponents = np.arange(-12.0, 13.0, 2.0)
-    gamma, p_hat = (10.0**grid.ravel() for grid in np.meshgrid(exponents, exponents))
+    gamma, p_hat = (10.0 ** grid.ravel() for grid in np.meshgrid(exponents, exponents))
     for c_n in 10.0 ** np.arange(-20.0, 21.0, 4.0):
         law = Compliance(c_n=float(c_n), m_n=m_n)
         full = law.resolvent(p_hat, gamma)
@@ -90,7 +90,7 @@ def test_rigid_laws_keep_the_trial_where_it_may_be() -> None:
 @given(EXPONENTS, st.floats(1e-3, 1e3), st.floats(1e-3, 10.0))
 def test_compliance_energy_is_the_work_of_pressing(m_n: float, c_n: float, depth: float) -> None:
     law = Compliance(c_n=c_n, m_n=m_n)
-    x, weights = np.polynomial.legendre.leggauss(20)
+    x, weights = np.polynomial.legendre.leggauss(20)  # type: ignore[no-untyped-call]
     d = depth * (1 + x) / 2
     work = depth / 2 * weights @ (c_n * d**m_n)
     found = law.energy(np.array([c_n * depth**m_n]))

@@ -29,17 +29,19 @@ NORMAL: dict[str, dict[str, Any]] = {
 }
 FRICTION: dict[str, dict[str, Any]] = {
     "coulomb": {"law": "coulomb", "mu": 0.4},
-    "tresca": {"law": "tresca", "bound": 0.3},
+    "tresca": {"law": "tresca", "bound": 0.02},
     "stick": {"law": "stick"},
 }
 
 
 def pressed(scene_of: SceneOf, dim: int, normal: str, friction: str, **solver: Any) -> Scene:
-    """Pressed and dragged in one step; in 3D along both axes."""
+    """Pressed and dragged in one step, by the top and by the foundation; in 3D along both axes."""
     drag = {"x": 0.06, "y": -0.1} if dim == 2 else {"x": 0.06, "y": 0.03, "z": -0.1}
     laws = {"normal": NORMAL[normal], "friction": FRICTION[friction]}
+    low = {"point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}
     return scene_of(
         dim,
+        obstacles={"foundation": {"shape": "plane", "displacement": {"x": -0.01, "y": 0.02}} | low},
         contacts={"base": {"surface": "block.bottom", "against": "foundation"} | laws},
         supports={"top": {"boundary": "block.top", "displacement": drag}},
         solver={"tolerance": 1e-11} | solver,
@@ -53,10 +55,14 @@ def problem_of(simulation: Simulation) -> SurfaceProblem:
 
 
 def trial_away_from_kinks(cone: Cone, gamma: Array, seed: int) -> tuple[Array, NDArray[np.str_]]:
-    """Random trial tractions, none near the edge between open, stick and slip, and the state of each tangential point."""
+    """Random trial tractions, none near an edge between open, stick and slip; the state of each tangential point."""
     random = np.random.default_rng(seed)
-    p_hat = random.uniform(0.2, 1.0, cone.size) * random.choice([-1.0, 1.0, 1.0], cone.size)
     (place,) = cone.places
+    p_hat = random.uniform(0.2, 1.0, cone.size) * random.choice([-1.0, 1.0, 1.0, 1.0], cone.size)
+    surface = place.rows.surface
+    basis = np.abs(place.rows.N_n[:, surface.dim - 1 :: surface.dim])  # the normal is the last axis
+    left = basis @ surface.points[:, 0] < 0.6  # open, so that whole facets are
+    p_hat[place.normal][left] = -np.abs(p_hat[place.normal][left])
     p_n = place.rows.normal.resolvent(p_hat[place.normal], gamma[place.normal])
     s = cone.bound(place, p_n)
     assert not np.any((s > 0) & (s < 1e-6))  # else choose another seed

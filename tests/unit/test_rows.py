@@ -34,13 +34,11 @@ WALL = {"wall": {"shape": "plane", "point": [0.0, 0.0], "normal": [1.0, 0.0]}}
 PERIODIC = {"sides": {"boundary": "block.right", "with": "block.left"}}
 
 
-def contact(side: str = "bottom", against: str = "foundation", law: str = "unilateral", mu: float = 0.3) -> dict[str, Any]:
+def contact(
+    side: str = "bottom", against: str = "foundation", law: str = "unilateral", mu: float = 0.3
+) -> dict[str, Any]:
     friction = {"friction": {"law": "coulomb", "mu": mu}}
     return {"surface": f"block.{side}", "against": against, "normal": LAWS[law]} | (friction if mu else {})
-
-
-def area(dim: int) -> float:
-    return 2.0 * (1.0 if dim == 3 else 1.0)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -50,7 +48,7 @@ def test_uniform_tractions_have_the_exact_resultant_and_nodal_forces(
 ) -> None:
     dim, geometry = SHAPES[shape]
     (rows,) = system_of(scene_of(dim, geometry, contacts={"base": contact(law=law)})).contacts
-    n, size = len(rows.surface.nodes), area(dim)
+    n, size = len(rows.surface.nodes), 2.0  # 2 m (by 1 m)
     for weights in (rows.node_weights, rows.W_n, rows.W_t):
         assert_allclose(weights.sum(), size, rtol=1e-13)
         assert weights.min() > 0
@@ -93,9 +91,17 @@ def test_tractions_work_on_relative_displacement_as_nodal_forces_do(
 @pytest.mark.parametrize("shape", SHAPES)
 def test_frames_are_right_angled_and_look_at_the_obstacle(shape: str, scene_of: SceneOf, system_of: SystemOf) -> None:
     dim, geometry = SHAPES[shape]
-    low = {"foundation": {"shape": "plane", "point": [0.0] * (dim - 1) + [-0.2], "normal": [0.1] + [0.0] * (dim - 2) + [2.0]}}
+    low = {
+        "foundation": {
+            "shape": "plane",
+            "point": [0.0] * (dim - 1) + [-0.2],
+            "normal": [0.1] + [0.0] * (dim - 2) + [2.0],
+        }
+    }
     (rows,) = system_of(scene_of(dim, geometry, obstacles=low, contacts={"base": contact()})).contacts
-    assert_allclose(rows.frames @ rows.frames.transpose(0, 2, 1), np.tile(np.eye(dim), (len(rows.frames), 1, 1)), atol=1e-15)
+    assert_allclose(
+        rows.frames @ rows.frames.transpose(0, 2, 1), np.tile(np.eye(dim), (len(rows.frames), 1, 1)), atol=1e-15
+    )
     normal = -np.array(low["foundation"]["normal"])
     assert_allclose(rows.frames[:, 0], np.tile(normal / np.linalg.norm(normal), (len(rows.frames), 1)), rtol=1e-15)
     # moving a node by the gap along its normal closes it

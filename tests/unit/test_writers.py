@@ -22,6 +22,7 @@ from vtkmodules.vtkCommonDataModel import vtkGenericCell
 from geometry.errors import MachineError
 from solvers.energy import Energy
 from solvers.step_result import OPEN, SLIP, STICK, Array, ContactState, MeshData, StepResult
+from workflows.writers.hdf5 import checksum
 from workflows.writers.shapes import SHAPES
 from workflows.writers.steps import read_step, write_step
 from workflows.writers.tables import cut_tables, write_tables
@@ -132,31 +133,36 @@ def test_a_step_reads_back_to_the_same_bits(tmp_path: Path, shape: str) -> None:
     assert sorted(p.name for p in path.parent.iterdir()) == ["000012.h5"]
 
 
-def test_every_flipped_byte_is_refused_or_without_effect(tmp_path: Path) -> None:
+def test_the_checksum_can_be_recomputed_by_others(tmp_path: Path) -> None:
+    path = write_step(tmp_path, 3, result_of(mesh_of("triangle")))
+    arrays: dict[str, Any] = {}
+    with h5py.File(path, "r") as file:
+        file.visititems(lambda name, item: arrays.update({name: item[()]} if isinstance(item, h5py.Dataset) else {}))
+        assert file.attrs["checksum"] == checksum(
+            arrays, {name: file.attrs[name].item() for name in ("index", "time", "p_ref", "u_ref")}
+        )
+        assert sorted(file) == ["contacts", "displacement", "state", "stress", "von_mises"]
+
+
+def test_every_flipped_byte_is_refused(tmp_path: Path) -> None:
+    # also in HDF5's own tables: given such a file, the HDF5 library has been seen to loop for ever
     path = write_step(tmp_path, 1, result_of(mesh_of("triangle")))
-    whole, names = path.read_bytes(), ("displacement", "stress", "von_mises", "p", "w", "w_before")
-    before, refused = read_step(path), 0
-    places = range(0, len(whole), 41)
-    for place in places:
-        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x10]) + whole[place + 1 :])
-        try:
-            after = read_step(path)
-        except MachineError:
-            refused += 1
-            continue
-        assert (after.index, after.time, after.p_ref, after.u_ref) == (1, before.time, before.p_ref, before.u_ref)
-        for name in names:
-            assert_array_equal(getattr(after, name), getattr(before, name))
-    assert refused > len(places) / 4  # the rest is HDF5's padding
+    whole = path.read_bytes()
+    for place in range(0, len(whole), 3):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
+        with pytest.raises(MachineError, match=r"000001\.h5: damaged"):
+            read_step(path)
 
 
-def test_a_flipped_byte_in_the_numbers_is_refused(tmp_path: Path) -> None:
+def test_a_flipped_bit_in_the_numbers_is_refused(tmp_path: Path) -> None:
     result = result_of(mesh_of("triangle"))
     path = write_step(tmp_path, 1, result)
     whole = path.read_bytes()
     place = whole.index(result.p.tobytes()) + 6
     path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
-    with pytest.raises(MachineError, match=r"000001\.h5: damaged: its content does not match its checksum"):
+    with pytest.raises(
+        MachineError, match=r"000001\.h5: damaged or cut short: its content does not match its checksum"
+    ):
         read_step(path)
 
 
@@ -165,7 +171,7 @@ def test_a_step_cut_short_is_refused(tmp_path: Path, part: float) -> None:
     path = write_step(tmp_path, 1, result_of(mesh_of("triangle")))
     whole = path.read_bytes()
     path.write_bytes(whole[: int(part * len(whole))])
-    with pytest.raises(MachineError, match=r"000001\.h5: damaged or cut short") as caught:
+    with pytest.raises(MachineError, match=r"000001\.h5: damaged") as caught:
         read_step(path)
     assert "\n" not in str(caught.value)
 
@@ -176,8 +182,11 @@ def test_a_missing_step_and_a_foreign_file_are_refused(tmp_path: Path) -> None:
     foreign = tmp_path / "foreign.h5"
     with h5py.File(foreign, "w") as file:
         file["x"] = 1.0
-    with pytest.raises(MachineError, match="damaged or cut short"):
+    with pytest.raises(MachineError, match="not a file of stickslip"):
         read_step(foreign)
+    write_fields(tmp_path, mesh_of("triangle"), [])
+    with pytest.raises(MachineError, match=r"fields\.h5: not a step"):
+        read_step(tmp_path / "fields.h5")
 
 
 def test_a_full_disk_leaves_the_old_step_and_no_rubbish(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

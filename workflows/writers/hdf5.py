@@ -1,13 +1,15 @@
 """Named arrays and numbers in an HDF5 file that knows its own checksum.
 
-The file is built in memory and written by plain Python: HDF5 itself recovers badly from a full disk. Its metadata
-carry checksums too (format 1.8), so that damage outside the arrays is found as well.
+HDF5 recovers badly from a full disk, and a single wrong byte in its metadata can make it loop for ever. So a file is
+built in memory and written by plain Python, and its user block (512 bytes ahead of what HDF5 reads) holds a line with
+the sha256 of all that follows, which is compared before HDF5 sees the file.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,9 @@ from workflows.writers.aside import write_aside
 
 AnyArray = NDArray[Any]
 Numbers = Mapping[str, float | int]
+USER_BLOCK = 512  # bytes, HDF5's smallest
+LINE = "stickslip: sha256 of the bytes from 512 on {bytes}, of the arrays {arrays}\n"
+PATTERN = re.compile(re.escape(LINE).replace(r"\{bytes\}", "([0-9a-f]{64})").replace(r"\{arrays\}", "([0-9a-f]{64})"))
 
 
 def checksum(arrays: Mapping[str, AnyArray], numbers: Numbers) -> str:
@@ -39,52 +44,62 @@ def checksum(arrays: Mapping[str, AnyArray], numbers: Numbers) -> str:
 
 
 def write_arrays(path: Path, arrays: Mapping[str, AnyArray], numbers: Numbers) -> None:
-    """Write datasets and attributes; a name may hold slashes (groups).
+    """Write datasets and attributes (with the attribute `checksum`); a name may hold slashes (groups).
 
     Raises:
         MachineError: the disk is full.
     """
-    content = io.BytesIO()
-    with h5py.File(content, "w", libver=("v108", "v108")) as file:
+    content, total = io.BytesIO(), checksum(arrays, numbers)
+    with h5py.File(content, "w", libver=("v108", "v108"), userblock_size=USER_BLOCK) as file:
         for name, array in arrays.items():
             file[name] = array
         file.attrs.update(numbers)
-        file.attrs["checksum"] = checksum(arrays, numbers)
-    write_aside(path, content.getvalue())
+        file.attrs["checksum"] = total
+    rest = content.getvalue()[USER_BLOCK:]
+    line = LINE.format(bytes=hashlib.sha256(rest).hexdigest(), arrays=total)
+    write_aside(path, line.encode().ljust(USER_BLOCK, b"\0") + rest)
 
 
 def read_arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, float | int]]:
     """Arrays and numbers, verified.
 
     Raises:
-        MachineError: the file is missing, cut short or damaged.
+        MachineError: the file is missing, cut short, damaged, or foreign.
     """
     try:
         content = path.read_bytes()
     except OSError as error:
         raise MachineError(f"{path}: cannot be read: {error.strerror}") from error
+    sums = _sums(content)
+    if sums is None:
+        raise MachineError(f"{path}: damaged, or not a file of stickslip: it does not begin with its checksum")
+    if hashlib.sha256(memoryview(content)[USER_BLOCK:]).hexdigest() != sums[0]:
+        raise MachineError(f"{path}: damaged or cut short: its content does not match its checksum")
     arrays: dict[str, AnyArray] = {}
 
     def keep(name: str, found: object) -> None:
         if isinstance(found, h5py.Dataset):
             arrays[name] = found[()]
 
-    try:
-        with h5py.File(io.BytesIO(content), "r") as file:
-            file.visititems(keep)
-            numbers = {name: value.item() for name, value in file.attrs.items() if name != "checksum"}
-            expected = file.attrs["checksum"]
-    except Exception as error:  # h5py meets a broken file with almost any exception
-        raise MachineError(f"{path}: damaged or cut short, not a readable HDF5 file") from error
-    if checksum(arrays, numbers) != expected:
-        raise MachineError(f"{path}: damaged: its content does not match its checksum")
-    return arrays, numbers
+    with h5py.File(io.BytesIO(content), "r") as file:
+        file.visititems(keep)
+        return arrays, {name: value.item() for name, value in file.attrs.items() if name != "checksum"}
 
 
 def stored_checksum(path: Path) -> str | None:
-    """What the file says its checksum is; None where there is no such file."""
+    """What the file says the checksum of its arrays is; None where there is no such file."""
     try:
-        with h5py.File(path, "r") as file:
-            return str(file.attrs["checksum"])
-    except (OSError, KeyError):
+        with path.open("rb") as file:
+            sums = _sums(file.read(USER_BLOCK))
+    except OSError:
         return None
+    return sums[1] if sums else None
+
+
+def _sums(content: bytes) -> tuple[str, str] | None:
+    """Checksums of bytes and arrays, from the user block."""
+    block = content[:USER_BLOCK]
+    found = PATTERN.match(block.decode("latin-1"))
+    if found is None or block[found.end() :].strip(b"\0") or len(block) < USER_BLOCK:
+        return None
+    return found[1], found[2]

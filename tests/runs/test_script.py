@@ -1,0 +1,93 @@
+"""A scene in Python: `import stickslip`, the nouns, the steps."""
+
+import inspect
+from collections.abc import Mapping
+
+import pytest
+from numpy.testing import assert_allclose
+
+import stickslip
+from geometry.amplitude import Amplitude
+from solvers.nouns.support import Direction
+from workflows.scene import from_dict, to_dict
+
+
+def script() -> stickslip.Scene:
+    size = 0.5
+    return stickslip.Scene(
+        title="Block pressed on a rigid foundation, then pushed sideways",
+        model="plane strain",
+        geometry=stickslip.Block(length=4.0, height=2.0, mesh_size=size, contact_mesh_size=size / 2),
+        bodies={"block": stickslip.Material(E=1.0, nu=0.3)},
+        obstacles={"foundation": stickslip.Plane(point=(0.0, 0.0), normal=(0.0, 1.0))},
+        contacts={
+            "base": stickslip.Contact(surface="block.bottom", against="foundation", friction=stickslip.Coulomb(mu=0.3))
+        },
+        supports={"top": stickslip.Support(boundary="block.top", displacement=TOP)},
+        probes={"corner": stickslip.Probe(point=(0.0, 2.0))},
+        steps=stickslip.Steps(end=2.0, count=2),
+    )
+
+
+TOP: Mapping[Direction, Amplitude] = {"x": ((0.0, 0.0), (1.0, 0.0), (2.0, 0.05)), "y": ((0.0, 0.0), (1.0, -0.1))}
+
+
+@pytest.fixture(scope="module")
+def ready() -> stickslip.Scene:
+    return stickslip.read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"])
+
+
+def test_script_of_twenty_lines_says_what_the_file_says(ready: stickslip.Scene) -> None:
+    assert len(inspect.getsource(script).splitlines()) <= 20
+    assert script() == ready
+
+
+def test_script_and_file_have_the_same_answer_step_by_step(ready: stickslip.Scene) -> None:
+    for mine, theirs in zip(stickslip.steps(script()), stickslip.steps(ready), strict=True):
+        assert mine.time == theirs.time
+        assert (mine.displacement == theirs.displacement).all()  # the same arithmetic: bit by bit
+        assert (mine.p == theirs.p).all()
+        base = mine.contacts["base"]
+        assert_allclose(base.force + mine.supports["top"][0], 0, atol=1e-12 * base.normal_force)
+        assert 0 < base.tangential_force < 0.3 * base.normal_force  # it does not slide as a whole
+
+
+def test_steps_are_solved_one_at_a_time_as_they_are_asked_for(ready: stickslip.Scene) -> None:
+    simulation = stickslip.prepare(ready)
+    steps = simulation.steps()
+    assert next(steps).time == 1.0
+    solved = simulation.counters.volume_solves
+    assert next(steps).time == 2.0
+    assert simulation.counters.volume_solves > solved
+
+
+def test_what_the_steps_give_does_not_change_under_the_reader(ready: stickslip.Scene) -> None:
+    steps = stickslip.steps(ready)
+    first = next(steps)
+    kept = first.displacement.copy(), first.contacts["base"].pressure.copy()
+    list(steps)
+    assert (first.displacement == kept[0]).all()
+    assert (first.contacts["base"].pressure == kept[1]).all()
+
+
+def test_scene_survives_the_way_through_plain_data() -> None:
+    assert from_dict(to_dict(script())) == script()
+
+
+def test_nouns_refuse_nonsense_as_the_file_does() -> None:
+    with pytest.raises(stickslip.StickslipError, match=r"nu = 0\.5: must lie between -1 and 0\.5"):
+        stickslip.Material(E=1.0, nu=0.5)
+    with pytest.raises(stickslip.StickslipError, match=r"did you mean block\.bottom"):
+        stickslip.Scene(
+            model="plane strain",
+            geometry=stickslip.Block(length=1.0, height=1.0, mesh_size=0.5),
+            bodies={"block": stickslip.Material(E=1.0, nu=0.3)},
+            obstacles={"floor": stickslip.Plane(point=(0.0, 0.0), normal=(0.0, 1.0))},
+            contacts={"base": stickslip.Contact(surface="block.botom", against="floor")},
+        )
+
+
+def test_every_public_name_is_there_and_says_what_it_is() -> None:
+    for name in stickslip.__all__:
+        assert inspect.getdoc(getattr(stickslip, name)), name
+    assert {"read", "run", "steps"} <= set(stickslip.__all__)

@@ -1,0 +1,148 @@
+"""Scenes: what is said is kept, what is wrong is refused in the scene's own words."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from geometry.errors import SceneError
+from solvers.effects import EFFECTS
+from solvers.nouns.scene import Scene
+from solvers.plan import make_plan
+from workflows.scene import READY, from_dict, read, to_dict
+
+SceneOf = Callable[..., Scene]
+READY_NAMES = sorted(path.stem for path in READY.glob("*.toml"))
+PRESSED: dict[str, Any] = {
+    "contacts": {"base": {"surface": "block.bottom", "against": "foundation"}},
+    "supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": -0.1}}},
+}
+
+
+def test_there_are_ready_scenes() -> None:
+    assert {"block", "cube", "foundation"} <= set(READY_NAMES)
+
+
+@pytest.mark.parametrize("name", READY_NAMES)
+def test_a_ready_scene_survives_being_written_and_read(name: str) -> None:
+    scene = read(name)
+    plain = to_dict(scene)
+    assert from_dict(plain) == scene
+    assert to_dict(from_dict(plain)) == plain
+    assert scene.title
+    assert any(row.on for row in make_plan(scene))
+
+
+def test_every_noun_survives_being_written_and_read(scene_of: SceneOf) -> None:
+    scene = scene_of(
+        title="all of it",
+        bodies={"block": {"E": 2.0, "nu": 0.1, "density": 3.0}},
+        contacts={
+            "base": {"surface": "block.bottom", "against": "foundation", "normal": {"law": "compliance", "c_n": 3.0},
+                     "friction": {"law": "tresca", "bound": [[0, 1.0], [1, 2.0]]}},
+            "lid": {"surface": "block.top", "against": "foundation", "normal": {"law": "bilateral"},
+                    "friction": {"law": "stick"}},
+        },
+        supports={"pin": {"point": [0.0, 1.0], "displacement": {"x": [[0, 0], [1, 0.1]]}}},
+        loads={"f": {"boundary": "block.top", "force": [1.0, [[0.5, 2.0]]]},
+               "p": {"boundary": "block.top", "pressure": -1}},
+        probes={"here": {"point": [0.5, 0.5]}},
+        periodic={"sides": {"boundary": "block.right", "with": "block.left"}},
+        gravity={"acceleration": [0.0, [[0, 0], [1, -9.81]]]},
+        steps={"end": 2.0, "count": 3},
+        solver={"method": "uzawa", "tolerance": 1e-6, "max_iterations": 7},
+        output={"every": 2, "pictures": False},
+    )  # fmt: skip
+    assert from_dict(to_dict(scene)) == scene
+    assert to_dict(scene)["periodic"]["sides"]["with"] == "block.left"
+
+
+def test_an_override_changes_one_key_and_nothing_else() -> None:
+    plain, changed = to_dict(read("block")), to_dict(read("block", ["contacts.base.friction.mu=0.5"]))
+    assert plain["contacts"]["base"]["friction"].pop("mu") == 0.3
+    assert changed["contacts"]["base"]["friction"].pop("mu") == 0.5
+    assert plain == changed
+
+
+def lid(*table: list[float]) -> dict[str, Any]:
+    return {
+        "supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": [list(row) for row in table]}}}
+    }
+
+
+@pytest.mark.parametrize(
+    ("tables", "times"),
+    [
+        ({}, (1.0,)),  # one step at t = 1
+        ({"steps": {"end": 2.0, "count": 4}}, (0.5, 1.0, 1.5, 2.0)),
+        (lid([0, 0], [0.3, 1]) | {"steps": {"count": 2}}, (0.3, 0.5, 1.0)),  # every time of a table is hit
+        (lid([0, 0], [0.5, 1]) | {"steps": {"count": 2}}, (0.5, 1.0)),  # once
+        (lid([0.25, 1], [7.0, 2]), (0.25, 1.0)),  # nothing after the end
+        (lid([0, 0.1], [1, 0.2]), (0.0, 1.0)),  # a value at t = 0 is a step of its own
+        (lid([0, 0], [1, 0.2]), (1.0,)),
+        ({"gravity": {"acceleration": [0.0, [[0.4, -1.0]]]}}, (0.4, 1.0)),
+        ({"loads": {"p": {"boundary": "block.top", "pressure": [[0.6, 1.0]]}}}, (0.6, 1.0)),
+        ({"steps": {"end": 0.3, "count": 3}} | lid([0.1, 1], [0.2, 2]), (0.1, 0.2, 0.3)),  # 3 * 0.1 > 0.3 in floats
+    ],
+)
+def test_equal_steps_and_every_listed_time_are_requested_once(
+    tables: dict[str, Any], times: tuple[float, ...], scene_of: SceneOf
+) -> None:
+    bodies = {"block": {"E": 1.0, "nu": 0.3, "density": 1.0}}
+    assert scene_of(**(PRESSED | {"bodies": bodies} | tables)).requested_times() == pytest.approx(times, rel=1e-15)
+
+
+def test_times_of_obstacles_and_of_friction_bounds_are_requested(scene_of: SceneOf) -> None:
+    moving = {
+        "foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0], "displacement": {"x": [[0.2, 1.0]]}}
+    }
+    friction = {"law": "tresca", "bound": [[0.7, 1.0]]}
+    contacts = {"base": PRESSED["contacts"]["base"] | {"friction": friction}}
+    scene = scene_of(**(PRESSED | {"obstacles": moving, "contacts": contacts}))
+    assert scene.requested_times() == (0.2, 0.7, 1.0)
+
+
+def test_the_plan_switches_on_what_the_scene_contains_and_says_why(scene_of: SceneOf) -> None:
+    rows = {row.effect: row for row in make_plan(scene_of(**PRESSED))}
+    assert set(rows) == {effect.name for effect in EFFECTS}
+    assert {name for name, row in rows.items() if row.on} == {"contact", "unilateral"}
+    assert rows["contact"].because == "contacts.base"
+    assert rows["unilateral"].because == "contacts.base.normal"
+    assert rows["gravity"].because == "not in the scene"
+
+
+WRONG: list[tuple[dict[str, Any], str]] = [
+    ({"suports": {}}, r"suports: unknown key; did you mean supports\?"),
+    ({"bodies": {"block": {"E": -1.0, "nu": 0.3}}}, r"bodies\.block\.E = -1\.0: must be positive, in pascal"),
+    ({"bodies": {"block": {"E": 1.0, "nu": 0.5}}}, r"bodies\.block\.nu = 0\.5: must lie between -1 and 0\.5"),
+    ({"bodies": {}}, r"bodies\.block: missing"),
+    ({"loads": {"p": {"boundary": "block.tpo", "pressure": 1.0}}}, r"loads\.p\.boundary = block\.tpo: .* block\.top\?"),
+    ({"loads": {"p": {"boundary": "block.top", "force": [1.0]}}}, r"loads\.p\.force = \[1\.0\]: expected 2 components"),
+    ({"loads": {"p": {"boundary": "block.top"}}}, "exactly one of the three is needed"),
+    ({"steps": {"count": 0}}, r"steps\.count = 0: must be a whole number"),
+    ({"steps": {"end": float("nan")}}, r"steps\.end = nan: must be a finite number"),
+    ({"solver": {"method": "usawa"}}, r"solver\.method = usawa: did you mean uzawa\?"),
+    ({"probes": {"a": {"point": [0.0, 0.0, 0.0]}}}, r"probes\.a\.point = .*: expected 2 components"),
+    ({"gravity": {"acceleration": [0.0, -9.81]}}, r"gravity: no body has a density"),
+    (
+        {"contacts": PRESSED["contacts"] | {"again": PRESSED["contacts"]["base"]}},
+        r"contacts\.again\.surface = block\.bottom: already the slave of contacts\.base",
+    ),
+]
+
+
+@pytest.mark.parametrize(("tables", "text"), WRONG)
+def test_impossible_scenes_are_refused_in_one_line(tables: dict[str, Any], text: str, scene_of: SceneOf) -> None:
+    with pytest.raises(SceneError, match=text) as caught:
+        scene_of(**(PRESSED | tables))
+    assert "\n" not in str(caught.value)
+    assert caught.value.exit_code == 2
+
+
+def test_a_motion_that_nothing_resists_is_refused(scene_of: SceneOf) -> None:
+    with pytest.raises(SceneError, match="nothing resists the translation along x"):
+        make_plan(scene_of(contacts=PRESSED["contacts"]))
+    held = PRESSED["contacts"]["base"] | {"friction": {"law": "coulomb", "mu": 0.3}}
+    with pytest.raises(SceneError, match=r"solver\.method = uzawa: needs bodies that their supports hold"):
+        make_plan(scene_of(contacts={"base": held}, solver={"method": "uzawa"}))
+    make_plan(scene_of(contacts={"base": held}))  # friction may hold it
