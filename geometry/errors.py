@@ -18,6 +18,10 @@ class SceneError(StickslipError, ValueError):
     exit_code = 2
 
 
+class FolderError(SceneError):
+    """The results cannot go where the user wants them."""
+
+
 class GeometryError(StickslipError):
     """A shape or a mesh is not what the scene says."""
 
@@ -53,8 +57,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
     >>> nearest("x", ["a", "b"])
     'known: a, b'
     """
-    names = sorted(known)
-    close = difflib.get_close_matches(name, names, n=1)
+    names = {entry.lower(): entry for entry in sorted(known)}
+    close = difflib.get_close_matches(name.lower(), names, n=1)
     if close:
-        return f"did you mean {close[0]}?"
-    return f"known: {', '.join(names)}" if names else "there is none in this scene"
+        return f"did you mean {names[close[0]]}?"
+    return f"known: {', '.join(names.values())}" if names else "there is none in this scene"

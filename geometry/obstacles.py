@@ -60,7 +60,7 @@ class Plane(Obstacle):
         for key in ("point", "normal"):
             found = getattr(self, key)
             require(len(found) == dim, key, list(found), f"expected {dim} components in this model")
-        require(dim == 3 or "z" not in self.displacement, "displacement", "z", "a plane model has x and y only")
+        require(dim == 3 or "z" not in self.displacement, "displacement.z", "given", "a plane model has x and y only")
 
     def signed_gap(self, points: Array) -> Array:
         """

@@ -40,7 +40,7 @@ class SurfaceProblem:
         if self.surface.floating:
             elastic = pressure / self.stiffness  # without contact there is no displacement to speak of
         else:
-            w = self.surface.N @ self.surface.displacement(self.f_c) + self.offset
+            w = self.relative_displacement(self.surface.displacement(self.f_c))
         closing = np.concatenate([np.abs(w), np.maximum(w - self.gap, 0.0)[:n], np.abs(self.gap[n:]), [elastic]])
         u_ref = float(closing.max())
         object.__setattr__(self, "u_ref", u_ref)
@@ -50,13 +50,13 @@ class SurfaceProblem:
     def volume_solves(self) -> int:
         return self.surface.counters.volume_solves
 
-    def relative_displacement(self, p: Array) -> Array:
-        """w(p) = N K_B^-1 (f - B^T p) + offset (rows,) [m]: one volume solve. Not for floating bodies."""
-        return np.asarray(self.surface.N @ self.surface.displacement(self.f_c - self.surface.forces(p)) + self.offset)
-
     def contact_displacement(self, p: Array) -> Array:
-        """Displacement of the contact dofs (c,) [m]."""
+        """u_c = K_B^-1 (f - B^T p) at the contact dofs (c,) [m]: one volume solve. Not for floating bodies."""
         return self.surface.displacement(self.f_c - self.surface.forces(p))
+
+    def relative_displacement(self, u_c: Array) -> Array:
+        """w = N u_c + offset (rows,) [m]."""
+        return np.asarray(self.surface.N @ u_c + self.offset)
 
     def project(self, p_hat: Array, gamma: Any) -> Array:
         """Trial tractions pushed back into the cone; `gamma` is the step that made them [Pa/m]."""

@@ -37,12 +37,12 @@ def run_command(
     """Solve a scene and write its results."""
     from workflows.report import Reporter
     from workflows.run import run
-    from workflows.scene import find, read
+    from workflows.scene import find, named, read
 
     loaded = read(scene, override or ())
     folder = output or Path("results") / find(scene).stem
     reporter = Reporter(quiet=quiet or not _speaks(), verbose=verbose)
-    with reporter:
+    with reporter, named(scene):
         outcome, content = run(loaded, folder, reporter.watch())
     reporter.table(content)
     reporter.files(outcome)
@@ -61,10 +61,11 @@ def plan_command(
     """Say which effects a scene switches on, and why, without solving."""
     from solvers.plan import make_plan, method_of
     from workflows.report import print_plan
-    from workflows.scene import read
+    from workflows.scene import named, read
 
     loaded = read(scene, override or ())
-    rows = make_plan(loaded)
+    with named(scene):
+        rows = make_plan(loaded)
     content: dict[str, Any] = {
         "title": loaded.title,
         "model": loaded.model,
@@ -75,7 +76,8 @@ def plan_command(
     if mesh:
         from workflows.count import count
 
-        content["mesh"] = count(loaded)
+        with named(scene):
+            content["mesh"] = count(loaded)
     if _speaks():
         typer.echo(json.dumps(content, indent=1, ensure_ascii=False)) if as_json else print_plan(content)
 
@@ -108,6 +110,8 @@ def new_command(
     """Copy a ready scene to a file of one's own."""
     from workflows.scene import READY, read
 
+    if not _speaks():
+        return
     path, ready = file or Path(f"{name}.toml"), {p.stem: p for p in READY.glob("*.toml")}
     if name not in ready:
         from geometry.errors import nearest
@@ -161,6 +165,8 @@ def _say(text: str, code: int) -> int:
 def main() -> None:
     """Entry point of the console script."""
     logging.getLogger().addHandler(logging.NullHandler())  # FFCx writes its compiler commands to the root logger
+    if not _speaks():
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115  until the process ends
     code = guarded(lambda: app(standalone_mode=False))
     sys.stdout.flush()
     sys.exit(code)

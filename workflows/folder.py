@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from geometry.errors import SceneError
+from geometry.errors import FolderError
 from workflows.writers.aside import disk_errors, make_folder
 
 MARK = "run.log"  # every folder that a run has made holds it
@@ -17,15 +17,15 @@ class ResultsFolder:
     def __init__(self, target: Path) -> None:
         """
         Raises:
-            SceneError: something that is not a run's results stands there.
+            FolderError: something that is not a run's results stands there.
         """
         if target.name in ("", ".."):
-            raise SceneError(f"-o {target}: name a folder that may be made and replaced, for example results/mine")
+            raise FolderError(f"-o {target}: name a folder that may be made and replaced, for example results/mine")
         self.target = target
         self.work = target.with_name(f".{target.name}.running")
         for folder in (target, self.work, self._old):
             if folder.exists() and not _ours(folder):
-                raise SceneError(f"{folder}: is not the result of a run and not empty; choose another folder with -o")
+                raise FolderError(f"{folder}: is not the result of a run and not empty; choose another folder with -o")
 
     @property
     def _old(self) -> Path:

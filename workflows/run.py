@@ -157,11 +157,13 @@ def run(scene: Scene, folder: str | Path, watch: Watch | None = None) -> tuple[O
             watch.on_prepared(simulation)
         going = Run(simulation, work, began)
         status, sentence = going.march(watch)
-        content = going.finish(status)
+        with undisturbed():
+            content = going.finish(status)
     finally:
         if handler is not None:
             _stop_log(handler)
-    raise_together(comm, lambda: results[0].finish())
+    with undisturbed():
+        raise_together(comm, lambda: results[0].finish())
     return Outcome(status, sentence, Path(folder)), content
 
 

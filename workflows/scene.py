@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from types import UnionType
@@ -13,7 +14,7 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
-from geometry.errors import SceneError, nearest
+from geometry.errors import FolderError, GeometryError, SceneError, nearest
 from geometry.keys import Choice
 from solvers.effects import EFFECTS
 from solvers.nouns.scene import Scene
@@ -48,12 +49,21 @@ def read(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
         raise SceneError(f"{path}: cannot be read: {_one_line(error)}") from None
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{path}: not valid TOML: {_one_line(error)}") from None
-    try:
+    with named(path):
         for override in overrides:
             _override(data, override)
         return from_dict(data)
-    except SceneError as error:
-        raise SceneError(f"{path.name}: {error}") from None
+
+
+@contextmanager
+def named(source: str | Path) -> Iterator[None]:
+    """Put the scene file's name in front of what is wrong with the scene."""
+    try:
+        yield
+    except FolderError:
+        raise
+    except (SceneError, GeometryError) as error:
+        raise type(error)(f"{find(source).name}: {error}") from None
 
 
 def find(source: str | Path) -> Path:

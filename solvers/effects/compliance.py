@@ -13,7 +13,7 @@ from solvers.effects.effect import Effect
 from solvers.effects.laws import Array, NormalLaw
 from solvers.effects.reasons import contacts_with
 
-NEWTON_STEPS = 200  # quadratic from the right; the bound is never met, see test_compliance
+NEWTON_STEPS = 200  # quadratic from the right; the bound is never met, a test says so
 
 
 @dataclass(frozen=True, kw_only=True)

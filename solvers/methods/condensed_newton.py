@@ -43,7 +43,7 @@ class CondensedNewton:
 
     def _attempt(self, problem: SurfaceProblem, start: Start, history: list[Step], on_step: OnStep) -> Solution:
         p, u_c, gamma = start.p, start.u_c, start.factor * problem.gamma
-        w = problem.surface.N @ u_c + problem.offset
+        w = problem.relative_displacement(u_c)
         p_hat = start.p_hat
         least, found_at, status = np.inf, 0, Status.STALLED
         for k in range(ATTEMPT):
@@ -70,7 +70,7 @@ class CondensedNewton:
             except np.linalg.LinAlgError:
                 status = Status.NO_HOLD
                 break
-            w = problem.surface.N @ u_c + problem.offset
+            w = problem.relative_displacement(u_c)
             p_hat = p + gamma * (w - problem.gap)
         return Solution(p, w, u_c, status, residual, ())
 
@@ -97,6 +97,6 @@ def _starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     for factor in (1.0, 0.1, 10.0):
         for tractions in [] if problem.surface.floating else [p, np.zeros_like(p)] if p.any() else [p]:
             u_c = problem.contact_displacement(tractions)
-            r = problem.surface.N @ u_c + problem.offset - problem.gap
+            r = problem.relative_displacement(u_c) - problem.gap
             yield Start(tractions, u_c, tractions + factor * problem.gamma * r, factor, True)
         yield Start(p, nowhere, closed, factor, False)

@@ -33,7 +33,7 @@ class Uzawa:
         least, found_at = np.inf, 0
         for k in range(self.max_it + 1):
             u_c = problem.contact_displacement(p)  # K_B u = R_B - B^T p: one volume solve
-            w = problem.surface.N @ u_c + problem.offset
+            w = problem.relative_displacement(u_c)
             residual = problem.natural_residual(p, w)
             history.append(Step(k, residual, problem.volume_solves))
             on_step(history[-1])

@@ -28,4 +28,6 @@ class Support(Noun):
         for axis, amplitude in self.displacement.items():
             check(amplitude, f"displacement.{axis}")
         if self.point is not None:
-            require("normal" not in self.displacement, "displacement", "normal", "a point has no normal; use x, y, z")
+            require(
+                "normal" not in self.displacement, "displacement.normal", "given", "a point has no normal; use x, y, z"
+            )

@@ -129,7 +129,7 @@ WRONG = {
     "support of no direction": (["supports.top.displacement={}"], r"top\.displacement = \{\}: name at least one"),
     "normal of a point": (
         ["supports.new={point=[0.0,2.0],displacement={normal=0.0}}"],
-        r"supports\.new\.displacement = normal: a point has no normal",
+        r"supports\.new\.displacement\.normal = given: a point has no normal",
     ),
     "gravity without density": (["gravity.acceleration=[0.0,-9.81]"], r"gravity: no body has a density; set bodies\."),
     "two slave roles": (
