@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Mapping
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,15 +54,29 @@ def build_mesh(builder: Builder, request: Request, comm: Any) -> Mesh:
     Raises:
         GeometryError: gmsh cannot mesh the shape; on every rank alike.
     """
+    with _own_interrupt():
+        return _build(builder, request, comm)
+
+
+@contextmanager
+def _own_interrupt() -> Iterator[None]:
+    """gmsh takes Ctrl-C for itself: at its import, its start and its end."""
+    handler = signal.getsignal(signal.SIGINT)
+    try:
+        yield
+    finally:
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, handler)
+
+
+def _build(builder: Builder, request: Request, comm: Any) -> Mesh:
     import gmsh
 
     unit = max(builder.extent(request.dim))  # gmsh has absolute tolerances: it draws in the shape's own unit of length
     names: dict[int, dict[str, int]] | None = None
     failure = None
     if comm.rank == 0:
-        interrupt = signal.getsignal(signal.SIGINT)
         gmsh.initialize()
-        signal.signal(signal.SIGINT, interrupt)  # gmsh takes Ctrl-C for itself
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("General.AbortOnError", 0)
         try:

@@ -100,9 +100,11 @@ class Auditor:
         system.T.multTranspose(out, free)
         scale = sum(v.norm(0) for v in (inner, load, contact))
         rounding = np.finfo(float).eps * system.K.norm(PETSc.NormType.INFINITY) * u.norm(0)
-        if scale <= ROUNDING * rounding:  # a body that moves as a whole: there is no force to speak of
+        if (
+            load.norm(0) == 0 and scale <= ROUNDING * rounding
+        ):  # a body that moves as a whole: there is no force to speak of
             return 0.0
-        return float(free.norm(0) / scale)
+        return float(free.norm(0) / scale) if scale else 0.0
 
     def _compliance_force(self, place: Place, law: Compliance, u: object, time: float) -> object:
         system, obstacle = self.system, place.rows.obstacle

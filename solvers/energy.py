@@ -26,5 +26,8 @@ class Energy:
 
     @property
     def time_remainder(self) -> float:
-        """Contact work that neither compliance nor dissipation explains: first order in the step."""
+        """Contact work that neither compliance nor dissipation explains.
+
+        First order in the step, but for the work of closing an initial interference, which no step size removes.
+        """
         return self.contact - self.compliance - self.dissipated

@@ -38,6 +38,7 @@ def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
     Raises:
         SceneError: a motion that nothing resists, or a method that cannot do what the scene asks.
     """
+    _refuse_reversed(scene)
     _refuse_unheld(scene)
     method = method_of(scene)
     if not METHODS[method].floating and _free_motions(scene, with_contacts=False).shape[1]:
@@ -51,6 +52,16 @@ def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
 def method_of(scene: Scene) -> str:
     """The method that runs: `auto` is condensed-newton."""
     return "condensed-newton" if scene.solver.method == "auto" else scene.solver.method
+
+
+def _refuse_reversed(scene: Scene) -> None:
+    for name, contact in scene.contacts.items():
+        points, outward = scene.geometry.sample(contact.surface, scene.dim)
+        if np.any(scene.obstacles[contact.against].normals(points) @ outward >= 0):
+            raise SceneError(
+                f"obstacles.{contact.against}.normal: must point against {contact.surface} (contacts.{name}), "
+                f"whose outward normal is {outward.tolist()}; reverse it"
+            )
 
 
 def _refuse_unheld(scene: Scene) -> None:
@@ -87,5 +98,5 @@ def _free_motions(scene: Scene, with_contacts: bool) -> Array:
         points, _ = scene.geometry.sample(contact.surface, dim)
         normals = scene.obstacles[contact.against].normals(points)
         for point, normal in zip(points, normals, strict=True):
-            add(point[None], normal[None] if contact.friction is None else np.eye(dim))
+            add(point[None], np.eye(dim) if contact.friction and contact.friction.resists() else normal[None])
     return np.asarray(null_space(np.concatenate(blocks), rcond=1e-9))

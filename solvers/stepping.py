@@ -156,7 +156,8 @@ class Stepper:
             log.info("t = %g  iteration %d  residual %.2e", row.time, step.iteration, step.residual)
             on_iteration(row)
 
-        solution = self.method(problem, state.p, record)
+        start = state.p if problem.p_ref > 0 else np.zeros_like(state.p)  # no load, no motion: no traction
+        solution = self.method(problem, start, record)
 
         def accept() -> State:
             q = self.volume.expand(f_q - self._forces(solution.p, f_q), solution.u_c)

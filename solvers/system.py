@@ -13,6 +13,7 @@ from scipy import sparse
 
 from geometry import dolfinx_versions as dx
 from geometry.amplitude import Amplitude, value_at
+from geometry.errors import SceneError
 from geometry.mesh import Mesh
 from geometry.nodes import Nodes
 from geometry.surface import gather_surface
@@ -153,6 +154,8 @@ def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
     nodes = Nodes.of(space)
     weak = WeakForms(scene, mesh, space, counters)
     constraints = find_constraints(scene, mesh, space, nodes)
+    if constraints.free_total == 0:
+        raise SceneError("supports: prescribe every displacement of the mesh; nothing is left to solve")
     for time in scene.requested_times():
         constraints.prescribed(time)  # contradictions between supports show here, before any solve
     contacts = {

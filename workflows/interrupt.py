@@ -1,28 +1,41 @@
-"""Ctrl-C that waits: a step is written whole or not at all."""
+"""Ctrl-C that waits for a safe moment: the end of an iteration or of a step, never the middle of a file."""
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+IMPATIENT = 3  # presses after which the program stops at once
 
 
-@contextmanager
-def undisturbed() -> Iterator[None]:
-    """Hold Ctrl-C back until the block is done.
+class Interrupt:
+    """Context in which Ctrl-C is only noted; `check` raises it where the run can stop."""
 
-    Raises:
-        KeyboardInterrupt: it was pressed meanwhile.
-    """
-    if threading.current_thread() is not threading.main_thread():  # signals reach the main thread only
-        yield
-        return
-    pressed: list[int] = []
-    former = signal.signal(signal.SIGINT, lambda number, frame: pressed.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler if former is None else former)
-    if pressed:
-        raise KeyboardInterrupt
+    def __init__(self) -> None:
+        self._presses = 0
+        self._former: Any = None
+
+    def __enter__(self) -> Interrupt:
+        if threading.current_thread() is threading.main_thread():  # signals reach the main thread only
+            self._former = signal.signal(signal.SIGINT, self._note)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._former is not None:
+            signal.signal(signal.SIGINT, self._former)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self._presses += 1
+        if self._presses >= IMPATIENT:
+            signal.default_int_handler(number, frame)
+
+    def check(self, comm: Any) -> None:
+        """Stop here if Ctrl-C was pressed on any rank; collective.
+
+        Raises:
+            KeyboardInterrupt: on every rank.
+        """
+        if any(comm.allgather(self._presses > 0)):
+            raise KeyboardInterrupt

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
 from solvers.stepping import HistoryRow, StepError
 from workflows.folder import MARK, ResultsFolder
-from workflows.interrupt import undisturbed
+from workflows.interrupt import Interrupt
 from workflows.results import Outcome, summary, write_result
 from workflows.writers.steps import read_step, step_name, write_step
 from workflows.writers.tables import write_history, write_tables
@@ -42,6 +43,7 @@ class Run:
     simulation: Simulation
     folder: Path
     began: float
+    interrupt: Interrupt
     steps: list[StepResult] = field(default_factory=list)
 
     @property
@@ -50,13 +52,17 @@ class Run:
 
     def march(self, watch: Watch) -> tuple[str, str]:
         """Solve and write step by step: status and what to tell the user."""
-        tell = watch if self.rank == 0 else Watch()
+        tell, comm = watch if self.rank == 0 else Watch(), self.simulation.mesh.comm
+
+        def on_iteration(row: HistoryRow) -> None:
+            tell.on_iteration(row)
+            self.interrupt.check(comm)
+
         try:
-            for index, step in enumerate(self.simulation.steps(tell.on_iteration), start=1):
+            for index, step in enumerate(self.simulation.steps(on_iteration), start=1):
                 began = clock.perf_counter()
-                with undisturbed():
-                    self.steps.append(step)
-                    self._write(index, step)
+                self.steps.append(step)
+                self._write(index, step)
                 tell.on_step(step)
                 self.simulation.seconds.output += clock.perf_counter() - began
         except StepError as error:
@@ -75,14 +81,16 @@ class Run:
         def write() -> None:
             write_tables(self.folder, index, self.simulation.data, step)
             write_step(self.folder, index, step)
-            write_fields(self.folder, self.simulation.data, self._shown())
+            self._show(ended=False)
 
         self.on_rank_0(write)
 
-    def _shown(self) -> list[tuple[int, float]]:
+    def _show(self, ended: bool) -> None:
+        """The XDMF files: every n-th step, and the last one when the run has ended, however."""
         every = self.simulation.scene.output.every
-        last = len(self.simulation.scene.requested_times())
-        return [(i, s.time) for i, s in enumerate(self.steps, start=1) if i % every == 0 or i == last]
+        last = len(self.steps) if ended else 0
+        shown = [(i, s.time) for i, s in enumerate(self.steps, start=1) if i % every == 0 or i == last]
+        write_fields(self.folder, self.simulation.data, shown)
 
     def audit(self) -> list[Audit]:
         """Every step against equilibrium and the laws, from its file."""
@@ -120,6 +128,7 @@ class Run:
             return summary(self.simulation, status, self.steps, audits, clock.perf_counter() - self.began)
 
         self.on_rank_0(lambda: write_result(self.folder, content()))  # before the pictures: they can fail
+        self.on_rank_0(lambda: self._show(ended=True))
         if scene.output.pictures and self.steps:
             self.on_rank_0(lambda: _draw(self.folder, self.simulation, self.steps[-1]))
         seconds.output += clock.perf_counter() - began
@@ -147,22 +156,22 @@ def run(scene: Scene, folder: str | Path, watch: Watch | None = None) -> tuple[O
     comm, began = MPI.COMM_WORLD, clock.perf_counter()
     results: list[ResultsFolder] = []
     raise_together(comm, lambda: results.append(ResultsFolder(Path(folder))))
-    simulation = prepare(scene, comm)
-    watch = watch or Watch()
-    work = Path(folder).with_name(f".{Path(folder).name}.running")
-    raise_together(comm, lambda: results[0].start())
-    handler = _log_to(work / MARK) if comm.rank == 0 else None
-    try:
-        if comm.rank == 0:
-            watch.on_prepared(simulation)
-        going = Run(simulation, work, began)
-        status, sentence = going.march(watch)
-        with undisturbed():
+    with Interrupt() as interrupt:
+        simulation = prepare(scene, comm)
+        interrupt.check(comm)
+        watch = watch or Watch()
+        work = Path(folder).with_name(f".{Path(folder).name}.running")
+        raise_together(comm, lambda: results[0].start())
+        handler = _log_to(work / MARK) if comm.rank == 0 else None
+        try:
+            if comm.rank == 0:
+                watch.on_prepared(simulation)
+            going = Run(simulation, work, began, interrupt)
+            status, sentence = going.march(watch)
             content = going.finish(status)
-    finally:
-        if handler is not None:
-            _stop_log(handler)
-    with undisturbed():
+        finally:
+            if handler is not None:
+                _stop_log(handler)
         raise_together(comm, lambda: results[0].finish())
     return Outcome(status, sentence, Path(folder)), content
 
@@ -170,6 +179,7 @@ def run(scene: Scene, folder: str | Path, watch: Watch | None = None) -> tuple[O
 def raise_together(comm: Any, act: Callable[[], object]) -> None:
     """Run `act` on rank 0; its error, if any, is raised on every rank."""
     failure: StickslipError | None = None
+    mistake: Exception | None = None
     if comm.rank == 0:
         try:
             act()
@@ -177,15 +187,24 @@ def raise_together(comm: Any, act: Callable[[], object]) -> None:
             failure = error
         except OSError as error:
             failure = MachineError(f"{error.filename or 'results'}: {error.strerror or error}")
+        except Exception as error:  # a mistake of ours: rank 0 shows it, the others must not wait for ever
+            failure, mistake = StickslipError(f"rank 0 failed: {error}"), error
     failure = comm.bcast(failure)
+    if mistake is not None:
+        raise mistake
     if failure is not None:
         raise failure
 
 
 def _draw(folder: Path, simulation: Simulation, step: StepResult) -> None:
-    from workflows.pictures import draw
+    """Draw; a machine that cannot is told so, its results stand."""
+    try:
+        from workflows.pictures import draw
 
-    draw(folder, simulation.data, step, simulation.scene.title)
+        draw(folder, simulation.data, step, simulation.scene.title)
+    except (ImportError, RuntimeError) as error:
+        log.warning("no pictures: %s", error)
+        print(f"stickslip: no pictures could be drawn: {error}", file=sys.stderr)
 
 
 def _log_to(path: Path) -> logging.Handler:

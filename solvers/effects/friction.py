@@ -25,6 +25,9 @@ class Coulomb(FrictionLaw):
     def __post_init__(self) -> None:
         require(self.mu >= 0, "mu", self.mu, "must not be negative")
 
+    def resists(self) -> bool:
+        return self.mu > 0
+
     def limit(self, p: Array, sides: int, time: float, end: float) -> Array:
         return np.asarray(self.mu * np.maximum(p, 0.0))
 
@@ -43,6 +46,9 @@ class Tresca(FrictionLaw):
         check(self.bound, "bound")
         values = [self.bound] if isinstance(self.bound, float | int) else [v for _, v in self.bound]
         require(min(values) >= 0, "bound", min(values), "must not be negative, in pascal")
+
+    def resists(self) -> bool:
+        return any(value for _, value in ([(0.0, self.bound)] if isinstance(self.bound, float | int) else self.bound))
 
     def limit(self, p: Array, sides: int, time: float, end: float) -> Array:
         return np.where((p > 0) | (sides == 2), value_at(self.bound, time, end), 0.0)

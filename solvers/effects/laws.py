@@ -50,6 +50,10 @@ class FrictionLaw(Choice):
 
     tag: ClassVar[str] = "law"
 
+    def resists(self) -> bool:
+        """Whether it can hold a body at all."""
+        return True
+
     def refuses(self, normal: NormalLaw) -> str | None:
         """Why this law cannot go with that normal law, or None."""
         return None

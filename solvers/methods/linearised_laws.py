@@ -13,6 +13,7 @@ from solvers.surface_problem import SurfaceProblem
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+BALANCE = 1e-8  # force out of balance, relative, at which a solution of the linear system is none
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,9 @@ class LinearisedLaws:
         u_c = u_0 - Y @ found[:m] + Z @ found[m:]
         p = p_fixed + self.k * (N @ u_c)
         p[self.carried] = found[:m]
+        unbalanced = R.T @ (problem.f_c - surface.forces(p))
+        if np.abs(unbalanced).sum() > BALANCE * (np.abs(problem.f_c).sum() + np.abs(surface.forces(p)).sum()):
+            raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
         return p, u_c
 
 

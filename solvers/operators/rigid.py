@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from geometry.errors import SceneError
 from geometry.obstacles import Obstacle
 from geometry.surface import Surface
 from solvers.constraints import Constraints
@@ -77,6 +78,11 @@ def build_rows(
             N_n, W_n, psi, gap_n = _quadrature_rows(surface, obstacle, contact.normal.degree(order))
         else:
             carrier = normal_carriers[name]
+            if not carrier.share.shape[0]:
+                raise SceneError(
+                    f"contacts.{name}: supports prescribe the normal motion of all of {contact.surface}, so it can "
+                    "carry no contact pressure; free it or remove the contact"
+                )
             N_n, W_n = carrier.rows(weights)
             psi = carrier.share.T.multiply(weights[:, None]).tocsr()
             gap_n = np.asarray(carrier.share @ (weights * gap)) / W_n

@@ -14,6 +14,7 @@ import pytest
 
 import workflows.run
 from geometry.errors import SolverError, StickslipError
+from solvers.simulation import Simulation, prepare
 from workflows import VERSION
 from workflows.cli import app, guarded
 from workflows.scene import READY, read
@@ -292,8 +293,8 @@ def test_ctrl_c_while_a_step_is_written_leaves_readable_results(
         return write(where, index, step)
 
     monkeypatch.setattr(workflows.run, "write_step", press)
-    code, _, _ = call("run", "block", "-q", "-o", "out", *COARSE, "--set=steps.count=8")
-    assert code == 130
+    code, _, err = call("run", "block", "-q", "-o", "out", *COARSE, "--set=steps.count=8")
+    assert code == 130, err
     done = result(folder / "out")
     assert done["status"] == "interrupted"
     stored = sorted(path.name for path in (folder / "out" / "steps").iterdir())
@@ -327,8 +328,9 @@ def test_ctrl_c_ends_with_130_and_keeps_the_steps_so_far(
 
 
 def test_ctrl_c_before_the_first_step_leaves_nothing(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def press(*arguments: object) -> None:
-        raise KeyboardInterrupt
+    def press(*arguments: Any) -> Simulation:
+        os.kill(os.getpid(), signal.SIGINT)
+        return prepare(*arguments)
 
     monkeypatch.setattr(workflows.run, "prepare", press)
     code, _, err = call("run", "block", "-q", "-o", "out", *COARSE)

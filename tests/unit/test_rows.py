@@ -196,9 +196,9 @@ def test_two_contacts_in_one_corner_ask_nothing_twice(
 def test_parallel_planes_on_adjoining_sides_do_not_hold_a_corner_twice(
     scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
 ) -> None:
-    # both obstacles face up: the corner of bottom and left has one normal motion for the two
-    ground = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
-    pit = {"wall": {"shape": "plane", "point": [0.0, -1.0], "normal": [0.0, 2.0]}}
+    # both obstacles face up and right: the corner of bottom and left has one normal motion for the two
+    ground = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.1, 1.0]}}
+    pit = {"wall": {"shape": "plane", "point": [0.0, -1.0], "normal": [0.2, 2.0]}}
     both = {"base": contact("bottom"), "side": contact("left", "wall", mu=0.0)}
     hold = {"lid": {"boundary": "block.top", "displacement": {"x": 0.0, "y": -0.1}}}
     simulation = simulation_of(scene_of(obstacles=ground | pit, contacts=both, supports=hold))
