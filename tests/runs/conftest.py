@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from shared.solved import Solved, coarse, solve
 from workflows.cli import app, guarded
+from workflows.scene import READY, read
 
 Spoken = tuple[int, str, str]  # exit code, standard output, standard error
 
@@ -55,3 +57,8 @@ def spawn(folder: Path, command: list[str], environment: dict[str, str]) -> Call
         return done.returncode, done.stdout, done.stderr
 
     return act
+
+
+@pytest.fixture(scope="session", params=sorted(path.stem for path in READY.glob("*.toml")))
+def solved(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Solved:
+    return solve(read(request.param, coarse(request.param)), tmp_path_factory.mktemp(request.param) / "out")

@@ -1,0 +1,133 @@
+"""How a run ends when it does not end well."""
+
+import os
+import re
+import signal
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import workflows.run
+from geometry.errors import SolverError, StickslipError
+from shared.command import COARSE, Call, result, table
+from solvers.simulation import Simulation, prepare
+from workflows.cli import app, guarded
+from workflows.writers.steps import write_step
+
+
+def test_run_that_does_not_converge_ends_with_3_and_says_what_to_try(call: Call, folder: Path) -> None:
+    words = ["--set=solver.method=uzawa", "--set=solver.max_iterations=1"]
+    code, out, err = call("run", "block", "-q", "-o", "out", *COARSE, *words)
+    assert (code, out, err.count("\n")) == (3, "", 1)
+    assert "not converged" in err
+    assert "solver.max_iterations" in err
+    done = result(folder / "out")
+    assert (done["status"], done["steps"]) == ("not_converged", [])
+
+
+def test_run_that_fails_late_keeps_its_good_steps(call: Call, folder: Path) -> None:
+    """No load until t = 1, and none that one iteration can follow after it."""
+    top = "supports.top.displacement={x=0.0,y=[[0,0],[1,0],[2,-0.1]]}"
+    words = ["--set=solver.method=uzawa", "--set=solver.max_iterations=1", "--set", top]
+    code, _, err = call("run", "block", "-q", "-o", "out", *COARSE, *words)
+    assert (code, err.count("\n")) == (3, 1)
+    done = result(folder / "out")
+    assert done["status"] == "not_converged"
+    assert [step["time"] for step in done["steps"]] == [1.0]
+    assert max(done["audit"].values()) <= 1e-8  # what is kept is an equilibrium
+    assert sorted(path.name for path in (folder / "out" / "steps").iterdir()) == ["000001.h5"]
+    assert "steps/000001.h5" in (folder / "out" / "fields.xdmf").read_text()
+    rows = table(folder / "out" / "history.csv")
+    assert {row["step"] for row in rows} == {"1", "2"}  # the failed attempts are told as well
+    assert "ERROR" in (folder / "out" / "run.log").read_text()
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [(SolverError("no"), 3), (KeyboardInterrupt(), 130), (MemoryError(), 4), (StickslipError("no"), 1)],
+)
+def test_every_ending_has_its_exit_code(error: BaseException, code: int, capsys: pytest.CaptureFixture[str]) -> None:
+    def fail() -> None:
+        raise error
+
+    assert guarded(fail) == code
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_full_disk_ends_with_4(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*arguments: object) -> None:
+        raise OSError(28, os.strerror(28), "out/history.csv")
+
+    monkeypatch.setattr(workflows.run, "write_step", full)
+    code, _, err = call("run", "block", "-q", "-o", "out", *COARSE)
+    assert (code, err) == (4, "stickslip: out/history.csv: No space left on device\n")
+    assert not (folder / "out").exists()
+
+
+def test_ctrl_c_while_a_step_is_written_leaves_readable_results(
+    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = write_step
+
+    def press(where: Path, index: int, step: Any) -> Path:
+        if index == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+        return write(where, index, step)
+
+    monkeypatch.setattr(workflows.run, "write_step", press)
+    code, _, err = call("run", "block", "-q", "-o", "out", *COARSE, "--set=steps.count=8")
+    assert code == 130, err
+    done = result(folder / "out")
+    assert done["status"] == "interrupted"
+    stored = sorted(path.name for path in (folder / "out" / "steps").iterdir())
+    assert len(stored) == len(done["steps"]) in (2, 3)
+    assert max(done["audit"].values()) <= 1e-8
+    shown = re.findall(r"steps/\d+\.h5", (folder / "out" / "fields.xdmf").read_text())
+    assert sorted({name.partition("/")[2] for name in shown}) == stored
+    times = {float(row["time"]) for row in table(folder / "out" / "probes.csv")}
+    assert times == {step["time"] for step in done["steps"]}
+
+
+def test_ctrl_c_ends_with_130_and_keeps_the_steps_so_far(
+    folder: Path, command: list[str], environment: dict[str, str]
+) -> None:
+    words = ["run", "block", "-o", "out", *COARSE, "--set=steps.count=4000"]
+    with subprocess.Popen(
+        [*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if line.startswith("t = "):
+                break
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=100)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    done = result(folder / "out")
+    assert done["status"] == "interrupted"
+    assert 1 <= len(done["steps"]) == len(list((folder / "out" / "steps").iterdir())) < 4000
+    assert sorted(path.name for path in folder.iterdir()) == ["out"]
+
+
+def test_ctrl_c_before_the_first_step_leaves_nothing(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def press(*arguments: Any) -> Simulation:
+        os.kill(os.getpid(), signal.SIGINT)
+        return prepare(*arguments)
+
+    monkeypatch.setattr(workflows.run, "prepare", press)
+    code, _, err = call("run", "block", "-q", "-o", "out", *COARSE)
+    assert (code, "Traceback" in err) == (130, False)
+    assert not list(folder.iterdir())
+
+
+def test_program_error_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line is for what a user can mend; a mistake of ours keeps its traceback."""
+
+    def wrong(*arguments: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("workflows.scene.read", wrong)
+    with pytest.raises(ZeroDivisionError):
+        guarded(lambda: app(["plan", "block"], standalone_mode=False))

@@ -1,0 +1,34 @@
+"""Words of the command line that every run test uses, and its files read back."""
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from workflows.scene import READY
+
+Spoken = tuple[int, str, str]
+Call = Callable[..., Spoken]
+BUILT = {"run", "plan", "verify", "scenes", "new"}
+READY_NAMES = sorted(path.stem for path in READY.glob("*.toml"))
+COARSE = [
+    "--set=geometry.mesh_size=1.0",
+    "--set=geometry.contact_mesh_size=0.5",
+    "--set=output.pictures=false",
+]
+
+
+def result(folder: Path) -> dict[str, Any]:
+    """result.json, which must hold no NaN and no Infinity."""
+
+    def refuse(constant: str) -> float:
+        raise AssertionError(f"result.json holds {constant}")
+
+    content: dict[str, Any] = json.loads((folder / "result.json").read_text(), parse_constant=refuse)
+    return content
+
+
+def table(path: Path) -> list[dict[str, str]]:
+    """Rows of a CSV file."""
+    return list(csv.DictReader(path.read_text().splitlines()))

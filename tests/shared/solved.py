@@ -1,0 +1,71 @@
+"""A ready scene solved, and its files read as a stranger reads them."""
+
+import csv
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solvers.nouns.scene import Scene
+from workflows.run import run
+from workflows.scene import read
+
+COARSER = 2.5  # times the mesh sizes of the ready scenes: what is tested holds on every mesh
+ZERO = 1e-8  # the tolerance of the ready scenes: balances hold to it, relative to their largest term
+ROUNDING = 1e-12
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A ready scene, solved."""
+
+    scene: Scene
+    folder: Path
+    result: Json
+
+    @property
+    def contacts(self) -> Iterator[tuple[Json, str, Json]]:
+        for step in self.result["steps"]:
+            for name, contact in step["contacts"].items():
+                yield step, name, contact
+
+    def rows(self, name: str) -> list[dict[str, str]]:
+        """Rows of a CSV file."""
+        return list(csv.DictReader((self.folder / name).read_text().splitlines()))
+
+    def points(self, name: str, time: float) -> dict[str, Any]:
+        """Columns of contact_NAME.csv at a time; vectors as (n, d)."""
+        rows = [row for row in self.rows(f"contact_{name}.csv") if float(row["time"]) == time]
+        columns: dict[str, Any] = {"status": np.array([row["status"] for row in rows])}
+        for key in ("weight", "gap", "pressure"):
+            columns[key] = np.array([float(row[key]) for row in rows])
+        for key in ("traction", "slip", "slip_increment", "lambda"):
+            columns[key] = np.array([[float(row[f"{key}_{a}"]) for a in "xyz"[: self.scene.dim]] for row in rows])
+        columns["x"] = np.array([[float(row[a]) for a in "xyz"[: self.scene.dim]] for row in rows])
+        return columns
+
+
+def coarse(name: str) -> list[str]:
+    """Overrides for a coarser mesh, with a probe more, and no pictures (they have tests of their own)."""
+    scene = read(name)
+    sizes = {key: getattr(scene.geometry, key, None) for key in ("mesh_size", "contact_mesh_size")}
+    origin = [0.0] * scene.dim
+    return [
+        *(f"geometry.{key}={COARSER * size}" for key, size in sizes.items() if size is not None),
+        f"probes.origin={{point={origin}}}",
+        "output.pictures=false",
+    ]
+
+
+def refuse(constant: str) -> float:
+    raise AssertionError(f"result.json holds {constant}")
+
+
+def solve(scene: Scene, folder: Path) -> Solved:
+    """Run it, and read result.json back as a stranger would."""
+    run(scene, folder)
+    return Solved(scene, folder, json.loads((folder / "result.json").read_text(), parse_constant=refuse))

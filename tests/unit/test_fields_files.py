@@ -1,0 +1,133 @@
+"""Fields and contact surfaces, read by readers that are not ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+import pytest
+import pyvista as pv
+from numpy.testing import assert_allclose, assert_array_equal
+from vtkmodules.vtkCommonDataModel import vtkGenericCell
+
+from shared.synthetic import FACET, MESHES, SIZE, mesh_of, padded, reference_nodes, result_of
+from solvers.step_result import MeshData, StepResult
+from workflows.writers.shapes import SHAPES
+from workflows.writers.steps import write_step
+from workflows.writers.xdmf import write_fields
+
+
+@pytest.mark.parametrize(("name", "nodes"), SHAPES)
+def test_nodes_are_renumbered_as_vtk_numbers_its_cells(name: str, nodes: int) -> None:
+    order = next(k for k in (1, 2) if len(reference_nodes(name, k)) == nodes)
+    shape = SHAPES[name, nodes]
+    cell = vtkGenericCell.InstantiateCell(shape.vtk)
+    expected = np.array([cell.GetParametricCoords()[i] for i in range(3 * nodes)]).reshape(-1, 3)
+    assert_allclose(padded(reference_nodes(name, order)[list(shape.order)]), expected, atol=1e-12)
+
+
+def written(folder: Path, shape: str, order: int) -> tuple[MeshData, list[StepResult]]:
+    mesh = mesh_of(shape, order)
+    results = [result_of(mesh, time, seed) for seed, time in enumerate((0.5, 1.0))]
+    for index, result in enumerate(results, start=1):
+        write_step(folder, index, result)
+    write_fields(folder, mesh, [(index, result.time) for index, result in enumerate(results, start=1)])
+    return mesh, results
+
+
+@pytest.mark.parametrize(("shape", "order"), MESHES)
+def test_meshio_reads_fields_and_contacts(tmp_path: Path, shape: str, order: int) -> None:
+    mesh, results = written(tmp_path, shape, order)
+    with meshio.xdmf.TimeSeriesReader(tmp_path / "fields.xdmf") as reader:
+        points, cells = reader.read_points_cells()
+        assert_array_equal(points, padded(mesh.points))
+        assert_array_equal(np.sort(cells[0].data, axis=1), mesh.cells)
+        assert reader.num_steps == 2
+        for k, result in enumerate(results):
+            time, at_nodes, at_cells = reader.read_data(k)
+            assert time == result.time
+            assert_array_equal(at_nodes["displacement"], padded(result.displacement))
+            assert_array_equal(at_cells["stress"][0], result.stress.reshape(-1, 9))
+            assert_array_equal(at_cells["von_mises"][0], result.von_mises)
+            assert_array_equal(at_cells["body"][0], mesh.body)
+    with meshio.xdmf.TimeSeriesReader(tmp_path / "contact_base.xdmf") as reader:
+        points, _ = reader.read_points_cells()
+        assert_array_equal(points, padded(mesh.surfaces["base"][0]))
+        for k, result in enumerate(results):
+            _, at_nodes, _ = reader.read_data(k)
+            contact = result.contacts["base"]
+            for name in ("pressure", "gap", "status"):
+                assert_array_equal(at_nodes[name], getattr(contact, name))
+            for name in ("traction", "slip", "slip_increment", "lam"):
+                assert_array_equal(at_nodes[name], padded(getattr(contact, name)))
+
+
+def vtk_grid(path: Path, time: float) -> Any:
+    """Through VTK's own XDMF reader, as ParaView does."""
+    reader: Any = pv.get_reader(path)  # type: ignore[no-untyped-call]
+    assert_array_equal(reader.time_values, [0.5, 1.0])
+    reader.set_active_time_value(time)
+    found = reader.read()
+    return found[0] if isinstance(found, pv.MultiBlock) else found
+
+
+@pytest.mark.parametrize(("shape", "order"), MESHES)
+def test_vtk_reads_fields_and_its_cells_are_whole(tmp_path: Path, shape: str, order: int) -> None:
+    mesh, results = written(tmp_path, shape, order)
+    for result in results:
+        grid = vtk_grid(tmp_path / "fields.xdmf", result.time)
+        assert_array_equal(grid.points, padded(mesh.points))
+        assert_array_equal(grid.point_data["displacement"], padded(result.displacement))
+        assert_array_equal(grid.cell_data["stress"].reshape(-1, 3, 3), result.stress)
+        assert_array_equal(grid.cell_data["von_mises"], result.von_mises)
+        assert_array_equal(grid.cell_data["body"], mesh.body)
+        expected = SHAPES[shape, mesh.cells.shape[1]]
+        assert_array_equal(grid.celltypes, expected.vtk)
+        assert_array_equal(grid.cell_connectivity.reshape(2, -1), mesh.cells[:, expected.order])
+        sizes = grid.compute_cell_sizes()  # volumes of VTK are signed
+        size = sizes["Volume" if mesh.points.shape[1] == 3 else "Area"]
+        assert_allclose(size, SIZE[shape], rtol=1e-12)
+
+
+@pytest.mark.parametrize("shape", FACET)
+def test_linear_cells_are_not_twisted(tmp_path: Path, shape: str) -> None:
+    written(tmp_path, shape, 1)
+    grid = vtk_grid(tmp_path / "fields.xdmf", 1.0)
+    # a quadrilateral or hexahedron in tensor order crosses itself: its scaled Jacobian is not positive
+    assert grid.cell_quality("scaled_jacobian")["scaled_jacobian"].min() > 0.5
+
+
+@pytest.mark.parametrize(("shape", "order"), MESHES)
+def test_vtk_reads_a_contact_surface(tmp_path: Path, shape: str, order: int) -> None:
+    mesh, results = written(tmp_path, shape, order)
+    points, facets, facet = mesh.surfaces["base"]
+    contact = results[1].contacts["base"]
+    grid = vtk_grid(tmp_path / "contact_base.xdmf", 1.0)
+    assert_array_equal(grid.points, padded(points))
+    assert_array_equal(grid.cell_connectivity.reshape(2, -1), facets[:, SHAPES[facet, facets.shape[1]].order])
+    sizes = grid.compute_cell_sizes()
+    assert_allclose(sizes["Length" if facet == "interval" else "Area"], SIZE[facet], rtol=1e-12)
+    for name in ("pressure", "gap", "status"):
+        assert_array_equal(grid.point_data[name], getattr(contact, name))
+    for name in ("traction", "slip", "slip_increment", "lam"):
+        assert_array_equal(grid.point_data[name], padded(getattr(contact, name)))
+
+
+def test_fields_are_rewritten_while_a_run_goes_on(tmp_path: Path) -> None:
+    mesh = mesh_of("triangle")
+    write_fields(tmp_path, mesh, [])
+    assert [p.name for p in tmp_path.iterdir()] == ["fields.h5"]
+    before = (tmp_path / "fields.h5").stat()
+    for index in (1, 2, 3):
+        write_step(tmp_path, index, result_of(mesh, float(index)))
+        write_fields(tmp_path, mesh, [(k, float(k)) for k in range(1, index + 1)])
+        with meshio.xdmf.TimeSeriesReader(tmp_path / "fields.xdmf") as reader:
+            assert reader.num_steps == index
+    assert (tmp_path / "fields.h5").stat().st_ino == before.st_ino  # the same mesh is not written again
+    write_fields(tmp_path, mesh_of("quadrilateral"), [])
+    assert (tmp_path / "fields.h5").stat().st_ino != before.st_ino
+
+
+# tables

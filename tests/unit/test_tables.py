@@ -1,0 +1,86 @@
+"""Tables read back to the same bits."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from geometry.errors import MachineError
+from shared.synthetic import mesh_of, result_of
+from workflows.writers.tables import cut_tables, write_tables
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.parametrize("shape", ["quadrilateral", "tetrahedron"])
+def test_tables_read_back_to_the_same_bits(tmp_path: Path, shape: str) -> None:
+    mesh = mesh_of(shape)
+    results = [result_of(mesh, time, seed) for seed, time in enumerate((1 / 3, 2 / 3))]
+    for index, result in enumerate(results, start=1):
+        write_tables(tmp_path, index, mesh, result)
+    axes, n = "xyz"[: mesh.points.shape[1]], len(mesh.surfaces["base"][0])
+    table = rows_of(tmp_path / "contact_base.csv")
+    assert len(table) == 2 * n
+    for k, result in enumerate(results):
+        rows, contact = table[k * n : (k + 1) * n], result.contacts["base"]
+        for name in ("weight", "gap", "pressure"):
+            assert_array_equal([float(row[name]) for row in rows], getattr(contact, name))
+        vectors = {"traction": "traction", "slip": "slip", "slip_increment": "slip_increment", "lambda": "lam"}
+        for column, name in vectors.items():
+            found = [[float(row[f"{column}_{a}"]) for a in axes] for row in rows]
+            assert_array_equal(found, getattr(contact, name))
+        assert_array_equal([[float(row[a]) for a in axes] for row in rows], mesh.surfaces["base"][0])
+        assert {float(row["time"]) for row in rows} == {result.time}
+        assert [row["status"] for row in rows][:3] == ["open", "slip", "stick"]
+    probe = rows_of(tmp_path / "probes.csv")[1]
+    displacement, stress = results[1].probes["corner"]
+    assert (float(probe["time"]), probe["probe"]) == (results[1].time, "corner")
+    assert_array_equal([float(probe[f"displacement_{a}"]) for a in axes], displacement)
+    assert float(probe["stress_xy"]) == stress[0, 1]
+    assert float(probe["stress_zz"]) == stress[2, 2]
+    history = rows_of(tmp_path / "history.csv")
+    assert [row["step"] for row in history] == ["1", "1", "2", "2"]
+    assert history[3] == {
+        "step": "2",
+        "time": repr(2 / 3),
+        "iteration": "2",
+        "residual": "1e-09",
+        "volume_solves": "3",
+        "seconds": repr(0.1 + 0.7),
+    }
+
+
+def test_numbers_of_numpy_are_written_like_those_of_python(tmp_path: Path) -> None:
+    mesh = mesh_of("triangle")
+    counted: Any = ((np.float64(0.1), np.int64(2), np.float32(0.5), np.int64(3), 0.1),)
+    write_tables(tmp_path, 1, mesh, dataclasses.replace(result_of(mesh), history=counted))
+    assert (tmp_path / "history.csv").read_text().splitlines()[1] == "1,0.1,2,0.5,3,0.1"
+
+
+def test_tables_are_cut_back_to_the_last_good_step(tmp_path: Path) -> None:
+    mesh = mesh_of("triangle")
+    names = ("contact_base.csv", "probes.csv", "history.csv")
+    write_tables(tmp_path, 1, mesh, result_of(mesh, 1 / 3))
+    before = {name: (tmp_path / name).read_bytes() for name in names}
+    write_tables(tmp_path, 2, mesh, result_of(mesh, 2 / 3))
+    for name in names:
+        path = tmp_path / name
+        path.write_bytes(path.read_bytes()[:-9])  # a crash in the middle of a row
+    cut_tables(tmp_path, 1 / 3)
+    assert {name: (tmp_path / name).read_bytes() for name in names} == before
+
+
+def test_a_table_that_cannot_grow_is_said(tmp_path: Path) -> None:
+    mesh = mesh_of("triangle")
+    (tmp_path / "contact_base.csv").mkdir()
+    with pytest.raises(MachineError, match=r"contact_base\.csv: cannot be written: Is a directory"):
+        write_tables(tmp_path, 1, mesh, result_of(mesh))
