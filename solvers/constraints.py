@@ -140,18 +140,13 @@ class Constraints:
         stacked = [values[self.root.get(int(n), int(n))] for n in self.prescribed_nodes]
         return np.array(stacked).reshape(-1, self.dim)
 
-    @cached_property
-    def reaction_nodes(self) -> Ints:
-        """Nodes whose forces the supports carry: the prescribed ones."""
-        return self.prescribed_nodes
-
     def reactions(self, forces: Array) -> dict[str, tuple[Array, Array]]:
-        """Share nodal forces (k, d) at `reaction_nodes` among supports: force (d,) and moment about the origin.
+        """Share nodal forces (k, d) at `prescribed_nodes` among supports: force (d,) and moment about the origin.
 
         A force is split along the prescribed directions; supports that overlap share it in the least-squares sense.
         """
         at: dict[int, Array] = {}
-        for node, force in zip(self.reaction_nodes, forces, strict=True):
+        for node, force in zip(self.prescribed_nodes, forces, strict=True):
             root = self.root.get(int(node), int(node))
             at[root] = at.get(root, np.zeros(self.dim)) + force
         moments = 1 if self.dim == 2 else 3
