@@ -1,6 +1,7 @@
 """The audit: displacement and tractions, as the files hold them, against equilibrium and the contact laws.
 
 K is assembled anew, the contact rows are built anew. Nothing here imports a method: none can vouch for itself.
+Gap and slip are those that the step file holds, not recomputed from its displacement.
 """
 
 from __future__ import annotations

@@ -148,6 +148,17 @@ def _components(nodes: Ints, dim: int) -> Ints:
     return (nodes[:, None] * dim + np.arange(dim)).ravel()
 
 
+def contact_rows(
+    scene: Scene, mesh: Mesh, space: Any, nodes: Nodes, constraints: Constraints
+) -> tuple[ContactRows, ...]:
+    """Rows of all contacts of the scene, their surfaces gathered on every rank; collective."""
+    contacts = {
+        name: (contact, scene.obstacles[contact.against], gather_surface(mesh, space, nodes, contact.surface))
+        for name, contact in scene.contacts.items()
+    }
+    return tuple(build_rows(contacts, constraints, order=1))
+
+
 def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
     """Build the system; collective."""
     space = dx.vector_space(mesh.domain, 1)
@@ -158,10 +169,6 @@ def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
         raise SceneError("supports: prescribe every displacement of the mesh; nothing is left to solve")
     for time in scene.requested_times():
         constraints.prescribed(time)  # contradictions between supports show here, before any solve
-    contacts = {
-        name: (contact, scene.obstacles[contact.against], gather_surface(mesh, space, nodes, contact.surface))
-        for name, contact in scene.contacts.items()
-    }
     loads = weak.loads() + [form for effect in active_effects(scene) for form in effect.loads(scene, weak)]
     return System(
         scene=scene,
@@ -171,7 +178,7 @@ def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
         weak=weak,
         counters=counters,
         constraints=constraints,
-        contacts=tuple(build_rows(contacts, constraints, order=1)),
+        contacts=contact_rows(scene, mesh, space, nodes, constraints),
         K=dx.assemble_matrix(weak.compile(weak.elasticity())),
         T=constraints.transformation(mesh.comm),
         load_terms=tuple((amplitude, dx.assemble_vector(weak.compile(form))) for amplitude, form in loads),

@@ -9,10 +9,9 @@ from mpi4py import MPI
 from geometry import dolfinx_versions as dx
 from geometry.mesh import build_mesh
 from geometry.nodes import Nodes
-from geometry.surface import gather_surface
 from solvers.constraints import find_constraints
 from solvers.nouns.scene import Scene
-from solvers.operators.rigid import build_rows
+from solvers.system import contact_rows
 
 
 def count(scene: Scene) -> dict[str, Any]:
@@ -21,11 +20,6 @@ def count(scene: Scene) -> dict[str, Any]:
     space = dx.vector_space(mesh.domain, 1)
     nodes = Nodes.of(space)
     constraints = find_constraints(scene, mesh, space, nodes)
-    surfaces = {
-        name: (c, scene.obstacles[c.against], gather_surface(mesh, space, nodes, c.surface))
-        for name, c in scene.contacts.items()
-    }
-    rows = build_rows(surfaces, constraints, order=1)
     return {
         "cells": int(mesh.domain.topology.index_map(mesh.dim).size_global),
         "nodes": nodes.total,
@@ -38,6 +32,6 @@ def count(scene: Scene) -> dict[str, Any]:
                 "area": float(c.node_weights.sum()),
                 "smallest_gap": float(c.node_gap.min()),
             }
-            for c in rows
+            for c in contact_rows(scene, mesh, space, nodes, constraints)
         },
     }
