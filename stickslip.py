@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 from geometry.builders.block import Block
 from geometry.errors import StickslipError
-from geometry.obstacles import Plane
+from geometry.obstacles.plane import Plane
 from solvers.effects.bilateral import Bilateral
 from solvers.effects.compliance import Compliance
 from solvers.effects.friction import Coulomb, Stick, Tresca

@@ -150,30 +150,36 @@ class CellExpression:
         return np.asarray(values).reshape(len(cells), *self._shape)
 
 
-def find_cell(domain: Any, point: Array, slack: float) -> tuple[int, Array] | None:
-    """An owned cell that holds `point` (d,), with the values of its linear basis there; None if there is none.
+def find_cell(domain: Any, degree: int, point: Array, slack: float) -> tuple[int, Array] | None:
+    """An owned cell that holds `point` (d,), with the values of its basis there; None if there is none.
 
     Of several cells the one that comes first in the gmsh model, so that the ranks agree.
     """
     dim = domain.topology.dim
     owned = domain.topology.index_map(dim).size_local
     x = domain.geometry.x[:, :dim][cell_nodes(domain)[:owned]]
-    near = np.all((x.min(axis=1) <= point + slack) & (x.max(axis=1) >= point - slack), axis=1)
+    low, high = x.min(axis=1), x.max(axis=1)
+    reach = slack + (0.1 * (high - low) if degree > 1 else 0.0)  # curved edges bulge out of the box of their nodes
+    near = np.all((low - reach <= point) & (high + reach >= point), axis=1)
     found = []
     for cell in np.flatnonzero(near):
-        local = _pull_back(domain.topology.cell_type.name, x[cell], point)
-        basis = reference_basis(domain.topology.cell_type.name, 1, local[None])[0][0]
-        if np.linalg.norm(basis @ x[cell] - point) <= slack and basis.min() >= -1e-9:
+        local = _pull_back(domain.topology.cell_type.name, degree, x[cell], point)
+        basis = reference_basis(domain.topology.cell_type.name, degree, local[None])[0][0]
+        corners = reference_basis(domain.topology.cell_type.name, 1, local[None])[0][0]
+        if np.linalg.norm(basis @ x[cell] - point) <= slack and corners.min() >= -1e-9:
             found.append((int(domain.topology.original_cell_index[cell]), int(cell), basis))
     return min(found, key=lambda entry: entry[0])[1:] if found else None
 
 
-def _pull_back(shape: str, corners: Array, point: Array) -> Array:
-    """Reference coordinates (d,) by Newton; exact after one step on simplices."""
+def _pull_back(shape: str, degree: int, nodes: Array, point: Array) -> Array:
+    """Reference coordinates (d,) by Newton; exact after one step on straight simplices."""
     local = np.full(len(point), 1 / 3)
     for _ in range(30):
-        basis, gradient = reference_basis(shape, 1, local[None])
-        step = np.linalg.solve((gradient[:, 0] @ corners).T, point - basis[0] @ corners)
+        basis, gradient = reference_basis(shape, degree, local[None])
+        try:
+            step = np.linalg.solve((gradient[:, 0] @ nodes).T, point - basis[0] @ nodes)
+        except np.linalg.LinAlgError:  # a point far outside a curved cell
+            break
         local = local + step
         if np.linalg.norm(step) < 1e-14:
             break
@@ -193,6 +199,14 @@ def reference_basis(shape: str, degree: int, points: Array) -> tuple[Array, Arra
     )
     table = np.asarray(element.tabulate(1, points))[..., 0]
     return table[0], table[1:]
+
+
+def reference_nodes(shape: str, degree: int) -> Array:
+    """Nodes (n, k) of a reference cell in dolfinx's order."""
+    element = basix.create_element(
+        basix.ElementFamily.P, getattr(basix.CellType, shape), degree, basix.LagrangeVariant.gll_warped
+    )
+    return np.asarray(element.points)
 
 
 def midpoint(domain: Any) -> Array:

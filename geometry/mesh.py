@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry import dolfinx_versions as dx
-from geometry.builders import Builder, Request
-from geometry.errors import GeometryError
+from geometry.errors import GeometryError, SceneError
+from geometry.shape import Request, Shape
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,8 @@ class Mesh:
     facet_tags: Any
     bodies: Mapping[str, int]
     sides: Mapping[str, int]
+    degree: int  # of geometry and displacement
+    axisymmetric: bool
 
     @property
     def dim(self) -> int:
@@ -48,18 +50,18 @@ class Mesh:
         return np.array([np.min(self.comm.allgather(low), axis=0), np.max(self.comm.allgather(high), axis=0)])
 
 
-def build_mesh(builder: Builder, request: Request, comm: Any) -> Mesh:
+def build_mesh(shape: Shape, request: Request, comm: Any) -> Mesh:
     """Mesh the shape on rank 0 and hand it out to all ranks of `comm`.
 
     Raises:
         GeometryError: gmsh cannot mesh the shape; on every rank alike.
     """
-    with _own_interrupt():
-        return _build(builder, request, comm)
+    with own_interrupt():
+        return _build(shape, request, comm)
 
 
 @contextmanager
-def _own_interrupt() -> Iterator[None]:
+def own_interrupt() -> Iterator[None]:
     """gmsh takes Ctrl-C for itself: at its import, its start and its end."""
     handler = signal.getsignal(signal.SIGINT)
     try:
@@ -69,22 +71,21 @@ def _own_interrupt() -> Iterator[None]:
             signal.signal(signal.SIGINT, handler)
 
 
-def _build(builder: Builder, request: Request, comm: Any) -> Mesh:
+def _build(shape: Shape, request: Request, comm: Any) -> Mesh:
     import gmsh
 
-    unit = max(builder.extent(request.dim))  # gmsh has absolute tolerances: it draws in the shape's own unit of length
     names: dict[int, dict[str, int]] | None = None
-    failure = None
+    unit, failure = 1.0, None
     if comm.rank == 0:
         gmsh.initialize()
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("General.AbortOnError", 0)
         try:
             gmsh.model.add("scene")
-            builder.scaled(1 / unit).draw(gmsh, request)
-            gmsh.model.mesh.generate(request.dim)
+            unit = shape.put(gmsh, request)
+            gmsh.model.mesh.setOrder(shape.degree)
             names = {d: _group_names(gmsh, d) for d in (request.dim - 1, request.dim)}
-        except GeometryError as error:
+        except (GeometryError, SceneError) as error:
             failure = str(error)
         except Exception as error:  # gmsh raises bare Exception
             failure = f"gmsh could not mesh the geometry: {' '.join(str(error).split())}"
@@ -96,10 +97,11 @@ def _build(builder: Builder, request: Request, comm: Any) -> Mesh:
     finally:
         if comm.rank == 0:
             gmsh.finalize()
-    domain.geometry.x[:] *= unit
+    domain.geometry.x[:] *= comm.bcast(unit)
     names = comm.bcast(names)
     assert names is not None
-    return Mesh(domain, cells, facets, names[request.dim], names[request.dim - 1])
+    bodies, sides = names[request.dim], names[request.dim - 1]
+    return Mesh(domain, cells, facets, bodies, sides, shape.degree, request.model == "axisymmetric")
 
 
 def _group_names(gmsh: Any, dim: int) -> dict[str, int]:

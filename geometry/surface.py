@@ -6,10 +6,12 @@ The volume is distributed, the surface is replicated: O(N^(2/3)) data.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from geometry import dolfinx_versions as dx
 from geometry.mesh import Mesh
@@ -23,39 +25,85 @@ FACET_OF = {
     "tetrahedron": "triangle",
     "hexahedron": "quadrilateral",
 }
+EDGES = {"interval": {2: (0, 1)}, "triangle": {3: (1, 2), 4: (0, 2), 5: (0, 1)}}  # midside node -> its corners
+ALPHA = 0.2  # part of a midside basis function that each corner of its edge takes over
 
 
 @dataclass(frozen=True)
 class Surface:
-    """n nodes, f facets of k nodes each; ordered by the gmsh model's numbers, whatever the number of ranks."""
+    """n nodes, f facets of k nodes each; ordered by the gmsh model's numbers, whatever the number of ranks.
+
+    A quadratic triangle's corner functions have no integral, nor has that of a node on the axis of symmetry. There
+    contact works with another basis of the same displacements, phi~ = change @ phi, all of whose integrals are
+    positive: each corner takes over a part of its midside functions. Elsewhere phi~ = phi.
+
+    Source of phi~: Popp, Wohlmuth, Gee & Wall, SIAM J. Sci. Comput. 34 (2012).
+    """
 
     shape: str  # interval, triangle or quadrilateral
+    degree: int
     nodes: Ints  # (n,) global node numbers
     input: Ints  # (n,) numbers in the gmsh model, increasing
     points: Array  # (n, d) [m]
-    facets: Ints  # (f, k) rows of `nodes`
-    normals: Array  # (f, d) outward unit normals
+    facets: Ints  # (f, k) rows of `nodes`, in dolfinx's order on a facet
+    outward: Array  # (f,) 1 or -1: whether the facet's tangents make an outward normal
+    axisymmetric: bool
 
     @property
     def dim(self) -> int:
         return int(self.points.shape[1])
 
     def quadrature(self, degree: int) -> tuple[Array, Array]:
-        """Weights (f, q) [m^(d-1)] and values of the basis (q, k) at the facets' quadrature points."""
+        """Weights (f, q) [m^(d-1)], 2 pi r included, and values of the basis (q, k), at quadrature points."""
         points, weights = dx.reference_rule(self.shape, degree)
-        basis, gradient = dx.reference_basis(self.shape, 1, points)
-        tangents = np.einsum("aqk,fki->fqai", gradient, self.points[self.facets])
-        gram = np.einsum("fqai,fqbi->fqab", tangents, tangents)
-        return weights * np.sqrt(np.linalg.det(gram)), basis
+        basis, gradient = dx.reference_basis(self.shape, self.degree, points)
+        corners = self.points[self.facets]
+        scale = np.linalg.norm(_normals(corners, gradient), axis=2)
+        if self.axisymmetric:
+            scale = scale * 2 * np.pi * np.einsum("qk,fk->fq", basis, corners[:, :, 0])
+        return weights * scale, basis
+
+    @cached_property
+    def change(self) -> Array:
+        """(k, k): phi~ = change @ phi on a facet."""
+        k = self.facets.shape[1]
+        matrix = np.eye(k)
+        if self.degree == 2 and (self.axisymmetric or self.shape == "triangle"):
+            for middle, corners in EDGES[self.shape].items():
+                matrix[list(corners), middle] = ALPHA
+                matrix[middle, middle] = 1 - 2 * ALPHA
+        return matrix
+
+    @cached_property
+    def transform(self) -> Any:
+        """(n, n) sparse: nodal values, coefficients of phi, to coefficients of phi~."""
+        return self._at_nodes(np.linalg.inv(self.change.T))
+
+    @cached_property
+    def forces_transform(self) -> Any:
+        """(n, n) sparse: forces that work on nodal values to forces that work on the coefficients of phi~."""
+        return self._at_nodes(self.change.T).T.tocsr()
+
+    def _at_nodes(self, matrix: Array) -> Any:
+        """The (k, k) matrix, the same on every facet, over all nodes; facets agree about shared entries."""
+        n = len(self.nodes)
+        i = np.broadcast_to(self.facets[:, :, None], (*self.facets.shape, len(matrix)))
+        j = np.broadcast_to(self.facets[:, None, :], i.shape)
+        values = np.broadcast_to(matrix, i.shape)
+        at, first = np.unique(i[values != 0] * n + j[values != 0], return_index=True)
+        return sparse.csr_matrix((values[values != 0][first], (at // n, at % n)), shape=(n, n))
 
     def node_weights(self) -> Array:
-        """∫ phi_j ds (n,), the lumped weights."""
-        weights, basis = self.quadrature(2)
-        return self.scatter(weights @ basis)
+        """∫ phi~_j ds (n,), the lumped weights, all positive."""
+        weights, basis = self.quadrature(2 * self.degree + self.axisymmetric)
+        total = self.scatter(weights @ basis @ self.change.T)
+        assert np.all(total > 0)
+        return total
 
     def dual_basis(self, degree: int) -> Array:
-        """Biorthogonal basis psi (f, q, k): on each facet ∫ psi_i phi_k ds = delta_ik ∫ phi_k ds."""
+        """Biorthogonal basis psi (f, q, k): on each facet ∫ psi_i phi~_k ds = delta_ik ∫ phi~_k ds."""
         weights, basis = self.quadrature(degree)
+        basis = basis @ self.change.T
         mass = np.einsum("fq,qi,qk->fik", weights, basis, basis)
         lumped = weights @ basis
         coefficients = lumped[:, :, None] * np.linalg.inv(mass)
@@ -63,10 +111,11 @@ class Surface:
 
     def node_normals(self) -> Array:
         """Outward unit normals (n, d), averaged over the facets of the side, area weighted."""
-        areas = self.quadrature(2)[0].sum(axis=1)
+        local = dx.reference_nodes(self.shape, self.degree)
+        normals = _normals(self.points[self.facets], dx.reference_basis(self.shape, self.degree, local)[1])
+        normals *= self.outward[:, None, None]  # as long as the area that the facet has there
         total = np.zeros_like(self.points)
-        for column in self.facets.T:
-            np.add.at(total, column, areas[:, None] * self.normals)
+        np.add.at(total, self.facets, normals)
         return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
 
     def neighbours(self) -> dict[int, set[int]]:
@@ -86,32 +135,29 @@ class Surface:
 
 def gather_surface(mesh: Mesh, space: Any, nodes: Nodes, side: str) -> Surface:
     """Collect a side from all ranks."""
+    shape = FACET_OF[mesh.domain.topology.cell_type.name]
     cells = dx.facet_cells(mesh.domain, mesh.facets(side))
-    dofs, per_facet = dx.cell_dofs(space), []
-    local = [dx.facet_dofs(space, i) for i in range(mesh.dim + 1 if _simplex(mesh) else 2 * mesh.dim)]
-    normals = []
-    for cell, facet in cells:
-        on_facet = dofs[cell][local[facet]]
-        per_facet.append(on_facet)
-        corners, centre = nodes.points[on_facet], nodes.points[dofs[cell]].mean(axis=0)
-        normals.append(_outward(corners, centre))
-    width = len(local[0])
-    found = np.array(per_facet, np.int64).reshape(-1, width)
+    dofs = dx.cell_dofs(space)
+    local = np.array([dx.facet_dofs(space, i) for i in range(mesh.dim + 1 if _simplex(mesh) else 2 * mesh.dim)])
+    found = dofs[cells[:, :1], local[cells[:, 1]]]  # (own facets, k)
+    outward = _outward(nodes.points[found], nodes.points[dofs[cells[:, 0]]].mean(axis=1), shape, mesh.degree)
     comm = mesh.comm
     numbers = np.concatenate(comm.allgather(nodes.number[found]))
     inputs = np.concatenate(comm.allgather(nodes.input[found]))
     points = np.concatenate(comm.allgather(nodes.points[found]))
-    all_normals = np.concatenate(comm.allgather(np.array(normals).reshape(-1, mesh.dim)))
+    signs = np.concatenate(comm.allgather(outward))
     unique, first, rows = np.unique(inputs, return_index=True, return_inverse=True)
     facets = rows.reshape(inputs.shape)
     order = np.lexsort(np.sort(facets, axis=1).T[::-1])
     return Surface(
-        shape=FACET_OF[mesh.domain.topology.cell_type.name],
+        shape=shape,
+        degree=mesh.degree,
         nodes=numbers.ravel()[first],
         input=unique,
         points=points.reshape(-1, mesh.dim)[first],
         facets=facets[order],
-        normals=all_normals[order],
+        outward=signs[order],
+        axisymmetric=mesh.axisymmetric,
     )
 
 
@@ -119,9 +165,17 @@ def _simplex(mesh: Mesh) -> bool:
     return mesh.domain.topology.cell_type.name in ("triangle", "tetrahedron")
 
 
-def _outward(corners: Array, inside: Array) -> Array:
-    """Unit normal of a flat facet, away from the point `inside`."""
-    edge = corners[1] - corners[0]
-    normal = np.array([edge[1], -edge[0]]) if len(edge) == 2 else np.cross(edge, corners[2] - corners[0])
-    normal = normal / np.linalg.norm(normal)
-    return np.asarray(normal * np.sign(normal @ (corners.mean(axis=0) - inside)))
+def _normals(corners: Array, gradient: Array) -> Array:
+    """Normals (f, q, d) of facets with nodes (f, k, d), as long as the area of the reference facet's image."""
+    tangents = np.einsum("aqk,fki->afqi", gradient, corners)
+    if corners.shape[2] == 2:
+        return np.stack([tangents[0, ..., 1], -tangents[0, ..., 0]], axis=2)
+    return np.asarray(np.cross(tangents[0], tangents[1]))
+
+
+def _outward(corners: Array, inside: Array, shape: str, degree: int) -> Array:
+    """1 where the tangents' normal of a facet (f, k, d) points away from the point `inside` (f, d), else -1."""
+    middle = dx.reference_nodes(shape, degree).mean(axis=0, keepdims=True)
+    basis, gradient = dx.reference_basis(shape, degree, middle)
+    away = np.einsum("k,fkd->fd", basis[0], corners) - inside
+    return np.asarray(np.sign(np.einsum("fd,fd->f", _normals(corners, gradient)[:, 0], away)))

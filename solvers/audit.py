@@ -52,6 +52,7 @@ class Record:
     p: Array  # (rows,) flat tractions [Pa]
     w: Array  # (rows,) flat relative displacement [m]
     w_before: Array  # (rows,)
+    driven: Array  # displacement of the obstacles that forces move, by `System.driven` [m]
     p_ref: float
     u_ref: float
     external_work: float  # in this run so far [J]
@@ -85,41 +86,38 @@ class Auditor:
         own = system.nodes.input[: system.nodes.owned]
         u = system.K.createVecRight()
         u.array[:] = record.displacement[own].ravel()
-        p_n, t = [], []
-        contact = system.K.createVecRight()
+        contact, obstacles = system.K.createVecRight(), system.driving_force(record.time)
+        applied = float(np.abs(obstacles).sum())
         for place in self.cone.places:
-            rows, law = place.rows, place.rows.normal
-            from_form = isinstance(law, Compliance)
-            p_n.append(np.zeros(len(rows.W_n)) if from_form else record.p[place.normal])
-            t.append(record.p[place.tangential].reshape(-1, place.components))
-            if isinstance(law, Compliance):
-                contact += self._compliance_force(place, law, u, record.time)
-        contact += system.contact_forces(p_n, t)
+            force = self._contact_force(place, u, record)
+            contact += force
+            obstacles += system.resultant_on_driven(place.rows, force)
         load, inner = system.load(record.time), system.K * u
         out = inner - load + contact
         free = system.T.createVecRight()
         system.T.multTranspose(out, free)
-        scale = sum(v.norm(0) for v in (inner, load, contact))
+        scale = sum(v.norm(0) for v in (inner, load, contact)) + applied
         rounding = np.finfo(float).eps * system.K.norm(PETSc.NormType.INFINITY) * u.norm(0)
         if (
             load.norm(0) == 0 and scale <= ROUNDING * rounding
         ):  # a body that moves as a whole: there is no force to speak of
             return 0.0
-        return float(free.norm(0) / scale) if scale else 0.0
+        return float((free.norm(0) + np.abs(obstacles).sum()) / scale) if scale else 0.0
 
-    def _compliance_force(self, place: Place, law: Compliance, u: object, time: float) -> object:
-        system, obstacle = self.system, place.rows.obstacle
-        relative, normal, gap = (dx.fem.Function(system.space) for _ in range(3))
-        nodes = system.nodes.points
-        motion = obstacle.displacement_at(time, system.scene.steps.end, system.mesh.dim)
+    def _contact_force(self, place: Place, u: object, record: Record) -> object:
+        system, rows, law = self.system, place.rows, place.rows.normal
+        p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
+        if not isinstance(law, Compliance):
+            return system.contact_force(rows, p_n, t)
+        contact = system.scene.contacts[rows.name]
+        relative = dx.fem.Function(system.space)
         dx.petsc_vector(relative).array[:] = u.array  # type: ignore[attr-defined]
         relative.x.scatter_forward()
-        relative.x.array[:] -= np.tile(motion, len(nodes))
-        normal.x.array[:] = -obstacle.normals(nodes).ravel()
-        gap.x.array[:: system.mesh.dim] = obstacle.signed_gap(nodes)
-        side = system.scene.contacts[place.rows.name].surface
-        form = system.weak.normal_compliance(relative, normal, gap[0], law, side)
-        return dx.assemble_vector(system.weak.compile(form))
+        relative.x.array[:] -= system.motion_of(
+            contact.against, system.nodes.points, record.time, record.driven
+        ).ravel()
+        form = system.weak.normal_compliance(relative, contact, law)
+        return dx.assemble_vector(system.weak.compile(form)) + system.contact_force(rows, np.zeros_like(p_n), t)
 
     def _normal(self, place: Place, record: Record) -> tuple[float, float, float]:
         """Penetration, negative pressure and complementarity of one contact."""

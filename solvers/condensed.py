@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve
 
 from solvers.volume import Volume
 
@@ -23,15 +23,18 @@ class CondensedSurface:
     equation: an augmentation that changes no answer, for any rho > 0.
     """
 
-    def __init__(self, volume: Volume, N: Any, W: Array, R: Array, normal_rows: int) -> None:
+    def __init__(self, volume: Volume, N: Any, W: Array, R: Array, normal_rows: int, driven: int = 0) -> None:
         """
         Args:
             N: (rows, c) sparse, contact dofs to relative displacement.
             W: (rows,) point weights [m^(d-1)].
             R: (c, r) rigid motions on the contact dofs, orthonormal; r = 0 if the bodies are held.
+            driven: how many dofs, the last ones, are motions of obstacles: they have no stiffness.
             normal_rows: how many of the rows are normal.
         """
-        self.S, self.N, self.W, self.R = volume.S, N, W, R
+        self.S = block_diag(volume.S, np.zeros((driven, driven))) if driven else volume.S
+        self.N, self.W, self.R = N, W, R
+        self.driven = driven
         self.normal_rows = normal_rows
         self.counters = volume.counters
         self.rho = float(np.trace(self.S) / max(len(self.S), 1))

@@ -26,6 +26,7 @@ from solvers.nouns.scene import Scene
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 AXES = {"x": 0, "y": 1, "z": 2}
+AXIS = "axis of symmetry"
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ class Constraints:
     rows: Mapping[int, tuple[Row, ...]]  # by global node; for periodic nodes by their root
     root: Mapping[int, int]  # eliminated periodic node -> the node that it follows
     points: Mapping[int, Array]  # coordinates of the nodes named above
+    axisymmetric: bool
 
     @cached_property
     def free_basis(self) -> dict[int, Array]:
@@ -133,7 +135,7 @@ class Constraints:
             )
             found = np.linalg.lstsq(matrix, wanted, rcond=None)[0] if len(rows) > 1 else matrix[0] * wanted[0]
             if np.any(np.abs(matrix @ found - wanted) > 1e-9 * np.abs(wanted).max(initial=0)):
-                names = sorted({f"supports.{row.support}" for row in rows})
+                names = sorted({row.support if row.support == AXIS else f"supports.{row.support}" for row in rows})
                 point = ", ".join(f"{x:.6g}" for x in self.points[node])
                 raise SceneError(f"{' and '.join(names)}: contradict each other at the point ({point}) at t = {time:g}")
             values[node] = found
@@ -155,35 +157,51 @@ class Constraints:
             matrix = np.array([row.direction for row in rows])
             share = np.linalg.lstsq(matrix.T, at[node], rcond=None)[0]
             for row, size in zip(rows, share, strict=True):
+                if row.support == AXIS:
+                    continue
                 force, moment = total.setdefault(row.support, (np.zeros(self.dim), np.zeros(moments)))
                 force += size * row.direction
                 moment += np.atleast_1d(np.cross(self.points[node], size * row.direction))
+        if self.axisymmetric:  # over the full circle the radial parts balance
+            return {name: (force * [0, 1], 0 * moment) for name, (force, moment) in total.items()}
         return total
 
     def rigid_motions(self, low: Array, high: Array) -> Array:
-        """Coefficients (3 or 6, r) of the rigid motions that nothing prescribed resists; see `rigid_fields`."""
+        """Coefficients (k, r) of the rigid motions that nothing prescribed resists; see `rigid_fields`."""
         centre, size = (low + high) / 2, float(np.max(high - low))
-        blocks = [np.zeros((1, 3 if self.dim == 2 else 6))]
+        blocks = [np.zeros((1, len(rigid_names(self.dim, self.axisymmetric))))]
         for node, rows in self.rows.items():
-            field = rigid_fields(self.points[node][None], centre, size)[0]
+            field = rigid_fields(self.points[node][None], centre, size, self.axisymmetric)[0]
             blocks.append(np.array([row.direction for row in rows]) @ field)
         for slave, master in self.root.items():
             pair = np.array([self.points[slave], self.points[master]])
-            a, b = rigid_fields(pair, centre, size)
+            a, b = rigid_fields(pair, centre, size, self.axisymmetric)
             blocks.append(a - b)
         return np.asarray(null_space(np.concatenate(blocks), rcond=1e-9))
 
 
-def rigid_fields(points: Array, centre: Array, size: float) -> Array:
-    """Translations and infinitesimal rotations (m, d, 3 or 6) at `points` (m, d), of comparable magnitude.
+def rigid_names(dim: int, axisymmetric: bool) -> list[str]:
+    """The rigid motions, in the order of `rigid_fields`."""
+    if axisymmetric:
+        return ["translation along y"]
+    turns = ["rotation"] if dim == 2 else [f"rotation about {axis}" for axis in "xyz"]
+    return [f"translation along {axis}" for axis in "xyz"[:dim]] + turns
 
-    >>> rigid_fields(np.array([[2.0, 0.0]]), np.zeros(2), 2.0)[0]
+
+def rigid_fields(points: Array, centre: Array, size: float, axisymmetric: bool) -> Array:
+    """Translations and infinitesimal rotations (m, d, k) at `points` (m, d), of comparable magnitude.
+
+    Their number k is 3 in plane models, 6 in 3D, 1 in axisymmetric ones, where only the shift along the axis is rigid.
+
+    >>> rigid_fields(np.array([[2.0, 0.0]]), np.zeros(2), 2.0, axisymmetric=False)[0]
     array([[ 1.,  0., -0.],
            [ 0.,  1.,  1.]])
     """
     m, d = points.shape
     x = (points - centre) / size
     translations = np.tile(np.eye(d), (m, 1, 1))
+    if axisymmetric:
+        return translations[:, :, 1:]
     if d == 2:
         return np.concatenate([translations, np.stack([-x[:, 1], x[:, 0]], axis=1)[:, :, None]], axis=2)
     rotations = np.stack([np.cross(axis, x) for axis in np.eye(3)], axis=2)
@@ -209,7 +227,23 @@ def find_constraints(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes) -> Cons
                 direction = np.where(np.abs(direction) < 1e-12, 0.0, direction)
                 rows.setdefault(root.get(int(node), int(node)), []).append(Row(direction, amplitude, name))
                 points[int(node)] = x[i]
-    return Constraints(nodes, mesh.dim, scene.steps.end, {n: tuple(r) for n, r in sorted(rows.items())}, root, points)
+    if mesh.axisymmetric:
+        for node, x in _on_axis(mesh, nodes):
+            rows.setdefault(root.get(node, node), []).append(Row(np.array([1.0, 0.0]), 0.0, AXIS))
+            points[node] = x
+    ordered = {n: tuple(r) for n, r in sorted(rows.items())}
+    return Constraints(nodes, mesh.dim, scene.steps.end, ordered, root, points, mesh.axisymmetric)
+
+
+def _on_axis(mesh: Mesh, nodes: Nodes) -> list[tuple[int, Array]]:
+    """Nodes on the axis of symmetry: u_r = 0 there, whatever the scene says."""
+    low, high = mesh.box()
+    slack = 1e-9 * float(np.max(high - low))
+    if low[0] < -slack:
+        raise GeometryError(f"geometry: reaches to x = {low[0]:g}; an axisymmetric model lies in x >= 0")
+    own = np.flatnonzero(nodes.points[: nodes.owned, 0] <= slack)
+    found = mesh.comm.allgather([(int(nodes.number[i]), nodes.points[i]) for i in own])
+    return [pair for part in found for pair in part]
 
 
 def _vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, Array]:

@@ -5,15 +5,29 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from geometry import dolfinx_versions as dx
 from geometry.amplitude import Amplitude
 from geometry.dolfinx_versions import ufl
 from geometry.mesh import Mesh
 from solvers.counters import Counters
 from solvers.effects.compliance import Compliance
+from solvers.nouns.contact import Contact
 from solvers.nouns.scene import Scene
 
 LoadForm = tuple[Amplitude, Any]  # amplitude in time, linear form in v at amplitude 1
+
+
+@dataclass(frozen=True)
+class Revolved:
+    """A measure of the meridian plane, taken around the full circle: dx becomes 2 pi r dx."""
+
+    measure: Any
+    radius: Any
+
+    def __rmul__(self, integrand: Any) -> Any:
+        return (integrand * 2 * np.pi * self.radius) * self.measure
 
 
 @dataclass(frozen=True)
@@ -33,28 +47,43 @@ class WeakForms:
 
     def volume(self, body: str) -> Any:
         """Measure of a body."""
-        measure = ufl.Measure("dx", domain=self.mesh.domain, subdomain_data=self.mesh.cell_tags)
-        return measure(self.mesh.bodies[body])
+        degree = 2 * self.mesh.degree + self.mesh.axisymmetric
+        metadata = {} if self.mesh.degree == 1 else {"quadrature_degree": degree}
+        measure = ufl.Measure("dx", domain=self.mesh.domain, subdomain_data=self.mesh.cell_tags, metadata=metadata)
+        return self._around(measure(self.mesh.bodies[body]))
 
     def boundary(self, side: str, degree: int | None = None) -> Any:
         """Measure of a side."""
         metadata = {} if degree is None else {"quadrature_degree": degree}
         measure = ufl.Measure("ds", domain=self.mesh.domain, subdomain_data=self.mesh.facet_tags, metadata=metadata)
-        return measure(self.mesh.sides[side])
+        return self._around(measure(self.mesh.sides[side]))
+
+    def _around(self, measure: Any) -> Any:
+        """The full circle in an axisymmetric model."""
+        return Revolved(measure, ufl.SpatialCoordinate(self.mesh.domain)[0]) if self.mesh.axisymmetric else measure
+
+    def strain(self, u: Any) -> Any:
+        """eps(u): (d, d); in axisymmetry (3, 3), x, y and hoop."""
+        gradient = ufl.sym(ufl.grad(u))
+        if not self.mesh.axisymmetric:
+            return gradient
+        hoop = u[0] / ufl.SpatialCoordinate(self.mesh.domain)[0]
+        (xx, xy), (_, yy) = ((gradient[i, j] for j in range(2)) for i in range(2))
+        return ufl.as_matrix([[xx, xy, 0], [xy, yy, 0], [0, 0, hoop]])
 
     def stress(self, u: Any, body: str) -> Any:
-        """sigma(u) [Pa], (d, d); in plane strain and plane stress the in-plane components."""
+        """sigma(u) [Pa], as large as the strain; in plane strain and plane stress the in-plane components."""
         material = self.scene.bodies[body]
         lame_mu, lame_lambda = material.lame_mu, material.lame_lambda
         if self.scene.model == "plane stress":
             lame_lambda = 2 * lame_lambda * lame_mu / (lame_lambda + 2 * lame_mu)
         mu, lame_lambda = self.constant(lame_mu), self.constant(lame_lambda)
-        strain = ufl.sym(ufl.grad(u))
-        return 2 * mu * strain + lame_lambda * ufl.tr(strain) * ufl.Identity(self.mesh.dim)
+        strain = self.strain(u)
+        return 2 * mu * strain + lame_lambda * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0])
 
     def elasticity(self) -> Any:
         """a(u, v) = sum over bodies of ∫ sigma(u) : eps(v) dx."""
-        strain = ufl.sym(ufl.grad(self.v))
+        strain = self.strain(self.v)
         return sum(ufl.inner(self.stress(self.u, b), strain) * self.volume(b) for b in self.scene.bodies)
 
     def loads(self) -> list[LoadForm]:
@@ -79,16 +108,18 @@ class WeakForms:
         """A number that the compiled form takes at run time: other values need no other compilation."""
         return dx.fem.Constant(self.mesh.domain, value)
 
-    def normal_compliance(self, u: Any, normal: Any, gap: Any, law: Compliance, side: str) -> Any:
-        """j_n(u, v) = ∫ c_n (u_n - g)_+^m_n v_n ds.
+    def gap(self, contact: Contact) -> tuple[Any, Any]:
+        """Initial gap g [m] and unit normal n towards the obstacle, exact at every point."""
+        x = ufl.SpatialCoordinate(self.mesh.domain)
+        obstacle = self.scene.obstacles[contact.against]
+        distance = obstacle.distance([x[i] for i in range(self.mesh.dim)], ufl.sqrt)
+        return distance + self.constant(contact.gap_offset), -ufl.grad(distance)
 
-        Args:
-            u: displacement Function relative to the obstacle [m].
-            normal: unit normal n towards the obstacle, UFL vector.
-            gap: initial gap g [m], UFL scalar.
-        """
+    def normal_compliance(self, u: Any, contact: Contact, law: Compliance) -> Any:
+        """j_n(u, v) = ∫ c_n (u_n - g)_+^m_n v_n ds, u the displacement Function relative to the obstacle [m]."""
+        gap, normal = self.gap(contact)
         penetration = ufl.max_value(ufl.inner(u, normal) - gap, 0)
-        degree = law.degree(self.space.ufl_element().degree())
+        degree, side = law.degree(self.mesh.degree), contact.surface
         return self.constant(law.c_n) * penetration**law.m_n * ufl.inner(self.v, normal) * self.boundary(side, degree)
 
     def compile(self, form: Any) -> Any:

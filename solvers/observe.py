@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -40,6 +41,7 @@ class Observer:
         system, state = self.stepper.system, accepted.state
         contact = system.contact_forces(*self.stepper.split(state.p))
         cell_stress = self.stress(state.u)
+        contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
         return StepResult(
             time=state.time,
             substeps=accepted.substeps,
@@ -48,7 +50,8 @@ class Observer:
             residual=accepted.residual,
             displacement=gather_nodes(system.mesh, system.nodes, state.u.array.reshape(-1, system.mesh.dim)),
             stress=gather_cells(system.mesh, cell_stress),
-            contacts={c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)},
+            contacts=contacts,
+            obstacles=self._obstacles(accepted.state, contacts),
             supports=system.reactions(state.u, state.load, contact),
             probes={name: self._probe(where, state.u, cell_stress) for name, where in self.probes.items()},
             energy=state.energy,
@@ -56,6 +59,7 @@ class Observer:
             p=state.p,
             w=state.w,
             w_before=accepted.last.w,
+            driven=state.driven,
             p_ref=accepted.problem.p_ref,
             u_ref=accepted.problem.u_ref,
             history=tuple(row.as_tuple() for row in accepted.history),
@@ -75,7 +79,10 @@ class Observer:
         status = _status(c, pressure, multiplier, bound, increment, accepted)
         weight, x = c.node_weights, c.surface.points
         forces = -c.nodal_forces(p_n, t)
-        tangential = (weight[:, None] * multiplier).sum(axis=0)
+        resultant, tangential = forces.sum(axis=0), (weight[:, None] * multiplier).sum(axis=0)
+        moment = np.atleast_1d(np.cross(x, forces).sum(axis=0))
+        if c.surface.axisymmetric:  # over the full circle the radial parts balance
+            resultant, tangential, moment = resultant * [0, 1], tangential * [0, 1], 0 * moment
         return ContactState(
             weight=weight,
             gap=gap,
@@ -85,8 +92,8 @@ class Observer:
             slip_increment=increment,
             lam=lam,
             status=status,
-            force=forces.sum(axis=0),
-            moment=np.atleast_1d(np.cross(x, forces).sum(axis=0)),
+            force=resultant,
+            moment=moment,
             normal_force=float(c.W_n @ p_n),
             tangential_force=float(np.linalg.norm(tangential)),
             max_pressure=float(p_n.max(initial=0.0)),
@@ -99,9 +106,23 @@ class Observer:
             dissipation_total=float(state.energy.dissipation[index]),
         )
 
+    def _obstacles(self, state: State, contacts: Mapping[str, ContactState]) -> dict[str, tuple[Array, Array]]:
+        """Translation of each obstacle, and the force that it exerts on the bodies."""
+        system, end = self.stepper.system, self.stepper.system.scene.steps.end
+        found = {}
+        for name, obstacle in system.scene.obstacles.items():
+            moved = obstacle.translation(state.time, end, system.mesh.dim)
+            for (driven, axis), size in zip(system.driven, state.driven, strict=True):
+                moved[axis] += size * (driven == name)
+            touching = [contacts[key].force for key, c in system.scene.contacts.items() if c.against == name]
+            found[name] = (moved, np.sum(touching, axis=0) if touching else np.zeros(system.mesh.dim))
+        return found
+
     def _motion(self, index: int, c: ContactRows, state: State) -> tuple[Array, Array]:
         system = self.stepper.system
-        relative = system.contact_displacement(state.u)[index] - system.obstacle_motion(state.time)[c.name]
+        relative = (
+            system.contact_displacement(state.u)[index] - system.obstacle_motion(state.time, state.driven)[c.name]
+        )
         return c.node_motion(relative)
 
     def _probe(self, where: tuple[int, Array] | None, u: Any, cell_stress: Array) -> tuple[Array, Array]:
@@ -132,7 +153,7 @@ def _status(
 def _locate(mesh: Mesh, point: Array, name: str) -> tuple[int, Array] | None:
     """Cell that holds the point, and its basis there: on one rank, that of the gmsh model's first such cell."""
     size = float(np.max(np.diff(mesh.box(), axis=0)))
-    found = dx.find_cell(mesh.domain, point, 1e-9 * size)
+    found = dx.find_cell(mesh.domain, mesh.degree, point, 1e-9 * size)
     mine = (int(mesh.domain.topology.original_cell_index[found[0]]), mesh.comm.rank) if found else (np.inf, -1)
     best = min(mesh.comm.allgather(mine))
     if best[1] < 0:

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from geometry.errors import SceneError
-from solvers.constraints import AXES, rigid_fields
+from solvers.constraints import AXES, rigid_fields, rigid_names
 from solvers.effects import EFFECTS
 from solvers.effects.effect import Effect
 from solvers.methods.table import METHODS
 from solvers.nouns.scene import Scene
 
 Array = NDArray[np.float64]
+FACING = 1e-6  # cosine of the angle below which two surfaces do not face each other
 
 
 @dataclass(frozen=True)
@@ -41,11 +42,17 @@ def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
     _refuse_reversed(scene)
     _refuse_unheld(scene)
     method = method_of(scene)
-    if not METHODS[method].floating and _free_motions(scene, with_contacts=False).shape[1]:
-        raise SceneError(
-            f"solver.method = {method}: needs bodies that their supports hold; this one is held by contact alone, "
-            "use condensed-newton"
-        )
+    if not METHODS[method].floating:
+        if _free_motions(scene, with_contacts=False)[0].shape[1]:
+            raise SceneError(
+                f"solver.method = {method}: needs bodies that their supports hold; this one is held by contact alone, "
+                "use condensed-newton"
+            )
+        for name, obstacle in scene.obstacles.items():
+            if obstacle.driven():
+                raise SceneError(
+                    f"solver.method = {method}: cannot move obstacles.{name} by a force; use condensed-newton"
+                )
     return tuple(PlanRow(e.name, bool(e.because(scene)), e.because(scene) or "not in the scene") for e in EFFECTS)
 
 
@@ -57,46 +64,60 @@ def method_of(scene: Scene) -> str:
 def _refuse_reversed(scene: Scene) -> None:
     for name, contact in scene.contacts.items():
         points, outward = scene.geometry.sample(contact.surface, scene.dim)
-        if np.any(scene.obstacles[contact.against].normals(points) @ outward >= 0):
+        facing = np.einsum("kd,kd->k", scene.obstacles[contact.against].normals(points), outward)
+        if np.all(facing > -FACING):
             raise SceneError(
-                f"obstacles.{contact.against}.normal: must point against {contact.surface} (contacts.{name}), "
-                f"whose outward normal is {outward.tolist()}; reverse it"
+                f"obstacles.{contact.against}: its normal must point against {contact.surface} (contacts.{name}), and "
+                f"does so nowhere; the side's outward normal is {np.round(outward[0], 6).tolist()}, reverse it"
             )
 
 
 def _refuse_unheld(scene: Scene) -> None:
-    motions = _free_motions(scene, with_contacts=True)
-    if not motions.shape[1]:
-        return
-    names = ["x", "y", "z"][: scene.dim]
-    kinds = [f"translation along {a}" for a in names]
-    kinds += ["rotation"] if scene.dim == 2 else [f"rotation about {a}" for a in names]
-    most = kinds[int(np.argmax(np.linalg.norm(motions, axis=1)))]
-    raise SceneError(f"supports: nothing resists the {most} of the body; add a support, a contact or friction")
+    motions, kinds = _free_motions(scene, with_contacts=True)
+    if motions.shape[1]:
+        most = kinds[int(np.argmax(np.linalg.norm(motions, axis=1)))]
+        raise SceneError(f"supports: nothing resists the {most}; add a support, a contact or friction")
 
 
-def _free_motions(scene: Scene, with_contacts: bool) -> Array:
-    """Rigid motions (3 or 6, r) that no support, and with contacts no contact or friction, resists at all."""
-    dim, size = scene.dim, np.array(scene.geometry.extent(scene.dim))
-    centre, scale = size / 2, float(size.max())
-    blocks = [np.zeros((1, 3 if dim == 2 else 6))]
+def _free_motions(scene: Scene, with_contacts: bool) -> tuple[Array, list[str]]:
+    """Rigid motions (k, r) that no support, and with contacts no contact or friction, resists at all; their k names.
 
-    def add(points: Array, directions: Array) -> None:
-        blocks.extend(directions @ field for field in rigid_fields(points, centre, scale))
+    Motions are those of the body, then one for each axis along which a force moves an obstacle.
+    """
+    dim, box = scene.dim, scene.geometry.box(scene.dim)
+    centre, scale = box.mean(axis=0), float(np.ptp(box, axis=0).max())
+    driven = [(name, axis) for name, obstacle in scene.obstacles.items() for axis in obstacle.driven()]
+    if not with_contacts:
+        driven = []
+    kinds = [f"{kind} of the body" for kind in rigid_names(dim, scene.axisymmetric)]
+    own = len(kinds)
+    kinds += [f"motion of obstacles.{name} along {axis}, which a force moves" for name, axis in driven]
+    blocks = [np.zeros((1, len(kinds)))]
+
+    def fields(points: Array) -> Array:
+        of_body = rigid_fields(points, centre, scale, scene.axisymmetric)
+        return np.concatenate([of_body, np.zeros((len(points), dim, len(driven)))], axis=2)
 
     for support in scene.supports.values():
         if support.boundary is None:
-            points, normal = np.array([support.point], float), np.zeros(dim)
+            points, normals = np.array([support.point], float), np.zeros((1, dim))
         else:
-            points, normal = scene.geometry.sample(support.boundary, dim)
-        axes = [normal if axis == "normal" else np.eye(dim)[AXES[axis]] for axis in support.displacement]
-        add(points, np.array(axes))
+            points, normals = scene.geometry.sample(support.boundary, dim)
+        for axis in support.displacement:
+            directions = normals if axis == "normal" else np.tile(np.eye(dim)[AXES[axis]], (len(points), 1))
+            blocks.append(np.einsum("kd,kdj->kj", directions, fields(points)))
     for slave, master in scene.request().periodic:
-        here, there = (rigid_fields(scene.geometry.sample(side, dim)[0], centre, scale) for side in (slave, master))
+        here, there = (fields(scene.geometry.sample(side, dim)[0]) for side in (slave, master))
         blocks.extend(here - there)
     for contact in scene.contacts.values() if with_contacts else ():
         points, _ = scene.geometry.sample(contact.surface, dim)
-        normals = scene.obstacles[contact.against].normals(points)
-        for point, normal in zip(points, normals, strict=True):
-            add(point[None], np.eye(dim) if contact.friction and contact.friction.resists() else normal[None])
-    return np.asarray(null_space(np.concatenate(blocks), rcond=1e-9))
+        relative = fields(points)
+        for column, (name, axis) in enumerate(driven):
+            if name == contact.against:
+                relative[:, AXES[axis], own + column] -= 1.0
+        if contact.friction and contact.friction.resists():
+            blocks.extend(relative)
+        else:
+            normals = scene.obstacles[contact.against].normals(points)
+            blocks.append(np.einsum("kd,kdj->kj", normals, relative))
+    return np.asarray(null_space(np.concatenate(blocks), rcond=1e-9)), kinds

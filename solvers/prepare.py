@@ -1,11 +1,20 @@
-"""From the assembled system to the condensed surface: rows, weights and rigid modes on the contact dofs."""
+"""From the assembled system to the condensed surface: rows, weights and rigid modes on the contact dofs.
+
+A motion that a force drives an obstacle by is one more dof, without stiffness: contact alone holds it, as it holds a
+floating body.
+"""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
+from scipy.linalg import block_diag
 
 from solvers.condensed import CondensedSurface
+from solvers.operators.rows import ContactRows
 from solvers.system import System
 from solvers.volume import Volume
 
@@ -16,11 +25,31 @@ def prepare_surface(system: System, volume: Volume) -> CondensedSurface:
     traces = [system.trace(rows) for rows in contacts]
     normal = [rows.N_n @ trace for rows, trace in zip(contacts, traces, strict=True)]
     tangential = [rows.N_t @ trace for rows, trace in zip(contacts, traces, strict=True)]
+    count = len(system.driven)
+    pull = [_driven_columns(system, rows, rows.N_n) for rows in contacts]
+    pull += [_driven_columns(system, rows, rows.N_t) for rows in contacts]
     weights = [rows.W_n for rows in contacts] + [np.repeat(rows.W_t, rows.free.shape[1]) for rows in contacts]
     return CondensedSurface(
         volume,
-        N=sparse.csr_matrix(sparse.vstack([sparse.csr_matrix((0, c)), *normal, *tangential])),
+        N=sparse.hstack(
+            [
+                sparse.vstack([sparse.csr_matrix((0, c)), *normal, *tangential]),
+                np.concatenate([np.zeros((0, count)), *pull]),
+            ],
+            format="csr",
+        ),
         W=np.concatenate([np.zeros(0), *weights]),
-        R=system.rigid_modes(),
+        R=block_diag(system.rigid_modes(), np.eye(count)),
+        driven=count,
         normal_rows=sum(block.shape[0] for block in normal),
     )
+
+
+def _driven_columns(system: System, rows: ContactRows, N: Any) -> NDArray[np.float64]:
+    """Relative displacement (rows, o) that unit motions of the driven obstacles cause."""
+    against, n, d = system.scene.contacts[rows.name].against, *rows.surface.points.shape
+    columns = np.zeros((N.shape[0], len(system.driven)))
+    for column, (name, axis) in enumerate(system.driven):
+        if name == against:
+            columns[:, column] = -(N @ np.tile(np.eye(d)[axis], n))
+    return columns

@@ -56,12 +56,14 @@ class StepResult:
     stress: Array  # (cells, 3, 3) [Pa]
     contacts: Mapping[str, ContactState]
     supports: Mapping[str, tuple[Array, Array]]  # force (d,) [N], moment [N m] about the origin
+    obstacles: Mapping[str, tuple[Array, Array]]  # displacement (d,) [m], force (d,) on the bodies [N]
     probes: Mapping[str, tuple[Array, Array]]  # displacement (d,) [m], stress (3, 3) [Pa]
     energy: Energy
     iteration_error: float  # relative, energy norm
     p: Array  # (rows,) flat tractions [Pa], for the audit and the next step
     w: Array  # (rows,) flat relative displacement [m]
     w_before: Array  # (rows,) at the last accepted step [m]
+    driven: Array  # (o,) motion of the obstacles that forces drive [m], for the audit
     p_ref: float  # [Pa]
     u_ref: float  # [m]
     history: tuple[tuple[float, int, float, int, float], ...]  # time, iteration, residual, volume solves, seconds

@@ -40,6 +40,7 @@ class State:
     residual: Any  # K u - load + B^T p [N]: what supports and periodic sides carry
     p: Array  # (rows,) [Pa]
     w: Array  # (rows,) relative displacement [m]
+    driven: Array  # (o,) motion of the obstacles that forces drive, by `System.driven` [m]
     energy: Energy
 
 
@@ -101,7 +102,8 @@ class Stepper:
         """Nothing has happened yet."""
         zero, vector = np.zeros(self.cone.size), self.system.K.createVecRight
         energy = Energy(0.0, 0.0, 0.0, 0.0, np.zeros(len(self.system.contacts)))
-        return State(0.0, vector(), vector(), vector(), vector(), zero, zero, energy)
+        driven = np.zeros(len(self.system.driven))
+        return State(0.0, vector(), vector(), vector(), vector(), zero, zero, driven, energy)
 
     def reach(self, start: State, target: float, on_iteration: Callable[[HistoryRow], None]) -> Accepted:
         """Solve up to `target`, halving steps that fail; each retry starts from the last accepted state.
@@ -148,7 +150,9 @@ class Stepper:
         load, u_s = system.load(end), system.prescribed(end)
         f_q = system.T.createVecRight()
         system.T.multTranspose(load - system.K * u_s, f_q)
-        problem = self._problem(state, end, load, u_s, self.volume.condense(f_q))
+        driving = system.driving_force(end)
+        f_c = np.concatenate([self.volume.condense(f_q), driving])
+        problem = self._problem(state, end, u_s, f_c, load.norm(0) + float(np.abs(driving).sum()))
 
         def record(step: Step) -> None:
             row = HistoryRow(end, step, clock.perf_counter() - began)
@@ -160,10 +164,11 @@ class Stepper:
         solution = self.method(problem, start, record)
 
         def accept() -> State:
-            q = self.volume.expand(f_q - self._forces(solution.p, f_q), solution.u_c)
+            own, driven = np.split(solution.u_c, [len(solution.u_c) - len(driving)])
+            q = self.volume.expand(f_q - self._forces(solution.p, f_q), own)
             u = system.T * q + u_s
             residual = system.K * u - load + system.contact_forces(*self.split(solution.p))
-            return self._with_energy(state, end, u, u_s, load, residual, solution)
+            return self._with_energy(state, end, u, u_s, load, residual, solution.p, driven)
 
         return solution, problem, accept
 
@@ -174,25 +179,26 @@ class Stepper:
 
     def _forces(self, p: Array, like: Any) -> Any:
         total = like.duplicate()
-        self.volume.contact.write(total, self.surface.forces(p))
+        forces = self.surface.forces(p)
+        self.volume.contact.write(total, forces[: len(forces) - self.surface.driven])
         return total
 
-    def _problem(self, state: State, time: float, load: Any, u_s: Any, f_c: Array) -> SurfaceProblem:
+    def _problem(self, state: State, time: float, u_s: Any, f_c: Array, force: float) -> SurfaceProblem:
         system, n = self.system, self.surface.normal_rows
         return SurfaceProblem(
             surface=self.surface,
             cone=self.cone.at(time),
             f_c=f_c,
-            offset=self._relative(u_s, time),
+            offset=self._relative(u_s, time, np.zeros(self.surface.driven)),
             gap=np.concatenate([self.gap, state.w[n:]]),
             gamma=self.gamma,
-            force=load.norm(0),
+            force=force,
             stiffness=min(m.E for m in system.scene.bodies.values()) / system.extent,
         )
 
-    def _relative(self, u: Any, time: float) -> Array:
+    def _relative(self, u: Any, time: float, driven: Array) -> Array:
         """Rows (rows,) [m] of a displacement, the obstacles' motion taken off."""
-        motion = self.system.obstacle_motion(time)
+        motion = self.system.obstacle_motion(time, driven)
         surfaces = self.system.contact_displacement(u)
         return self._rows([v - motion[c.name] for c, v in zip(self.system.contacts, surfaces, strict=True)])
 
@@ -202,16 +208,14 @@ class Stepper:
         return np.concatenate([np.zeros(0), *blocks])
 
     def _with_energy(
-        self, old: State, time: float, u: Any, u_s: Any, load: Any, residual: Any, solution: Solution
+        self, old: State, time: float, u: Any, u_s: Any, load: Any, residual: Any, p: Array, driven: Array
     ) -> State:
         system, W = self.system, self.surface.W
-        w = self._relative(u, time)
-        moved, p = w - old.w, solution.p
-        motion, motion_before = system.obstacle_motion(time), system.obstacle_motion(old.time)
+        w = self._relative(u, time, driven)
+        moved = w - old.w
+        motion, motion_before = system.obstacle_motion(time, driven), system.obstacle_motion(old.time, old.driven)
         contacts = system.contacts
-        obstacle = self._rows(
-            [np.tile(motion[c.name] - motion_before[c.name], (len(c.surface.nodes), 1)) for c in contacts]
-        )
+        obstacle = self._rows([motion[c.name] - motion_before[c.name] for c in contacts])
         mean = W * (p + old.p) / 2
         external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
         dissipation = np.array([(W * p * moved)[place.tangential].sum() for place in self.cone.places])
@@ -224,7 +228,7 @@ class Stepper:
             ),
             dissipation=old.energy.dissipation + dissipation,
         )
-        return State(time, u, u_s, load, residual, p, w, energy)
+        return State(time, u, u_s, load, residual, p, w, driven, energy)
 
 
 def _trial_stiffness(system: System) -> Array:

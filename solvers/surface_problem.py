@@ -33,15 +33,15 @@ class SurfaceProblem:
     p_ref: float = field(init=False)  # [Pa]
 
     def __post_init__(self) -> None:
-        n, w = self.surface.normal_rows, self.offset
+        n = self.surface.normal_rows
         area = sum(float(c.node_weights.sum()) for c in self.cone.contacts)
         pressure = self.force / area if area else 0.0
-        if not self.surface.floating:
-            w = self.relative_displacement(self.surface.displacement(self.f_c))
+        # without contact; a floating body is then held by the augmentation, which is stiffer than contact
+        w = self.relative_displacement(self.surface.displacement(self.f_c))
         # a long slide is no reason for a large pressure: tangential motion counts only where nothing is closed
         closing = max(float(np.max(w[:n], initial=0.0)), float(np.max((w - self.gap)[:n], initial=0.0)))
         u_ref = closing or float(np.abs(w - self.gap)[n:].max(initial=0.0)) or float(np.abs(w).max(initial=0.0))
-        if self.surface.floating or not u_ref:  # displacement without contact does not exist, or is none
+        if self.surface.floating or not u_ref:
             u_ref = max(u_ref, pressure / self.stiffness)
         object.__setattr__(self, "u_ref", u_ref)
         object.__setattr__(self, "p_ref", max(pressure, self.stiffness * u_ref))

@@ -17,7 +17,7 @@ from geometry.errors import SceneError
 from geometry.mesh import Mesh
 from geometry.nodes import Nodes
 from geometry.surface import gather_surface
-from solvers.constraints import Constraints, find_constraints, rigid_fields
+from solvers.constraints import AXES, Constraints, find_constraints, rigid_fields
 from solvers.counters import Counters
 from solvers.forms import WeakForms
 from solvers.nouns.scene import Scene
@@ -64,9 +64,29 @@ class System:
         self._prescribed.write(total, self.constraints.prescribed(time).ravel())
         return total
 
-    def obstacle_motion(self, time: float) -> dict[str, Array]:
-        """Prescribed motion (d,) [m] of each contact's obstacle."""
-        return {c.name: c.obstacle.displacement_at(time, self.scene.steps.end, self.mesh.dim) for c in self.contacts}
+    @cached_property
+    def driven(self) -> tuple[tuple[str, int], ...]:
+        """Obstacle and axis of each obstacle motion (o,) that a force drives: an unknown."""
+        return tuple((name, AXES[axis]) for name, obs in self.scene.obstacles.items() for axis in obs.driven())
+
+    def driving_force(self, time: float) -> Array:
+        """Forces (o,) on the driven obstacles [N]."""
+        end, obstacles = self.scene.steps.end, self.scene.obstacles
+        found = [value_at(obstacles[name].force["xyz"[axis]], time, end) for name, axis in self.driven]  # type: ignore[index]
+        return np.array(found, float)
+
+    def motion_of(self, obstacle: str, points: Array, time: float, driven: Array) -> Array:
+        """Motion (m, d) [m] of an obstacle where it is closest to `points`; `driven` (o,) are the unknown ones."""
+        motion = self.scene.obstacles[obstacle].motion(points, time, self.scene.steps.end)
+        for (name, axis), size in zip(self.driven, driven, strict=True):
+            if name == obstacle:
+                motion[:, axis] += size
+        return motion
+
+    def obstacle_motion(self, time: float, driven: Array) -> dict[str, Array]:
+        """Motion (n, d) [m] of each contact's obstacle at the nodes of its surface."""
+        contacts = self.scene.contacts
+        return {c.name: self.motion_of(contacts[c.name].against, c.surface.points, time, driven) for c in self.contacts}
 
     def contact_displacement(self, u: Any) -> list[Array]:
         """Displacement (n, d) [m] of each contact surface's nodes, on every rank."""
@@ -78,9 +98,21 @@ class System:
         """B^T p over all displacements [N]."""
         total = self.K.createVecRight()
         for c, pressure, tangential in zip(self.contacts, p_n, t, strict=True):
-            scatter = Replicated(total, _components(c.surface.nodes, self.mesh.dim))
-            scatter.add(total, c.nodal_forces(pressure, tangential).ravel())
+            total += self.contact_force(c, pressure, tangential)
         return total
+
+    def contact_force(self, c: ContactRows, p_n: Array, t: Array) -> Any:
+        """B^T p of one contact over all displacements [N]."""
+        total = self.K.createVecRight()
+        scatter = Replicated(total, _components(c.surface.nodes, self.mesh.dim))
+        scatter.add(total, c.nodal_forces(p_n, t).ravel())
+        return total
+
+    def resultant_on_driven(self, c: ContactRows, force: Any) -> Array:
+        """What B^T p of a contact does to the driven obstacles (o,) [N]; collective."""
+        by_axis = self.mesh.comm.allreduce(force.array.reshape(-1, self.mesh.dim).sum(axis=0))
+        against = self.scene.contacts[c.name].against
+        return np.array([by_axis[axis] * (name == against) for name, axis in self.driven], float)
 
     def reactions(self, u: Any, load: Any, contact: Any) -> dict[str, tuple[Array, Array]]:
         """Force (d,) [N] and moment about the origin [N m] that each support exerts."""
@@ -119,7 +151,8 @@ class System:
         values = np.zeros((len(self.contact_dofs), motions.shape[1]))
         if motions.shape[1]:
             for c in self.contacts:
-                fields = rigid_fields(c.surface.points, (low + high) / 2, float(np.max(high - low))) @ motions
+                size, symmetric = float(np.max(high - low)), self.mesh.axisymmetric
+                fields = rigid_fields(c.surface.points, (low + high) / 2, size, symmetric) @ motions
                 starts = self.constraints.free_start(c.surface.nodes)
                 for node, start, field in zip(c.surface.nodes, starts, fields, strict=True):
                     basis = self.constraints.basis(int(node))
@@ -156,12 +189,17 @@ def contact_rows(
         name: (contact, scene.obstacles[contact.against], gather_surface(mesh, space, nodes, contact.surface))
         for name, contact in scene.contacts.items()
     }
-    return tuple(build_rows(contacts, constraints, order=1))
+    return tuple(build_rows(contacts, constraints))
+
+
+def displacement_space(mesh: Mesh) -> Any:
+    """Lagrange vectors of the mesh's own degree."""
+    return dx.vector_space(mesh.domain, mesh.degree)
 
 
 def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
     """Build the system; collective."""
-    space = dx.vector_space(mesh.domain, 1)
+    space = displacement_space(mesh)
     nodes = Nodes.of(space)
     weak = WeakForms(scene, mesh, space, counters)
     constraints = find_constraints(scene, mesh, space, nodes)

@@ -6,18 +6,17 @@ from typing import Any
 
 from mpi4py import MPI
 
-from geometry import dolfinx_versions as dx
 from geometry.mesh import build_mesh
 from geometry.nodes import Nodes
 from solvers.constraints import find_constraints
 from solvers.nouns.scene import Scene
-from solvers.system import contact_rows
+from solvers.system import contact_rows, displacement_space
 
 
 def count(scene: Scene) -> dict[str, Any]:
     """Cells, nodes, unknowns, and per contact its points and area; meshes, but assembles nothing."""
     mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_WORLD)
-    space = dx.vector_space(mesh.domain, 1)
+    space = displacement_space(mesh)
     nodes = Nodes.of(space)
     constraints = find_constraints(scene, mesh, space, nodes)
     return {

@@ -110,6 +110,7 @@ class Run:
                         p=stored.p,
                         w=stored.w,
                         w_before=stored.w_before,
+                        driven=stored.driven,
                         p_ref=stored.p_ref,
                         u_ref=stored.u_ref,
                         external_work=step.energy.external,

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from scipy.optimize import brentq
 
-from geometry.builders.builder import Array, Builder, Request
+from geometry.builders.builder import Builder
 from geometry.errors import GeometryError, SceneError, require
 from geometry.keys import Key
+from geometry.shape import Array, Model, Request
 
-LENGTHS = ("length", "height", "width", "mesh_size", "contact_mesh_size")
 MOST_CELLS = 50_000_000
 GROWTH = 0.3  # growth of the cell size per unit of distance from a contact side
 
@@ -23,49 +23,35 @@ GROWTH = 0.3  # growth of the cell size per unit of distance from a contact side
 class Block(Builder):
     """[0, length] x [0, height]; in 3D [0, length] x [0, width] x [0, height]."""
 
+    lengths: ClassVar[tuple[str, ...]] = ("length", "height", "width")
+
     length: Annotated[float, Key("m", "size along x")]
     height: Annotated[float, Key("m", "size along the last axis")]
     width: Annotated[float | None, Key("m", "size along y, 3D only")] = None
-    mesh_size: Annotated[float, Key("m", "edge length of the cells")]
-    contact_mesh_size: Annotated[float | None, Key("m", "edge length at contact surfaces; absent: mesh_size")] = None
-    cells: Annotated[Literal["simplex", "tensor"], Key("-", "triangles and tetrahedra, or quads and hexahedra")] = (
-        "simplex"
-    )
-    order: Annotated[Literal[1], Key("-", "displacement polynomial degree")] = 1
     builder: Annotated[Literal["block"], Key("-", "the shape's name")] = "block"
-
-    def __post_init__(self) -> None:
-        for key in LENGTHS:
-            value = getattr(self, key)
-            require(value is None or value > 0, key, value, "must be positive, in metres")
-        fine = self.contact_mesh_size
-        require(fine is None or fine <= self.mesh_size, "contact_mesh_size", fine, "must not exceed mesh_size")
 
     def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
         return {"block": tuple(self._sides(dim))}
 
-    def check_dimension(self, dim: int) -> None:
+    def check_model(self, model: Model) -> None:
+        dim = 3 if model == "3d" else 2
         if dim == 3 and self.width is None:
             raise SceneError('width: missing, a block needs it in model = "3d"')
         require(dim == 3 or self.width is None, "width", self.width, "a plane model has no width; remove the key")
-        cells = np.prod([np.ceil(size / self.mesh_size) for size in self.extent(dim)])
+        cells = np.prod([np.ceil(size / self.mesh_size) for size in self._size(dim)])
         require(cells < MOST_CELLS, "mesh_size", self.mesh_size, f"makes more than {MOST_CELLS} cells")
 
-    def extent(self, dim: int) -> tuple[float, ...]:
-        return (self.length, self.height) if dim == 2 else (self.length, self.width or 0.0, self.height)
-
-    def scaled(self, factor: float) -> Block:
-        lengths = {key: getattr(self, key) for key in LENGTHS}
-        return replace(self, **{key: value * factor for key, value in lengths.items() if value is not None})
+    def box(self, dim: int) -> Array:
+        return np.array([np.zeros(dim), self._size(dim)])
 
     def sample(self, side: str, dim: int) -> tuple[Array, Array]:
         axis, end = self._sides(dim)[side.split(".")[1]]
         corners = np.array(list(product((0.0, 1.0), repeat=dim)))
-        corners = corners[corners[:, axis] == end] * np.array(self.extent(dim))
-        return corners, np.eye(dim)[axis] * (2 * end - 1)
+        corners = corners[corners[:, axis] == end] * np.array(self._size(dim))
+        return corners, np.tile(np.eye(dim)[axis] * (2 * end - 1), (len(corners), 1))
 
     def draw(self, gmsh: Any, request: Request) -> None:
-        dim, size = request.dim, self.extent(request.dim)
+        dim, size = request.dim, self._size(request.dim)
         add = gmsh.model.occ.addRectangle if dim == 2 else gmsh.model.occ.addBox
         volume = add(0, 0, 0, *size)
         gmsh.model.occ.synchronize()
@@ -83,6 +69,9 @@ class Block(Builder):
             self._graded(gmsh, dim, fine)
             for slave, master in request.periodic:
                 self._match(gmsh, dim, slave.split(".")[1], master.split(".")[1], tags)
+
+    def _size(self, dim: int) -> tuple[float, ...]:
+        return (self.length, self.height) if dim == 2 else (self.length, self.width or 0.0, self.height)
 
     @staticmethod
     def _sides(dim: int) -> dict[str, tuple[int, int]]:
@@ -105,7 +94,7 @@ class Block(Builder):
             (first,), (last,) = gmsh.model.getParametrizationBounds(1, curve)
             start, end = gmsh.model.getValue(1, curve, [first]), gmsh.model.getValue(1, curve, [last])
             axis = int(np.argmax(np.abs(np.subtract(end, start))))
-            steps, ratio = self._grading(self.extent(dim)[axis], axis, fine)
+            steps, ratio = self._grading(self._size(dim)[axis], axis, fine)
             from_start = (axis, 0 if start[axis] < end[axis] else 1) in fine
             law = "Bump" if ratio != 1 and {(axis, 0), (axis, 1)} <= set(fine) else "Progression"
             gmsh.model.mesh.setTransfiniteCurve(
@@ -140,7 +129,7 @@ class Block(Builder):
 
     def _graded(self, gmsh: Any, dim: int, fine: list[tuple[int, int]]) -> None:
         """Unstructured simplices whose size grows with the distance from the contact sides."""
-        mesh, size = gmsh.model.mesh, self.extent(dim)
+        mesh, size = gmsh.model.mesh, self._size(dim)
         fields = []
         for axis, end in fine:
             fields.append(mesh.field.add("MathEval"))
@@ -158,5 +147,5 @@ class Block(Builder):
         """Make the slave side's mesh the master side's, moved across."""
         (axis, to), (_, origin) = self._sides(dim)[slave], self._sides(dim)[master]
         shift = np.eye(4)
-        shift[axis, 3] = (to - origin) * self.extent(dim)[axis]
+        shift[axis, 3] = (to - origin) * self._size(dim)[axis]
         gmsh.model.mesh.setPeriodic(dim - 1, [tags[slave]], [tags[master]], list(shift.ravel()))

@@ -1,53 +1,61 @@
-"""What every shape answers: its names before any mesh exists, and its gmsh model."""
+"""A parametrised shape, drawn by gmsh."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from geometry.keys import Choice
-
-Array = NDArray[np.float64]
+from geometry.errors import require
+from geometry.keys import Choice, Key
+from geometry.shape import Request, Shape
 
 
 @dataclass(frozen=True, kw_only=True)
-class Request:
-    """What the scene wants of a mesh beyond the shape itself."""
-
-    dim: int
-    contact_sides: tuple[str, ...] = ()  # sides to refine to `contact_mesh_size`
-    periodic: tuple[tuple[str, str], ...] = ()  # pairs of sides whose meshes must match
-
-
-class Builder(Choice):
-    """A parametrised shape."""
+class Builder(Choice, Shape):
+    """What all builders share; each names its own lengths in `lengths`."""
 
     tag: ClassVar[str] = "builder"
+    lengths: ClassVar[tuple[str, ...]] = ()  # parameters in metres that must be positive, besides the mesh sizes
 
-    def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
-        """Names of the bodies and of each body's sides."""
-        raise NotImplementedError
+    mesh_size: Annotated[float, Key("m", "edge length of the cells")]
+    contact_mesh_size: Annotated[float | None, Key("m", "edge length at contact surfaces; absent: mesh_size")] = None
+    cells: Annotated[Literal["simplex", "tensor"], Key("-", "triangles and tetrahedra, or quads and hexahedra")] = (
+        "simplex"
+    )
+    order: Annotated[Literal[1, 2], Key("-", "polynomial degree of displacement and geometry")] = 1
 
-    def check_dimension(self, dim: int) -> None:
-        """Refuse parameters that the model's dimension does not have, or lacks."""
-        raise NotImplementedError
+    def __post_init__(self) -> None:
+        for key in self._all_lengths():
+            value = getattr(self, key)
+            require(value is None or value > 0, key, value, "must be positive, in metres")
+        fine = self.contact_mesh_size
+        require(fine is None or fine <= self.mesh_size, "contact_mesh_size", fine, "must not exceed mesh_size")
 
-    def extent(self, dim: int) -> tuple[float, ...]:
-        """Size of the bounding box (d,) [m]."""
-        raise NotImplementedError
+    @property
+    def degree(self) -> int:
+        return self.order
 
-    def scaled(self, factor: float) -> Builder:
+    @property
+    def fine_size(self) -> float:
+        """Edge length at contact surfaces [m]."""
+        return self.mesh_size if self.contact_mesh_size is None else self.contact_mesh_size
+
+    def scaled(self, factor: float) -> Self:
         """The same shape and mesh in another unit of length."""
-        raise NotImplementedError
+        found = {key: getattr(self, key) for key in self._all_lengths()}
+        return replace(self, **{key: value * factor for key, value in found.items() if value is not None})
 
-    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
-        """Corners (k, d) [m] of a side (as body.side), in the same order on opposite sides, and its normal (d,)."""
-        raise NotImplementedError
+    def put(self, gmsh: Any, request: Request) -> float:
+        unit = float(np.max(np.ptp(self.box(request.dim), axis=0)))  # gmsh has absolute tolerances
+        self.scaled(1 / unit).draw(gmsh, request)
+        gmsh.model.mesh.generate(request.dim)
+        return unit
 
     def draw(self, gmsh: Any, request: Request) -> None:
         """Put shape, mesh sizes and named physical groups into the current gmsh model."""
         raise NotImplementedError
+
+    def _all_lengths(self) -> tuple[str, ...]:
+        return (*self.lengths, "mesh_size", "contact_mesh_size")

@@ -20,6 +20,8 @@ class Contact(Noun):
     normal: Annotated[NormalLaw, Key("-", "normal law")] = Unilateral()
     friction: Annotated[FrictionLaw | None, Key("-", "friction law; absent: none")] = None
 
+    gap_offset: Annotated[float, Key("m", "added to the geometric gap; negative: interference")] = 0.0
+
     def __post_init__(self) -> None:
         if self.friction is not None:
             reason = self.friction.refuses(self.normal)

@@ -5,15 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 
 from geometry.amplitude import Amplitude, listed_times, value_at
-from geometry.builders import Builder, Request
+from geometry.builders import Builder
 from geometry.errors import SceneError, nearest, require
 from geometry.keys import Key, Noun
 from geometry.obstacles import Obstacle
+from geometry.shape import Model, Request
 from solvers.effects import EFFECTS
 from solvers.methods.table import METHODS
 from solvers.nouns.contact import Contact
@@ -29,7 +30,7 @@ NAME = re.compile(r"[a-z][a-z0-9_]*")
 class Scene(Noun):
     """Frozen and validated; `sections` holds the tables that effects own (`gravity`, `periodic`)."""
 
-    model: Annotated[Literal["plane strain", "plane stress", "3d"], Key("-", "kinematics; plane: per metre")]
+    model: Annotated[Model, Key("-", "kinematics; plane: per metre; axisymmetric: x radius, y axis, full circle")]
     geometry: Builder
     bodies: Mapping[str, Material]
     title: Annotated[str, Key("-", "a sentence for tables and pictures")] = ""
@@ -58,10 +59,14 @@ class Scene(Noun):
     def dim(self) -> int:
         return 3 if self.model == "3d" else 2
 
+    @property
+    def axisymmetric(self) -> bool:
+        return self.model == "axisymmetric"
+
     def request(self) -> Request:
         """What the mesh must offer this scene."""
         return Request(
-            dim=self.dim,
+            model=self.model,
             contact_sides=tuple(dict.fromkeys(c.surface for c in self.contacts.values())),
             periodic=tuple(pair for effect in EFFECTS if effect.because(self) for pair in effect.periodic(self)),
         )
@@ -95,7 +100,7 @@ class Scene(Noun):
         for load in self.loads.values():
             yield from load.amplitudes()
         for obstacle in self.obstacles.values():
-            yield from getattr(obstacle, "displacement", {}).values()
+            yield from obstacle.amplitudes()
         for section in self.sections.values():
             yield from getattr(section, "acceleration", ())
 
@@ -114,15 +119,17 @@ class Scene(Noun):
 
     def _check_dimensions(self) -> None:
         with prefixed("geometry"):
-            self.geometry.check_dimension(self.dim)
+            self.geometry.check_model(self.model)
         for name, obstacle in self.obstacles.items():
             with prefixed(f"obstacles.{name}"):
-                obstacle.check_dimension(self.dim)
+                obstacle.check_model(self.model)
         expected = f"expected {self.dim} components in this model"
         for name, load in self.loads.items():
             vector = load.traction if load.traction is not None else load.force
             key = f"loads.{name}.{'traction' if load.traction is not None else 'force'}"
             require(vector is None or len(vector) == self.dim, key, list(vector or ()), expected)
+            radial = self.axisymmetric and load.force is not None and load.force[0] != 0
+            require(not radial, key, list(vector or ()), "a radial force has no resultant; use traction or pressure")
         for table, items in (("supports", self.supports), ("probes", self.probes)):
             for name, item in items.items():
                 found = list(item.point or ())

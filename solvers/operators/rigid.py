@@ -1,7 +1,8 @@
 """Contact with a rigid obstacle: biorthogonal multipliers at nodes, compliance pressure at quadrature points.
 
-With the dual basis the weighted gap of a node is its own gap, so the rows of a node are its displacement in the
-local frame. A node whose motion is prescribed carries no multiplier: its neighbours take over its shape function.
+With the dual basis the weighted gap of a node is its own gap (in the basis phi~ of `Surface`), so the rows of a node
+are its displacement in the local frame. A node whose motion is prescribed carries no multiplier: its neighbours take
+over its shape function.
 """
 
 from __future__ import annotations
@@ -31,11 +32,16 @@ class Carrier:
     directions: Array  # (m, c, d): c unit directions a point
     free: NDArray[np.bool_]  # (m, c)
 
-    def rows(self, weights: Array) -> tuple[sparse.csr_matrix, Array]:
+    def mean(self, surface: Surface, weights: Array) -> tuple[sparse.csr_matrix, Array]:
+        """Nodal values (n,) to weighted values at the points (m,), and the points' weights W (m,)."""
+        total = np.asarray(self.share @ weights)
+        return (self.share.multiply(weights[None, :]).multiply(1 / total[:, None]) @ surface.transform).tocsr(), total
+
+    def rows(self, surface: Surface, weights: Array) -> tuple[sparse.csr_matrix, Array]:
         """N (m c, n d) and W (m,): weighted displacement divided by the weights."""
         m, c, d = self.directions.shape
-        total = np.asarray(self.share @ weights)
-        mean = self.share.multiply(weights[None, :]).multiply(1 / total[:, None]).tocoo()
+        matrix, total = self.mean(surface, weights)
+        mean = matrix.tocoo()
         components = self.directions[mean.row] * self.free[mean.row][:, :, None]  # (nnz, c, d)
         i = mean.row[:, None, None] * c + np.arange(c)[None, :, None]
         j = mean.col[:, None, None] * d + np.arange(d)[None, None, :]
@@ -60,9 +66,7 @@ def frames_of(normals: Array) -> Array:
     return np.stack([normals, first, np.cross(normals, first)], axis=1)
 
 
-def build_rows(
-    contacts: dict[str, tuple[Contact, Obstacle, Surface]], constraints: Constraints, order: int
-) -> list[ContactRows]:
+def build_rows(contacts: dict[str, tuple[Contact, Obstacle, Surface]], constraints: Constraints) -> list[ContactRows]:
     """Rows of all contacts; normal multipliers first, since a friction direction may depend on them."""
     used: dict[int, Array] = {}  # root node -> directions (r, k) of its free basis that multipliers already hold
     normal_carriers = {}
@@ -73,9 +77,10 @@ def build_rows(
     found = []
     for name, (contact, obstacle, surface) in contacts.items():
         frames = frames_of(-obstacle.normals(surface.points))
-        weights, gap = surface.node_weights(), obstacle.signed_gap(surface.points)
+        weights, gap = surface.node_weights(), obstacle.signed_gap(surface.points) + contact.gap_offset
         if contact.normal.at_quadrature:
-            N_n, W_n, psi, gap_n = _quadrature_rows(surface, obstacle, contact.normal.degree(order))
+            N_n, W_n, psi, gap_n = _quadrature_rows(surface, obstacle, contact.normal.degree(surface.degree))
+            gap_n = gap_n + contact.gap_offset
         else:
             carrier = normal_carriers[name]
             if not carrier.share.shape[0]:
@@ -83,9 +88,9 @@ def build_rows(
                     f"contacts.{name}: supports prescribe the normal motion of all of {contact.surface}, so it can "
                     "carry no contact pressure; free it or remove the contact"
                 )
-            N_n, W_n = carrier.rows(weights)
+            N_n, W_n = carrier.rows(surface, weights)
             psi = carrier.share.T.multiply(weights[:, None]).tocsr()
-            gap_n = np.asarray(carrier.share @ (weights * gap)) / W_n
+            gap_n = carrier.mean(surface, weights)[0] @ gap
         dropped = 0 if contact.normal.at_quadrature else len(weights) - len(W_n)
         if contact.friction is not None:
             carrier = _carry(surface, frames[:, 1:], constraints, used)
@@ -93,11 +98,12 @@ def build_rows(
         else:
             d = surface.dim
             carrier = Carrier(sparse.csr_matrix((0, len(weights))), np.zeros((0, d - 1, d)), np.zeros((0, d - 1), bool))
-        N_t, W_t = carrier.rows(weights)
+        N_t, W_t = carrier.rows(surface, weights)
         found.append(
             ContactRows(
                 name=name, surface=surface, obstacle=obstacle, normal=contact.normal, friction=contact.friction,
-                frames=frames, node_weights=weights, node_gap=gap, N_n=N_n, W_n=W_n, gap=gap_n, N_t=N_t, W_t=W_t,
+                frames=frames, node_weights=weights, node_gap=surface.transform @ gap,
+                N_n=N_n, W_n=W_n, gap=gap_n, N_t=N_t, W_t=W_t,
                 free=carrier.free, psi=psi, share_t=carrier.share, dropped=dropped,
             )
         )  # fmt: skip

@@ -29,7 +29,7 @@ class ContactRows:
     friction: FrictionLaw | None
     frames: Array  # (n, d, d): row 0 the normal n, then the tangents
     node_weights: Array  # (n,) [m^(d-1)]
-    node_gap: Array  # (n,) [m]
+    node_gap: Array  # (n,) [m], gap_offset included; like all nodal values in the basis phi~ of `Surface`
     N_n: Any  # (m_n, n d) sparse
     W_n: Array  # (m_n,)
     gap: Array  # (m_n,) [m]
@@ -55,7 +55,8 @@ class ContactRows:
         if not len(self.W_t):
             return np.zeros((n, d))
         nodal_forces = self.N_t.T @ (t.reshape(len(self.W_t), d - 1) * self.W_t[:, None]).ravel()
-        return np.asarray(nodal_forces.reshape(n, d) / self.node_weights[:, None])
+        forces = self.surface.forces_transform @ nodal_forces.reshape(n, d)
+        return np.asarray(forces / self.node_weights[:, None])
 
     def nodal_forces(self, p_n: Array, t: Array) -> Array:
         """B^T p (n, d) [N]; the force on the body is its negative."""
@@ -66,5 +67,6 @@ class ContactRows:
 
     def node_motion(self, relative: Array) -> tuple[Array, Array]:
         """Normal (n,) and tangential (n, d), Cartesian, parts of a relative displacement (n, d) [m]."""
+        relative = self.surface.transform @ relative
         normal = np.einsum("nd,nd->n", self.frames[:, 0], relative)
         return normal, relative - normal[:, None] * self.frames[:, 0]

@@ -72,7 +72,7 @@ def test_friction_does_not_fade_with_the_length_of_the_slide(
 
 def test_obstacle_that_faces_away_is_refused(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     upside_down = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, -1.0]}}
-    with pytest.raises(SceneError, match=r"obstacles\.foundation\.normal: must point against block\.bottom"):
+    with pytest.raises(SceneError, match=r"obstacles\.foundation: its normal must point against block\.bottom"):
         simulation_of(scene_of(obstacles=upside_down, contacts=contact()))
 
 

@@ -42,12 +42,10 @@ def some_displacement(system: System) -> Any:
 
 
 def j_n(system: System, u: Any) -> Any:
-    """The form of the contact with the foundation at height 0."""
-    dim, (rows,) = system.mesh.dim, system.contacts
+    """The form of the scene's only contact."""
+    (rows,), (contact,) = system.contacts, system.scene.contacts.values()
     assert isinstance(rows.normal, Compliance)
-    normal = dx.fem.Constant(system.mesh.domain, -np.eye(dim)[-1])
-    gap = ufl.SpatialCoordinate(system.mesh.domain)[dim - 1]
-    return system.weak.normal_compliance(u, normal, gap, rows.normal, "block.bottom")
+    return system.weak.normal_compliance(u, contact, rows.normal)
 
 
 def penetration(rows: ContactRows, u: Array) -> Array:

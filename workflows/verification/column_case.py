@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Literal
 
 from geometry.builders.block import Block
-from geometry.obstacles import Plane
+from geometry.obstacles.plane import Plane
 from solvers.effects.compliance import Compliance
 from solvers.methods.table import METHODS
 from solvers.nouns.contact import Contact

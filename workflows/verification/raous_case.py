@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from geometry.builders.block import Block
-from geometry.obstacles import Plane
+from geometry.obstacles.plane import Plane
 from solvers.effects.friction import Coulomb
 from solvers.nouns.contact import Contact
 from solvers.nouns.load import Load

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from geometry.builders.block import Block
-from geometry.obstacles import Plane
+from geometry.obstacles.plane import Plane
 from solvers.effects.friction import Coulomb, Tresca
 from solvers.effects.laws import FrictionLaw
 from solvers.effects.periodic import Periodic

@@ -11,7 +11,7 @@ import numpy as np
 
 from geometry.amplitude import Amplitude
 from geometry.builders.block import Block
-from geometry.obstacles import Plane
+from geometry.obstacles.plane import Plane
 from solvers.effects.friction import Coulomb, Tresca
 from solvers.effects.laws import FrictionLaw
 from solvers.methods.table import METHODS

@@ -44,6 +44,7 @@ class StoredStep:
     p: Array  # (rows,) flat tractions [Pa]
     w: Array  # (rows,) flat relative displacement [m]
     w_before: Array  # (rows,) at the last accepted step [m]
+    driven: Array  # (o,) motion of the obstacles that forces drive [m]
 
 
 def step_name(index: int) -> str:
@@ -77,6 +78,7 @@ def write_step(folder: Path, index: int, result: StepResult) -> Path:
         "state/p": result.p,
         "state/w": result.w,
         "state/w_before": result.w_before,
+        "state/driven": result.driven,
     }
     for name, contact in result.contacts.items():
         arrays |= {f"contacts/{name}/{key}": value for key, value in _columns(contact).items()}
@@ -120,6 +122,7 @@ def read_step(path: Path) -> StoredStep:
             p=arrays["state/p"],
             w=arrays["state/w"],
             w_before=arrays["state/w_before"],
+            driven=arrays["state/driven"],
         )
     except (KeyError, TypeError, ValueError) as error:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error

@@ -1,0 +1,13 @@
+"""Rigid obstacles, one kind a file: a module here that defines an `Obstacle` is all it takes to add one."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+
+from geometry.obstacles.obstacle import Obstacle
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")
+
+__all__ = ["Obstacle"]

@@ -1,0 +1,101 @@
+"""What every rigid obstacle answers: the distance of a point from it, which needs no mesh, and how it moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.amplitude import Amplitude, check, value_at
+from geometry.errors import SceneError, require
+from geometry.keys import Choice, Key
+from geometry.obstacles.rotation import Rotation
+from geometry.shape import Model
+
+Array = NDArray[np.float64]
+Axis = Literal["x", "y", "z"]
+AXES: tuple[Axis, ...] = ("x", "y", "z")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Obstacle(Choice):
+    """A rigid shape; its normal points out of it, towards the body."""
+
+    tag: ClassVar[str] = "shape"
+    vectors: ClassVar[tuple[str, ...]] = ()  # keys with one component an axis
+
+    displacement: Annotated[Mapping[Axis, Amplitude], Key("m", "prescribed motion by component, in time")] = field(
+        default_factory=dict
+    )
+    force: Annotated[
+        Mapping[Axis, Amplitude],
+        Key("N", "force on the obstacle by component, in time; it then moves freely along that axis"),
+    ] = field(default_factory=dict)
+    rotation: Annotated[Rotation | None, Key("-", "{ angle, point, axis }: prescribed rotation")] = None
+
+    def __post_init__(self) -> None:
+        for key in ("displacement", "force"):
+            for axis, amplitude in getattr(self, key).items():
+                check(amplitude, f"{key}.{axis}")
+        for axis in self.force:
+            if axis in self.displacement:
+                raise SceneError(f"force.{axis}: displacement.{axis} is prescribed too; keep one of the two")
+
+    def distance(self, x: Sequence[Any], sqrt: Callable[[Any], Any]) -> Any:
+        """Signed distance [m] of a point with coordinates `x`, positive outside.
+
+        Written with operators alone, so that arrays of numbers and symbols of UFL take the same path.
+        """
+        raise NotImplementedError
+
+    def signed_gap(self, points: Array) -> Array:
+        """Distance (m,) [m] of `points` (m, d), positive outside the obstacle."""
+        return np.asarray(self.distance(list(points.T), np.sqrt))
+
+    def normals(self, points: Array) -> Array:
+        """Unit normals (m, d) out of the obstacle at the points closest to `points`."""
+        raise NotImplementedError
+
+    def check_model(self, model: Model) -> None:
+        """Refuse data that the model does not have, or lacks."""
+        dim = 3 if model == "3d" else 2
+        for key in self.vectors:
+            found = getattr(self, key)
+            require(found is None or len(found) == dim, key, list(found or ()), f"expected {dim} components here")
+        for key in ("displacement", "force"):
+            for axis in getattr(self, key):
+                require(axis in AXES[:dim], f"{key}.{axis}", "given", "a plane model has x and y only")
+                off_axis = model == "axisymmetric" and axis == "x"
+                require(not off_axis, f"{key}.x", "given", "breaks the symmetry; the obstacle moves in y alone")
+        if self.rotation is not None:
+            require(model != "axisymmetric", "rotation", "given", "an axisymmetric model has none")
+            expected = f"expected {dim} components here"
+            require(len(self.rotation.point) == dim, "rotation.point", list(self.rotation.point), expected)
+            axis = self.rotation.axis
+            require(dim == 3 or axis is None, "rotation.axis", axis, "a plane model turns about z; remove the key")
+            require(dim == 2 or axis is not None, "rotation.axis", None, "missing, expected 3 components")
+            require(dim == 2 or len(axis or ()) == 3, "rotation.axis", axis, "expected 3 components")
+
+    def translation(self, time: float, end: float, dim: int) -> Array:
+        """Prescribed displacement (d,) [m], rotation apart."""
+        return np.array([value_at(self.displacement.get(a, 0.0), time, end) for a in AXES[:dim]])
+
+    def motion(self, points: Array, time: float, end: float) -> Array:
+        """Prescribed motion (m, d) [m] of the obstacle where it is closest to `points`."""
+        moved = np.tile(self.translation(time, end, points.shape[1]), (len(points), 1))
+        if self.rotation is None:
+            return moved
+        closest = points - self.signed_gap(points)[:, None] * self.normals(points)
+        return moved + self.rotation.displacement(closest, value_at(self.rotation.angle, time, end))
+
+    def driven(self) -> tuple[Axis, ...]:
+        """Axes along which a force moves the obstacle."""
+        return tuple(axis for axis in AXES if axis in self.force)
+
+    def amplitudes(self) -> tuple[Amplitude, ...]:
+        """Values in time that the obstacle contains."""
+        angle = () if self.rotation is None else (self.rotation.angle,)
+        return (*self.displacement.values(), *self.force.values(), *angle)

@@ -1,0 +1,38 @@
+"""A rigid half-space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+
+from geometry.errors import require
+from geometry.keys import Key
+from geometry.obstacles.obstacle import Array, Obstacle
+from geometry.obstacles.rotation import unit
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plane(Obstacle):
+    """Half-space below a plane."""
+
+    vectors: ClassVar[tuple[str, ...]] = ("point", "normal")
+    point: Annotated[tuple[float, ...], Key("m", "a point of the plane")]
+    normal: Annotated[tuple[float, ...], Key("-", "direction out of the obstacle, of any length")]
+    shape: Annotated[Literal["plane"], Key("-", "kind of obstacle")] = "plane"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(any(self.normal), "normal", list(self.normal), "a plane's normal must not be zero")
+
+    def distance(self, x: Sequence[Any], sqrt: Callable[[Any], Any]) -> Any:
+        """
+        >>> Plane(point=(0.0, 0.0), normal=(0.0, 2.0)).signed_gap(np.array([[3.0, 0.5]]))
+        array([0.5])
+        """
+        return sum((a - b) * float(n) for a, b, n in zip(x, self.point, unit(self.normal), strict=True))
+
+    def normals(self, points: Array) -> Array:
+        return np.tile(unit(self.normal), (len(points), 1))
