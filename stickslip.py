@@ -18,6 +18,8 @@ from solvers.effects.compliance import Compliance
 from solvers.effects.friction import Coulomb, Stick, Tresca
 from solvers.effects.gravity import Gravity
 from solvers.effects.periodic import Periodic
+from solvers.effects.tangential_compliance import TangentialCompliance
+from solvers.effects.tied import Tied
 from solvers.effects.unilateral import Unilateral
 from solvers.nouns.contact import Contact
 from solvers.nouns.load import Load
@@ -58,6 +60,8 @@ __all__ = [
     "Stick",
     "StickslipError",
     "Support",
+    "TangentialCompliance",
+    "Tied",
     "Tresca",
     "Unilateral",
     "prepare",
