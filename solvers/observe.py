@@ -58,7 +58,7 @@ class Observer:
             iteration_error=iteration_error(accepted),
             p=state.p,
             w=state.w,
-            w_before=accepted.last.w,
+            reference=accepted.problem.gap,
             driven=state.driven,
             p_ref=accepted.problem.p_ref,
             u_ref=accepted.problem.u_ref,

@@ -115,7 +115,7 @@ def _free_motions(scene: Scene, with_contacts: bool) -> tuple[Array, list[str]]:
         for column, (name, axis) in enumerate(driven):
             if name == contact.against:
                 relative[:, AXES[axis], own + column] -= 1.0
-        if contact.friction and contact.friction.resists():
+        if contact.tangential and contact.tangential.resists():
             blocks.extend(relative)
         else:
             normals = scene.obstacles[contact.against].normals(points)

@@ -168,7 +168,7 @@ class Stepper:
             q = self.volume.expand(f_q - self._forces(solution.p, f_q), own)
             u = system.T * q + u_s
             residual = system.K * u - load + system.contact_forces(*self.split(solution.p))
-            return self._with_energy(state, end, u, u_s, load, residual, solution.p, driven)
+            return self._with_energy(state, problem, end, u, u_s, load, residual, solution.p, driven)
 
         return solution, problem, accept
 
@@ -190,7 +190,7 @@ class Stepper:
             cone=self.cone.at(time),
             f_c=f_c,
             offset=self._relative(u_s, time, np.zeros(self.surface.driven)),
-            gap=np.concatenate([self.gap, state.w[n:]]),
+            gap=np.concatenate([self.gap, (state.w - self.cone.give(state.p))[n:]]),
             gamma=self.gamma,
             force=force,
             stiffness=min(m.E for m in system.scene.bodies.values()) / system.extent,
@@ -208,24 +208,31 @@ class Stepper:
         return np.concatenate([np.zeros(0), *blocks])
 
     def _with_energy(
-        self, old: State, time: float, u: Any, u_s: Any, load: Any, residual: Any, p: Array, driven: Array
+        self,
+        old: State,
+        problem: SurfaceProblem,
+        time: float,
+        u: Any,
+        u_s: Any,
+        load: Any,
+        residual: Any,
+        p: Array,
+        driven: Array,
     ) -> State:
         system, W = self.system, self.surface.W
         w = self._relative(u, time, driven)
         moved = w - old.w
         motion, motion_before = system.obstacle_motion(time, driven), system.obstacle_motion(old.time, old.driven)
-        contacts = system.contacts
-        obstacle = self._rows([motion[c.name] - motion_before[c.name] for c in contacts])
+        obstacle = self._rows([motion[c.name] - motion_before[c.name] for c in system.contacts])
         mean = W * (p + old.p) / 2
         external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
-        dissipation = np.array([(W * p * moved)[place.tangential].sum() for place in self.cone.places])
+        slipping = W * p * (w - problem.gap - self.cone.give(p))
+        dissipation = np.array([slipping[place.tangential].sum() for place in self.cone.places])
         energy = Energy(
             external=old.energy.external + external - float(mean @ obstacle),
             stored=(system.K * u).dot(u) / 2,
             contact=old.energy.contact + float(mean @ moved),
-            compliance=sum(
-                float(c.W_n @ c.normal.energy(p[s.normal])) for c, s in zip(contacts, self.cone.places, strict=True)
-            ),
+            compliance=float(W @ self.cone.energy(p)),
             dissipation=old.energy.dissipation + dissipation,
         )
         return State(time, u, u_s, load, residual, p, w, driven, energy)

@@ -81,7 +81,7 @@ def result_of(mesh: MeshData, time: float = 0.1 + 0.2, seed: int = 0) -> StepRes
         iteration_error=0.0,
         p=random.normal(size=n * d),
         w=random.normal(size=n * d),
-        w_before=random.normal(size=n * d),
+        reference=random.normal(size=n * d),
         driven=random.normal(size=1),
         p_ref=1.5,
         u_ref=1e-3 / 3,
