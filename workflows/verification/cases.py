@@ -12,6 +12,7 @@ from workflows.verification import (
     manufactured_case,
     raous_case,
     sheared_column_case,
+    units_case,
     zeros_case,
 )
 from workflows.verification.check import Check
@@ -34,5 +35,6 @@ CASES: Mapping[str, Case] = {
     "raous": Case(about="block of Raous, Chabrand and Lebon, published figures", checks=raous_case.checks),
     "manufactured": Case(about="rates of convergence, both orders, three laws", checks=manufactured_case.checks),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
+    "units": Case(about="every scene in mm, N, MPa: the same answers", checks=units_case.checks),
     "block": Case(about="the ready scene, one method against the other", checks=block_case.checks),
 }
