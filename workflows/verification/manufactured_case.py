@@ -11,9 +11,7 @@ import numpy as np
 
 from geometry import dolfinx_versions as dx
 from geometry.builders.block import Block
-from geometry.mesh import build_mesh
 from geometry.obstacles.plane import Plane
-from solvers.counters import Counters
 from solvers.effects.compliance import Compliance
 from solvers.effects.friction import Coulomb
 from solvers.nouns.contact import Contact
@@ -21,10 +19,10 @@ from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
 from solvers.nouns.stepping import Solver
 from solvers.nouns.support import Support
-from solvers.system import System, assemble
+from solvers.system import System
 from workflows.verification.check import Check
 from workflows.verification.manufactured import LAWS, MU, NU, RATES, E, Manufactured
-from workflows.verification.prepared import accepted
+from workflows.verification.prepared import accepted, system_of
 
 MESHES = (4, 8, 16, 32)
 DEGREE = 10  # of all quadrature here: exact where the field's own degree allows, else far below any error
@@ -64,9 +62,7 @@ def scene(exact: Manufactured, method: str, order: int, n: int, mu: float) -> Sc
 
 def loaded(scene: Scene, exact: Manufactured) -> tuple[System, Any]:
     """The scene's system under the loads that call for the field, and the field."""
-    from mpi4py import MPI
-
-    system = assemble(scene, build_mesh(scene.geometry, scene.request(), MPI.COMM_WORLD), Counters())
+    system = system_of(scene)
     field = system.weak.field(exact.displacement)
     form = system.weak.balance(field, "block", ("block.left", "block.right"), DEGREE)
     return replace(system, load_terms=((1.0, dx.assemble_vector(system.weak.compile(form))),)), field
