@@ -9,8 +9,12 @@ from workflows.verification import (
     block_case,
     circular_drive_case,
     column_case,
+    incline_case,
+    manufactured_case,
     raous_case,
     sheared_column_case,
+    slivers_case,
+    units_case,
     zeros_case,
 )
 from workflows.verification.check import Check
@@ -31,6 +35,10 @@ CASES: Mapping[str, Case] = {
     "sheared_column": Case(about="stick, slip, reversal, dissipation, closed form", checks=sheared_column_case.checks),
     "circular_drive": Case(about="the round friction cone in 3D, closed form", checks=circular_drive_case.checks),
     "raous": Case(about="block of Raous, Chabrand and Lebon, published figures", checks=raous_case.checks),
+    "manufactured": Case(about="rates of convergence, both orders, three laws", checks=manufactured_case.checks),
+    "incline": Case(about="layer that friction holds, and one that it cannot", checks=incline_case.checks),
+    "slivers": Case(about="cells of aspect 1000, closed forms and iterations", checks=slivers_case.checks),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
+    "units": Case(about="every scene in mm, N, MPa: the same answers", checks=units_case.checks),
     "block": Case(about="the ready scene, one method against the other", checks=block_case.checks),
 }

@@ -1,0 +1,37 @@
+"""A layer on an incline rests below the angle of friction, and has no equilibrium above it."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from solvers.stepping import StepError
+from workflows.verification import incline, incline_case
+from workflows.verification.check import failures
+from workflows.verification.incline import HOLDS, LAYER, SLIDES
+from workflows.verification.prepared import observed, system_of
+
+METHOD = "condensed-newton"  # the layer is held by contact alone
+
+
+def test_closed_form_gives_the_tabulated_figures() -> None:
+    assert_allclose([LAYER.pressure, LAYER.shear], [incline.PRESSURE, incline.SHEAR], atol=5e-8)  # 8 and 7 digits
+    assert_allclose(LAYER.top, incline.TOP, rtol=1e-5)  # 5 digits
+    assert SLIDES < LAYER.slope < HOLDS
+    assert_allclose(LAYER.shear / LAYER.pressure, LAYER.slope, rtol=1e-15)
+    assert_allclose(np.hypot(LAYER.along, LAYER.across), LAYER.weight, rtol=1e-15)
+
+
+def test_layer_rests_on_a_slope_that_friction_can_just_hold() -> None:
+    assert not failures(incline_case.holds(METHOD))
+
+
+def test_layer_on_a_slope_a_little_steeper_is_not_called_solved() -> None:
+    assert not failures(incline_case.slides(METHOD))
+    with pytest.raises(StepError, match="contact and friction could not hold the body"):
+        list(observed(system_of(incline_case.scene(METHOD, SLIDES))))
+
+
+def test_checks_notice_the_other_side_of_the_threshold() -> None:
+    with pytest.raises(StepError):
+        incline_case.holds(METHOD, SLIDES)
+    assert failures(incline_case.slides(METHOD, HOLDS))
