@@ -10,6 +10,7 @@ from workflows.verification import (
     circular_drive_case,
     column_case,
     raous_case,
+    shear_lag_case,
     sheared_column_case,
     zeros_case,
 )
@@ -31,6 +32,7 @@ CASES: Mapping[str, Case] = {
     "sheared_column": Case(about="stick, slip, reversal, dissipation, closed form", checks=sheared_column_case.checks),
     "circular_drive": Case(about="the round friction cone in 3D, closed form", checks=circular_drive_case.checks),
     "raous": Case(about="block of Raous, Chabrand and Lebon, published figures", checks=raous_case.checks),
+    "shear_lag": Case(about="a strip slips from its end: partial slip, hysteresis", checks=shear_lag_case.checks),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
     "block": Case(about="the ready scene, one method against the other", checks=block_case.checks),
 }
