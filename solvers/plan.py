@@ -17,6 +17,7 @@ from solvers.nouns.scene import Scene
 
 Array = NDArray[np.float64]
 FACING = 1e-6  # cosine of the angle below which two surfaces do not face each other
+LOCKING = 0.49  # Poisson's ratio beyond which linear elements lock
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,18 @@ def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
                     f"solver.method = {method}: cannot move obstacles.{name} by a force; use condensed-newton"
                 )
     return tuple(PlanRow(e.name, bool(e.because(scene)), e.because(scene) or "not in the scene") for e in EFFECTS)
+
+
+def warnings(scene: Scene) -> tuple[str, ...]:
+    """What can be solved, but answers badly."""
+    if scene.geometry.degree > 1 or scene.model == "plane stress":  # there the thickness gives way
+        return ()
+    return tuple(
+        f"bodies.{name}.nu = {material.nu:g}: displacements of order 1 lock when nearly incompressible, too stiff and "
+        "with wrong pressures; set geometry.order = 2"
+        for name, material in scene.bodies.items()
+        if material.nu > LOCKING
+    )
 
 
 def method_of(scene: Scene) -> str:
