@@ -42,6 +42,7 @@ class SmoothedContact:
 
         motion  displacement relative to the obstacle, less g n, so that motion . n = u_n - g [m],
         before  the same at the last accepted step [m],
+        normal  n, towards the obstacle [-],
         share   W_j over the weight that the nodal rule gives node j, in every component [-].
     """
 
@@ -56,6 +57,10 @@ class SmoothedContact:
 
     @cached_property
     def before(self) -> Any:
+        return dx.fem.Function(self.weak.space)
+
+    @cached_property
+    def normal(self) -> Any:
         return dx.fem.Function(self.weak.space)
 
     @cached_property
@@ -87,23 +92,22 @@ class SmoothedContact:
 
     def works(self) -> list[tuple[Any, Any, Any]]:
         """Forms whose sum is ∫ p_n v_n + t . v_T ds: field, form, its derivative by the field."""
-        _, n = self.weak.gap(self.contact)
-        p = self._pressure(ufl.inner(self.motion, n))
+        p = self._pressure(ufl.inner(self.motion, self.normal))
         found, tractions, law = [], [], self.contact.normal
         if isinstance(law, Compliance):  # at quadrature points, as for every method
             found.append((self.relative, self.weak.normal_compliance(self.relative, self.contact, law)))
         else:
-            tractions.append(p * n)
+            tractions.append(p * self.normal)
         if self.contact.friction is not None:
-            tractions.append(self._limit(p) * self._direction(n))
+            tractions.append(self._limit(p) * self._direction())
         if tractions:
             found.append((self.motion, self.share[0] * ufl.inner(sum(tractions), self.weak.v) * self.nodes))
         return [(field, form, ufl.derivative(form, field)) for field, form in found]
 
-    def _direction(self, n: Any) -> Any:
+    def _direction(self) -> Any:
         """Du_T / sqrt(|Du_T|² + eps²), Du_T the slip since the last accepted step."""
         slip = self.motion - self.before
-        slip_T = slip - ufl.inner(slip, n) * n
+        slip_T = slip - ufl.inner(slip, self.normal) * self.normal
         return slip_T / ufl.sqrt(ufl.inner(slip_T, slip_T) + self.widths.slip**2)
 
     def _pressure(self, penetration: Any) -> Any:

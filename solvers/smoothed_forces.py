@@ -81,6 +81,7 @@ class Nodal:
         self.nodes = Replicated(system.K.createVecRight(), _components(rows, system.mesh.dim))
         sampled = self.nodes.read(dx.assemble_vector(weak.compile(self.forms.sampled())))
         _fill(self.forms.share, self._spread(np.repeat(rows.node_weights, system.mesh.dim) / sampled))
+        _fill(self.forms.normal, self._spread(rows.frames[:, 0].ravel()))
         self.relative_shift, self.motion_shift = system.K.createVecRight(), system.K.createVecRight()
 
     def parts(self) -> list[Part]:
