@@ -43,6 +43,7 @@ def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
     _refuse_reversed(scene)
     _refuse_unheld(scene)
     method = method_of(scene)
+    _refuse_laws(scene, method)
     if not METHODS[method].floating:
         if _free_motions(scene, with_contacts=False)[0].shape[1]:
             raise SceneError(
@@ -72,6 +73,22 @@ def warnings(scene: Scene) -> tuple[str, ...]:
 def method_of(scene: Scene) -> str:
     """The method that runs: `auto` is condensed-newton."""
     return "condensed-newton" if scene.solver.method == "auto" else scene.solver.method
+
+
+def _refuse_laws(scene: Scene, method: str) -> None:
+    """Laws that the method does not know."""
+    table = METHODS[method]
+    for name, contact in scene.contacts.items():
+        for key, law, known in (
+            ("normal", contact.normal, table.normal),
+            ("friction", contact.friction, table.friction),
+        ):
+            chosen = getattr(law, "law", None)  # absent: no friction
+            if chosen is not None and known is not None and chosen not in known:
+                raise SceneError(
+                    f"contacts.{name}.{key}.law = {chosen}: solver.method = {method} works with {', '.join(known)}; "
+                    "use condensed-newton"
+                )
 
 
 def _refuse_reversed(scene: Scene) -> None:
