@@ -79,6 +79,11 @@ def _refuse_laws(scene: Scene, method: str) -> None:
     """Laws that the method does not know."""
     table = METHODS[method]
     for name, contact in scene.contacts.items():
+        if contact.friction is not None and contact.friction.k_T is not None and not table.k_T:
+            raise SceneError(
+                f"contacts.{name}.friction.k_T = {contact.friction.k_T}: solver.method = {method} knows no tangential "
+                "stiffness; use condensed-newton"
+            )
         for key, law, known in (
             ("normal", contact.normal, table.normal),
             ("friction", contact.friction, table.friction),

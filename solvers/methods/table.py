@@ -14,6 +14,7 @@ class Applicability:
     use: str
     normal: tuple[str, ...] | None = None  # names of the normal laws that it can do; None: all
     friction: tuple[str, ...] | None = None  # of the friction laws
+    k_T: bool = True  # tangential stiffness before slip
 
 
 METHODS: Mapping[str, Applicability] = {
@@ -25,5 +26,6 @@ METHODS: Mapping[str, Applicability] = {
         use="the baseline: penalty and smoothed friction in UFL, SNES on the whole volume; states its error",
         normal=("unilateral", "bilateral", "compliance"),
         friction=("coulomb", "tresca"),
+        k_T=False,
     ),
 }

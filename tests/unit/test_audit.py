@@ -239,7 +239,7 @@ def test_an_obstacle_that_a_force_drives_is_in_equilibrium_too(
     )
     simulation = simulation_of(scene)
     (step,) = simulation.steps()
-    names = ("time", "displacement", "p", "w", "w_before", "driven", "p_ref", "u_ref")
+    names = ("time", "displacement", "p", "w", "reference", "driven", "p_ref", "u_ref")
     record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
     assert max(asdict(Auditor(scene, simulation.mesh)(record)).values()) < CLEAN
     heavier = replace(scene, obstacles={"foundation": replace(scene.obstacles["foundation"], force={"y": 0.3})})
