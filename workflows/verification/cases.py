@@ -10,6 +10,7 @@ from workflows.verification import (
     circular_drive_case,
     column_case,
     raous_case,
+    raous_compliance_case,
     sheared_column_case,
     zeros_case,
 )
@@ -31,6 +32,9 @@ CASES: Mapping[str, Case] = {
     "sheared_column": Case(about="stick, slip, reversal, dissipation, closed form", checks=sheared_column_case.checks),
     "circular_drive": Case(about="the round friction cone in 3D, closed form", checks=circular_drive_case.checks),
     "raous": Case(about="block of Raous, Chabrand and Lebon, published figures", checks=raous_case.checks),
+    "raous_compliance": Case(
+        about="the same block, its face compliant: the shift", checks=raous_compliance_case.checks
+    ),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
     "block": Case(about="the ready scene, one method against the other", checks=block_case.checks),
 }
