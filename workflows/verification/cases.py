@@ -13,6 +13,7 @@ from workflows.verification import (
     manufactured_case,
     raous_case,
     shear_lag_case,
+    raous_compliance_case,
     sheared_column_case,
     slivers_case,
     units_case,
@@ -40,6 +41,9 @@ CASES: Mapping[str, Case] = {
     "incline": Case(about="layer that friction holds, and one that it cannot", checks=incline_case.checks),
     "slivers": Case(about="cells of aspect 1000, closed forms and iterations", checks=slivers_case.checks),
     "shear_lag": Case(about="a strip slips from its end: partial slip, hysteresis", checks=shear_lag_case.checks),
+    "raous_compliance": Case(
+        about="the same block, its face compliant: the shift", checks=raous_compliance_case.checks
+    ),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
     "units": Case(about="every scene in mm, N, MPa: the same answers", checks=units_case.checks),
     "block": Case(about="the ready scene, one method against the other", checks=block_case.checks),
