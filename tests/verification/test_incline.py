@@ -1,10 +1,15 @@
 """A layer on an incline rests below the angle of friction, and has no equilibrium above it."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from solvers.nouns.stepping import Output
 from solvers.stepping import StepError
+from workflows.run import run
 from workflows.verification import incline, incline_case
 from workflows.verification.check import failures
 from workflows.verification.incline import HOLDS, LAYER, SLIDES
@@ -29,6 +34,14 @@ def test_layer_on_a_slope_a_little_steeper_is_not_called_solved() -> None:
     assert not failures(incline_case.slides(METHOD))
     with pytest.raises(StepError, match="contact and friction could not hold the body"):
         list(observed(system_of(incline_case.scene(METHOD, SLIDES))))
+
+
+@pytest.mark.parametrize(("mu", "status", "exit_code"), [(HOLDS, "converged", 0), (SLIDES, "not_converged", 3)])
+def test_run_of_the_layer_ends_as_its_threshold_says(mu: float, status: str, exit_code: int, tmp_path: Path) -> None:
+    scene = replace(incline_case.scene(METHOD, mu), output=Output(pictures=False))
+    outcome, content = run(scene, tmp_path / "out")
+    assert (outcome.status, outcome.exit_code, content["status"]) == (status, exit_code, status)
+    assert len(content["steps"]) == (exit_code == 0)
 
 
 def test_checks_notice_the_other_side_of_the_threshold() -> None:
