@@ -68,8 +68,9 @@ class WeakForms:
         if not self.mesh.axisymmetric:
             return gradient
         hoop = u[0] / ufl.SpatialCoordinate(self.mesh.domain)[0]
-        (xx, xy), (_, yy) = ((gradient[i, j] for j in range(2)) for i in range(2))
-        return ufl.as_matrix([[xx, xy, 0], [xy, yy, 0], [0, 0, hoop]])
+        return ufl.as_matrix(
+            [[gradient[0, 0], gradient[0, 1], 0], [gradient[1, 0], gradient[1, 1], 0], [0, 0, hoop]],
+        )
 
     def stress(self, u: Any, body: str) -> Any:
         """sigma(u) [Pa], as large as the strain; in plane strain and plane stress the in-plane components."""
