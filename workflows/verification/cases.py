@@ -9,6 +9,7 @@ from workflows.verification import (
     block_case,
     circular_drive_case,
     column_case,
+    hertz_case,
     punch_case,
     raous_case,
     shear_lag_case,
@@ -35,6 +36,7 @@ CASES: Mapping[str, Case] = {
     "raous": Case(about="block of Raous, Chabrand and Lebon, published figures", checks=raous_case.checks),
     "shear_lag": Case(about="a strip slips from its end: partial slip, hysteresis", checks=shear_lag_case.checks),
     "punch": Case(about="rigid flat punch, closed forms and stick widths", checks=punch_case.checks),
+    "hertz": Case(about="round bodies and obstacles in 2D, axisymmetry and 3D, Hertz", checks=hertz_case.checks),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
     "block": Case(about="the ready scene, one method against the other", checks=block_case.checks),
 }
