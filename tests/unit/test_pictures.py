@@ -101,6 +101,7 @@ def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
         probes={},
         energy=Energy(0.0, 0.0, 0.0, 0.0, np.zeros(1)),
         iteration_error=0.0,
+        law_error=0.0,
         p=np.zeros(0),
         w=np.zeros(0),
         reference=np.zeros(0),

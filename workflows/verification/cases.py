@@ -9,11 +9,13 @@ from workflows.verification import (
     block_case,
     circular_drive_case,
     column_case,
+    hertz_case,
     incline_case,
     manufactured_case,
+    punch_case,
     raous_case,
-    shear_lag_case,
     raous_compliance_case,
+    shear_lag_case,
     sheared_column_case,
     slivers_case,
     units_case,
@@ -44,6 +46,8 @@ CASES: Mapping[str, Case] = {
     "raous_compliance": Case(
         about="the same block, its face compliant: the shift", checks=raous_compliance_case.checks
     ),
+    "punch": Case(about="rigid flat punch, closed forms and stick widths", checks=punch_case.checks),
+    "hertz": Case(about="round bodies and obstacles in 2D, axisymmetry and 3D, Hertz", checks=hertz_case.checks),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
     "units": Case(about="every scene in mm, N, MPa: the same answers", checks=units_case.checks),
     "block": Case(about="the ready scene, one method against the other", checks=block_case.checks),
