@@ -10,6 +10,7 @@ from workflows.verification import (
     circular_drive_case,
     column_case,
     raous_case,
+    regularised_case,
     sheared_column_case,
     zeros_case,
 )
@@ -33,4 +34,5 @@ CASES: Mapping[str, Case] = {
     "raous": Case(about="block of Raous, Chabrand and Lebon, published figures", checks=raous_case.checks),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
     "block": Case(about="the ready scene, one method against the other", checks=block_case.checks),
+    "regularised": Case(about="smoothed laws, off by no more than stated", checks=regularised_case.checks),
 }
