@@ -39,10 +39,11 @@ class Regularised:
     friction bound is that of the node's own pressure, not of its average around the node, and a node whose motion a
     support prescribes keeps its contact force to itself.
 
-    The error stated is that of the energy norm if it falls at least like the square root of the level: then
-    |u - u_L| <= |u_(L-1) - u_L| / (10^(1/4) - 1). For Tresca's law without penalty this is a theorem, since
-    |u - u_L|² <= 2 eps ∫ s ds in the norm a(., .)^(1/2); where no point is near the edge of sticking it falls like the
-    level itself. The next step starts from a slip that is off by as much: the errors of the steps are added up.
+    The error stated is an estimate in the energy norm, an upper one if the error e falls at least like the square root
+    of the level: then e_L <= |u_(L-1) - u_L| / (10^(1/4) - 1). For Tresca's law smoothing alone leaves
+    e <= (2 eps ∫ s ds)^(1/2); where few points are near the edge of sticking, e falls like the level itself.
+    A point that sticks creeps by about eps in each step, and the next step starts from there: the errors of the steps
+    are added up.
     """
 
     def __init__(self, system: System, volume: Volume, surface: CondensedSurface) -> None:
@@ -85,17 +86,15 @@ class NextStep:
         method = self.method
         method.contact.begin((self.u, self.time), problem.cone.time)
         newton = VolumeNewton(method, problem, on_step)
-        q = method.free_part(self.u)
-        step, apart = 0 * q, 0.0
+        found, status = [method.free_part(self.u)], Status.CONVERGED
         for level in LEVELS:
             method.contact.widths.set(level, problem.u_ref, problem.p_ref)
-            coarser = q.copy()
-            q.axpy(1 / FACTOR, step)  # slip where points stick, and penetration, are proportional to the level
-            status = newton.solve(q)
-            step = q - coarser if level < LEVELS[0] else step
-            apart = float(np.sqrt(max((method.system.K_B * step).dot(step), 0.0)))
+            found.append(_predicted(found))
+            status = newton.solve(found[-1])
             if status is not Status.CONVERGED:
                 break
+        q, step = found[-1], found[-1] - found[-2]
+        apart = float(np.sqrt(max((method.system.K_B * step).dot(step), 0.0)))
         newton.snes.destroy()  # it holds what holds it
         u_c = method.volume.contact.read(q)
         w = problem.relative_displacement(u_c)
@@ -104,6 +103,13 @@ class NextStep:
         history = tuple(newton.history)
         law_error, slack = apart / (np.sqrt(FACTOR) - 1), 1 - SLIPPING / np.hypot(SLIPPING, 1)
         return Solution(p, w, u_c, status, residual, history, law_error=float(law_error), slack=float(slack))
+
+
+def _predicted(found: list[Any]) -> Any:
+    """Where the next level starts: slip where points stick, and penetration, are proportional to the level."""
+    if len(found) < 3:
+        return found[-1].copy()
+    return found[-1] + (found[-1] - found[-2]) / FACTOR
 
 
 class VolumeNewton:

@@ -15,6 +15,7 @@ from workflows.verification import (
     punch_case,
     raous_case,
     raous_compliance_case,
+    regularised_case,
     shear_lag_case,
     sheared_column_case,
     slivers_case,
@@ -51,4 +52,5 @@ CASES: Mapping[str, Case] = {
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
     "units": Case(about="every scene in mm, N, MPa: the same answers", checks=units_case.checks),
     "block": Case(about="the ready scene, one method against the other", checks=block_case.checks),
+    "regularised": Case(about="smoothed laws, off by no more than stated", checks=regularised_case.checks),
 }
