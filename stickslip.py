@@ -26,6 +26,8 @@ from solvers.effects.compliance import Compliance
 from solvers.effects.friction import Coulomb, Stick, Tresca
 from solvers.effects.gravity import Gravity
 from solvers.effects.periodic import Periodic
+from solvers.effects.tangential_compliance import TangentialCompliance
+from solvers.effects.tied import Tied
 from solvers.effects.unilateral import Unilateral
 from solvers.nouns.contact import Contact
 from solvers.nouns.load import Load
@@ -74,6 +76,8 @@ __all__ = [
     "StickslipError",
     "Strip",
     "Support",
+    "TangentialCompliance",
+    "Tied",
     "Tresca",
     "Unilateral",
     "prepare",

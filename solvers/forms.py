@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +18,7 @@ from solvers.nouns.contact import Contact
 from solvers.nouns.scene import Scene
 
 LoadForm = tuple[Amplitude, Any]  # amplitude in time, linear form in v at amplitude 1
+Field = Callable[..., tuple[Any, ...]]  # coordinates to components, with operators alone
 
 
 @dataclass(frozen=True)
@@ -45,10 +47,11 @@ class WeakForms:
         object.__setattr__(self, "u", ufl.TrialFunction(self.space))
         object.__setattr__(self, "v", ufl.TestFunction(self.space))
 
-    def volume(self, body: str) -> Any:
+    def volume(self, body: str, degree: int | None = None) -> Any:
         """Measure of a body."""
-        degree = 2 * self.mesh.degree + self.mesh.axisymmetric
-        metadata = {} if self.mesh.degree == 1 else {"quadrature_degree": degree}
+        if degree is None and self.mesh.degree > 1:
+            degree = 2 * self.mesh.degree + self.mesh.axisymmetric
+        metadata = {} if degree is None else {"quadrature_degree": degree}
         measure = ufl.Measure("dx", domain=self.mesh.domain, subdomain_data=self.mesh.cell_tags, metadata=metadata)
         return self._around(measure(self.mesh.bodies[body]))
 
@@ -100,6 +103,17 @@ class WeakForms:
             found += [(a, spread * self.v[i] * ds) for i, a in enumerate(load.amplitudes()) if a != 0]
         return found
 
+    def field(self, components: Field) -> Any:
+        """A vector field given as a function of the coordinates."""
+        x = ufl.SpatialCoordinate(self.mesh.domain)
+        return ufl.as_vector(components(*(x[i] for i in range(self.mesh.dim))))
+
+    def balance(self, u: Any, body: str, sides: Iterable[str], degree: int) -> Any:
+        """∫ -div sigma(u) . v dx + ∫ sigma(u) n . v ds: the loads on a body and its sides that call for a `field` u."""
+        sigma, normal = self.stress(u, body), ufl.FacetNormal(self.mesh.domain)
+        form = -ufl.inner(ufl.div(sigma), self.v) * self.volume(body, degree)
+        return form + sum(ufl.inner(sigma * normal, self.v) * self.boundary(side, degree) for side in sides)
+
     def area(self, side: str) -> float:
         """Area of a side [m²], per metre of thickness in plane models [m]."""
         form = self.compile(self.constant(1.0) * self.boundary(side))
@@ -120,7 +134,7 @@ class WeakForms:
         """j_n(u, v) = ∫ c_n (u_n - g)_+^m_n v_n ds, u the displacement Function relative to the obstacle [m]."""
         gap, normal = self.gap(contact)
         penetration = ufl.max_value(ufl.inner(u, normal) - gap, 0)
-        degree, side = law.degree(self.mesh.degree), contact.surface
+        degree, side = contact.degree(self.mesh.degree), contact.surface
         return self.constant(law.c_n) * penetration**law.m_n * ufl.inner(self.v, normal) * self.boundary(side, degree)
 
     def compile(self, form: Any) -> Any:

@@ -25,7 +25,7 @@ class SurfaceProblem:
     cone: Cone
     f_c: Array  # (c,) load condensed onto the contact dofs [N]
     offset: Array  # (rows,) prescribed part of the relative displacement [m]
-    gap: Array  # (rows,) initial gap, and tangential displacement at the last accepted step [m]
+    gap: Array  # (rows,) [m] initial gap; tangential: where slip is counted from, w - t/k_T of the last accepted step
     gamma: Array  # (rows,) E / depth of the body [Pa/m], the scale of Newton's trial tractions
     force: float  # applied force, sum of magnitudes [N]
     stiffness: float  # E / L [Pa/m], L the extent of the bodies

@@ -110,7 +110,7 @@ class Run:
                         displacement=stored.displacement[:, :dim],
                         p=stored.p,
                         w=stored.w,
-                        w_before=stored.w_before,
+                        reference=stored.reference,
                         driven=stored.driven,
                         p_ref=stored.p_ref,
                         u_ref=stored.u_ref,

@@ -27,7 +27,7 @@ class Ring(Builder):
 
     inner_radius: Annotated[float, Key("m", "of the hole")]
     outer_radius: Annotated[float, Key("m", "of the ring")]
-    angle: Annotated[Literal[360, 90], Key("deg", "360, or 90: a quarter with sides x_axis and y_axis")] = 360
+    angle: Annotated[Literal[360, 90], Key("-", "in degrees: 360, or 90: a quarter with sides x_axis and y_axis")] = 360
     builder: Annotated[Literal["ring"], Key("-", "the shape's name")] = "ring"
 
     def __post_init__(self) -> None:
