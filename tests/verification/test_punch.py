@@ -21,7 +21,7 @@ def test_far_sides_do_not_matter() -> None:
 
 def test_a_block_of_forty_half_widths_would_matter_to_the_shear() -> None:
     exact = punch.bonded(punch.X, punch.NU)[1][1]
-    q = [punch_case.solve(Cut(method=REFERENCE, friction=BONDED, size=size)).at(punch.X)[1][1] for size in (40.0, 80.0)]
+    q = [punch_case.solve(Cut(method=REFERENCE, normal=BONDED, size=size)).at(punch.X)[1][1] for size in (40.0, 80.0)]
     # it falls as 1 / size, and the mesh adds .1 %
     np.testing.assert_allclose(q, exact * np.array([1 - 0.092, 1 - 0.046]), rtol=0.005)
 
@@ -55,7 +55,7 @@ def test_nearly_incompressible_bonded_punch_presses_as_the_frictionless_one() ->
 
 def test_linear_triangles_lock_there_and_the_plan_says_so() -> None:
     assert len(failures(punch_case.incompressible(REFERENCE, order=1))) == len(punch.X)
-    soft = Cut(method=REFERENCE, friction=BONDED, nu=0.4999, order=1)
+    soft = Cut(method=REFERENCE, normal=BONDED, nu=0.4999, order=1)
     (warning,) = warnings(punch_case.scene(soft))
     assert "bodies.half_space.nu = 0.4999" in warning
 
@@ -64,6 +64,8 @@ def test_uzawa_gives_the_same_punch() -> None:
     assert not failures(punch_case.agree("uzawa"))
 
 
-def test_checks_of_the_bonded_punch_notice_friction_that_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(punch_case, "BONDED", punch_case.Coulomb(mu=0.3))
+def test_checks_of_the_bonded_punch_notice_a_surface_that_is_held_in_the_normal_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(punch_case, "BONDED", punch_case.HELD)
     assert len(failures(punch_case.tractions(REFERENCE))) >= 4

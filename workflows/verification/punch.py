@@ -1,14 +1,14 @@
 """Rigid flat punch on an elastic half-plane: frictionless, bonded, and with Coulomb friction.
 
 The punch |x| <= a presses with P per metre of thickness on y <= 0 in plane strain, without rotation. A half-plane's
-surface moves by
+surface moves, downwards (w) and along x, by
 
-    u_y'(x) = -k / pi PV∫ p(s) / (x - s) ds + beta k q(x)
+    w'(x)   = -k / pi PV∫ p(s) / (x - s) ds + beta k q(x)
     u_x'(x) = -k / pi PV∫ q(s) / (x - s) ds - beta k p(x),    k = 2 (1 - nu²) / E, beta = (1 - 2 nu) / (2 (1 - nu)),
 
-with p the pressure and q the shear traction on the half-plane, along x. Without friction q = 0 and u_y' = 0: p is
+with p the pressure and q the shear traction on the half-plane, along x. Without friction q = 0 and w' = 0: p is
 P / (pi sqrt(a² - x²)). Bonded, u_x' = 0 too. With x = a tanh(t), p = C cosh(t) cos(2 eps t), q = C cosh(t) sin(2 eps t)
-solve both: PV∫ cos(w s) / sinh(t - s) ds = pi tanh(pi w / 2) sin(w t), and the same with sin and -cos, so that
+solve both: PV∫ cos(o s) / sinh(t - s) ds = pi tanh(pi o / 2) sin(o t), and the same with sin and -cos, so that
 tanh(pi eps) = beta, or eps = ln(3 - 4 nu) / (2 pi). Tractions change sign infinitely often at the edge, from about
 1e-7 a on.
 

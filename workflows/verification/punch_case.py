@@ -16,8 +16,9 @@ import numpy as np
 from geometry.builders.half_space import HalfSpace
 from geometry.obstacles.plane import Plane
 from solvers.effects.bilateral import Bilateral
-from solvers.effects.friction import Coulomb, Stick
+from solvers.effects.friction import Coulomb
 from solvers.effects.laws import FrictionLaw, NormalLaw
+from solvers.effects.tied import Tied
 from solvers.effects.unilateral import Unilateral
 from solvers.nouns.contact import Contact
 from solvers.nouns.material import Material
@@ -31,7 +32,7 @@ from workflows.verification.check import Check
 from workflows.verification.circular_drive import Array
 
 REFERENCE = "condensed-newton"
-HELD, PRESSED, BONDED = Bilateral(), Unilateral(), Stick()
+HELD, PRESSED, BONDED = Bilateral(), Unilateral(), Tied()
 FAR = 4000.0  # depth and half width of the block, over a
 FINE = 0.0125  # cells of the contact part, over a; a tenth of it at its edges
 AGREEMENT = 1e-6  # of two methods at tolerance 1e-10, times the condition of the punch
@@ -110,7 +111,7 @@ def tractions(method: str, order: Literal[1, 2] = 2) -> list[Check]:
     """Without friction and bonded."""
     # the mesh: at 4, 2 and 1 times FINE the largest error is .24, .45 and .08 % of p; 1 % is asked for
     smooth = solve(Cut(method=method, order=order))
-    bonded = solve(Cut(method=method, order=order, friction=BONDED))
+    bonded = solve(Cut(method=method, order=order, normal=BONDED))
     p_smooth, (p, q) = smooth.at(punch.X)[0], bonded.at(punch.X)
     exact_p, exact_q = punch.bonded(punch.X, punch.NU)
     found = []
@@ -126,7 +127,7 @@ def tractions(method: str, order: Literal[1, 2] = 2) -> list[Check]:
 
 def far(method: str) -> list[Check]:
     """A block of half the size gives the same, so that the far sides do not matter."""
-    here, near = (solve(Cut(method=method, friction=BONDED, size=size)) for size in (FAR, FAR / 2))
+    here, near = (solve(Cut(method=method, normal=BONDED, size=size)) for size in (FAR, FAR / 2))
     scale = punch.bonded(np.zeros(1), punch.NU)[0][0]
     # the influence falls as 1 / size: what is left is as large as this change, an eighth of the mesh error allowed
     return [
@@ -152,7 +153,7 @@ def stick(method: str, fine: float = 0.005, mus: tuple[float, ...] = tuple(punch
 
 def incompressible(method: str, order: Literal[1, 2] = 2) -> list[Check]:
     """nu = .4999: a bonded punch presses as if there were no friction; linear triangles lock."""
-    face = solve(Cut(method=method, friction=BONDED, nu=0.4999, order=order))
+    face = solve(Cut(method=method, normal=BONDED, nu=0.4999, order=order))
     p = face.at(punch.X)[0]
     # 5 % is asked for; at 4, 2 and 1 times FINE the largest error is .5, .8 and .15 %
     return [
@@ -164,7 +165,7 @@ def incompressible(method: str, order: Literal[1, 2] = 2) -> list[Check]:
 def agree(method: str) -> list[Check]:
     """Two methods on a mesh that suits both: cells of one size, in a small block."""
     found = []
-    for name, normal, friction in (("bonded", HELD, BONDED), ("mu = .3", PRESSED, Coulomb(mu=0.3))):
+    for name, normal, friction in (("bonded", BONDED, None), ("mu = .3", PRESSED, Coulomb(mu=0.3))):
         cut = Cut(method=method, normal=normal, friction=friction, order=1, fine=0.1, edge=None, size=10.0)
         a, b = solve(cut).step, solve(replace(cut, method=REFERENCE)).step
         apart = float(np.abs(a.displacement - b.displacement).max() / np.abs(b.displacement).max())
