@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from geometry import dolfinx_versions as dx
 from geometry.errors import GeometryError, SceneError
+from geometry.inverted import refuse_inverted
 from geometry.shape import Request, Shape
 
 
@@ -98,6 +99,8 @@ def _build(shape: Shape, request: Request, comm: Any) -> Mesh:
         if comm.rank == 0:
             gmsh.finalize()
     domain.geometry.x[:] *= comm.bcast(unit)
+    if shape.degree > 1:
+        refuse_inverted(domain, shape.degree)
     names = comm.bcast(names)
     assert names is not None
     bodies, sides = names[request.dim], names[request.dim - 1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +18,7 @@ from solvers.nouns.contact import Contact
 from solvers.nouns.scene import Scene
 
 LoadForm = tuple[Amplitude, Any]  # amplitude in time, linear form in v at amplitude 1
+Field = Callable[..., tuple[Any, ...]]  # coordinates to components, with operators alone
 
 
 @dataclass(frozen=True)
@@ -45,10 +47,11 @@ class WeakForms:
         object.__setattr__(self, "u", ufl.TrialFunction(self.space))
         object.__setattr__(self, "v", ufl.TestFunction(self.space))
 
-    def volume(self, body: str) -> Any:
+    def volume(self, body: str, degree: int | None = None) -> Any:
         """Measure of a body."""
-        degree = 2 * self.mesh.degree + self.mesh.axisymmetric
-        metadata = {} if self.mesh.degree == 1 else {"quadrature_degree": degree}
+        if degree is None and self.mesh.degree > 1:
+            degree = 2 * self.mesh.degree + self.mesh.axisymmetric
+        metadata = {} if degree is None else {"quadrature_degree": degree}
         measure = ufl.Measure("dx", domain=self.mesh.domain, subdomain_data=self.mesh.cell_tags, metadata=metadata)
         return self._around(measure(self.mesh.bodies[body]))
 
@@ -68,8 +71,9 @@ class WeakForms:
         if not self.mesh.axisymmetric:
             return gradient
         hoop = u[0] / ufl.SpatialCoordinate(self.mesh.domain)[0]
-        (xx, xy), (_, yy) = ((gradient[i, j] for j in range(2)) for i in range(2))
-        return ufl.as_matrix([[xx, xy, 0], [xy, yy, 0], [0, 0, hoop]])
+        return ufl.as_matrix(
+            [[gradient[0, 0], gradient[0, 1], 0], [gradient[1, 0], gradient[1, 1], 0], [0, 0, hoop]],
+        )
 
     def stress(self, u: Any, body: str) -> Any:
         """sigma(u) [Pa], as large as the strain; in plane strain and plane stress the in-plane components."""
@@ -98,6 +102,17 @@ class WeakForms:
             spread = self.constant(1 / self.area(load.boundary) if load.force is not None else 1.0)
             found += [(a, spread * self.v[i] * ds) for i, a in enumerate(load.amplitudes()) if a != 0]
         return found
+
+    def field(self, components: Field) -> Any:
+        """A vector field given as a function of the coordinates."""
+        x = ufl.SpatialCoordinate(self.mesh.domain)
+        return ufl.as_vector(components(*(x[i] for i in range(self.mesh.dim))))
+
+    def balance(self, u: Any, body: str, sides: Iterable[str], degree: int) -> Any:
+        """∫ -div sigma(u) . v dx + ∫ sigma(u) n . v ds: the loads on a body and its sides that call for a `field` u."""
+        sigma, normal = self.stress(u, body), ufl.FacetNormal(self.mesh.domain)
+        form = -ufl.inner(ufl.div(sigma), self.v) * self.volume(body, degree)
+        return form + sum(ufl.inner(sigma * normal, self.v) * self.boundary(side, degree) for side in sides)
 
     def area(self, side: str) -> float:
         """Area of a side [m²], per metre of thickness in plane models [m]."""

@@ -60,6 +60,9 @@ class StepResult:
     probes: Mapping[str, tuple[Array, Array]]  # displacement (d,) [m], stress (3, 3) [Pa]
     energy: Energy
     iteration_error: float  # relative, energy norm
+    law_error: (
+        float  # relative, energy norm: what the method's approximation of the laws leaves, earlier steps included
+    )
     p: Array  # (rows,) flat tractions [Pa], for the audit and the next step
     w: Array  # (rows,) flat relative displacement [m]
     reference: Array  # (rows,) what the laws count w from [m]: the gap, and where this step's slip begins

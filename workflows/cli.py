@@ -59,7 +59,7 @@ def plan_command(
     as_json: Annotated[bool, typer.Option("--json", help="for scripts")] = False,
 ) -> None:
     """Say which effects a scene switches on, and why, without solving."""
-    from solvers.plan import make_plan, method_of
+    from solvers.plan import make_plan, method_of, warnings
     from workflows.report import print_plan
     from workflows.scene import named, read
 
@@ -72,6 +72,7 @@ def plan_command(
         "method": method_of(loaded),
         "times": list(loaded.requested_times()),
         "effects": [asdict(row) for row in rows],
+        "warnings": list(warnings(loaded)),
     }
     if mesh:
         from workflows.count import count

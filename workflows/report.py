@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from solvers.plan import warnings
 from solvers.simulation import Simulation
 from solvers.step_result import StepResult
 from solvers.stepping import HistoryRow
@@ -49,6 +50,8 @@ class Reporter:
         self.progress.update(self.task, total=len(times), description="solving")
         free, points = simulation.system.constraints.free_total, simulation.stepper.cone.size
         self._line(f"{free} unknown displacements, {points} contact unknowns, {len(times)} steps")
+        for warning in warnings(simulation.scene):
+            self._line(f"warning: {warning}")
 
     def _iteration(self, row: HistoryRow) -> None:
         if self.verbose:
@@ -122,6 +125,8 @@ def print_plan(content: Content) -> None:
     times = content["times"]
     shown = ", ".join(f"{t:g}" for t in times[:8]) + (", ..." if len(times) > 8 else "")
     out.print(f"model {content['model']}, method {content['method']}, {len(times)} steps at t = {shown}")
+    for warning in content["warnings"]:
+        out.print(f"warning: {warning}")
     if "mesh" in content:
         mesh = content["mesh"]
         out.print(

@@ -79,7 +79,7 @@ def summary(
         "audit": Audit.worst(audits),
         "error": {
             "discretisation": None,
-            "law": None,
+            "law": max((step.law_error for step in steps), default=None),
             "iteration": max((step.iteration_error for step in steps), default=None),
             "linear_solver": None,
             "what": "relative, energy norm",

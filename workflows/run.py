@@ -13,6 +13,7 @@ from typing import Any
 from geometry.errors import MachineError, StickslipError
 from solvers.audit import Audit, Auditor, Record
 from solvers.nouns.scene import Scene
+from solvers.plan import warnings
 from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
 from solvers.stepping import HistoryRow, StepError
@@ -166,6 +167,8 @@ def run(scene: Scene, folder: str | Path, watch: Watch | None = None) -> tuple[O
         handler = _log_to(work / MARK) if comm.rank == 0 else None
         try:
             if comm.rank == 0:
+                for warning in warnings(scene):
+                    log.warning("%s", warning)
                 watch.on_prepared(simulation)
             going = Run(simulation, work, began, interrupt)
             status, sentence = going.march(watch)

@@ -28,11 +28,11 @@ class Cylinder(Round, Obstacle):
         require(self.axis is None or any(self.axis), "axis", self.axis, "must not be zero")
 
     def check_model(self, model: Model) -> None:
-        super().check_model(model)
         if model in ("3d", "axisymmetric"):
             require(self.axis is not None, "axis", None, "missing, the direction of the cylinder's axis")
         else:
             require(self.axis is None, "axis", self.axis, "a plane model's cylinder stands along z; remove the key")
+        super().check_model(model)
         if model == "axisymmetric" and self.axis is not None:
             require(self.axis[0] == 0, "axis", list(self.axis), "expected [0.0, 1.0], the axis of symmetry")
             require(self.point[0] == 0, "point", list(self.point), "must lie on the axis of symmetry, x = 0")

@@ -34,6 +34,8 @@ def because(scene: Scene) -> str | None:
 def check_section(scene: Scene) -> None:
     found = list(scene.sections["gravity"].acceleration)
     require(len(found) == scene.dim, "gravity.acceleration", found, f"expected {scene.dim} components in this model")
+    radial = scene.axisymmetric and found[0] != 0
+    require(not radial, "gravity.acceleration", found, "an axisymmetric body has gravity along the axis y alone")
     if not any(material.density for material in scene.bodies.values()):
         raise SceneError("gravity: no body has a density; set bodies.NAME.density, in kg/m³")
 

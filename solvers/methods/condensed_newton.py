@@ -87,12 +87,17 @@ class Start:
 
 
 def _starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
-    """From the last step's tractions, from none, from everything closed and sticking; then with another gamma."""
+    """From the last step's tractions, from none, from everything closed and sticking; then with another gamma.
+
+    Tractions of a floating body have no displacement of their own: which points they press says enough.
+    """
     normal = problem.surface.normal_rows
     nowhere = np.zeros(len(problem.f_c))
     if problem.surface.floating and problem.p_ref == 0:  # no load, no motion: nothing happens
         yield Start(np.zeros_like(p), nowhere, np.zeros_like(p), 1.0, True)
         return
+    if problem.surface.floating and p.any():
+        yield Start(p, nowhere, p, 1.0, False)
     closed = np.concatenate([np.full(normal, problem.p_ref), np.zeros(len(p) - normal)])
     for factor in (1.0, 0.1, 10.0):
         for tractions in [] if problem.surface.floating else [p, np.zeros_like(p)] if p.any() else [p]:

@@ -1,15 +1,21 @@
 """A scene in Python: `import stickslip`, the nouns, the steps."""
 
 import inspect
+import runpy
 from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
 
+import matplotlib
 import pytest
+from matplotlib import image
 from numpy.testing import assert_allclose
 
 import stickslip
 from geometry.amplitude import Amplitude
 from solvers.nouns.support import Direction
 from workflows.scene import from_dict, to_dict
+from workflows.studies import block_from_python
 
 
 def script() -> stickslip.Scene:
@@ -35,6 +41,26 @@ TOP: Mapping[Direction, Amplitude] = {"x": ((0.0, 0.0), (1.0, 0.0), (2.0, 0.05))
 @pytest.fixture(scope="module")
 def ready() -> stickslip.Scene:
     return stickslip.read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"])
+
+
+def test_study_of_twenty_lines_builds_solves_and_draws_the_block(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = Path(inspect.getfile(block_from_python))
+    assert len(study.read_text(encoding="utf-8").splitlines()) <= 20
+    matplotlib.use("Agg")
+    monkeypatch.chdir(tmp_path)
+    left = runpy.run_path(str(study), run_name="__main__")
+    block = stickslip.read("block")
+    scene = left["scene"]  # says nothing of rest at t = 0, which goes without saying: the answer below is the same
+    assert scene == replace(block, title="", probes={}, supports=scene.supports)
+    (last,) = list(stickslip.steps(block))[1:]
+    base = left["step"].contacts["base"]
+    assert_allclose(base.pressure, last.contacts["base"].pressure, rtol=0, atol=1e-12)  # a probe changes nothing
+    assert 0 < base.stick_area < 4.0
+    drawn = image.imread(tmp_path / "pressure.png")
+    assert len({tuple(pixel) for row in drawn for pixel in row}) > 10  # a sheet that is empty has few colours
+    assert [path.name for path in tmp_path.iterdir()] == ["pressure.png"]
 
 
 def test_script_of_twenty_lines_says_what_the_file_says(ready: stickslip.Scene) -> None:

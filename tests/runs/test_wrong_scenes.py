@@ -11,6 +11,17 @@ from workflows.scene import READY
 Spoken = tuple[int, str, str]
 Call = Callable[..., Spoken]
 
+ROLLER = "shape='cylinder',point=[2.0,-5.0],radius=5.0"
+BALL = "shape='sphere',center=[2.0,-5.0],radius=5.0"
+SPACE = ["model='3d'", "geometry.width=1.0"]
+ROUND = ["model='axisymmetric'", "supports.top.displacement={y=-0.1}"]
+
+
+def foundation(keys: str) -> str:
+    """Another foundation."""
+    return f"obstacles.foundation={{{keys}}}"
+
+
 # A word or more of the ready scene `block` overridden -> what the line says.
 WRONG = {
     # names
@@ -153,6 +164,104 @@ WRONG = {
         r"periodic\.sides\.with = block\.left: a side cannot be periodic with itself",
     ),
     "periodic with nothing": (["periodic.sides={boundary='block.left'}"], r"periodic\.sides\.with: missing"),
+    # round obstacles
+    "cylinder without a radius": (
+        [foundation("shape='cylinder',point=[2.0,-5.0]")],
+        r"foundation\.radius: missing",
+    ),
+    "cylinder turned inside out": (
+        [foundation("shape='cylinder',point=[2.0,-5.0],radius=-5.0")],
+        r"foundation\.radius = -5\.0: must be positive, in metres",
+    ),
+    "text for inside": ([foundation(f"{ROLLER},inside='yes'")], r'foundation\.inside = "yes": expected true or false'),
+    "cylinder with an axis in the plane": (
+        [foundation(f"{ROLLER},axis=[0.0,0.0,1.0]")],
+        r"foundation\.axis = .*stands along z; remove the key",
+    ),
+    "cylinder without an axis in space": (
+        [*SPACE, foundation("shape='cylinder',point=[2.0,0.5,-5.0],radius=5.0")],
+        r"foundation\.axis.*missing, the direction of the cylinder's axis",
+    ),
+    "axis without a direction": (
+        [*SPACE, foundation("shape='cylinder',point=[2.0,0.5,-5.0],radius=5.0,axis=[0.0,0.0,0.0]")],
+        r"foundation\.axis = .*must not be zero",
+    ),
+    "sphere in the plane": ([foundation(BALL)], r'foundation\.shape = "sphere": .*use "cylinder"'),
+    "sphere with half a centre": ([*SPACE, foundation(BALL)], r"center = \[2\.0, -5\.0\]: expected 3 components"),
+    "centre in British": (
+        [foundation("shape='sphere',centre=[2.0,-5.0],radius=5.0")],
+        r"foundation\.centre: unknown key; did you mean center\?",
+    ),
+    # obstacles that move
+    "rotation without a point": (
+        ["obstacles.foundation.rotation={angle=0.1}"],
+        r"foundation\.rotation\.point: missing",
+    ),
+    "rotation without an angle": (
+        ["obstacles.foundation.rotation={point=[0.0,0.0]}"],
+        r"foundation\.rotation\.angle: missing",
+    ),
+    "rotation in words": (
+        ["obstacles.foundation.rotation={angle='90 degrees',point=[0.0,0.0]}"],
+        r'foundation\.rotation\.angle = "90 degrees": expected a number, or a table',
+    ),
+    "rotation about an axis in the plane": (
+        ["obstacles.foundation.rotation={angle=0.1,point=[0.0,0.0],axis=[0.0,0.0,1.0]}"],
+        r"foundation\.rotation\.axis = .*a plane model turns about z; remove the key",
+    ),
+    "force and displacement along one axis": (
+        ["obstacles.foundation.force={y=1.0}", "obstacles.foundation.displacement={y=1.0}"],
+        r"foundation\.force\.y: displacement\.y is prescribed too; keep one",
+    ),
+    "list for a force on an obstacle": (
+        ["obstacles.foundation.force=[0.0,1.0]"],
+        r"foundation\.force = \[0\.0, 1\.0\]: expected a table",
+    ),
+    "force on an obstacle across the plane": (
+        ["obstacles.foundation.force={z=1.0}"],
+        r"foundation\.force\.z = given: a plane model has x and y only",
+    ),
+    "Uzawa for an obstacle that a force drives": (
+        ["obstacles.foundation.force={y=1.0}", "solver.method='uzawa'"],
+        r"solver\.method = uzawa: cannot move obstacles\.foundation by a force; use condensed-newton",
+    ),
+    "obstacle that nothing stops": (
+        ["obstacles.foundation.force={x=1.0}", "contacts.base={surface='block.bottom',against='foundation'}"],
+        r"nothing resists the motion of obstacles\.foundation along x, which a force moves",
+    ),
+    # order and gap
+    "third order": (["geometry.order=3"], r"geometry\.order = 3: .*known: 1, 2"),
+    "order in words": (["geometry.order='quadratic'"], r'geometry\.order = "quadratic": .*known: 1, 2'),
+    "text for a gap": (["contacts.base.gap_offset='1 mm'"], r'contacts\.base\.gap_offset = "1 mm": expected a number'),
+    # axisymmetric models
+    "axisymmetric, radial force": (
+        [*ROUND, "loads.side={boundary='block.right',force=[1.0,0.0]}"],
+        r"loads\.side\.force = \[1\.0, 0\.0\]: a radial force has no resultant; use traction or pressure",
+    ),
+    "axisymmetric, obstacle that moves across the axis": (
+        [*ROUND, "obstacles.foundation.displacement={x=0.1}"],
+        r"foundation\.displacement\.x = given: breaks the symmetry",
+    ),
+    "axisymmetric, obstacle that turns": (
+        [*ROUND, "obstacles.foundation.rotation={angle=0.1,point=[0.0,0.0]}"],
+        r"foundation\.rotation = given: an axisymmetric model has none",
+    ),
+    "axisymmetric, ball beside the axis": (
+        [*ROUND, foundation("shape='sphere',center=[1.0,-5.0],radius=5.0")],
+        r"foundation\.center = \[1\.0, -5\.0\]: must lie on the axis of symmetry",
+    ),
+    "axisymmetric, shaft across the axis": (
+        [*ROUND, foundation("shape='cylinder',point=[0.0,0.0],axis=[1.0,0.0],radius=5.0")],
+        r"foundation\.axis = \[1\.0, 0\.0\]: expected \[0\.0, 1\.0\], the axis of symmetry",
+    ),
+    "axisymmetric, gravity across the axis": (
+        [*ROUND, "gravity.acceleration=[1.0,0.0]", "bodies.block.density=1.0"],
+        r"gravity\.acceleration = \[1\.0, 0\.0\]: .*along the axis y alone",
+    ),
+    "axisymmetric, axis pulled off itself": (
+        ["model='axisymmetric'"],
+        r"axis of symmetry and supports\.top: contradict each other at the point \(0, 2\) at t = 2",
+    ),
     # mechanics, known before solving
     "body that nothing holds": (
         ["supports={}", "contacts={}"],

@@ -79,6 +79,7 @@ def result_of(mesh: MeshData, time: float = 0.1 + 0.2, seed: int = 0) -> StepRes
         probes={"corner": (random.normal(size=d), stress[0] + stress[0].T)},
         energy=Energy(0.0, 0.0, 0.0, 0.0, np.zeros(1)),
         iteration_error=0.0,
+        law_error=0.0,
         p=random.normal(size=n * d),
         w=random.normal(size=n * d),
         reference=random.normal(size=n * d),

@@ -224,3 +224,23 @@ def test_compliance_is_audited_by_the_form_and_by_its_law(
     bottom = np.isclose(simulation.data.points[:, dim - 1], 0.0)
     u[bottom, dim - 1] -= 0.05 * record.u_ref
     assert audit(replace(record, displacement=u)).equilibrium > PLAINLY
+
+
+@pytest.mark.parametrize("law", [{"law": "unilateral"}, {"law": "compliance", "c_n": 4.0}])
+def test_an_obstacle_that_a_force_drives_is_in_equilibrium_too(
+    law: dict[str, Any], scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Simulation]
+) -> None:
+    plane = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0], "force": {"y": 0.2}}
+    scene = scene_of(
+        obstacles={"foundation": plane},
+        contacts={"base": {"surface": "block.bottom", "against": "foundation", "normal": law}},
+        supports={"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}},
+        solver={"tolerance": 1e-10},
+    )
+    simulation = simulation_of(scene)
+    (step,) = simulation.steps()
+    names = ("time", "displacement", "p", "w", "reference", "driven", "p_ref", "u_ref")
+    record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
+    assert max(asdict(Auditor(scene, simulation.mesh)(record)).values()) < CLEAN
+    heavier = replace(scene, obstacles={"foundation": replace(scene.obstacles["foundation"], force={"y": 0.3})})
+    assert Auditor(heavier, simulation.mesh)(record).equilibrium > PLAINLY

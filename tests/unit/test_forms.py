@@ -24,7 +24,15 @@ MESHES: list[tuple[int, dict[str, Any]]] = [
     (2, {"cells": "tensor"}),
     (3, {"contact_mesh_size": 0.4}),
     (3, {"cells": "tensor"}),
+    (2, {"order": 2}),
+    (3, {"order": 2}),
 ]
+CURVED: dict[str, tuple[int, str, dict[str, Any]]] = {
+    "roller": (2, "plane strain", {"shape": "cylinder", "point": [1.0, -3.0], "radius": 3.0}),
+    "ball": (3, "3d", {"shape": "sphere", "center": [1.0, 0.5, -3.0], "radius": 3.0}),
+    "bore": (3, "3d", {"shape": "cylinder", "point": [0, 0.5, 9], "axis": [1, 0, 0], "radius": 9.5, "inside": True}),
+    "ball on the axis": (2, "axisymmetric", {"shape": "sphere", "center": [0.0, -3.0], "radius": 3.0}),
+}
 
 
 def compliant(scene_of: SceneOf, system_of: SystemOf, dim: int, geometry: dict[str, Any], m_n: float) -> System:
@@ -75,6 +83,22 @@ def test_compliance_form_is_what_the_quadrature_rows_add_up(
     assert closed.any()
     assert not closed.all()
     assert_allclose(rows, form, atol=1e-12 * np.abs(form).max())  # the same points and weights: rounding only
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("shape", CURVED)
+def test_compliance_meets_a_curved_obstacle_at_every_quadrature_point(
+    shape: str, order: int, scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    dim, model, obstacle = CURVED[shape]
+    law = {"law": "compliance", "c_n": 3.0, "m_n": 2.0}
+    base = {"surface": "block.bottom", "against": "foundation", "normal": law, "gap_offset": -0.2}
+    tables = {"obstacles": {"foundation": obstacle}, "contacts": {"base": base}}
+    system = system_of(scene_of(dim, {"order": order, "mesh_size": 0.5}, model=model, **tables))
+    u = some_displacement(system)
+    form = dx.assemble_vector(system.weak.compile(j_n(system, u))).array.reshape(-1, dim)
+    rows = by_rows(system, u.x.array.reshape(-1, dim))
+    assert_allclose(rows, form, atol=1e-12 * np.abs(form).max())
 
 
 @pytest.mark.parametrize("m_n", [1.5, 2.0])

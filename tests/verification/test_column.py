@@ -43,6 +43,12 @@ def test_tabulated_columns_overlap_and_near_incompressibility_included(
     assert not failures(column_case.tabulated(method, dim, case))
 
 
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_nearly_incompressible_column_is_exact_too(method: str, dim: int) -> None:
+    assert not failures(column_case.incompressible(method, dim))
+
+
 @pytest.mark.parametrize(("dim", "order"), column_case.FORCED)
 @pytest.mark.parametrize("m", column_case.EXPONENTS)
 def test_column_pressed_by_a_force_finds_the_foundation_that_alone_holds_it(

@@ -9,9 +9,16 @@ from workflows.verification import (
     block_case,
     circular_drive_case,
     column_case,
+    hertz_case,
+    incline_case,
+    manufactured_case,
+    punch_case,
     raous_case,
     raous_compliance_case,
+    shear_lag_case,
     sheared_column_case,
+    slivers_case,
+    units_case,
     zeros_case,
 )
 from workflows.verification.check import Check
@@ -32,9 +39,16 @@ CASES: Mapping[str, Case] = {
     "sheared_column": Case(about="stick, slip, reversal, dissipation, closed form", checks=sheared_column_case.checks),
     "circular_drive": Case(about="the round friction cone in 3D, closed form", checks=circular_drive_case.checks),
     "raous": Case(about="block of Raous, Chabrand and Lebon, published figures", checks=raous_case.checks),
+    "manufactured": Case(about="rates of convergence, both orders, three laws", checks=manufactured_case.checks),
+    "incline": Case(about="layer that friction holds, and one that it cannot", checks=incline_case.checks),
+    "slivers": Case(about="cells of aspect 1000, closed forms and iterations", checks=slivers_case.checks),
+    "shear_lag": Case(about="a strip slips from its end: partial slip, hysteresis", checks=shear_lag_case.checks),
     "raous_compliance": Case(
         about="the same block, its face compliant: the shift", checks=raous_compliance_case.checks
     ),
+    "punch": Case(about="rigid flat punch, closed forms and stick widths", checks=punch_case.checks),
+    "hertz": Case(about="round bodies and obstacles in 2D, axisymmetry and 3D, Hertz", checks=hertz_case.checks),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
+    "units": Case(about="every scene in mm, N, MPa: the same answers", checks=units_case.checks),
     "block": Case(about="the ready scene, one method against the other", checks=block_case.checks),
 }

@@ -112,6 +112,16 @@ def tabulated(method: str, dim: int, case: ColumnCase) -> list[Check]:
     return compare(f"{dim}D, table, m = {case.m:g}, U = {case.U:g}, nu = {case.nu:g}", step, exact, case.g, rounding)
 
 
+def incompressible(method: str, dim: int) -> list[Check]:
+    """nu = 0.4999 against the closed form, beyond the digits of the table: in uniform strain nothing locks."""
+    nu, top, c_n, m = 0.4999, 0.01, C_N[1], 1
+    step = solve(scene(dim=dim, method=method, c_n=c_n, m=m, g=GAP, top=top, nu=nu))
+    stiffness = column.constrained_modulus(E, nu)
+    exact = column.driven_by_displacement(M=stiffness, U=top, g=GAP, c_n=c_n, m=m)
+    # the stiffness matrix's condition is 1 / (1 - 2 nu) times the column's, and so is the rounding
+    return compare(f"{dim}D, nu = {nu}", step, exact, GAP, 1e-8)
+
+
 def force_driven(method: str, dim: int, m: float, order: Literal[1, 2] = 1) -> list[Check]:
     """p = 7 Pa on top: nothing but the foundation holds the column up, and its tangent is 0 at first touch."""
     p, c_n = 7.0, C_N[m]
@@ -152,6 +162,7 @@ def checks(method: str) -> list[Check]:
             found += pressed(method, dim, m)
         for case in column.TABLE:
             found += tabulated(method, dim, case)
+        found += incompressible(method, dim)
         for g, share in OFFSETS:
             found += offset(method, dim, g, share)
     if METHODS[method].floating:

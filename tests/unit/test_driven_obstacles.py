@@ -1,0 +1,110 @@
+"""Obstacles that a force drives or that turn: their motion is an unknown, their balance holds."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from geometry.errors import SceneError
+from solvers.nouns.scene import Scene
+from solvers.plan import make_plan
+from solvers.simulation import Simulation
+from solvers.step_result import SLIP
+
+SceneOf = Callable[..., Scene]
+SimulationOf = Callable[[Scene], Simulation]
+FRICTION = {"friction": {"law": "coulomb", "mu": 0.3}}
+CONTACT = {"base": {"surface": "block.bottom", "against": "foundation"}}
+LAWS: dict[str, dict[str, Any]] = {
+    "unilateral": {"law": "unilateral"},
+    "compliance": {"law": "compliance", "c_n": 30.0},
+}
+
+
+def driven(dim: int, **motion: Any) -> dict[str, Any]:
+    """The foundation, moved."""
+    plane = {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}
+    return {"foundation": plane | motion}
+
+
+def clamped(dim: int) -> dict[str, Any]:
+    return {"top": {"boundary": "block.top", "displacement": dict.fromkeys("xyz"[:dim], 0.0)}}
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("dim", "order"), [(2, 1), (2, 2), (3, 1)])
+def test_a_force_moves_the_foundation_as_far_as_the_same_displacement_makes_that_force(
+    dim: int, order: int, law: str, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    up, slide = "xyz"[dim - 1], {"x": 0.03}
+    tables = {"contacts": {"base": CONTACT["base"] | FRICTION | {"normal": LAWS[law]}}, "supports": clamped(dim)}
+    tables |= {"solver": {"tolerance": 1e-12}}
+    pushed = scene_of(dim, {"order": order}, obstacles=driven(dim, force={up: 0.2}, displacement=slide), **tables)
+    (by_force,) = simulation_of(pushed).steps()
+    moved, force = by_force.obstacles["foundation"]
+    assert_allclose(force[-1], 0.2, rtol=1e-12)
+    assert moved[-1] > 0.01
+    shifted = scene_of(dim, {"order": order}, obstacles=driven(dim, displacement=slide | {up: moved[-1]}), **tables)
+    (by_shift,) = simulation_of(shifted).steps()
+    assert_allclose(by_shift.contacts["base"].normal_force, 0.2, rtol=1e-9)
+    assert_allclose(by_shift.displacement, by_force.displacement, atol=1e-9 * abs(by_force.displacement).max())
+    energy = by_force.energy
+    assert_allclose(energy.external, energy.stored + energy.contact, rtol=1e-10)
+
+
+def test_a_sideways_force_beyond_friction_has_no_answer_and_one_below_it_has(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    tables = {"contacts": {"base": CONTACT["base"] | FRICTION}, "supports": clamped(2), "solver": {"tolerance": 1e-11}}
+    held = scene_of(obstacles=driven(2, force={"y": 0.2, "x": 0.05}), **tables)
+    (step,) = simulation_of(held).steps()
+    assert_allclose(step.obstacles["foundation"][1], [0.05, 0.2], rtol=1e-10)
+    assert step.obstacles["foundation"][0][0] > 0  # the way the force pushes
+    from solvers.stepping import StepError
+
+    slips = scene_of(obstacles=driven(2, force={"y": 0.2, "x": 0.07}), **tables)  # 0.07 > 0.3 * 0.2
+    with pytest.raises(StepError):
+        list(simulation_of(slips).steps())
+
+
+def test_a_turning_roller_drags_the_block(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    roller = {
+        "foundation": {
+            "shape": "cylinder",
+            "point": [1.0, -5.0],
+            "radius": 5.0,
+            "displacement": {"y": [[0, 0], [1, 0.02]]},
+            "rotation": {"point": [1.0, -5.0], "angle": [[0, 0], [1, 0], [2, 0.01]]},
+        }
+    }
+    scene = scene_of(
+        geometry={"mesh_size": 0.1},
+        obstacles=roller,
+        contacts={"base": CONTACT["base"] | FRICTION},
+        supports=clamped(2),
+        steps={"end": 2.0},
+    )
+    pressed, turned = simulation_of(scene).steps()
+    pressing = pressed.contacts["base"]
+    assert abs(pressing.force[0]) < 0.01 * pressing.normal_force  # symmetric but for the mesh's diagonals
+    base = turned.contacts["base"]
+    assert np.all(base.status[base.status != 0] == SLIP)  # 5 m * 0.01 is far beyond what sticks
+    assert_allclose(base.tangential_force, 0.3 * base.normal_force, rtol=1e-3)  # the arc's slope: 0.2 at most, squared
+    assert base.force[0] < 0  # anticlockwise: the top of the roller moves to the left
+
+
+@pytest.mark.parametrize(
+    ("motion", "tables", "sentence"),
+    [
+        ({"force": {"x": 1.0}}, {}, "nothing resists the motion of obstacles.foundation along x"),
+        ({"force": {"y": 1.0}}, {"solver": {"method": "uzawa"}}, "cannot move obstacles.foundation by a force"),
+    ],
+)
+def test_what_cannot_be_driven_is_refused(
+    motion: dict[str, Any], tables: dict[str, Any], sentence: str, scene_of: SceneOf
+) -> None:
+    scene = scene_of(obstacles=driven(2, **motion), contacts=CONTACT, supports=clamped(2), **tables)
+    with pytest.raises(SceneError, match=sentence):
+        make_plan(scene)

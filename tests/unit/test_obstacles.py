@@ -1,0 +1,118 @@
+"""Rigid obstacles: distances and normals against geometry, motions against rigid-body kinematics."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from geometry.errors import SceneError
+from geometry.obstacles import Obstacle
+from geometry.obstacles.cylinder import Cylinder
+from geometry.obstacles.plane import Plane
+from geometry.obstacles.rotation import Rotation
+from geometry.obstacles.sphere import Sphere
+from geometry.shape import Model
+
+ROUND: list[tuple[Obstacle, int]] = [
+    (Plane(point=(0.1, 0.2), normal=(1.0, 3.0)), 2),
+    (Plane(point=(0.1, 0.2, -0.5), normal=(1.0, 3.0, -2.0)), 3),
+    (Cylinder(point=(0.3, -0.2), radius=0.7), 2),
+    (Cylinder(point=(0.3, -0.2), radius=5.0, inside=True), 2),
+    (Cylinder(point=(0.3, -0.2, 1.0), axis=(1.0, 2.0, 2.0), radius=0.7), 3),
+    (Sphere(center=(0.3, -0.2, 1.0), radius=0.7), 3),
+    (Sphere(center=(0.3, -0.2, 1.0), radius=5.0, inside=True), 3),
+]
+
+
+@pytest.mark.parametrize(("obstacle", "dim"), ROUND)
+def test_normal_is_the_gradient_of_the_distance_and_leads_to_the_surface(obstacle: Obstacle, dim: int) -> None:
+    x, step = np.random.default_rng(5).normal(size=(20, dim)), 1e-6
+    normals = obstacle.normals(x)
+    assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-14)
+    for axis in range(dim):
+        shift = step * np.eye(dim)[axis]
+        slope = (obstacle.signed_gap(x + shift) - obstacle.signed_gap(x - shift)) / (2 * step)
+        assert_allclose(slope, normals[:, axis], atol=1e-8)  # central difference: step² and rounding / step
+    closest = x - obstacle.signed_gap(x)[:, None] * normals
+    assert_allclose(obstacle.signed_gap(closest), 0.0, atol=1e-14)
+
+
+def test_round_obstacles_are_where_they_are() -> None:
+    outside, inside = (Cylinder(point=(1.0, 0.0), radius=2.0, inside=bore) for bore in (False, True))
+    x = np.array([[4.0, 0.0], [1.0, 1.5]])
+    assert_allclose(outside.signed_gap(x), [1.0, -0.5])
+    assert_allclose(inside.signed_gap(x), [-1.0, 0.5])
+    assert_allclose(inside.normals(x), [[-1.0, 0.0], [0.0, -1.0]], atol=0)
+    roller = Cylinder(point=(0.0, 0.0, 0.0), axis=(0.0, 0.0, 3.0), radius=1.0)
+    assert_allclose(roller.signed_gap(np.array([[3.0, 4.0, 9.0]])), [4.0])
+
+
+def test_obstacle_moves_and_turns() -> None:
+    turn = Rotation(angle=((0.0, 0.0), (1.0, 0.3)), point=(0.0, 0.0))
+    roller = Cylinder(point=(0.0, 0.0), radius=2.0, displacement={"y": 0.5}, rotation=turn)
+    x = np.array([[0.0, 2.4], [2.1, 0.0]])
+    # the roller's own points, radius times angle along the surface, and the shift; half way at t = 0.5
+    assert_allclose(roller.motion(x, 0.5, 1.0), [[-0.3, 0.25], [0.0, 0.55]], atol=1e-15)
+    table = Plane(
+        point=(0.0, 0.0, 0.0),
+        normal=(0.0, 0.0, 1.0),
+        rotation=Rotation(angle=0.1, point=(1.0, 0.0, 5.0), axis=(0, 0, 2)),
+    )
+    assert_allclose(table.motion(np.array([[1.0, 3.0, 0.7]]), 1.0, 1.0), [[-0.3, 0.0, 0.0]], atol=1e-15)
+
+
+WRONG: list[tuple[type[Obstacle], dict[str, Any], Model, str]] = [
+    (Cylinder, {"point": (0.0, 0.0), "radius": 0.0}, "plane strain", "radius = 0.0: must be positive"),
+    (Cylinder, {"point": (0.0, 0.0, 0.0), "radius": 1.0}, "3d", "axis = None: missing"),
+    (Cylinder, {"point": (0.0, 0.0, 0.0), "radius": 1.0, "axis": (0.0, 0.0, 0.0)}, "3d", "axis = .* must not be zero"),
+    (Cylinder, {"point": (0.0, 0.0), "radius": 1.0, "axis": (0.0, 1.0)}, "plane stress", "axis = .*along z"),
+    (Cylinder, {"point": (1.0, 0.0), "radius": 1.0, "axis": (0.0, 1.0)}, "axisymmetric", "point = .*axis of symmetry"),
+    (Cylinder, {"point": (0.0, 0.0), "radius": 1.0, "axis": (1.0, 1.0)}, "axisymmetric", "axis = .*expected"),
+    (Sphere, {"center": (0.0, 0.0), "radius": 1.0}, "plane strain", 'use "cylinder"'),
+    (Sphere, {"center": (1.0, 0.0), "radius": 1.0}, "axisymmetric", "center = .*axis of symmetry"),
+    (Sphere, {"center": (1.0, 0.0), "radius": 1.0}, "3d", "center = .*expected 3 components"),
+    (Plane, {"point": (0.0, 0.0), "normal": (0.0, 0.0)}, "plane strain", "normal = .*must not be zero"),
+    (
+        Plane,
+        {"point": (0.0, 0.0), "normal": (0.0, 1.0), "force": {"y": 1.0}, "displacement": {"y": 1.0}},
+        "plane strain",
+        "force.y: displacement.y is prescribed too",
+    ),
+    (
+        Plane,
+        {"point": (0.0, 0.0), "normal": (0.0, 1.0), "force": {"x": 1.0}},
+        "axisymmetric",
+        "force.x = given: breaks the symmetry",
+    ),
+    (
+        Plane,
+        {"point": (0.0, 0.0), "normal": (0.0, 1.0), "displacement": {"z": 1.0}},
+        "plane strain",
+        "displacement.z = given",
+    ),
+    (
+        Plane,
+        {"point": (0.0, 0.0), "normal": (0.0, 1.0), "rotation": Rotation(angle=1.0, point=(0.0, 0.0), axis=(0, 0, 1))},
+        "plane strain",
+        "rotation.axis = .*turns about z",
+    ),
+    (
+        Plane,
+        {"point": (0.0,) * 3, "normal": (0.0, 0.0, 1.0), "rotation": Rotation(angle=1.0, point=(0.0, 0.0, 0.0))},
+        "3d",
+        "rotation.axis = None: missing",
+    ),
+    (
+        Plane,
+        {"point": (0.0, 0.0), "normal": (0.0, 1.0), "rotation": Rotation(angle=1.0, point=(0.0, 0.0))},
+        "axisymmetric",
+        "rotation = given",
+    ),
+]
+
+
+@pytest.mark.parametrize(("kind", "data", "model", "sentence"), WRONG)
+def test_wrong_obstacles_are_refused(kind: type[Obstacle], data: dict[str, Any], model: Model, sentence: str) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        kind(**data).check_model(model)

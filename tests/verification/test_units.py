@@ -1,0 +1,94 @@
+"""No constant is absolute: in mm, N, MPa every scene takes the same iterations to the same answers."""
+
+from collections.abc import Iterator
+from dataclasses import is_dataclass
+from typing import Any, get_type_hints
+
+import pytest
+from numpy.testing import assert_allclose
+
+import stickslip
+from geometry.keys import Choice, Key, Noun
+from solvers.methods.table import METHODS
+from workflows.scene import from_dict, read, to_dict
+from workflows.verification import units_case
+from workflows.verification.check import failures
+from workflows.verification.units import Units, in_millimetres
+
+MM = Units(length=1000.0, force=1.0, plane=False)
+
+
+@pytest.mark.parametrize("name", units_case.SCENES)
+def test_millimetres_give_the_same_iterations_and_answers(name: str) -> None:
+    assert not failures(units_case.compared(name, "condensed-newton"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in units_case.SCENES if name not in units_case.FLOATING])
+def test_millimetres_change_nothing_for_uzawa_either(name: str) -> None:
+    assert not failures(units_case.compared(name, "uzawa"))
+
+
+def test_scenes_are_in_the_case_of_each_method_that_can_solve_them() -> None:
+    assert METHODS["condensed-newton"].floating
+    assert not METHODS["uzawa"].floating
+    assert set(units_case.FLOATING) < set(units_case.SCENES)
+
+
+def test_checks_notice_numbers_that_were_not_converted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(units_case, "in_millimetres", lambda scene: scene)
+    checks = units_case.compared("column 3D, m = 2", "condensed-newton")
+    assert len(failures(checks)) == 3  # [m], [Pa], [J]: a newton is one, and an iteration is one, in both
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    # 1 t = 1000 kg, 1 MPa = 1 N/mm²
+    [("m", 1e3), ("N", 1), ("Pa", 1e-6), ("kg/m³", 1e-12), ("m/s²", 1e3), ("s", 1), ("-", 1), ("J", 1e3)],
+)
+def test_units_have_the_factors_of_any_table_of_units(unit: str, factor: float) -> None:
+    assert_allclose(MM.factor(unit), factor, rtol=1e-15)
+
+
+def test_plane_models_count_force_and_energy_per_millimetre_of_thickness() -> None:
+    plane = Units(length=1000.0, force=1.0, plane=True)
+    assert_allclose([plane.factor("N"), plane.factor("J"), plane.factor("Pa")], [1e-3, 1.0, 1e-6], rtol=1e-15)
+
+
+def test_compliance_takes_its_exponent_from_its_own_law() -> None:
+    law = stickslip.Compliance(c_n=1.0, m_n=2.5)
+    assert_allclose(MM.factor("Pa/m^m_n", law), 1e-6 / 1000.0**2.5, rtol=1e-14)
+
+
+def test_scene_is_converted_in_every_corner_and_stays_a_scene() -> None:
+    metres = read("foundation", ["probes.corner.point=[0.0,1.0]", "contacts.base.gap_offset=1e-4"])
+    mm = in_millimetres(metres)
+    base, block = mm.contacts["base"], mm.bodies["block"]
+    assert isinstance(base.normal, stickslip.Compliance)
+    assert base.gap_offset == 0.1
+    assert_allclose([base.normal.c_n, block.E, block.density], [1.0, 10.0, 2.4e-9], rtol=1e-12)
+    assert mm.probes["corner"].point == (0.0, 1000.0)
+    assert mm.obstacles["foundation"].displacement == {"x": ((0.0, 0.0), (1.0, 0.0), (2.0, 10.0))}
+    assert mm.sections["gravity"].acceleration == (0.0, ((0.0, 0.0), (1.0, -9810.0)))
+    assert (mm.steps, mm.solver, mm.model, mm.supports["wall"]) == (
+        *(metres.steps, metres.solver, metres.model),
+        metres.supports["wall"],  # held at 0, in any unit
+    )
+    assert from_dict(to_dict(mm)) == mm
+
+
+def nouns(family: type[Any] = Noun) -> Iterator[type[Any]]:
+    for kind in family.__subclasses__():
+        yield kind
+        yield from nouns(kind)
+
+
+@pytest.mark.parametrize("noun", [n for n in nouns() if is_dataclass(n) and n is not Choice], ids=lambda n: n.__name__)
+def test_every_key_has_a_unit_that_can_be_converted(noun: type[Any]) -> None:
+    class Exponent:
+        m_n, m_T = 2.0, 1.5
+
+    for hint in get_type_hints(noun, include_extras=True).values():
+        for key in getattr(hint, "__metadata__", ()):
+            if isinstance(key, Key):
+                assert MM.factor(key.unit, Exponent) > 0

@@ -1,0 +1,112 @@
+"""The manufactured field as a system: body force and side tractions vary in space, which no scene can say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from geometry import dolfinx_versions as dx
+from geometry.builders.block import Block
+from geometry.obstacles.plane import Plane
+from solvers.effects.compliance import Compliance
+from solvers.effects.friction import Coulomb
+from solvers.nouns.contact import Contact
+from solvers.nouns.material import Material
+from solvers.nouns.scene import Scene
+from solvers.nouns.stepping import Solver
+from solvers.nouns.support import Support
+from solvers.system import System
+from workflows.verification.check import Check
+from workflows.verification.manufactured import LAWS, MU, NU, RATES, E, Manufactured
+from workflows.verification.prepared import accepted, system_of
+
+MESHES = (4, 8, 16, 32)
+DEGREE = 10  # of all quadrature here: exact where the field's own degree allows, else far below any error
+NORMS = {"u": "L2(u)", "stress": "L2(stress)", "p": "L2(p)"}
+SLACK = 0.2  # of a rate: with the coarsest mesh in the fit up to .19 off, the last two meshes alone .13
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Relative errors in the L2 norm."""
+
+    u: float
+    stress: float
+    p: float
+
+
+def scene(exact: Manufactured, method: str, order: int, n: int, mu: float) -> Scene:
+    """Unit square of n x n x 2 triangles, held at its top, on a compliant base."""
+    return Scene(
+        title="Manufactured solution",
+        model="plane strain",
+        geometry=Block(length=1.0, height=1.0, mesh_size=1.0 / n, order=order),  # type: ignore[arg-type]
+        bodies={"block": Material(E=E, nu=NU)},
+        obstacles={"foundation": Plane(point=(0.0, 0.0), normal=(0.0, 1.0))},
+        contacts={
+            "base": Contact(
+                surface="block.bottom",
+                against="foundation",
+                normal=Compliance(c_n=exact.c_n, m_n=exact.m),
+                friction=Coulomb(mu=mu),
+            )
+        },
+        supports={"top": Support(boundary="block.top", displacement={"x": 0.0, "y": 0.0})},
+        solver=Solver(method=method, tolerance=1e-11),
+    )
+
+
+def loaded(scene: Scene, exact: Manufactured) -> tuple[System, Any]:
+    """The scene's system under the loads that call for the field, and the field."""
+    system = system_of(scene)
+    field = system.weak.field(exact.displacement)
+    form = system.weak.balance(field, "block", ("block.left", "block.right"), DEGREE)
+    return replace(system, load_terms=((1.0, dx.assemble_vector(system.weak.compile(form))),)), field
+
+
+@lru_cache
+def errors(exact: Manufactured, method: str, order: int, n: int, mu: float = MU) -> Errors:
+    """Solved on one mesh; the pressure where the law is evaluated, at the quadrature points of the base."""
+    system, field = loaded(scene(exact, method, order, n, mu), exact)
+    (step,) = accepted(system)
+    u = dx.fem.Function(system.space)
+    dx.petsc_vector(u).array[:] = step.state.u.array
+    (base,), weak = system.contacts, system.weak
+    at = base.surface.quadrature(base.normal.degree(order))[1]
+    x = (at @ base.surface.points[base.surface.facets][:, :, 0, None]).ravel()
+    p = exact.pressure(x)
+    off = step.state.p[: len(p)] - p
+    return Errors(
+        u=norm(system, u - field) / norm(system, field),
+        stress=norm(system, weak.stress(u - field, "block")) / norm(system, weak.stress(field, "block")),
+        p=float(np.sqrt(base.W_n @ off**2 / (base.W_n @ p**2))),
+    )
+
+
+def norm(system: System, expression: Any) -> float:
+    """In L2, up to a factor that is the same for all fields: the cells have one size."""
+    points, weights = dx.reference_rule("triangle", DEGREE)
+    cells = np.arange(system.mesh.domain.topology.index_map(2).size_local)
+    values = dx.CellExpression(expression, points, system.mesh.domain)(cells)
+    return float(np.sqrt(np.einsum("cqi,q->", values**2, weights)))
+
+
+def rates(method: str, law: Manufactured, order: int, meshes: Sequence[int] = MESHES, mu: float = MU) -> list[Check]:
+    """Slope of each error over the mesh size, fitted over the meshes."""
+    found = [errors(law, method, order, n, mu) for n in meshes]
+    checks = []
+    for (key, name), expected in zip(NORMS.items(), RATES[order], strict=True):
+        size = [getattr(error, key) for error in found]
+        rate = -np.polyfit(np.log(meshes), np.log(size), 1)[0]
+        what = f"P{order}, c_n = {law.c_n:g}, m = {law.m}: rate of {name}"
+        checks.append(Check(what, float(rate), expected, SLACK, relative=False))
+    return checks
+
+
+def checks(method: str, mu: float = MU) -> list[Check]:
+    """All laws and both orders; with another mu than 0.4 they must fail."""
+    return [check for law in LAWS for order in RATES for check in rates(method, law, order, mu=mu)]

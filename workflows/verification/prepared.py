@@ -1,0 +1,45 @@
+"""A system that no scene can say, solved: nodes that were moved, loads that vary in space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from geometry.mesh import build_mesh
+from solvers.counters import Counters
+from solvers.nouns.scene import Scene
+from solvers.observe import Observer
+from solvers.step_result import StepResult
+from solvers.stepping import Accepted, Stepper
+from solvers.system import System, assemble
+from workflows.verification.circular_drive import Array
+
+Move = Callable[[Array], Array]  # points (n, 3) [m] to where they shall be; a plane model's third coordinate stays 0
+
+
+def system_of(scene: Scene, move: Move = lambda points: points) -> System:
+    """The scene assembled, on nodes that were moved."""
+    from mpi4py import MPI
+
+    mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_WORLD)
+    mesh.domain.geometry.x[:] = move(mesh.domain.geometry.x.copy())
+    return assemble(scene, mesh, Counters())
+
+
+def accepted(system: System) -> Iterator[Accepted]:
+    """The requested times, one after the other."""
+    yield from _march(Stepper(system))
+
+
+def observed(system: System) -> Iterator[StepResult]:
+    """What the requested times leave behind."""
+    stepper = Stepper(system)
+    observe = Observer(stepper)
+    yield from map(observe, _march(stepper))
+
+
+def _march(stepper: Stepper) -> Iterator[Accepted]:
+    state = stepper.start()
+    for time in stepper.system.scene.requested_times():
+        step = stepper.reach(state, time, lambda row: None)
+        state = step.state
+        yield step

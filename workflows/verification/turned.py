@@ -1,0 +1,56 @@
+"""A scene turned as a whole about any axis: nodes, obstacles and drives. Nothing that has no direction may change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from geometry.amplitude import Amplitude, listed_times, value_at
+from geometry.obstacles.obstacle import AXES, Obstacle
+from geometry.obstacles.plane import Plane
+from geometry.obstacles.rotation import unit
+from solvers.nouns.scene import Scene
+from solvers.nouns.support import Direction
+from solvers.system import System
+from workflows.verification.circular_drive import Array
+from workflows.verification.prepared import system_of
+
+
+def rotation(axis: tuple[float, float, float], angle: float) -> Array:
+    """Q (3, 3) of a right-handed turn.
+
+    >>> rotation((0.0, 0.0, 2.0), np.pi / 2).round(12)[0]
+    array([ 0., -1.,  0.])
+    """
+    cross = np.cross(np.eye(3), unit(axis)).T * -1
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+
+
+def turned_system(scene: Scene, Q: Array) -> System:
+    """A 3D scene with planes for obstacles, whose supports prescribe all three components."""
+    planes = {name: _plane(obstacle, Q) for name, obstacle in scene.obstacles.items()}
+    end = scene.steps.end
+    supports = {
+        name: replace(support, displacement=_path(support.displacement, Q, end))
+        for name, support in scene.supports.items()
+    }
+    return system_of(replace(scene, obstacles=planes, supports=supports), lambda points: points @ Q.T)
+
+
+def _plane(obstacle: Obstacle, Q: Array) -> Plane:
+    assert isinstance(obstacle, Plane)
+    return replace(obstacle, point=_times(Q, obstacle.point), normal=_times(Q, obstacle.normal))
+
+
+def _path(displacement: Mapping[Direction, Amplitude], Q: Array, end: float) -> dict[Direction, Amplitude]:
+    """Three tables of the same times, turned."""
+    times = sorted({time for table in displacement.values() for time in listed_times(table)})
+    path = np.array([[value_at(displacement[axis], time, end) for axis in AXES] for time in times]) @ Q.T
+    return {axis: tuple(zip(times, column, strict=True)) for axis, column in zip(AXES, path.T.tolist(), strict=True)}
+
+
+def _times(Q: Array, vector: ArrayLike) -> tuple[float, ...]:
+    return tuple((Q @ np.asarray(vector)).tolist())

@@ -1,0 +1,83 @@
+"""A scene said in other units: each number is converted as the unit in its key demands."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, TypeVar, get_type_hints
+
+from geometry.keys import Key
+from solvers.nouns.scene import Scene
+
+Noun = TypeVar("Noun")
+POWER = re.compile(r"([A-Za-z]+)(?:([²³])|\^(\w+))?")
+EXPONENT = {"²": 2, "³": 3}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Units:
+    """How many of the new units a metre and a newton are; seconds stay seconds.
+
+    In plane models forces and energies are per length of thickness, whatever their unit says.
+    """
+
+    length: float
+    force: float
+    plane: bool
+
+    def factor(self, unit: str, noun: Any = None) -> float:
+        """What a number of this unit is multiplied by; an exponent may be named by another field of its noun.
+
+        >>> mm = Units(length=1000.0, force=1.0, plane=False)
+        >>> mm.factor("m/s²"), mm.factor("Pa"), mm.factor("-")
+        (1000.0, 1e-06, 1.0)
+        """
+        symbols = {"m": self.length, "N": self.force, "s": 1.0, "rad": 1.0}
+        symbols |= {"Pa": self.force / self.length**2, "kg": self.force / self.length, "J": self.force * self.length}
+        if self.plane:
+            symbols |= {"N": self.force / self.length, "J": self.force}
+        total = 1.0
+        for place, part in enumerate(unit.split("/") if unit != "-" else ()):
+            match = POWER.fullmatch(part)
+            assert match, f"{unit}: not a unit"
+            symbol, digit, name = match.groups()
+            exponent = getattr(noun, name) if name else EXPONENT.get(digit, 1)
+            total *= symbols[symbol] ** (-exponent if place else exponent)
+        return total
+
+
+def in_millimetres(scene: Scene) -> Scene:
+    """The same scene in mm, N, MPa and tonnes instead of m, N, Pa and kg."""
+    return convert(scene, millimetres(scene))
+
+
+def millimetres(scene: Scene) -> Units:
+    """The units of that."""
+    return Units(length=1000.0, force=1.0, plane=scene.model in ("plane strain", "plane stress"))
+
+
+def convert(noun: Noun, units: Units) -> Noun:
+    """The dataclass with every number in other units, and every dataclass within it."""
+    hints, changed = get_type_hints(type(noun), include_extras=True), {}
+    for field in fields(noun):  # type: ignore[arg-type]
+        unit = next((m.unit for m in getattr(hints[field.name], "__metadata__", ()) if isinstance(m, Key)), "-")
+        changed[field.name] = _scaled(getattr(noun, field.name), units.factor(unit, noun), units)
+    return replace(noun, **changed)  # type: ignore[type-var]
+
+
+def _scaled(value: Any, factor: float, units: Units) -> Any:
+    if is_dataclass(value):
+        return convert(value, units)
+    if isinstance(value, Mapping):
+        return {name: _scaled(entry, factor, units) for name, entry in value.items()}
+    if isinstance(value, tuple) and all(_is_row(row) for row in value):  # a table in time
+        return tuple((time, entry * factor) for time, entry in value)
+    if isinstance(value, tuple):
+        return tuple(_scaled(entry, factor, units) for entry in value)
+    return value * factor if isinstance(value, float | int) and factor != 1 else value
+
+
+def _is_row(row: Any) -> bool:
+    """Whether this is a [time, value] of a table."""
+    return isinstance(row, tuple) and len(row) == 2 and not any(isinstance(number, tuple) for number in row)
