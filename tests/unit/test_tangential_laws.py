@@ -31,10 +31,16 @@ LAWS: dict[str, dict[str, Any]] = {
 }
 
 
-def rubbed(scene_of: SceneOf, law: str, method: str, count: int = 4) -> Scene:
-    """A block pressed, then its top driven there, back and there again."""
-    drive = {"x": [[1, 0], [2, 0.06], [3, -0.06], [4, 0.06]], "y": [[0, 0], [1, -0.08]]}
+def rubbed(
+    scene_of: SceneOf, law: str, method: str, count: int = 4, dim: int = 2, geometry: dict[str, Any] | None = None
+) -> Scene:
+    """A block pressed, then its top driven there, back and there again; in 3D also across."""
+    drive = {"x": [[1, 0], [2, 0.06], [3, -0.06], [4, 0.06]], "xyz"[dim - 1]: [[0, 0], [1, -0.08]]}
+    if dim == 3:
+        drive["y"] = [[2, 0], [3, 0.06]]
     return scene_of(
+        dim,
+        geometry,
         contacts={"base": {"surface": "block.bottom", "against": "foundation"} | LAWS[law]},
         supports={"top": {"boundary": "block.top", "displacement": drive}},
         steps={"end": 4.0, "count": count},
@@ -52,9 +58,19 @@ def record_of(step: StepResult) -> Record:
 def test_history_is_audited_clean_and_its_energy_is_all_there(
     law: str, method: str, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
-    scene = rubbed(scene_of, law, method)
-    simulation = simulation_of(scene)
-    audit = Auditor(scene, simulation.mesh)
+    check_history(simulation_of(rubbed(scene_of, law, method)))
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("dim", "geometry"), [(2, {"order": 2}), (3, {}), (3, {"cells": "tensor"})])
+def test_so_it_is_in_3d_and_at_order_2(
+    law: str, dim: int, geometry: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    check_history(simulation_of(rubbed(scene_of, law, "condensed-newton", dim=dim, geometry=geometry)))
+
+
+def check_history(simulation: Simulation) -> None:
+    audit = Auditor(simulation.scene, simulation.mesh)
     seen: set[int] = set()
     for step in simulation.steps():
         assert max(asdict(audit(record_of(step))).values()) < 1e-8  # solver.tolerance is 1e-10
