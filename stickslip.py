@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from geometry.builders.block import Block
 from geometry.errors import StickslipError
 from geometry.obstacles.plane import Plane
+from geometry.user_files.user_file import UserFile
 from solvers.effects.bilateral import Bilateral
 from solvers.effects.compliance import Compliance
 from solvers.effects.friction import Coulomb, Stick, Tresca
@@ -60,6 +61,7 @@ __all__ = [
     "Support",
     "Tresca",
     "Unilateral",
+    "UserFile",
     "prepare",
     "read",
     "run",

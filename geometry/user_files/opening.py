@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import runpy
 import traceback
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -35,9 +36,7 @@ def unpacked(path: Path, folder: Path) -> Path:
     plain = folder / path.stem
     try:
         plain.write_bytes(gzip.decompress(path.read_bytes()))
-    except (OSError, EOFError, ValueError) as error:
-        raise GeometryError(f"cannot be unpacked: {error}") from None
-    except Exception as error:  # zlib.error is no OSError
+    except (OSError, EOFError, zlib.error) as error:
         raise GeometryError(f"cannot be unpacked: {error}") from None
     return plain
 

@@ -28,11 +28,12 @@ class Facets:
     number: int
     name: str
     corners: Array
+    exact: float | None  # area or length [m^2 or m], where CAD knows it
 
     @property
     def size(self) -> float:
         """Area, or length [m^2 or m]."""
-        return float(np.linalg.norm(self.normals(), axis=1).sum())
+        return self.exact or float(np.linalg.norm(self.normals(), axis=1).sum())
 
     @property
     def box(self) -> Array:
@@ -66,6 +67,7 @@ class Outline:
     box: Array  # (2, 3)
     entities: tuple[Facets, ...]
     samples: dict[str, tuple[Array, Array]]  # side -> points (k, 3), outward normals (k, 3)
+    side_of: dict[int, str]  # number of an entity -> its side
 
 
 def read_outline(gmsh: Any, dim: int, parts: Parts, unit: float) -> Outline:
@@ -75,7 +77,12 @@ def read_outline(gmsh: Any, dim: int, parts: Parts, unit: float) -> Outline:
     if raw is None:
         _mesh_facets(gmsh, dim)
     entities = [
-        Facets(int(tag), gmsh.model.getEntityName(dim - 1, tag), unit * _corners(gmsh, dim - 1, tag))
+        Facets(
+            int(tag),
+            gmsh.model.getEntityName(dim - 1, tag),
+            unit * _corners(gmsh, dim - 1, tag),
+            _exact_size(gmsh, dim - 1, tag, unit),
+        )
         for _, tag in gmsh.model.getEntities(dim - 1)
     ]
     of = {facets.number: facets for facets in entities if len(facets.corners)}
@@ -92,7 +99,9 @@ def read_outline(gmsh: Any, dim: int, parts: Parts, unit: float) -> Outline:
     else:
         raise GeometryError("has no boundary")
     sides = {body: tuple(s.split(".")[1] for s in parts.sides if s.split(".")[0] == body) for body in parts.bodies}
-    return Outline(sides, np.array([corners.min(axis=0), corners.max(axis=0)]), tuple(of.values()), samples)
+    box = np.array([corners.min(axis=0), corners.max(axis=0)])
+    side_of = {tag: side for side, tags in parts.sides.items() for tag in tags}
+    return Outline(sides, box, tuple(of.values()), samples, side_of)
 
 
 def _outward_of_mesh(raw: RawMesh, side: str, unit: float) -> tuple[Array, Array]:
@@ -140,10 +149,18 @@ def _sample(corners: Array, normals: Array) -> tuple[Array, Array]:
 
 def _mesh_facets(gmsh: Any, dim: int) -> None:
     size = float(np.linalg.norm(np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)), axis=0)))
+    for option in ("FromPoints", "ExtendFromBoundary"):
+        gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
     gmsh.option.setNumber("Mesh.MeshSizeMax", size / COARSE)
     gmsh.option.setNumber("Mesh.MeshSizeMin", size / (20 * COARSE))
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", ROUND)
     gmsh.model.mesh.generate(dim - 1)
+
+
+def _exact_size(gmsh: Any, dim: int, tag: int, unit: float) -> float | None:
+    if (dim, tag) not in gmsh.model.occ.getEntities(dim):
+        return None
+    return float(gmsh.model.occ.getMass(dim, tag)) * unit**dim
 
 
 def _corners(gmsh: Any, dim: int, tag: int) -> Array:

@@ -35,6 +35,7 @@ def find_parts(gmsh: Any, dim: int, named_by_entity: bool, names: Mapping[str, S
         names: what `[geometry.names]` adds.
         unit: length of the model's unit [m].
     """
+    gmsh.option.setNumber("Geometry.OCCBoundsUseStl", 1)  # boxes of curved faces hold the face, not its control points
     _check_dimension(gmsh, dim)
     groups = [(gmsh.model.getPhysicalName(dim, tag), tag) for _, tag in gmsh.model.getPhysicalGroups(dim)]
     named_by_entity = named_by_entity and not groups

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import gzip
 import re
+import zlib
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from geometry.errors import GeometryError
@@ -33,7 +36,10 @@ def scripts(path: Path, seen: set[Path] | None = None) -> Iterator[tuple[Path, l
     if path in seen:
         return
     seen.add(path)
-    found = tokens(path.read_bytes().decode("latin-1"))
+    content = path.read_bytes()
+    with suppress(OSError, EOFError, zlib.error):
+        content = gzip.decompress(content)  # gmsh may read these too
+    found = tokens(content.decode("latin-1"))
     for word in REFUSED:
         if word in found:
             raise GeometryError(f"{path.name}: {word} is refused, a scene's geometry runs no other programs")
