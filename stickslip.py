@@ -21,6 +21,7 @@ from geometry.obstacles.cylinder import Cylinder
 from geometry.obstacles.plane import Plane
 from geometry.obstacles.rotation import Rotation
 from geometry.obstacles.sphere import Sphere
+from geometry.user_files.user_file import UserFile
 from solvers.effects.bilateral import Bilateral
 from solvers.effects.compliance import Compliance
 from solvers.effects.friction import Coulomb, Stick, Tresca
@@ -80,6 +81,7 @@ __all__ = [
     "Tied",
     "Tresca",
     "Unilateral",
+    "UserFile",
     "prepare",
     "read",
     "run",

@@ -1,4 +1,4 @@
-"""The command line: stickslip run | plan | verify | scenes | new."""
+"""The command line: stickslip run | plan | mesh | verify | scenes | new."""
 
 from __future__ import annotations
 
@@ -81,6 +81,23 @@ def plan_command(
             content["mesh"] = count(loaded)
     if _speaks():
         typer.echo(json.dumps(content, indent=1, ensure_ascii=False)) if as_json else print_plan(content)
+
+
+@app.command("mesh")
+def mesh_command(
+    scene: SceneArgument,
+    override: SetOption = None,
+    gui: Annotated[bool, typer.Option("--gui", help="open the geometry in gmsh's window")] = False,
+    listed: Annotated[bool, typer.Option("--list", help="bodies, sides, and numbered faces in a picture")] = False,
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE.msh", help="write the mesh")] = None,
+) -> None:
+    """Mesh a scene and judge its mesh, without solving."""
+    from workflows.mesh_command import show_mesh
+    from workflows.scene import find, named, read
+
+    loaded = read(scene, override or ())
+    with named(scene):
+        show_mesh(loaded, find(scene).stem, listed, gui, output)
 
 
 @app.command("verify")

@@ -19,6 +19,7 @@ from solvers.step_result import StepResult
 from solvers.stepping import HistoryRow, StepError
 from workflows.folder import MARK, ResultsFolder
 from workflows.interrupt import Interrupt
+from workflows.mesh_report import MeshReport, report_mesh
 from workflows.results import Outcome, summary, write_result
 from workflows.writers.steps import read_step, step_name, write_step
 from workflows.writers.tables import write_history, write_tables
@@ -32,6 +33,7 @@ LOGGERS = ("geometry", "solvers", "workflows")
 class Watch:
     """What a run tells while it works; rank 0 only."""
 
+    on_mesh: Callable[[MeshReport], None] = lambda report: None
     on_prepared: Callable[[Simulation], None] = lambda simulation: None
     on_iteration: Callable[[HistoryRow], None] = lambda row: None
     on_step: Callable[[StepResult], None] = lambda step: None
@@ -162,6 +164,8 @@ def run(scene: Scene, folder: str | Path, watch: Watch | None = None) -> tuple[O
         simulation = prepare(scene, comm)
         interrupt.check(comm)
         watch = watch or Watch()
+        system = simulation.system
+        report = report_mesh(scene, simulation.mesh, system.nodes.total, system.contacts)
         work = Path(folder).with_name(f".{Path(folder).name}.running")
         raise_together(comm, lambda: results[0].start())
         handler = _log_to(work / MARK) if comm.rank == 0 else None
@@ -169,6 +173,7 @@ def run(scene: Scene, folder: str | Path, watch: Watch | None = None) -> tuple[O
             if comm.rank == 0:
                 for warning in warnings(scene):
                     log.warning("%s", warning)
+                _tell(report, watch)
                 watch.on_prepared(simulation)
             going = Run(simulation, work, began, interrupt)
             status, sentence = going.march(watch)
@@ -178,6 +183,14 @@ def run(scene: Scene, folder: str | Path, watch: Watch | None = None) -> tuple[O
                 _stop_log(handler)
         raise_together(comm, lambda: results[0].finish())
     return Outcome(status, sentence, Path(folder)), content
+
+
+def _tell(report: MeshReport, watch: Watch) -> None:
+    for line in report.lines():
+        log.info("%s", line)
+    for line in report.warnings():
+        log.warning("%s", line)
+    watch.on_mesh(report)
 
 
 def raise_together(comm: Any, act: Callable[[], object]) -> None:
