@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -254,3 +254,9 @@ def test_nonsense_is_refused_with_one_line(name: str) -> None:
     with pytest.raises(SceneError, match=message) as caught:
         make().check_model(model)
     assert "\n" not in str(caught.value)
+
+
+def test_what_shapes_share_is_no_shape_itself() -> None:
+    names = {get_args(get_type_hints(kind)["builder"])[0] for kind in Builder.kinds}
+    assert names == {"block", "half_ball", "half_disc", "half_space", "ring", "strip"}
+    assert len(Builder.kinds) == len(names)
