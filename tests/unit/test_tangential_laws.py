@@ -129,13 +129,13 @@ def test_every_step_of_uzawa_is_admissible(
 
 
 def test_bound_is_integrated_exactly(scene_of: SceneOf, system_of: Callable[[Scene], System]) -> None:
-    """A penetration of (0.1 + x) m, to the fifth: the pressure's own quadrature would not do."""
+    """A penetration of (2 + x) m, to the fifth: the quadrature of the pressure would not do."""
     laws = {"normal": {"law": "compliance", "c_n": 40.0}, "friction": {"law": "compliance", "c_T": 3.0, "m_T": 5.0}}
     top = {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}
     contact = {"surface": "block.bottom", "against": "foundation"} | laws
     (rows,) = system_of(scene_of(contacts={"base": contact}, supports={"top": top})).contacts
     u = np.zeros_like(rows.surface.points)
-    u[:, 1] = -(0.1 + rows.surface.points[:, 0])
+    u[:, 1] = -(2.0 + rows.surface.points[:, 0])
     assert rows.friction is not None
     s = rows.friction.limit(40.0 * (rows.N_n @ u.ravel()), rows.average, rows.normal, 1.0, 1.0)
-    assert_allclose(rows.W_t @ s, 3.0 * (2.1**6 - 0.1**6) / 6, rtol=1e-13)  # block from x = 0 to 2 m
+    assert_allclose(rows.W_t @ s, 3.0 * (4.0**6 - 2.0**6) / 6, rtol=1e-13)  # block from x = 0 to 2 m
