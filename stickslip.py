@@ -11,13 +11,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from geometry.builders.block import Block
+from geometry.builders.half_ball import HalfBall
+from geometry.builders.half_disc import HalfDisc
+from geometry.builders.half_space import HalfSpace
+from geometry.builders.ring import Ring
+from geometry.builders.strip import Strip
 from geometry.errors import StickslipError
+from geometry.obstacles.cylinder import Cylinder
 from geometry.obstacles.plane import Plane
+from geometry.obstacles.rotation import Rotation
+from geometry.obstacles.sphere import Sphere
+from geometry.user_files.user_file import UserFile
 from solvers.effects.bilateral import Bilateral
 from solvers.effects.compliance import Compliance
 from solvers.effects.friction import Coulomb, Stick, Tresca
 from solvers.effects.gravity import Gravity
 from solvers.effects.periodic import Periodic
+from solvers.effects.tangential_compliance import TangentialCompliance
+from solvers.effects.tied import Tied
 from solvers.effects.unilateral import Unilateral
 from solvers.nouns.contact import Contact
 from solvers.nouns.load import Load
@@ -44,22 +55,33 @@ __all__ = [
     "Compliance",
     "Contact",
     "Coulomb",
+    "Cylinder",
     "Gravity",
+    "HalfBall",
+    "HalfDisc",
+    "HalfSpace",
     "Load",
     "Material",
     "Output",
     "Periodic",
     "Plane",
     "Probe",
+    "Ring",
+    "Rotation",
     "Scene",
     "Solver",
+    "Sphere",
     "StepResult",
     "Steps",
     "Stick",
     "StickslipError",
+    "Strip",
     "Support",
+    "TangentialCompliance",
+    "Tied",
     "Tresca",
     "Unilateral",
+    "UserFile",
     "prepare",
     "read",
     "run",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
+from inspect import get_annotations
 from operator import or_
 from typing import Annotated, Any, ClassVar
 
@@ -28,7 +29,8 @@ class Noun:
 class Choice(Noun):
     """Base of a family told apart by one literal key (`builder`, `shape`, `law`).
 
-    A direct subclass is the family, its own subclasses are the kinds; defining one is all that registers it.
+    A direct subclass is the family; each subclass of it that declares the key is a kind, and defining it is all that
+    registers it. One that does not is what some kinds share.
     """
 
     tag: ClassVar[str]
@@ -38,7 +40,7 @@ class Choice(Noun):
         super().__init_subclass__(**kwargs)
         if Choice in cls.__bases__:
             cls.kinds = []
-        else:
+        elif cls.tag in get_annotations(cls):
             cls.kinds.append(cls)
 
     @classmethod

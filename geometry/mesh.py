@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import signal
-import threading
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +12,8 @@ from numpy.typing import NDArray
 
 from geometry import dolfinx_versions as dx
 from geometry.errors import GeometryError, SceneError
+from geometry.gmsh_session import gmsh_session, own_interrupt
+from geometry.inverted import refuse_inverted
 from geometry.shape import Request, Shape
 
 
@@ -60,48 +60,38 @@ def build_mesh(shape: Shape, request: Request, comm: Any) -> Mesh:
         return _build(shape, request, comm)
 
 
-@contextmanager
-def own_interrupt() -> Iterator[None]:
-    """gmsh takes Ctrl-C for itself: at its import, its start and its end."""
-    handler = signal.getsignal(signal.SIGINT)
-    try:
-        yield
-    finally:
-        if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGINT, handler)
-
-
 def _build(shape: Shape, request: Request, comm: Any) -> Mesh:
-    import gmsh
-
     names: dict[int, dict[str, int]] | None = None
     unit, failure = 1.0, None
-    if comm.rank == 0:
-        gmsh.initialize()
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setNumber("General.AbortOnError", 0)
-        try:
-            gmsh.model.add("scene")
-            unit = shape.put(gmsh, request)
-            gmsh.model.mesh.setOrder(shape.degree)
-            names = {d: _group_names(gmsh, d) for d in (request.dim - 1, request.dim)}
-        except (GeometryError, SceneError) as error:
-            failure = str(error)
-        except Exception as error:  # gmsh raises bare Exception
-            failure = f"gmsh could not mesh the geometry: {' '.join(str(error).split())}"
-    failure = comm.bcast(failure)
-    try:
+    with gmsh_session() if comm.rank == 0 else nullcontext() as gmsh:
+        if comm.rank == 0:
+            try:
+                unit = put_shape(gmsh, shape, request)
+                names = {d: _group_names(gmsh, d) for d in (request.dim - 1, request.dim)}
+            except (GeometryError, SceneError) as error:
+                failure = str(error)
+            except Exception as error:  # gmsh raises bare Exception
+                failure = f"gmsh could not mesh the geometry: {' '.join(str(error).split())}"
+        failure = comm.bcast(failure)
         if failure is not None:
             raise GeometryError(failure)
-        domain, cells, facets = dx.model_to_mesh(gmsh.model if comm.rank == 0 else None, comm, request.dim)
-    finally:
-        if comm.rank == 0:
-            gmsh.finalize()
+        domain, cells, facets = dx.model_to_mesh(gmsh.model if gmsh else None, comm, request.dim)
     domain.geometry.x[:] *= comm.bcast(unit)
+    if shape.degree > 1:
+        refuse_inverted(domain, shape.degree)
     names = comm.bcast(names)
     assert names is not None
     bodies, sides = names[request.dim], names[request.dim - 1]
     return Mesh(domain, cells, facets, bodies, sides, shape.degree, request.model == "axisymmetric")
+
+
+def put_shape(gmsh: Any, shape: Shape, request: Request) -> float:
+    """Mesh the shape in the current gmsh model, of the shape's degree; the length of the model's unit [m]."""
+    unit = shape.put(gmsh, request)
+    kinds = gmsh.model.mesh.getElementTypes(request.dim)
+    if any(gmsh.model.mesh.getElementProperties(kind)[2] != shape.degree for kind in kinds):
+        gmsh.model.mesh.setOrder(shape.degree)
+    return unit
 
 
 def _group_names(gmsh: Any, dim: int) -> dict[str, int]:

@@ -51,7 +51,7 @@ class Record:
     displacement: Array  # (nodes, d) in the order of the gmsh model [m]
     p: Array  # (rows,) flat tractions [Pa]
     w: Array  # (rows,) flat relative displacement [m]
-    w_before: Array  # (rows,)
+    reference: Array  # (rows,) what slip is counted from [m]; the gap is recomputed
     driven: Array  # displacement of the obstacles that forces move, by `System.driven` [m]
     p_ref: float
     u_ref: float
@@ -135,7 +135,8 @@ class Auditor:
         if place.rows.friction is None:
             return 0.0, 0.0, 0.0
         t = record.p[place.tangential].reshape(-1, place.components)
-        du = (record.w - record.w_before)[place.tangential].reshape(t.shape) * place.rows.free
+        moved = record.w - record.reference - self.cone.give(record.p)
+        du = moved[place.tangential].reshape(t.shape) * place.rows.free
         s = self.cone.at(record.time).bound(place, record.p[place.normal])
         finite = np.isfinite(s)
         s_max = float(s[finite].max(initial=0.0)) or record.p_ref or 1.0

@@ -1,4 +1,4 @@
-"""How accurate an accepted step is: the iteration's error in the energy norm."""
+"""How accurate an accepted step is: the errors of iteration and laws in the energy norm."""
 
 from __future__ import annotations
 
@@ -19,3 +19,13 @@ def iteration_error(accepted: Accepted) -> float:
     force = problem.surface.forces(defect)
     energy = float(force @ problem.surface.displacement(force))
     return float(np.sqrt(max(energy, 0.0) / (2 * state.energy.stored)))
+
+
+def law_error(accepted: Accepted) -> float:
+    """What the method's approximation of the laws leaves, relative to the energy norm of the displacement.
+
+    Steps add up: each starts from the slip of the one before, and a slip that is off changes the answer by no more
+    than that (Tresca's law: the steps are a non-expansive map in the energy norm).
+    """
+    state = accepted.state
+    return state.law_error / float(np.sqrt(2 * state.energy.stored)) if state.law_error else 0.0

@@ -53,6 +53,14 @@ class Cone:
             n += size
         return tuple(found)
 
+    @cached_property
+    def softness(self) -> Array:
+        """1 / k_T of each tangential row [m/Pa]: the give before slip, 0 where there is none and in normal rows."""
+        found = np.zeros(self.size)
+        for place in self.with_friction():
+            found[place.tangential] = place.rows.friction.softness  # type: ignore[union-attr]
+        return found
+
     @property
     def size(self) -> int:
         return sum(len(c.W_n) + c.free.size for c in self.contacts)
@@ -60,44 +68,64 @@ class Cone:
     def at(self, time: float) -> Cone:
         """The same laws at another time."""
         other = Cone(self.contacts, time, self.end)
-        other.__dict__["places"] = self.places
+        other.__dict__.update(places=self.places, softness=self.softness)
         return other
 
     def bound(self, place: Place, p_n: Array) -> Array:
         """Friction bound s (m_t,) [Pa] of one contact."""
         law = place.rows.friction
         assert law is not None
-        return law.limit(place.average @ p_n, place.rows.normal.sides, self.time, self.end)
+        return law.limit(p_n, place.average, place.rows.normal, self.time, self.end)
+
+    def bound_slope(self, place: Place, p_n: Array) -> Any:
+        """ds/dp_n, sparse (m_t, m_n)."""
+        law = place.rows.friction
+        assert law is not None
+        return law.limit_slope(p_n, place.average, place.rows.normal)
 
     def with_friction(self) -> Iterator[Place]:
         return (place for place in self.places if place.rows.friction is not None)
 
+    def give(self, p: Array) -> Array:
+        """Relative displacement (rows,) [m] that is elastic at tractions p: the penetration, and t / k_T."""
+        found = self.softness * p
+        for place in self.places:
+            found[place.normal] = place.rows.normal.penetration(p[place.normal])
+        return found
+
+    def energy(self, p: Array) -> Array:
+        """What that stores, per area (rows,) [J/m²]."""
+        found = self.softness * p**2 / 2
+        for place in self.places:
+            found[place.normal] = place.rows.normal.energy(p[place.normal])
+        return found
+
     def project(self, p_hat: Array, gamma: Array) -> Array:
         """argmin over the cone of ||q - p_hat|| in a metric that is diagonal by point.
 
-        Normal laws by their resolvent, with step gamma; then tangential tractions into the disc of radius s.
+        Normal laws by their resolvent, with step gamma; then tangential tractions, their elastic give taken off in
+        the same way, into the disc of radius s.
 
         Args:
             p_hat: trial tractions [Pa].
             gamma: step of the trial, by row [Pa/m].
         """
-        p = p_hat.copy()
+        p = p_hat / (1 + gamma * self.softness)
         for place in self.places:
             p[place.normal] = place.rows.normal.resolvent(p_hat[place.normal], gamma[place.normal])
         for place in self.with_friction():
-            t = np.where(place.rows.free, p_hat[place.tangential].reshape(-1, place.components), 0.0)
+            t = np.where(place.rows.free, p[place.tangential].reshape(-1, place.components), 0.0)
             p[place.tangential] = project_disc(t, self.bound(place, p[place.normal])).ravel()
         return p
 
     def natural_residual(self, p: Array, r: Array, gamma: float) -> Array:
-        """p - P_C(p + gamma (r - law's inverse)), by row [Pa]: zero at the solution only."""
-        residual = np.empty_like(p)
+        """p - P_C(p + gamma (r - give(p))), by row [Pa]: zero at the solution only."""
+        residual, trial = np.empty_like(p), p + gamma * (r - self.give(p))
         for place in self.places:
             n = place.normal
-            trial = p[n] + gamma * (r[n] - place.rows.normal.penetration(p[n]))
-            residual[n] = p[n] - (trial if place.rows.normal.sides == 2 else np.maximum(trial, 0.0))
+            residual[n] = p[n] - (trial[n] if place.rows.normal.sides == 2 else np.maximum(trial[n], 0.0))
         for place in self.with_friction():
-            hat = np.where(place.rows.free, (p + gamma * r)[place.tangential].reshape(-1, place.components), 0.0)
+            hat = np.where(place.rows.free, trial[place.tangential].reshape(-1, place.components), 0.0)
             disc = project_disc(hat, self.bound(place, p[place.normal]))
             residual[place.tangential] = p[place.tangential] - disc.ravel()
         return residual

@@ -17,7 +17,7 @@ class Energy:
     external: float  # loads, supports and obstacle motion
     stored: float  # elastic energy of the bodies
     contact: float  # work of the contact tractions on the relative displacement
-    compliance: float  # energy stored in the normal-compliance law
+    compliance: float  # energy stored in the contacts' laws: normal compliance, and k_T
     dissipation: Array  # (contacts,) by friction, end-of-step rule
 
     @property

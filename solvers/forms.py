@@ -134,7 +134,7 @@ class WeakForms:
         """j_n(u, v) = ∫ c_n (u_n - g)_+^m_n v_n ds, u the displacement Function relative to the obstacle [m]."""
         gap, normal = self.gap(contact)
         penetration = ufl.max_value(ufl.inner(u, normal) - gap, 0)
-        degree, side = law.degree(self.mesh.degree), contact.surface
+        degree, side = contact.degree(self.mesh.degree), contact.surface
         return self.constant(law.c_n) * penetration**law.m_n * ufl.inner(self.v, normal) * self.boundary(side, degree)
 
     def compile(self, form: Any) -> Any:

@@ -13,7 +13,7 @@ from geometry import dolfinx_versions as dx
 from geometry.errors import SceneError
 from geometry.mesh import Mesh
 from geometry.nodes import Nodes
-from solvers.certificate import iteration_error
+from solvers.certificate import iteration_error, law_error
 from solvers.operators.rows import ContactRows
 from solvers.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
 from solvers.stepping import Accepted, State, Stepper
@@ -56,9 +56,10 @@ class Observer:
             probes={name: self._probe(where, state.u, cell_stress) for name, where in self.probes.items()},
             energy=state.energy,
             iteration_error=iteration_error(accepted),
+            law_error=law_error(accepted),
             p=state.p,
             w=state.w,
-            w_before=accepted.last.w,
+            reference=accepted.problem.gap,
             driven=state.driven,
             p_ref=accepted.problem.p_ref,
             u_ref=accepted.problem.u_ref,
@@ -145,7 +146,7 @@ def _status(
 ) -> NDArray[np.int8]:
     """OPEN, SLIP or STICK of each node, as the result files define them."""
     touching = (pressure > 1e-9 * accepted.problem.p_ref) | (c.normal.sides == 2)
-    at_bound = np.linalg.norm(multiplier, axis=1) >= bound * (1 - 1e-6)
+    at_bound = np.linalg.norm(multiplier, axis=1) >= bound * (1 - accepted.slack)
     moving = np.linalg.norm(increment, axis=1) > 1e-9 * accepted.problem.u_ref
     return np.where(touching, np.where(at_bound & moving, SLIP, STICK), OPEN).astype(np.int8)
 

@@ -17,6 +17,7 @@ from solvers.nouns.scene import Scene
 
 Array = NDArray[np.float64]
 FACING = 1e-6  # cosine of the angle below which two surfaces do not face each other
+LOCKING = 0.49  # Poisson's ratio beyond which linear elements lock
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
     _refuse_reversed(scene)
     _refuse_unheld(scene)
     method = method_of(scene)
+    _refuse_laws(scene, method)
     if not METHODS[method].floating:
         if _free_motions(scene, with_contacts=False)[0].shape[1]:
             raise SceneError(
@@ -56,9 +58,42 @@ def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
     return tuple(PlanRow(e.name, bool(e.because(scene)), e.because(scene) or "not in the scene") for e in EFFECTS)
 
 
+def warnings(scene: Scene) -> tuple[str, ...]:
+    """What can be solved, but answers badly."""
+    if scene.geometry.degree > 1 or scene.model == "plane stress":  # there the thickness gives way
+        return ()
+    return tuple(
+        f"bodies.{name}.nu = {material.nu:g}: displacements of order 1 lock when nearly incompressible, too stiff and "
+        "with wrong pressures; set geometry.order = 2"
+        for name, material in scene.bodies.items()
+        if material.nu > LOCKING
+    )
+
+
 def method_of(scene: Scene) -> str:
     """The method that runs: `auto` is condensed-newton."""
     return "condensed-newton" if scene.solver.method == "auto" else scene.solver.method
+
+
+def _refuse_laws(scene: Scene, method: str) -> None:
+    """Laws that the method does not know."""
+    table = METHODS[method]
+    for name, contact in scene.contacts.items():
+        if contact.friction is not None and contact.friction.k_T is not None and not table.k_T:
+            raise SceneError(
+                f"contacts.{name}.friction.k_T = {contact.friction.k_T}: solver.method = {method} knows no tangential "
+                "stiffness; use condensed-newton"
+            )
+        for key, law, known in (
+            ("normal", contact.normal, table.normal),
+            ("friction", contact.friction, table.friction),
+        ):
+            chosen = getattr(law, "law", None)  # absent: no friction
+            if chosen is not None and known is not None and chosen not in known:
+                raise SceneError(
+                    f"contacts.{name}.{key}.law = {chosen}: solver.method = {method} works with {', '.join(known)}; "
+                    "use condensed-newton"
+                )
 
 
 def _refuse_reversed(scene: Scene) -> None:
@@ -115,7 +150,7 @@ def _free_motions(scene: Scene, with_contacts: bool) -> tuple[Array, list[str]]:
         for column, (name, axis) in enumerate(driven):
             if name == contact.against:
                 relative[:, AXES[axis], own + column] -= 1.0
-        if contact.friction and contact.friction.resists():
+        if contact.tangential and contact.tangential.resists():
             blocks.extend(relative)
         else:
             normals = scene.obstacles[contact.against].normals(points)

@@ -60,9 +60,12 @@ class StepResult:
     probes: Mapping[str, tuple[Array, Array]]  # displacement (d,) [m], stress (3, 3) [Pa]
     energy: Energy
     iteration_error: float  # relative, energy norm
+    law_error: (
+        float  # relative, energy norm: what the method's approximation of the laws leaves, earlier steps included
+    )
     p: Array  # (rows,) flat tractions [Pa], for the audit and the next step
     w: Array  # (rows,) flat relative displacement [m]
-    w_before: Array  # (rows,) at the last accepted step [m]
+    reference: Array  # (rows,) what the laws count w from [m]: the gap, and where this step's slip begins
     driven: Array  # (o,) motion of the obstacles that forces drive [m], for the audit
     p_ref: float  # [Pa]
     u_ref: float  # [m]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from solvers.methods.solution import OnStep, Solution, Status, Step
 from solvers.methods.uzawa import Uzawa
 from solvers.plan import method_of
 from solvers.prepare import prepare_surface
+from solvers.regularised import Regularised
 from solvers.surface_problem import SurfaceProblem
 from solvers.system import System
 from solvers.volume import Volume
@@ -42,6 +43,7 @@ class State:
     w: Array  # (rows,) relative displacement [m]
     driven: Array  # (o,) motion of the obstacles that forces drive, by `System.driven` [m]
     energy: Energy
+    law_error: float = 0.0  # added up since t = 0, see `Solution` [J^(1/2)]
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,7 @@ class Accepted:
     iterations: int
     volume_solves: int
     residual: float
+    slack: float  # of the friction bound, see `Solution`
     history: tuple[HistoryRow, ...]
 
 
@@ -94,9 +97,17 @@ class Stepper:
         self.cone = Cone(system.contacts, 0.0, system.scene.steps.end)
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma = _trial_stiffness(system)
-        solver = system.scene.solver
-        method = Uzawa if method_of(system.scene) == "uzawa" else CondensedNewton
-        self.method: Method = method(rtol=solver.tolerance, max_it=solver.max_iterations)
+        self.method_after = self._method()
+
+    def _method(self) -> Callable[[State], Method]:
+        """The method for the step that follows a state; those that see the surface only are the same for all."""
+        name, solver = method_of(self.system.scene), self.system.scene.solver
+        if name == "regularised":
+            regularised = Regularised(self.system, self.volume, self.surface)
+            return lambda state: regularised.after(state.u, state.time)
+        kind = Uzawa if name == "uzawa" else CondensedNewton
+        method = kind(rtol=solver.tolerance, max_it=solver.max_iterations)
+        return lambda state: method
 
     def start(self) -> State:
         """Nothing has happened yet."""
@@ -133,6 +144,7 @@ class Stepper:
                     iterations=iterations,
                     volume_solves=self.system.counters.volume_solves - solves,
                     residual=solution.residual,
+                    slack=solution.slack,
                     history=tuple(history),
                 )
             elif size <= smallest * (1 + 1e-9):
@@ -161,14 +173,15 @@ class Stepper:
             on_iteration(row)
 
         start = state.p if problem.p_ref > 0 else np.zeros_like(state.p)  # no load, no motion: no traction
-        solution = self.method(problem, start, record)
+        solution = self.method_after(state)(problem, start, record)
 
         def accept() -> State:
             own, driven = np.split(solution.u_c, [len(solution.u_c) - len(driving)])
             q = self.volume.expand(f_q - self._forces(solution.p, f_q), own)
             u = system.T * q + u_s
             residual = system.K * u - load + system.contact_forces(*self.split(solution.p))
-            return self._with_energy(state, end, u, u_s, load, residual, solution.p, driven)
+            new = self._with_energy(state, problem, end, u, u_s, load, residual, solution.p, driven)
+            return replace(new, law_error=state.law_error + solution.law_error)
 
         return solution, problem, accept
 
@@ -190,7 +203,7 @@ class Stepper:
             cone=self.cone.at(time),
             f_c=f_c,
             offset=self._relative(u_s, time, np.zeros(self.surface.driven)),
-            gap=np.concatenate([self.gap, state.w[n:]]),
+            gap=np.concatenate([self.gap, (state.w - self.cone.give(state.p))[n:]]),
             gamma=self.gamma,
             force=force,
             stiffness=min(m.E for m in system.scene.bodies.values()) / system.extent,
@@ -208,24 +221,31 @@ class Stepper:
         return np.concatenate([np.zeros(0), *blocks])
 
     def _with_energy(
-        self, old: State, time: float, u: Any, u_s: Any, load: Any, residual: Any, p: Array, driven: Array
+        self,
+        old: State,
+        problem: SurfaceProblem,
+        time: float,
+        u: Any,
+        u_s: Any,
+        load: Any,
+        residual: Any,
+        p: Array,
+        driven: Array,
     ) -> State:
         system, W = self.system, self.surface.W
         w = self._relative(u, time, driven)
         moved = w - old.w
         motion, motion_before = system.obstacle_motion(time, driven), system.obstacle_motion(old.time, old.driven)
-        contacts = system.contacts
-        obstacle = self._rows([motion[c.name] - motion_before[c.name] for c in contacts])
+        obstacle = self._rows([motion[c.name] - motion_before[c.name] for c in system.contacts])
         mean = W * (p + old.p) / 2
         external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
-        dissipation = np.array([(W * p * moved)[place.tangential].sum() for place in self.cone.places])
+        slipping = W * p * (w - problem.gap - self.cone.give(p))
+        dissipation = np.array([slipping[place.tangential].sum() for place in self.cone.places])
         energy = Energy(
             external=old.energy.external + external - float(mean @ obstacle),
             stored=(system.K * u).dot(u) / 2,
             contact=old.energy.contact + float(mean @ moved),
-            compliance=sum(
-                float(c.W_n @ c.normal.energy(p[s.normal])) for c, s in zip(contacts, self.cone.places, strict=True)
-            ),
+            compliance=float(W @ self.cone.energy(p)),
             dissipation=old.energy.dissipation + dissipation,
         )
         return State(time, u, u_s, load, residual, p, w, driven, energy)

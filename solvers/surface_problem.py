@@ -12,6 +12,7 @@ from solvers.condensed import CondensedSurface
 from solvers.cone import Cone
 
 Array = NDArray[np.float64]
+ROUNDING = 1e-12  # normal motion that is none, beside the largest one
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +26,7 @@ class SurfaceProblem:
     cone: Cone
     f_c: Array  # (c,) load condensed onto the contact dofs [N]
     offset: Array  # (rows,) prescribed part of the relative displacement [m]
-    gap: Array  # (rows,) initial gap, and tangential displacement at the last accepted step [m]
+    gap: Array  # (rows,) [m] initial gap; tangential: where slip is counted from, w - t/k_T of the last accepted step
     gamma: Array  # (rows,) E / depth of the body [Pa/m], the scale of Newton's trial tractions
     force: float  # applied force, sum of magnitudes [N]
     stiffness: float  # E / L [Pa/m], L the extent of the bodies
@@ -39,12 +40,21 @@ class SurfaceProblem:
         # without contact; a floating body is then held by the augmentation, which is stiffer than contact
         w = self.relative_displacement(self.surface.displacement(self.f_c))
         # a long slide is no reason for a large pressure: tangential motion counts only where nothing is closed
-        closing = max(float(np.max(w[:n], initial=0.0)), float(np.max((w - self.gap)[:n], initial=0.0)))
-        u_ref = closing or float(np.abs(w - self.gap)[n:].max(initial=0.0)) or float(np.abs(w).max(initial=0.0))
+        closing, motion = max(self._closing(w[:n]), self._closing((w - self.gap)[:n])), np.abs(w).max(initial=0.0)
+        if closing <= ROUNDING * motion:
+            closing = 0.0
+        u_ref = closing or float(np.abs(w - self.gap)[n:].max(initial=0.0)) or float(motion)
         if self.surface.floating or not u_ref:
             u_ref = max(u_ref, pressure / self.stiffness)
         object.__setattr__(self, "u_ref", u_ref)
         object.__setattr__(self, "p_ref", max(pressure, self.stiffness * u_ref))
+
+    def _closing(self, u_n: Array) -> float:
+        """Largest normal motion (normal rows,) that contact resists [m]: in both directions where it also pulls."""
+        pulls = np.concatenate(
+            [np.zeros(0, bool), *(np.full(len(c.W_n), c.normal.sides == 2) for c in self.cone.contacts)]
+        )
+        return float(np.max(np.where(pulls, np.abs(u_n), u_n), initial=0.0))
 
     @property
     def volume_solves(self) -> int:

@@ -1,4 +1,4 @@
-"""The command line: stickslip run | plan | verify | scenes | new."""
+"""The command line: stickslip run | plan | mesh | verify | scenes | new."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def plan_command(
     as_json: Annotated[bool, typer.Option("--json", help="for scripts")] = False,
 ) -> None:
     """Say which effects a scene switches on, and why, without solving."""
-    from solvers.plan import make_plan, method_of
+    from solvers.plan import make_plan, method_of, warnings
     from workflows.report import print_plan
     from workflows.scene import named, read
 
@@ -72,6 +72,7 @@ def plan_command(
         "method": method_of(loaded),
         "times": list(loaded.requested_times()),
         "effects": [asdict(row) for row in rows],
+        "warnings": list(warnings(loaded)),
     }
     if mesh:
         from workflows.count import count
@@ -80,6 +81,23 @@ def plan_command(
             content["mesh"] = count(loaded)
     if _speaks():
         typer.echo(json.dumps(content, indent=1, ensure_ascii=False)) if as_json else print_plan(content)
+
+
+@app.command("mesh")
+def mesh_command(
+    scene: SceneArgument,
+    override: SetOption = None,
+    gui: Annotated[bool, typer.Option("--gui", help="open the geometry in gmsh's window")] = False,
+    listed: Annotated[bool, typer.Option("--list", help="bodies, sides, and numbered faces in a picture")] = False,
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE.msh", help="write the mesh")] = None,
+) -> None:
+    """Mesh a scene and judge its mesh, without solving."""
+    from workflows.mesh_command import show_mesh
+    from workflows.scene import find, named, read
+
+    loaded = read(scene, override or ())
+    with named(scene):
+        show_mesh(loaded, find(scene).stem, listed, gui, output)
 
 
 @app.command("verify")

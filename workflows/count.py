@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 from mpi4py import MPI
@@ -11,26 +12,20 @@ from geometry.nodes import Nodes
 from solvers.constraints import find_constraints
 from solvers.nouns.scene import Scene
 from solvers.system import contact_rows, displacement_space
+from workflows.mesh_report import MeshReport, report_mesh
 
 
-def count(scene: Scene) -> dict[str, Any]:
-    """Cells, nodes, unknowns, and per contact its points and area; meshes, but assembles nothing."""
+def look(scene: Scene) -> tuple[MeshReport, int]:
+    """The mesh report, and how many displacements are unknown; meshes, but assembles nothing."""
     mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_WORLD)
     space = displacement_space(mesh)
     nodes = Nodes.of(space)
     constraints = find_constraints(scene, mesh, space, nodes)
-    return {
-        "cells": int(mesh.domain.topology.index_map(mesh.dim).size_global),
-        "nodes": nodes.total,
-        "displacement_unknowns": constraints.free_total,
-        "contacts": {
-            c.name: {
-                "normal_points": len(c.W_n),
-                "tangential_points": len(c.W_t),
-                "dropped_multipliers": c.dropped,
-                "area": float(c.node_weights.sum()),
-                "smallest_gap": float(c.node_gap.min()),
-            }
-            for c in contact_rows(scene, mesh, space, nodes, constraints)
-        },
-    }
+    contacts = contact_rows(scene, mesh, space, nodes, constraints)
+    return report_mesh(scene, mesh, nodes.total, contacts), constraints.free_total
+
+
+def count(scene: Scene) -> dict[str, Any]:
+    """Cells, nodes, unknowns, quality, and each contact's points, area and gap."""
+    report, unknown = look(scene)
+    return {**asdict(report), "displacement_unknowns": unknown, "warnings": list(report.warnings())}

@@ -10,9 +10,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from solvers.plan import warnings
 from solvers.simulation import Simulation
 from solvers.step_result import StepResult
 from solvers.stepping import HistoryRow
+from workflows.mesh_report import ContactReport, MeshReport
 from workflows.results import Outcome
 from workflows.run import Watch
 
@@ -42,13 +44,21 @@ class Reporter:
 
     def watch(self) -> Watch:
         """Callbacks for the run."""
-        return Watch(self._prepared, self._iteration, self._step)
+        return Watch(self._meshed, self._prepared, self._iteration, self._step)
+
+    def _meshed(self, report: MeshReport) -> None:
+        for line in report.lines():
+            self._line(line)
+        for line in report.warnings():
+            self._line(f"warning: {line}")
 
     def _prepared(self, simulation: Simulation) -> None:
         times = simulation.scene.requested_times()
         self.progress.update(self.task, total=len(times), description="solving")
         free, points = simulation.system.constraints.free_total, simulation.stepper.cone.size
         self._line(f"{free} unknown displacements, {points} contact unknowns, {len(times)} steps")
+        for warning in warnings(simulation.scene):
+            self._line(f"warning: {warning}")
 
     def _iteration(self, row: HistoryRow) -> None:
         if self.verbose:
@@ -63,7 +73,7 @@ class Reporter:
 
     def _line(self, text: str) -> None:
         if not self.quiet:
-            self.console.print(text)
+            self.console.print(text, soft_wrap=True)
 
     def table(self, content: Content) -> None:
         """Contacts by step, then cost and accuracy."""
@@ -122,12 +132,31 @@ def print_plan(content: Content) -> None:
     times = content["times"]
     shown = ", ".join(f"{t:g}" for t in times[:8]) + (", ..." if len(times) > 8 else "")
     out.print(f"model {content['model']}, method {content['method']}, {len(times)} steps at t = {shown}")
+    for warning in content["warnings"]:
+        out.print(f"warning: {warning}")
     if "mesh" in content:
         mesh = content["mesh"]
-        out.print(
-            f"{mesh['cells']} cells, {mesh['nodes']} nodes, {mesh['displacement_unknowns']} unknown displacements"
-        )
+        out.print(f"{mesh['displacement_unknowns']} unknown displacements")
         for name, c in mesh["contacts"].items():
-            points = f"{c['normal_points']} normal and {c['tangential_points']} tangential points"
-            dropped = f", {c['dropped_multipliers']} multipliers dropped" if c["dropped_multipliers"] else ""
-            out.print(f"contact {name}: {points}{dropped}, area {c['area']:g}, smallest gap {c['smallest_gap']:g} m")
+            if c["dropped_multipliers"]:
+                out.print(f"contact {name}: {c['dropped_multipliers']} multipliers dropped")
+        contacts = {name: ContactReport(**c) for name, c in mesh["contacts"].items()}
+        report = MeshReport(**{key: mesh[key] for key in ("cells", "nodes", "worst_quality")}, contacts=contacts)
+        print_mesh(report, out)
+
+
+def print_mesh(report: MeshReport, out: Console) -> None:
+    """The mesh in a table, its contacts in another, warnings below."""
+    out.print(f"{report.cells} cells, {report.nodes} nodes, worst quality {report.worst_quality:.2f} (1 is best)")
+    table = Table()
+    heads = ("contact", "normal points", "tangential", "area [m²]", "elements across", "smallest gap [m]")
+    for name in (*heads, "largest gap [m]", "overlapping points", "overlap [m²]", "can touch"):
+        table.add_column(name, justify="left" if name == "contact" else "right")
+    for name, c in report.contacts.items():
+        gaps = (f"{c.smallest_gap:.4g}", f"{c.largest_gap:.4g}", str(c.overlapping_points), f"{c.overlap_area:.4g}")
+        points = (str(c.normal_points), str(c.tangential_points), f"{c.area:.4g}", str(c.elements_across))
+        table.add_row(name, *points, *gaps, str(c.points_that_can_touch))
+    if report.contacts:
+        out.print(table)
+    for line in report.warnings():
+        out.print(f"warning: {line}", soft_wrap=True)

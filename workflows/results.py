@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 
 from geometry.dolfinx_versions import DOLFINX
+from geometry.user_files.user_file import UserFile
 from solvers.audit import Audit
+from solvers.nouns.scene import Scene
 from solvers.plan import method_of
 from solvers.simulation import Simulation
 from solvers.step_result import ContactState, StepResult
@@ -48,11 +50,10 @@ def summary(
     scene, counters = simulation.scene, simulation.counters
     contacts = simulation.system.contacts
     resolved = to_dict(scene)
-    text = json.dumps(resolved, sort_keys=True)
     return {
         "format": 1,
         "status": status,
-        "scene": resolved | {"hash": hashlib.sha256(text.encode()).hexdigest()},
+        "scene": resolved | {"hash": scene_hash(scene)},
         "version": VERSION,
         "dolfinx": DOLFINX,
         "ranks": simulation.mesh.comm.size,
@@ -79,13 +80,21 @@ def summary(
         "audit": Audit.worst(audits),
         "error": {
             "discretisation": None,
-            "law": None,
+            "law": max((step.law_error for step in steps), default=None),
             "iteration": max((step.iteration_error for step in steps), default=None),
             "linear_solver": None,
             "what": "relative, energy norm",
         },
         "seconds": asdict(simulation.seconds) | {"total": total, "linear_reference": None},
     }
+
+
+def scene_hash(scene: Scene) -> str:
+    """The same for the same scene; a geometry file counts by its content, not by its place."""
+    plain = to_dict(scene)
+    if isinstance(scene.geometry, UserFile):
+        plain["geometry"]["file"] = scene.geometry.digest()
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
 def write_result(folder: Path, content: dict[str, Any]) -> None:

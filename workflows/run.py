@@ -13,11 +13,13 @@ from typing import Any
 from geometry.errors import MachineError, StickslipError
 from solvers.audit import Audit, Auditor, Record
 from solvers.nouns.scene import Scene
+from solvers.plan import warnings
 from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
 from solvers.stepping import HistoryRow, StepError
 from workflows.folder import MARK, ResultsFolder
 from workflows.interrupt import Interrupt
+from workflows.mesh_report import MeshReport, report_mesh
 from workflows.results import Outcome, summary, write_result
 from workflows.writers.steps import read_step, step_name, write_step
 from workflows.writers.tables import write_history, write_tables
@@ -31,6 +33,7 @@ LOGGERS = ("geometry", "solvers", "workflows")
 class Watch:
     """What a run tells while it works; rank 0 only."""
 
+    on_mesh: Callable[[MeshReport], None] = lambda report: None
     on_prepared: Callable[[Simulation], None] = lambda simulation: None
     on_iteration: Callable[[HistoryRow], None] = lambda row: None
     on_step: Callable[[StepResult], None] = lambda step: None
@@ -109,7 +112,7 @@ class Run:
                         displacement=stored.displacement[:, :dim],
                         p=stored.p,
                         w=stored.w,
-                        w_before=stored.w_before,
+                        reference=stored.reference,
                         driven=stored.driven,
                         p_ref=stored.p_ref,
                         u_ref=stored.u_ref,
@@ -161,11 +164,16 @@ def run(scene: Scene, folder: str | Path, watch: Watch | None = None) -> tuple[O
         simulation = prepare(scene, comm)
         interrupt.check(comm)
         watch = watch or Watch()
+        system = simulation.system
+        report = report_mesh(scene, simulation.mesh, system.nodes.total, system.contacts)
         work = Path(folder).with_name(f".{Path(folder).name}.running")
         raise_together(comm, lambda: results[0].start())
         handler = _log_to(work / MARK) if comm.rank == 0 else None
         try:
             if comm.rank == 0:
+                for warning in warnings(scene):
+                    log.warning("%s", warning)
+                _tell(report, watch)
                 watch.on_prepared(simulation)
             going = Run(simulation, work, began, interrupt)
             status, sentence = going.march(watch)
@@ -175,6 +183,14 @@ def run(scene: Scene, folder: str | Path, watch: Watch | None = None) -> tuple[O
                 _stop_log(handler)
         raise_together(comm, lambda: results[0].finish())
     return Outcome(status, sentence, Path(folder)), content
+
+
+def _tell(report: MeshReport, watch: Watch) -> None:
+    for line in report.lines():
+        log.info("%s", line)
+    for line in report.warnings():
+        log.warning("%s", line)
+    watch.on_mesh(report)
 
 
 def raise_together(comm: Any, act: Callable[[], object]) -> None:

@@ -14,8 +14,11 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 
+from geometry.builders import Builder
 from geometry.errors import FolderError, GeometryError, SceneError, nearest
 from geometry.keys import Choice
+from geometry.user_files.opening import kind_of
+from geometry.user_files.user_file import WITH_PARAMETERS, UserFile
 from solvers.effects import EFFECTS
 from solvers.nouns.scene import Scene
 
@@ -52,7 +55,7 @@ def read(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
     with named(path):
         for override in overrides:
             _override(data, override)
-        return from_dict(data)
+        return from_dict(data, path.parent)
 
 
 @contextmanager
@@ -79,8 +82,8 @@ def find(source: str | Path) -> Path:
     raise SceneError(f"{source}: no such file, nor a ready scene; {nearest(str(source), ready)}")
 
 
-def from_dict(data: Mapping[str, Any]) -> Scene:
-    """Validate parsed TOML.
+def from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Scene:
+    """Validate parsed TOML; `folder` is where a relative `geometry.file` begins, by default the working folder.
 
     Raises:
         SceneError: key, what was found, what is expected, the nearest valid name.
@@ -92,9 +95,10 @@ def from_dict(data: Mapping[str, Any]) -> Scene:
     for key in core:
         if key not in known:
             raise SceneError(f"{key}: unknown key; {nearest(key, known | set(sections))}")
-    values = {"sections": {}} | {
-        key: _parse(get_type_hints(Scene, include_extras=True)[key], value, (key,)) for key, value in core.items()
-    }
+    kinds = get_type_hints(Scene, include_extras=True)
+    if "geometry" in core:
+        kinds["geometry"], core["geometry"] = _geometry(core["geometry"], folder or Path())
+    values = {"sections": {}} | {key: _parse(kinds[key], value, (key,)) for key, value in core.items()}
     values["sections"] = {key: _parse(sections[key], data[key], (key,)) for key in data if key in sections}
     missing = [key for key in ("model", "geometry", "bodies") if key not in values]
     if missing:
@@ -102,9 +106,29 @@ def from_dict(data: Mapping[str, Any]) -> Scene:
     return Scene(**values)
 
 
+def _geometry(table: Any, folder: Path) -> tuple[Any, Any]:
+    """Kind of a geometry by its key, and its table: the file's path absolute, free keys among its parameters."""
+    if not isinstance(table, Mapping) or "file" not in table:
+        if isinstance(table, Mapping) and "builder" not in table:
+            raise SceneError("geometry: needs either builder or file; both are missing")
+        return Builder, table
+    if "builder" in table:
+        raise SceneError("geometry: has both builder and file; keep one of the two")
+    known = {f.name for f in fields(UserFile)}
+    path = folder / str(table["file"])
+    free = {key: value for key, value in table.items() if key not in known}
+    if kind_of(path) in WITH_PARAMETERS and isinstance(table.get("parameters", {}), Mapping):
+        table = {key: value for key, value in table.items() if key in known}
+        table["parameters"] = {**table.get("parameters", {}), **free}
+    elif free:
+        key = min(free)
+        raise SceneError(f"geometry.{key}: unknown key; {nearest(key, known)}")
+    return UserFile, {**table, "file": str(path.absolute()) if isinstance(table["file"], str) else table["file"]}
+
+
 def to_dict(scene: Scene) -> dict[str, Any]:
     """The scene as plain data, every default filled in; `from_dict` reads it back."""
-    hints = get_type_hints(Scene, include_extras=True)
+    hints = get_type_hints(Scene, include_extras=True) | {"geometry": type(scene.geometry)}
     plain = {
         f.name: TypeAdapter(hints[f.name]).dump_python(
             getattr(scene, f.name), mode="json", by_alias=True, exclude_none=True

@@ -9,7 +9,9 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from geometry.amplitude import Amplitude
+from geometry.builders import Builder
 from geometry.keys import Choice, Key
+from geometry.user_files.user_file import Box, UserFile
 from solvers.effects import EFFECTS
 from solvers.nouns.scene import Scene
 
@@ -28,7 +30,8 @@ def reference() -> str:
     """The whole page."""
     hints = get_type_hints(Scene, include_extras=True)
     parts = [HEAD, "## Top level\n", *_table(_top_level(hints))]
-    parts += _section("geometry", hints["geometry"])
+    parts += _section("geometry", Builder)
+    parts += ["### file\n", UserFile.__doc__ or "", "", *_table(_rows(UserFile)), ""]
     for name in TABLES:
         parts += _section(name, hints[name])
     for effect in EFFECTS:
@@ -97,7 +100,13 @@ def _type_text(kind: Any) -> str:
         return f"table of {_type_text(parts[1])}"
     if _is_family(kind):
         return "table, see below"
-    return {float: "number", int: "whole number", str: "text", bool: "true or false"}.get(kind, str(kind))
+    return {
+        Box: "{ box = list of number }",
+        float: "number",
+        int: "whole number",
+        str: "text",
+        bool: "true or false",
+    }.get(kind, str(kind))
 
 
 def _default_text(f: Field[Any]) -> str:

@@ -11,6 +11,8 @@ from geometry.errors import require
 from geometry.keys import Choice, Key
 from geometry.shape import Request, Shape
 
+MOST_CELLS = 50_000_000
+
 
 @dataclass(frozen=True, kw_only=True)
 class Builder(Choice, Shape):
@@ -41,6 +43,10 @@ class Builder(Choice, Shape):
     def fine_size(self) -> float:
         """Edge length at contact surfaces [m]."""
         return self.mesh_size if self.contact_mesh_size is None else self.contact_mesh_size
+
+    def refuse_too_many(self, cells: float) -> None:
+        """Refuse a mesh of about so many `cells` before it is made."""
+        require(cells < MOST_CELLS, "mesh_size", self.mesh_size, f"makes more than {MOST_CELLS} cells")
 
     def scaled(self, factor: float) -> Self:
         """The same shape and mesh in another unit of length."""

@@ -35,6 +35,10 @@ class Compliance(NormalLaw):
     def degree(self, order: int) -> int:
         return order + int(np.ceil(self.m_n * order))
 
+    def pressure(self, penetration: Array) -> Array:
+        """The law itself, (m,) [Pa]."""
+        return np.asarray(self.c_n * np.maximum(penetration, 0.0) ** self.m_n)
+
     def penetration(self, p: Array) -> Array:
         """
         >>> Compliance(c_n=4.0, m_n=2.0).penetration(np.array([0.0, 1.0]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from geometry.amplitude import Amplitude, check, value_at
 from geometry.errors import require
 from geometry.keys import Key
 from solvers.effects.effect import Effect
-from solvers.effects.laws import Array, FrictionLaw
+from solvers.effects.laws import Array, FrictionLaw, NormalLaw, touching
 from solvers.effects.reasons import contacts_with
 
 
@@ -23,16 +23,17 @@ class Coulomb(FrictionLaw):
     law: Annotated[Literal["coulomb"], Key("-", "the law's name")] = "coulomb"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require(self.mu >= 0, "mu", self.mu, "must not be negative")
 
     def resists(self) -> bool:
         return self.mu > 0
 
-    def limit(self, p: Array, sides: int, time: float, end: float) -> Array:
-        return np.asarray(self.mu * np.maximum(p, 0.0))
+    def limit(self, p: Array, average: Any, normal: NormalLaw, time: float, end: float) -> Array:
+        return np.asarray(self.mu * np.maximum(average @ p, 0.0))
 
-    def limit_slope(self, p: Array) -> Array:
-        return np.where(p > 0, self.mu, 0.0)
+    def limit_slope(self, p: Array, average: Any, normal: NormalLaw) -> Any:
+        return average.multiply(np.where(average @ p > 0, self.mu, 0.0)[:, None]).tocsr()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +44,7 @@ class Tresca(FrictionLaw):
     law: Annotated[Literal["tresca"], Key("-", "the law's name")] = "tresca"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check(self.bound, "bound")
         values = [self.bound] if isinstance(self.bound, float | int) else [v for _, v in self.bound]
         require(min(values) >= 0, "bound", min(values), "must not be negative, in pascal")
@@ -50,8 +52,8 @@ class Tresca(FrictionLaw):
     def resists(self) -> bool:
         return any(value for _, value in ([(0.0, self.bound)] if isinstance(self.bound, float | int) else self.bound))
 
-    def limit(self, p: Array, sides: int, time: float, end: float) -> Array:
-        return np.where((p > 0) | (sides == 2), value_at(self.bound, time, end), 0.0)
+    def limit(self, p: Array, average: Any, normal: NormalLaw, time: float, end: float) -> Array:
+        return np.where(touching(p, average, normal), value_at(self.bound, time, end), 0.0)
 
     def amplitudes(self) -> tuple[Amplitude, ...]:
         return (self.bound,)
@@ -63,8 +65,8 @@ class Stick(FrictionLaw):
 
     law: Annotated[Literal["stick"], Key("-", "the law's name")] = "stick"
 
-    def limit(self, p: Array, sides: int, time: float, end: float) -> Array:
-        return np.where((p > 0) | (sides == 2), np.inf, 0.0)
+    def limit(self, p: Array, average: Any, normal: NormalLaw, time: float, end: float) -> Array:
+        return np.where(touching(p, average, normal), np.inf, 0.0)
 
 
 EFFECT = Effect(name="friction", because=contacts_with(FrictionLaw, "friction"))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from geometry.amplitude import Amplitude
-from geometry.keys import Choice
+from geometry.errors import require
+from geometry.keys import Choice, Key
 
 Array = NDArray[np.float64]
 
@@ -22,6 +25,7 @@ class NormalLaw(Choice):
 
     tag: ClassVar[str] = "law"
     sides: ClassVar[int] = 1  # 1: presses only, 2: holds in both directions
+    ties: ClassVar[bool] = False  # holds in every direction, from wherever the surfaces were at the start
     at_quadrature: ClassVar[bool] = False  # pressure is a function of displacement, taken at facet quadrature points
 
     def degree(self, order: int) -> int:
@@ -45,10 +49,29 @@ class NormalLaw(Choice):
         return np.zeros_like(p)
 
 
+@dataclass(frozen=True, kw_only=True)
 class FrictionLaw(Choice):
-    """Bound s [Pa] of the tangential traction, from the normal pressure at the same point."""
+    """Bound s [Pa] of the tangential traction t, and the give of the surface before it slips.
+
+    With k_T the relative displacement that t has made is t / k_T elastic, the rest is slip. Methods meet the bound
+    through `limit` and its slope: `average`, sparse (m_t, m_n), takes values at normal points to psi_j-averages at
+    the points of t.
+    """
 
     tag: ClassVar[str] = "law"
+    k_T: Annotated[float | None, Key("Pa/m", "tangential stiffness before slip; absent: rigid")] = None
+
+    def __post_init__(self) -> None:
+        require(self.k_T is None or self.k_T > 0, "k_T", self.k_T, "must be positive, in Pa/m")
+
+    @property
+    def softness(self) -> float:
+        """1 / k_T [m/Pa], 0 where the surface is rigid before slip."""
+        return 1 / self.k_T if self.k_T else 0.0
+
+    def degree(self, order: int) -> int:
+        """Quadrature degree that the law needs on facets; 0: what the normal law has is enough."""
+        return 0
 
     def resists(self) -> bool:
         """Whether it can hold a body at all."""
@@ -58,14 +81,19 @@ class FrictionLaw(Choice):
         """Why this law cannot go with that normal law, or None."""
         return None
 
-    def limit(self, p: Array, sides: int, time: float, end: float) -> Array:
-        """Bound s (m,) [Pa] >= 0 from normal pressures p (m,) [Pa]."""
+    def limit(self, p: Array, average: Any, normal: NormalLaw, time: float, end: float) -> Array:
+        """Bound s (m_t,) [Pa] >= 0 from normal pressures p (m_n,) [Pa]."""
         raise NotImplementedError
 
-    def limit_slope(self, p: Array) -> Array:
-        """ds/dp (m,)."""
-        return np.zeros_like(p)
+    def limit_slope(self, p: Array, average: Any, normal: NormalLaw) -> Any:
+        """ds/dp, sparse (m_t, m_n)."""
+        return sparse.csr_matrix(average.shape)
 
     def amplitudes(self) -> tuple[Amplitude, ...]:
         """Values in time that the law contains."""
         return ()
+
+
+def touching(p: Array, average: Any, normal: NormalLaw) -> NDArray[np.bool_]:
+    """Which tangential points (m_t,) a given bound holds at: where they press, or everywhere if they cannot part."""
+    return np.asarray((average @ p > 0) | (normal.sides == 2))

@@ -20,7 +20,7 @@ BALANCE = 1e-8  # force out of balance, relative, at which a solution of the lin
 class LinearisedLaws:
     """One Newton system.
 
-    Springs (compliance): p = p_0 + k (w - gap), folded into the stiffness.
+    Springs (compliance, stick with k_T): p = p_0 + k (w - gap), folded into the stiffness.
     Carried rows (closed, stick, slip): A_p p + A_w w = rhs. All other tractions are zero.
     """
 
@@ -94,12 +94,16 @@ def linearise(problem: SurfaceProblem, p_hat: Array, gamma: Array) -> Linearised
         index = np.arange(span.start, span.stop).reshape(-1, c)
         trial = p_hat[span].reshape(-1, c) * free
         length, s = np.linalg.norm(trial, axis=1), cone.bound(place, p[place.normal])
-        stick = (length <= s) & (s > 0)
+        soft = place.rows.friction.softness  # type: ignore[union-attr]
+        stick = (length <= s * (1 + gamma[index[:, 0]] * soft)) & (s > 0)
         slip = ~stick & (s > 0)
         stuck = index[stick[:, None] & free]
-        carried[stuck] = True
-        A_w[stuck] = gamma[stuck]
-        rhs[stuck] = (gamma * problem.gap)[stuck]
+        if soft:
+            k[stuck] = 1 / soft
+        else:
+            carried[stuck] = True
+            A_w[stuck] = gamma[stuck]
+            rhs[stuck] = (gamma * problem.gap)[stuck]
         # slip: t = s(p_n) e + J (t + gamma (w - gap) - t_hat), J = s/|t_hat| (I - e e^T)
         e = trial[slip] / length[slip][:, None]
         J = (s[slip] / length[slip])[:, None, None] * (np.eye(c) - e[:, :, None] * e[:, None, :])
@@ -110,8 +114,7 @@ def linearise(problem: SurfaceProblem, p_hat: Array, gamma: Array) -> Linearised
         shape = (rows, rows)
         blocks.append(sparse.coo_matrix(((-J * step[:, None, :]).ravel(), (i.ravel(), j.ravel())), shape=shape))
         follow = sparse.coo_matrix(((np.eye(c) - J).ravel(), (i.ravel(), j.ravel())), shape=shape)
-        slope_s = place.rows.friction.limit_slope(place.average @ p[place.normal])[slip]  # type: ignore[union-attr]
-        on_normal = (place.average[slip].multiply(slope_s[:, None])).tocoo()  # ds/dp_n
+        on_normal = cone.bound_slope(place, p[place.normal])[slip].tocoo()
         rows_n = at[on_normal.row]  # (nnz, c)
         cols_n = np.broadcast_to(place.normal.start + on_normal.col[:, None], rows_n.shape)
         coupling = sparse.coo_matrix(

@@ -48,6 +48,8 @@ class Solution:
     status: Status
     residual: float  # of these tractions
     history: tuple[Step, ...]
+    law_error: float = 0.0  # energy norm of what the method's own approximation of the laws leaves [J^(1/2)]
+    slack: float = 1e-6  # part of the friction bound by which a slipping point may fall short of it
 
     @property
     def iterations(self) -> int:

@@ -12,10 +12,20 @@ class Applicability:
 
     floating: bool  # works while a body is held by contact and friction alone
     use: str
+    normal: tuple[str, ...] | None = None  # names of the normal laws that it can do; None: all
+    friction: tuple[str, ...] | None = None  # of the friction laws
+    k_T: bool = True  # tangential stiffness before slip
 
 
 METHODS: Mapping[str, Applicability] = {
     "auto": Applicability(floating=True, use="condensed-newton"),
     "condensed-newton": Applicability(floating=True, use="the default: few iterations, hard to break"),
     "uzawa": Applicability(floating=False, use="the classical iteration: simple, many cheap iterations"),
+    "regularised": Applicability(
+        floating=False,
+        use="the baseline: penalty and smoothed friction in UFL, SNES on the whole volume; states its error",
+        normal=("unilateral", "bilateral", "compliance"),
+        friction=("coulomb", "tresca"),
+        k_T=False,
+    ),
 }

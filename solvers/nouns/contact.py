@@ -7,6 +7,7 @@ from typing import Annotated
 
 from geometry.errors import SceneError
 from geometry.keys import Key, Noun
+from solvers.effects.friction import Stick
 from solvers.effects.laws import FrictionLaw, NormalLaw
 from solvers.effects.unilateral import Unilateral
 
@@ -24,6 +25,15 @@ class Contact(Noun):
 
     def __post_init__(self) -> None:
         if self.friction is not None:
-            reason = self.friction.refuses(self.normal)
+            reason = "a tied surface sticks, leave it out" if self.normal.ties else self.friction.refuses(self.normal)
             if reason:
                 raise SceneError(f"friction: {reason}")
+
+    @property
+    def tangential(self) -> FrictionLaw | None:
+        """The friction law in force: a tied surface sticks."""
+        return Stick() if self.normal.ties else self.friction
+
+    def degree(self, order: int) -> int:
+        """Quadrature degree that both laws need on facets."""
+        return max(self.normal.degree(order), self.friction.degree(order) if self.friction else 0)

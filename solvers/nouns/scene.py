@@ -15,6 +15,7 @@ from geometry.errors import SceneError, nearest, require
 from geometry.keys import Key, Noun
 from geometry.obstacles import Obstacle
 from geometry.shape import Model, Request
+from geometry.user_files.user_file import UserFile
 from solvers.effects import EFFECTS
 from solvers.methods.table import METHODS
 from solvers.nouns.contact import Contact
@@ -31,7 +32,7 @@ class Scene(Noun):
     """Frozen and validated; `sections` holds the tables that effects own (`gravity`, `periodic`)."""
 
     model: Annotated[Model, Key("-", "kinematics; plane: per metre; axisymmetric: x radius, y axis, full circle")]
-    geometry: Builder
+    geometry: Builder | UserFile
     bodies: Mapping[str, Material]
     title: Annotated[str, Key("-", "a sentence for tables and pictures")] = ""
     obstacles: Mapping[str, Obstacle] = field(default_factory=dict)

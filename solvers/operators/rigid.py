@@ -77,9 +77,11 @@ def build_rows(contacts: dict[str, tuple[Contact, Obstacle, Surface]], constrain
     found = []
     for name, (contact, obstacle, surface) in contacts.items():
         frames = frames_of(-obstacle.normals(surface.points))
-        weights, gap = surface.node_weights(), obstacle.signed_gap(surface.points) + contact.gap_offset
+        weights, friction = surface.node_weights(), contact.tangential
+        gap = np.zeros(len(weights)) if contact.normal.ties else obstacle.signed_gap(surface.points)
+        gap = gap + contact.gap_offset
         if contact.normal.at_quadrature:
-            N_n, W_n, psi, gap_n = _quadrature_rows(surface, obstacle, contact.normal.degree(surface.degree))
+            N_n, W_n, psi, gap_n = _quadrature_rows(surface, obstacle, contact.degree(surface.degree))
             gap_n = gap_n + contact.gap_offset
         else:
             carrier = normal_carriers[name]
@@ -92,7 +94,7 @@ def build_rows(contacts: dict[str, tuple[Contact, Obstacle, Surface]], constrain
             psi = carrier.share.T.multiply(weights[:, None]).tocsr()
             gap_n = carrier.mean(surface, weights)[0] @ gap
         dropped = 0 if contact.normal.at_quadrature else len(weights) - len(W_n)
-        if contact.friction is not None:
+        if friction is not None:
             carrier = _carry(surface, frames[:, 1:], constraints, used)
             dropped += len(weights) - carrier.share.shape[0]
         else:
@@ -101,7 +103,7 @@ def build_rows(contacts: dict[str, tuple[Contact, Obstacle, Surface]], constrain
         N_t, W_t = carrier.rows(surface, weights)
         found.append(
             ContactRows(
-                name=name, surface=surface, obstacle=obstacle, normal=contact.normal, friction=contact.friction,
+                name=name, surface=surface, obstacle=obstacle, normal=contact.normal, friction=friction,
                 frames=frames, node_weights=weights, node_gap=surface.transform @ gap,
                 N_n=N_n, W_n=W_n, gap=gap_n, N_t=N_t, W_t=W_t,
                 free=carrier.free, psi=psi, share_t=carrier.share, dropped=dropped,

@@ -204,3 +204,16 @@ def test_one_rank_speaks(tmp_path: Path) -> None:
     assert done.stderr.count("t = 2: ") == 1
     plan = mpirun(2, ["plan", "block", "--mesh", "--json", *options(SCENES["block"])], tmp_path)
     assert json.loads(plan.stdout)["mesh"]["contacts"]["base"]["normal_points"] == 17  # 4 m, 0.25 m a cell
+
+
+def test_regularised_finds_on_two_ranks_what_it_finds_on_one(tmp_path: Path) -> None:
+    words = [*SCENES["cube"], *ALWAYS, "solver.method=regularised"]
+    run(read("cube", words), tmp_path / "one")
+    done = mpirun(2, ["run", "cube", "-q", "-o", "two", *options(words)], tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    one, two = (json.loads((tmp_path / name / "result.json").read_text()) for name in ("one", "two"))
+    assert two["error"]["law"] == pytest.approx(one["error"]["law"], rel=1e-6)  # a difference of two answers
+    for mine, other in zip(one["steps"], two["steps"], strict=True):
+        forces = [step["contacts"]["base"]["force"] for step in (mine, other)]
+        assert_allclose(forces[1], forces[0], atol=SAME * np.abs(forces[0]).max())
+        assert other["iterations"] == mine["iterations"]

@@ -10,6 +10,7 @@ import pytest
 import pyvista
 from numpy.testing import assert_allclose
 
+from shared.measures import bend, measures
 from shared.solved import ROUNDING, Solved
 
 
@@ -48,16 +49,16 @@ def shown(path: Path) -> Iterator[tuple[float, Any]]:
 
 
 def test_vtk_reads_the_fields(solved: Solved) -> None:
-    size, measure = (
-        np.prod(np.ptp(solved.scene.geometry.box(solved.scene.dim), axis=0)),
-        ("Area", "Volume")[solved.scene.dim - 2],
-    )
+    shape, dim = solved.scene.geometry, solved.scene.dim
+    (body,) = shape.bodies(dim)
+    size, measure = measures(shape, dim)[body], ("Area", "Volume")[dim - 2]
+    straight = bend(shape) ** 2 / 6  # VTK cuts curved cells into straight ones
     times = []
     for index, (time, grid) in enumerate(shown(solved.folder / "fields.xdmf")):
         times.append(time)
         assert_shows_the_probes(solved, index, np.array(grid.points), np.array(grid.point_data["displacement"]))
         cells = grid.compute_cell_sizes().cell_data[measure]
-        assert_allclose(cells.sum(), size, rtol=1e-6)  # single precision, in case VTK turns to it
+        assert_allclose(cells.sum(), size, rtol=1e-6 + straight)  # single precision, in case VTK turns to it
     assert times == [step["time"] for step in solved.result["steps"]]
 
 

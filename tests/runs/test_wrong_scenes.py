@@ -26,7 +26,7 @@ def foundation(keys: str) -> str:
 WRONG = {
     # names
     "unknown key": (["contacts.base.surfce='x'"], r"contacts\.base\.surfce: unknown key; did you mean surface\?"),
-    "unknown key of a law": (["contacts.base.friction.nu=1"], r"friction\.nu: unknown key; known: law, mu"),
+    "unknown key of a law": (["contacts.base.friction.nu=1"], r"friction\.nu: unknown key; known: k_T, law, mu"),
     "unknown key of the geometry": (["geometry.lenght=1"], r"geometry\.lenght: unknown key; did you mean length\?"),
     "unknown key of the solver": (["solver.tolerence=1"], r"solver\.tolerence: unknown key; did you mean tolerance\?"),
     "unknown table": (["suports.top.x=1"], r"suports: unknown key; did you mean supports\?"),
@@ -89,6 +89,18 @@ WRONG = {
     "negative bound": (
         ["contacts.base.friction={law='tresca',bound=[[1,-1]]}"],
         r"contacts\.base\.friction\.bound = -1\.0: must not be negative, in pascal",
+    ),
+    "no stiffness before slip": (
+        ["contacts.base.friction.k_T=0.0"],
+        r"friction\.k_T = 0\.0: must be positive, in Pa/m",
+    ),
+    "bound by a penetration that there is not": (
+        ["contacts.base.friction={law='compliance',c_T=1.0}"],
+        r'contacts\.base\.friction: law = "compliance" .* needs normal = \{ law = "compliance"',
+    ),
+    "friction of a tied surface": (
+        ["contacts.base.normal.law='tied'"],
+        r"contacts\.base\.friction: a tied surface sticks, leave it out",
     ),
     "root as compliance": (
         ["contacts.base.normal={law='compliance',c_n=1.0,m_n=0.5}"],

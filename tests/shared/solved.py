@@ -53,10 +53,11 @@ def coarse(name: str) -> list[str]:
     """Overrides for a coarser mesh, with a probe more, and no pictures (they have tests of their own)."""
     scene = read(name)
     sizes = {key: getattr(scene.geometry, key, None) for key in ("mesh_size", "contact_mesh_size")}
-    origin = [0.0] * scene.dim
+    surface = next(iter(scene.contacts.values())).surface
+    corner = scene.geometry.sample(surface, scene.dim)[0][0].tolist()
     return [
         *(f"geometry.{key}={COARSER * size}" for key, size in sizes.items() if size is not None),
-        f"probes.origin={{point={origin}}}",
+        f"probes.seat={{point={corner}}}",
         "output.pictures=false",
     ]
 

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
+from scipy import sparse
 
 from geometry.errors import SceneError
 from solvers.cone import project_disc
@@ -15,8 +16,11 @@ from solvers.effects import compliance
 from solvers.effects.bilateral import Bilateral
 from solvers.effects.compliance import Compliance
 from solvers.effects.friction import Coulomb, Stick, Tresca
-from solvers.effects.laws import NormalLaw
+from solvers.effects.laws import FrictionLaw, NormalLaw
+from solvers.effects.tangential_compliance import TangentialCompliance
+from solvers.effects.tied import Tied
 from solvers.effects.unilateral import Unilateral
+from solvers.nouns.contact import Contact
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
@@ -24,7 +28,14 @@ EXPONENTS = st.sampled_from([1.0, 1.5, 2.0, 2.7, 3.0])
 STIFFNESS = st.floats(-20, 20).map(lambda e: 10.0**e)  # Pa/m^m_n, from a sponge to rigid
 STEPS = st.floats(-12, 12).map(lambda e: 10.0**e)
 PRESSURES = st.floats(-12, 12).map(lambda e: 10.0**e)
-NORMAL = [Unilateral(), Bilateral(), Compliance(c_n=3.0), Compliance(c_n=1e9, m_n=2.0), Compliance(c_n=0.2, m_n=1.5)]
+NORMAL = [
+    Unilateral(),
+    Bilateral(),
+    Tied(),
+    Compliance(c_n=3.0),
+    Compliance(c_n=1e9, m_n=2.0),
+    Compliance(c_n=0.2, m_n=1.5),
+]
 
 
 @given(EXPONENTS, STIFFNESS, STEPS, PRESSURES)
@@ -79,10 +90,11 @@ def test_resolvents_never_move_two_trials_apart(law: NormalLaw) -> None:
 def test_rigid_laws_keep_the_trial_where_it_may_be() -> None:
     trial, gamma = np.array([-2.0, 0.0, 3.0]), np.ones(3)
     assert_array_equal(Unilateral().resolvent(trial, gamma), [0.0, 0.0, 3.0])
-    assert_array_equal(Bilateral().resolvent(trial, gamma), trial)
+    for law in (Bilateral(), Tied()):
+        assert_array_equal(law.resolvent(trial, gamma), trial)
+        assert_array_equal(law.stiffness(trial, trial), np.inf)
     assert_array_equal(Unilateral().stiffness(trial, trial), [0.0, 0.0, np.inf])
-    assert_array_equal(Bilateral().stiffness(trial, trial), np.inf)
-    for law in (Unilateral(), Bilateral()):
+    for law in (Unilateral(), Bilateral(), Tied()):
         assert_array_equal(law.penetration(trial), 0.0)
         assert_array_equal(law.energy(trial), 0.0)
 
@@ -99,16 +111,64 @@ def test_compliance_energy_is_the_work_of_pressing(m_n: float, c_n: float, depth
 
 def test_friction_bounds_follow_their_laws() -> None:
     p = np.array([-1.0, 0.0, 2.0])
-    at_half = {"time": 0.5, "end": 1.0}
-    for sides in (1, 2):  # Coulomb's bound is the pressure's, and nothing where it pulls
-        assert_array_equal(Coulomb(mu=0.25).limit(p, sides, **at_half), [0.0, 0.0, 0.5])
-    assert_array_equal(Tresca(bound=4.0).limit(p, 1, **at_half), [0.0, 0.0, 2.0])  # ramped: half way
-    assert_array_equal(Tresca(bound=4.0).limit(p, 2, **at_half), 2.0)
-    assert_array_equal(Tresca(bound=((0.0, 3.0),)).limit(p, 2, **at_half), 3.0)
-    assert_array_equal(Stick().limit(p, 1, **at_half), [0.0, 0.0, np.inf])
-    assert_array_equal(Stick().limit(p, 2, **at_half), np.inf)
-    assert_array_equal(Coulomb(mu=0.25).limit_slope(p), [0.0, 0.0, 0.25])
-    assert_array_equal(Tresca(bound=4.0).limit_slope(p), 0.0)
+    one, two, alone = Unilateral(), Bilateral(), sparse.identity(3, format="csr")
+    at_half = {"average": alone, "time": 0.5, "end": 1.0}
+    for law in (one, two):  # Coulomb's bound is the pressure's, and nothing where it pulls
+        assert_array_equal(Coulomb(mu=0.25).limit(p, normal=law, **at_half), [0.0, 0.0, 0.5])
+    assert_array_equal(Tresca(bound=4.0).limit(p, normal=one, **at_half), [0.0, 0.0, 2.0])  # ramped: half way
+    assert_array_equal(Tresca(bound=4.0).limit(p, normal=two, **at_half), 2.0)
+    assert_array_equal(Tresca(bound=((0.0, 3.0),)).limit(p, normal=two, **at_half), 3.0)
+    assert_array_equal(Stick().limit(p, normal=one, **at_half), [0.0, 0.0, np.inf])
+    assert_array_equal(Stick().limit(p, normal=two, **at_half), np.inf)
+    assert_array_equal(Coulomb(mu=0.25).limit_slope(p, alone, one).toarray(), np.diag([0.0, 0.0, 0.25]))
+    assert_array_equal(Tresca(bound=4.0).limit_slope(p, alone, one).toarray(), 0.0)
+
+
+SHARES = sparse.csr_matrix([[0.7, 0.5, -0.2, 0.0], [0.0, -0.1, 0.4, 0.7]])  # dual functions are negative somewhere
+
+
+def test_coulomb_takes_the_average_first_and_compliance_the_power_first() -> None:
+    normal, p = Compliance(c_n=4.0, m_n=2.0), np.array([1.0, 4.0, 9.0, 0.0])  # penetrations .5, 1, 1.5, 0
+    at_once: dict[str, Any] = {"average": SHARES, "normal": normal, "time": 1.0, "end": 1.0}
+    assert_allclose(Coulomb(mu=0.5).limit(p, **at_once), 0.5 * np.array([0.9, 3.2]), rtol=4 * EPS)
+    law = TangentialCompliance(c_T=8.0, m_T=3.0)  # c_T delta^3 = 1, 8, 27, 0
+    assert_allclose(law.limit(p, **at_once), [np.maximum(0.7 + 4 - 5.4, 0), -0.8 + 10.8], rtol=8 * EPS)
+
+
+@pytest.mark.parametrize("m_n", [1.0, 1.5, 3.0])
+@pytest.mark.parametrize(
+    "law", [Coulomb(mu=0.3), TangentialCompliance(c_T=2.0), TangentialCompliance(c_T=2.0, m_T=2.5)]
+)
+def test_slope_of_the_bound_is_its_derivative(law: FrictionLaw, m_n: float) -> None:
+    normal, p, h = Compliance(c_n=4.0, m_n=m_n), np.array([1.0, 0.4, 1.3, 0.9]), 1e-6
+    at_once: dict[str, Any] = {"average": SHARES, "normal": normal, "time": 1.0, "end": 1.0}
+    columns = [(law.limit(p + h * e, **at_once) - law.limit(p - h * e, **at_once)) / (2 * h) for e in np.eye(4)]
+    assert_allclose(law.limit_slope(p, SHARES, normal).toarray(), np.stack(columns, axis=1), atol=1e-9)  # h², eps/h
+
+
+def test_slope_of_the_bound_is_finite_at_first_touch() -> None:
+    p = np.array([0.0, 1e-300, 1e-12, 1.0])
+    for m_n in (1.0, 2.0, 3.0):
+        for m_T in (1.0, 2.0, 3.0):  # below m_n the slope is infinite at p = 0, where the point is open
+            slope = TangentialCompliance(c_T=2.0, m_T=m_T).limit_slope(p, SHARES, Compliance(c_n=4.0, m_n=m_n))
+            assert np.all(np.isfinite(slope.toarray()))
+            assert_array_equal(slope[:, 0].toarray(), 0.0)
+
+
+def test_bound_by_penetration_needs_a_law_that_has_one() -> None:
+    friction, side = TangentialCompliance(c_T=1.0), {"surface": "block.bottom", "against": "floor"}
+    assert Contact(**side, normal=Compliance(c_n=1.0), friction=friction).tangential is friction
+    for law in (Unilateral(), Bilateral()):
+        with pytest.raises(SceneError, match=r'friction: law = "compliance" bounds friction by the penetration'):
+            Contact(**side, normal=law, friction=friction)
+
+
+def test_tied_surface_sticks_and_refuses_a_friction_law() -> None:
+    side = {"surface": "block.bottom", "against": "floor"}
+    tied = Contact(**side, normal=Tied())
+    assert (tied.friction, tied.tangential) == (None, Stick())
+    with pytest.raises(SceneError, match=r"friction: a tied surface sticks, leave it out"):
+        Contact(**side, normal=Tied(), friction=Coulomb(mu=0.3))
 
 
 @pytest.mark.parametrize(
@@ -116,6 +176,11 @@ def test_friction_bounds_follow_their_laws() -> None:
     [
         (lambda: Coulomb(mu=-0.1), r"mu = -0\.1: must not be negative"),
         (lambda: Tresca(bound=((0.0, 1.0), (1.0, -2.0))), r"bound = -2\.0: must not be negative, in pascal"),
+        (lambda: Coulomb(mu=0.3, k_T=0.0), r"k_T = 0\.0: must be positive, in Pa/m"),
+        (lambda: Tresca(bound=1.0, k_T=-1.0), r"k_T = -1\.0: must be positive, in Pa/m"),
+        (lambda: Stick(k_T=-1.0), r"k_T = -1\.0: must be positive, in Pa/m"),
+        (lambda: TangentialCompliance(c_T=-1.0), r"c_T = -1\.0: must not be negative, in Pa/m\^m_T"),
+        (lambda: TangentialCompliance(c_T=1.0, m_T=0.5), r"m_T = 0\.5: must be at least 1"),
         (lambda: Compliance(c_n=0.0), r"c_n = 0\.0: must be positive"),
         (lambda: Compliance(c_n=1.0, m_n=0.5), r"m_n = 0\.5: must be at least 1"),
     ],

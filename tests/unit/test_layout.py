@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("geometry", "solvers", "workflows")
 SOURCES = [ROOT / "stickslip.py", *sorted(p for name in PACKAGES for p in (ROOT / name).rglob("*.py"))]
 VERSIONS = "geometry/dolfinx_versions.py"
-FORMS = ("solvers/forms.py",)  # where UFL is written
+FORMS = ("solvers/contact_forms.py", "solvers/forms.py")  # where UFL is written
 
 
 def name_of(path: Path) -> str:

@@ -19,6 +19,7 @@ from workflows.pictures import draw
 from workflows.writers.body_picture import _outline, displacement_scale
 from workflows.writers.contact_curves import walk
 from workflows.writers.contact_maps import dual_cells, view_of
+from workflows.writers.focus import focus
 from workflows.writers.render import View, grid_of
 
 Ints = NDArray[np.int64]
@@ -100,9 +101,10 @@ def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
         probes={},
         energy=Energy(0.0, 0.0, 0.0, 0.0, np.zeros(1)),
         iteration_error=0.0,
+        law_error=0.0,
         p=np.zeros(0),
         w=np.zeros(0),
-        w_before=np.zeros(0),
+        reference=np.zeros(0),
         driven=np.zeros(0),
         obstacles={},
         p_ref=1.0,
@@ -177,11 +179,20 @@ def test_slim_bodies_many_contacts_and_no_contact(tmp_path: Path) -> None:
 def test_curved_surfaces_are_drawn_from_the_front_right(tmp_path: Path) -> None:
     mesh = block("hexahedron")
     points, facets, facet = mesh.surfaces["base"]
-    bent = points + np.outer((points[:, 0] - 1.0) ** 2, [0.0, 0.0, 0.3])
-    assert view_of(points)[1] == ("x", "y")
+    shallow, bent = (points + np.outer((points[:, 0] - 1.0) ** 2, [0.0, 0.0, depth]) for depth in (0.3, 0.8))
+    assert view_of(points)[1] == view_of(shallow)[1] == ("x", "y")
     assert view_of(bent)[1] is None
     mesh = dataclasses.replace(mesh, surfaces={"base": (bent, facets, facet)})
     assert all(colours(path) > 100 for path in draw(tmp_path, mesh, pressed(mesh), "bent"))
+
+
+def test_a_small_touching_part_is_looked_at_closely() -> None:
+    x = np.stack(np.meshgrid(np.linspace(0, 1, 21), np.linspace(0, 1, 21)), axis=-1).reshape(-1, 2)
+    shown = x[focus(x, np.linalg.norm(x, axis=1) < 0.21)]  # 0.2 wide, and half of that on every side
+    assert np.allclose(shown.max(axis=0), 0.3)
+    assert focus(x, x[:, 0] < 0.71).all()  # large
+    assert focus(x, x[:, 0] < 0).all()  # nothing touches
+    assert focus(x, x.sum(axis=1) == 0).all()  # one point
 
 
 def test_a_picture_that_cannot_be_written_is_said(tmp_path: Path) -> None:

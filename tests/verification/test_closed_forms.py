@@ -102,14 +102,15 @@ def test_sheared_column_gives_the_tabulated_states() -> None:
     assert_allclose(history.dissipation, table.dissipation, atol=1e-15)
 
 
-def test_work_of_the_top_is_stored_or_dissipated() -> None:
-    tall = sheared_column.ShearedColumn(G=1000.0, bound=3.0, height=2.0)
+@pytest.mark.parametrize("k_T", [np.inf, 800.0])
+def test_work_of_the_top_is_stored_or_dissipated(k_T: float) -> None:
+    tall = sheared_column.ShearedColumn(G=1000.0, bound=3.0, height=2.0, k_T=k_T)
     corners = np.concatenate([[0.0], sheared_column.TOP])
     top = np.concatenate([np.linspace(a, b, 10001)[1:] for a, b in itertools.pairwise(corners)])
     history = sheared_column.drive(tall, top)
     V, tau = np.concatenate([[0.0], top]), np.concatenate([[0.0], history.tau])
     work = np.sum(0.5 * (tau[1:] + tau[:-1]) * np.diff(V))
-    stored = 0.5 * tau[-1] ** 2 * tall.height / tall.G
+    stored = 0.5 * tau[-1] ** 2 * (tall.height / tall.G + 1 / k_T)  # column and base, springs in series
     assert stored > 0
     # trapezoids: exact but for the steps where slip begins, each 1e-3 of a stroke
     assert_allclose(work, history.dissipation[-1] + stored, rtol=1e-6)

@@ -1,6 +1,7 @@
 """A column on a compliant foundation: uniform, so that any mesh gives the closed form to the solver's precision."""
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -42,11 +43,26 @@ def test_tabulated_columns_overlap_and_near_incompressibility_included(
     assert not failures(column_case.tabulated(method, dim, case))
 
 
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("m", [1.5, 2.7, 3])
-def test_column_pressed_by_a_force_finds_the_foundation_that_alone_holds_it(dim: int, m: float) -> None:
+def test_nearly_incompressible_column_is_exact_too(method: str, dim: int) -> None:
+    assert not failures(column_case.incompressible(method, dim))
+
+
+@pytest.mark.parametrize(("dim", "order"), column_case.FORCED)
+@pytest.mark.parametrize("m", column_case.EXPONENTS)
+def test_column_pressed_by_a_force_finds_the_foundation_that_alone_holds_it(
+    dim: int, order: Literal[1, 2], m: float
+) -> None:
     # only condensed-newton: the stiffness of a body that nothing else holds is singular, and Uzawa inverts it
-    assert not failures(column_case.force_driven("condensed-newton", dim, m))
+    assert not failures(column_case.force_driven("condensed-newton", dim, m, order))
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize(("g", "share"), column_case.OFFSETS)
+def test_gap_may_be_drawn_or_given_as_an_offset(method: str, dim: int, g: float, share: float) -> None:
+    assert not failures(column_case.offset(method, dim, g, share))
 
 
 @pytest.mark.parametrize("method", METHODS)

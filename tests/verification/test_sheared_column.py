@@ -7,9 +7,23 @@ import pytest
 from numpy.testing import assert_allclose
 
 from solvers.effects.friction import Coulomb
+from solvers.effects.tangential_compliance import TangentialCompliance
+from solvers.simulation import prepare
 from workflows.verification import sheared_column, sheared_column_case
 from workflows.verification.check import Check, failures
-from workflows.verification.sheared_column_case import MU, E, bases, cycled, driven, laws, scene
+from workflows.verification.sheared_column_case import (
+    BY_PENETRATION,
+    K_T,
+    MU,
+    E,
+    bases,
+    cycled,
+    driven,
+    laws,
+    penetrating,
+    scene,
+    threshold,
+)
 
 METHODS = ("condensed-newton", "uzawa")
 PATH = sheared_column.TOP[:, None]
@@ -23,8 +37,49 @@ def test_column_sticks_slips_and_reverses_as_the_closed_form(method: str, law: s
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_every_cycle_of_many_dissipates_the_same(method: str) -> None:
-    assert not failures(cycled(method))
+@pytest.mark.parametrize("k_T", [None, K_T])
+def test_every_cycle_of_many_dissipates_the_same(method: str, k_T: float | None) -> None:
+    assert not failures(cycled(method, k_T=k_T))
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("c_T", "m_T", "k_T"), BY_PENETRATION)
+def test_bound_is_a_power_of_the_penetration(method: str, c_T: float, m_T: float, k_T: float | None) -> None:
+    assert not failures(penetrating(method, c_T, m_T, k_T))
+    assert not failures(threshold(method, c_T, m_T))
+
+
+@pytest.mark.parametrize(("c_T", "m_T"), [(1.001e6, 2.0), (1e6, 2.001)])
+def test_threshold_notices_another_power_of_the_penetration(
+    c_T: float, m_T: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sheared_column_case, "TangentialCompliance", lambda **_: TangentialCompliance(c_T=c_T, m_T=m_T))
+    assert failures(threshold("condensed-newton", 1e6, 2.0))
+    assert len(failures(penetrating("condensed-newton", 1e6, 2.0))) > 10  # of 21; the first move only sticks
+
+
+def test_a_stiff_base_is_that_of_the_rigid_law() -> None:
+    rigid, stiff = (
+        bases(scene(dim=2, method="condensed-newton", E=E, friction=Coulomb(mu=MU, k_T=k_T), path=PATH))
+        for k_T in (None, 1e9)
+    )
+    for mine, theirs in zip(rigid, stiff, strict=True):
+        # G / k_T = 1e-6 of what a move of 20 mm would make, 20 Pa, and of the move itself
+        assert_allclose(mine.traction, theirs.traction, atol=2e-5)
+        assert_allclose(mine.slip, theirs.slip, atol=2e-8)
+
+
+def test_elastic_give_is_stored_and_given_back() -> None:
+    law = Coulomb(mu=MU, k_T=K_T)
+    steps = list(prepare(scene(dim=2, method="condensed-newton", E=E, friction=law, path=PATH)).steps())
+    exact = sheared_column.drive(sheared_column.ShearedColumn(G=1000.0, bound=3.0, k_T=K_T), sheared_column.TOP)
+    for step, tau in zip(steps[-len(PATH) :], exact.tau, strict=True):
+        # closed form, as accurate as the states
+        assert_allclose(step.energy.compliance, tau**2 / (2 * K_T), rtol=1e-9)
+        assert_allclose(step.energy.external, step.energy.stored + step.energy.contact, rtol=1e-8)
+    stuck = steps[-len(PATH)].energy
+    assert_allclose(stuck.contact, stuck.compliance, rtol=1e-9)  # nothing has slipped: all of it is elastic
+    assert_allclose(stuck.dissipated, 0.0, atol=1e-9 * stuck.compliance)
 
 
 def test_both_methods_give_the_same_history() -> None:
@@ -50,7 +105,7 @@ def test_checks_fail_without_friction(method: str, law: str) -> None:
 
     checks = [c for c in driven(method, law, laws(mu=0.0)[law]) if "pressure" not in c.name]
     passing = names(checks, lambda check: check.passed)
-    assert passing <= {"dissipation so far"}  # the first move only sticks, and dissipates nothing either way
+    assert passing <= {"dissipation so far"}  # the moves that only stick dissipate nothing either way
     assert len(failures(checks)) == len(checks) - 1
     assert len(failures(cycled(method, mu=0.0))) == 4
 

@@ -86,7 +86,7 @@ def nouns(family: type[Any] = Noun) -> Iterator[type[Any]]:
 @pytest.mark.parametrize("noun", [n for n in nouns() if is_dataclass(n) and n is not Choice], ids=lambda n: n.__name__)
 def test_every_key_has_a_unit_that_can_be_converted(noun: type[Any]) -> None:
     class Exponent:
-        m_n = 2.0
+        m_n, m_T = 2.0, 1.5
 
     for hint in get_type_hints(noun, include_extras=True).values():
         for key in getattr(hint, "__metadata__", ()):

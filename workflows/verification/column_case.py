@@ -28,6 +28,9 @@ M = column.constrained_modulus(E, NU)
 TOLERANCE = 1e-9  # the solver's 1e-12 times the condition of the column, about 10, and two digits to spare
 GAP = 0.002  # [m]
 C_N = {1: 1e4, 1.5: 1e5, 2: 1e6, 2.7: 1e7, 3: 1e8}  # by exponent [Pa/m^m]
+FORCED: tuple[tuple[int, Literal[1, 2]], ...] = ((2, 1), (3, 1), (2, 2))  # dimension, order
+EXPONENTS = (1.5, 2.7, 3)  # from zero contact, by force
+OFFSETS = ((GAP, 1.0), (GAP, -0.5), (-GAP, 1.0))  # gap [m], share of it that is gap_offset
 GRAZING = (0.0, -1e-9, 1e-6)  # U / g - 1
 GRAZING_ITERATIONS = 10
 
@@ -43,9 +46,14 @@ def scene(
     pressure: float | None = None,
     nu: float = NU,
     cells: Literal["simplex", "tensor"] = "simplex",
+    order: Literal[1, 2] = 1,
     mesh_size: float = 0.5,
+    offset: float = 0.0,
 ) -> Scene:
-    """Column of side 1 m above a plane at -g, its top driven down by `top` [m] or by `pressure` [Pa]."""
+    """Column of side 1 m above a gap of g, its top driven down by `top` [m] or by `pressure` [Pa].
+
+    `offset` [m] of the gap is gap_offset, the rest is geometry.
+    """
     up = "xyz"[dim - 1]
     sides = {"left": "x", "right": "x"} | ({"front": "y", "back": "y"} if dim == 3 else {})
     supports = {side: Support(boundary=f"block.{side}", displacement={axis: 0.0}) for side, axis in sides.items()}  # type: ignore[dict-item]
@@ -55,13 +63,16 @@ def scene(
     if pressure is not None:
         loads["top"] = Load(boundary="block.top", traction=(0.0,) * (dim - 1) + (-pressure,))
     across = (0.0,) * (dim - 1)
+    normal = Compliance(c_n=c_n, m_n=m)
     return Scene(
         title="Column on a compliant foundation",
         model="3d" if dim == 3 else "plane strain",
-        geometry=Block(length=1.0, width=1.0 if dim == 3 else None, height=1.0, mesh_size=mesh_size, cells=cells),
+        geometry=Block(
+            length=1.0, width=1.0 if dim == 3 else None, height=1.0, mesh_size=mesh_size, cells=cells, order=order
+        ),
         bodies={"block": Material(E=E, nu=nu)},
-        obstacles={"foundation": Plane(point=(*across, -g), normal=(*across, 1.0))},
-        contacts={"base": Contact(surface="block.bottom", against="foundation", normal=Compliance(c_n=c_n, m_n=m))},
+        obstacles={"foundation": Plane(point=(*across, offset - g), normal=(*across, 1.0))},
+        contacts={"base": Contact(surface="block.bottom", against="foundation", normal=normal, gap_offset=offset)},
         supports=supports,
         loads=loads,
         solver=Solver(method=method, tolerance=1e-12),
@@ -101,12 +112,30 @@ def tabulated(method: str, dim: int, case: ColumnCase) -> list[Check]:
     return compare(f"{dim}D, table, m = {case.m:g}, U = {case.U:g}, nu = {case.nu:g}", step, exact, case.g, rounding)
 
 
-def force_driven(method: str, dim: int, m: float) -> list[Check]:
+def incompressible(method: str, dim: int) -> list[Check]:
+    """nu = 0.4999 against the closed form, beyond the digits of the table: in uniform strain nothing locks."""
+    nu, top, c_n, m = 0.4999, 0.01, C_N[1], 1
+    step = solve(scene(dim=dim, method=method, c_n=c_n, m=m, g=GAP, top=top, nu=nu))
+    stiffness = column.constrained_modulus(E, nu)
+    exact = column.driven_by_displacement(M=stiffness, U=top, g=GAP, c_n=c_n, m=m)
+    # the stiffness matrix's condition is 1 / (1 - 2 nu) times the column's, and so is the rounding
+    return compare(f"{dim}D, nu = {nu}", step, exact, GAP, 1e-8)
+
+
+def force_driven(method: str, dim: int, m: float, order: Literal[1, 2] = 1) -> list[Check]:
     """p = 7 Pa on top: nothing but the foundation holds the column up, and its tangent is 0 at first touch."""
     p, c_n = 7.0, C_N[m]
-    step = solve(scene(dim=dim, method=method, c_n=c_n, m=m, g=GAP, pressure=p))
+    step = solve(scene(dim=dim, method=method, c_n=c_n, m=m, g=GAP, pressure=p, order=order))
     exact = column.driven_by_force(p=p, g=GAP, c_n=c_n, m=m)
-    return compare(f"{dim}D, force-driven, m = {m:g}", step, exact, GAP)
+    return compare(f"{dim}D, order {order}, force-driven, m = {m:g}", step, exact, GAP)
+
+
+def offset(method: str, dim: int, g: float, share: float) -> list[Check]:
+    """A share of the gap, or of the overlap at the start, is gap_offset: the column does not know."""
+    c_n, m, top = C_N[2], 2, 0.005
+    step = solve(scene(dim=dim, method=method, c_n=c_n, m=m, g=g, top=top, offset=share * g))
+    exact = column.driven_by_displacement(M=M, U=top, g=g, c_n=c_n, m=m)
+    return compare(f"{dim}D, g = {g:g}, {100 * share:g} % of it gap_offset", step, exact, g)
 
 
 def grazing(method: str, dim: int, m: int, beyond: float) -> list[Check]:
@@ -133,8 +162,13 @@ def checks(method: str) -> list[Check]:
             found += pressed(method, dim, m)
         for case in column.TABLE:
             found += tabulated(method, dim, case)
-        for m in (1.5, 2.7, 3) if METHODS[method].floating else ():
-            found += force_driven(method, dim, m)
+        found += incompressible(method, dim)
+        for g, share in OFFSETS:
+            found += offset(method, dim, g, share)
+    if METHODS[method].floating:
+        for dim, order in FORCED:
+            for m in EXPONENTS:
+                found += force_driven(method, dim, m, order)
     for m in (1, 2, 3):
         for beyond in GRAZING:
             found += grazing(method, 2, m, beyond)

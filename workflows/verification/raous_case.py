@@ -8,7 +8,9 @@ import numpy as np
 
 from geometry.builders.block import Block
 from geometry.obstacles.plane import Plane
+from solvers.effects.compliance import Compliance
 from solvers.effects.friction import Coulomb
+from solvers.effects.unilateral import Unilateral
 from solvers.nouns.contact import Contact
 from solvers.nouns.load import Load
 from solvers.nouns.material import Material
@@ -25,8 +27,15 @@ N = 32
 CELL = raous.SIDE / N  # [m]
 
 
-def scene(method: str, steps: int = 1, mu: float = raous.MU, n: int = N) -> Scene:
-    """n x n x 2 triangles, the loads growing in proportion."""
+def scene(method: str, steps: int = 1, mu: float = raous.MU, n: int = N, k: float | None = None) -> Scene:
+    """n x n x 2 triangles, the loads growing in proportion; compliant with c_n = k_T = k E / SIDE, or rigid contact."""
+    stiffness = None if k is None else k * raous.E / raous.SIDE
+    base = Contact(
+        surface="block.bottom",
+        against="floor",
+        normal=Unilateral() if stiffness is None else Compliance(c_n=stiffness),
+        friction=Coulomb(mu=mu, k_T=stiffness),
+    )
     low, up, corner = (0.0, 0.0), (0.0, 1.0), (raous.SIDE, 0.0)
     return Scene(
         title="Block of Raous, Chabrand and Lebon",
@@ -34,7 +43,7 @@ def scene(method: str, steps: int = 1, mu: float = raous.MU, n: int = N) -> Scen
         geometry=Block(length=raous.SIDE, height=raous.SIDE, mesh_size=raous.SIDE / n),
         bodies={"block": Material(E=raous.E, nu=raous.NU)},
         obstacles={"floor": Plane(point=low, normal=up)},
-        contacts={"base": Contact(surface="block.bottom", against="floor", friction=Coulomb(mu=mu))},
+        contacts={"base": base},
         supports={
             "wall": Support(boundary="block.right", displacement={"x": 0.0}),
             "corner": Support(point=corner, displacement={"y": 0.0}),

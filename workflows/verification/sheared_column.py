@@ -1,10 +1,11 @@
 """Sheared column on a frictional base: stick, slip, reversal and what they dissipate.
 
 A column of shear modulus G and height H with periodic lateral faces is in uniform shear: tau = G (V - w) / H, V the
-displacement of its top and w the slip of its base [m]. The base carries |tau| <= s, and slips along tau where
+displacement of its top and w that of its base [m]. The base carries |tau| <= s, and slips along tau where
 |tau| = s. So the exact answer to a step of V is to clip the trial traction, and w follows from the shear.
+A base of tangential stiffness k_T gives by tau / k_T before it slips: a spring in series, w = slip + tau / k_T.
 
-Signs: tau [Pa] is t of the friction law, t dw = s |dw|: it has the sign of the slip it makes.
+Signs: tau [Pa] is t of the friction law, t dv = s |dv|: it has the sign of the slip v it makes.
 
 Source: derived here. In one dimension the return map is exact along any monotone step, so a step may be of any size.
 """
@@ -24,6 +25,16 @@ class ShearedColumn:
     G: float  # [Pa]
     bound: float  # s [Pa]
     height: float = 1.0  # [m]
+    k_T: float = np.inf  # stiffness of the base before slip [Pa/m]
+
+    @property
+    def stiffness(self) -> float:
+        """tau over V while the base sticks [Pa/m].
+
+        >>> ShearedColumn(G=1000.0, bound=3.0, k_T=1000.0).stiffness
+        500.0
+        """
+        return self.G / (self.height + self.G / self.k_T)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +42,7 @@ class ShearHistory:
     """The states after each step, (steps,) each."""
 
     tau: Array  # tangential traction on the base [Pa]
-    slip: Array  # displacement of the base [m]
+    slip: Array  # displacement of the base, its elastic give included [m]
     dissipation: Array  # cumulative, per area of the base [J/m²]
 
 
@@ -46,16 +57,15 @@ def drive(column: ShearedColumn, top: Array) -> ShearHistory:
     >>> history.tau
     array([1., 3.])
     """
-    stiffness = column.G / column.height
     tau, slip, dissipation = np.zeros((3, len(top)))
-    w = work = 0.0
+    v = work = 0.0
     for k, V in enumerate(top):
-        trial = stiffness * (V - w)
+        trial = column.stiffness * (V - v)
         tau[k] = np.clip(trial, -column.bound, column.bound)
-        dw = (trial - tau[k]) / stiffness  # exactly 0 where it sticks
-        w += dw
-        work += tau[k] * dw
-        slip[k], dissipation[k] = w, work
+        dv = (trial - tau[k]) / column.stiffness  # exactly 0 where it sticks
+        v += dv
+        work += tau[k] * dv
+        slip[k], dissipation[k] = v + tau[k] / column.k_T, work
     return ShearHistory(tau=tau, slip=slip, dissipation=dissipation)
 
 

@@ -5,15 +5,19 @@ The state is uniform, so any mesh is exact, and a step of any size is.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from geometry.builders.block import Block
 from geometry.obstacles.plane import Plane
+from solvers.effects.compliance import Compliance
 from solvers.effects.friction import Coulomb, Tresca
-from solvers.effects.laws import FrictionLaw
+from solvers.effects.laws import FrictionLaw, NormalLaw
 from solvers.effects.periodic import Periodic
+from solvers.effects.tangential_compliance import TangentialCompliance
+from solvers.effects.unilateral import Unilateral
 from solvers.nouns.contact import Contact
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
@@ -21,18 +25,34 @@ from solvers.nouns.stepping import Solver, Steps
 from solvers.nouns.support import Support
 from solvers.simulation import prepare
 from solvers.step_result import ContactState
-from workflows.verification import sheared_column
+from workflows.verification import column, sheared_column
 from workflows.verification.check import Check, close, farthest
 from workflows.verification.circular_drive import Array
-from workflows.verification.column import constrained_modulus
+from workflows.verification.sheared_column import ShearedColumn
 
 E, NU = 2600.0, 0.3  # G = 1000 Pa
 PRESSURE = 10.0  # [Pa]
+M = column.constrained_modulus(E, NU)
 MU = 0.3
+K_T = 500.0  # [Pa/m], half of G: the base gives twice as much as the column
+RIGID, SOFT = Unilateral(), Compliance(c_n=1e6, m_n=2.0)
+BY_PENETRATION = (
+    (1e3, 1.0, None),
+    (1e6, 2.0, K_T),
+    (1e7, 2.5, None),
+)  # c_T [Pa/m^m_T], m_T, k_T; bounds of 1.5 to 3.5 Pa
 TOLERANCE = 1e-9  # the solver's 1e-12, summed over six steps, and two digits to spare
 
 
-def scene(*, dim: int, method: str, E: float, friction: FrictionLaw | None, path: Array) -> Scene:
+def scene(
+    *,
+    dim: int,
+    method: str,
+    E: float,
+    friction: FrictionLaw | None,
+    path: Array,
+    normal: NormalLaw = RIGID,
+) -> Scene:
     """Column of side 1 m, pressed at t = 1, its top at path[k] (steps, dim - 1) [m] at t = k + 2."""
     opposite = {"right": "left"} | ({"back": "front"} if dim == 3 else {})
     periodic = {slave: Periodic(boundary=f"block.{slave}", with_=f"block.{m}") for slave, m in opposite.items()}
@@ -40,14 +60,14 @@ def scene(*, dim: int, method: str, E: float, friction: FrictionLaw | None, path
     times = [float(k + 2) for k in range(len(path))]
     moves = zip("xy"[: dim - 1], path.T.tolist(), strict=True)
     top = {axis: ((1.0, 0.0), *zip(times, values, strict=True)) for axis, values in moves}
-    top[up] = ((1.0, -PRESSURE / constrained_modulus(E, NU)),)
+    top[up] = ((1.0, -PRESSURE / column.constrained_modulus(E, NU)),)
     return Scene(
         title="Column sheared on a frictional base",
         model="3d" if dim == 3 else "plane strain",
         geometry=Block(length=1.0, width=1.0 if dim == 3 else None, height=1.0, mesh_size=0.5, cells="tensor"),
         bodies={"block": Material(E=E, nu=NU)},
         obstacles={"floor": Plane(point=(*across, 0.0), normal=(*across, 1.0))},
-        contacts={"base": Contact(surface="block.bottom", against="floor", friction=friction)},
+        contacts={"base": Contact(surface="block.bottom", against="floor", normal=normal, friction=friction)},
         supports={"top": Support(boundary="block.top", displacement=top)},  # type: ignore[arg-type]
         sections={"periodic": periodic},
         steps=Steps(end=times[-1], count=len(path) + 1),
@@ -61,20 +81,62 @@ def bases(scene: Scene) -> list[ContactState]:
 
 
 def laws(mu: float = MU) -> dict[str, FrictionLaw]:
-    """Two laws with the bound mu p; Tresca's needs a table, a bare number would be ramped over the history."""
-    return {"Coulomb": Coulomb(mu=mu), "Tresca": Tresca(bound=((0.0, mu * PRESSURE),))}
+    """Laws with the bound mu p; Tresca's needs a table, a bare number would be ramped over the history."""
+    given = ((0.0, mu * PRESSURE),)
+    return {
+        "Coulomb": Coulomb(mu=mu),
+        "Tresca": Tresca(bound=given),
+        "Coulomb, k_T": Coulomb(mu=mu, k_T=K_T),
+        "Tresca, k_T": Tresca(bound=given, k_T=K_T),
+    }
 
 
 def driven(method: str, name: str, friction: FrictionLaw, top: Array = sheared_column.TOP) -> list[Check]:
+    """Pressed by 10 Pa on a rigid floor, whose bound is 3 Pa."""
+    states = bases(scene(dim=2, method=method, E=E, friction=friction, path=top[:, None]))
+    return compare(name, states, PRESSURE, _softened(friction), top)
+
+
+def penetrating(method: str, c_T: float, m_T: float, k_T: float | None = None) -> list[Check]:
+    """On a foundation that is entered by delta, whose bound is c_T delta^m_T."""
+    friction = TangentialCompliance(c_T=c_T, m_T=m_T, k_T=k_T)
+    exact = column.driven_by_displacement(M=M, U=PRESSURE / M, g=0.0, c_n=SOFT.c_n, m=SOFT.m_n)
+    sheared = replace(_softened(friction), bound=c_T * exact.penetration**m_T)
+    top = sheared_column.TOP
+    states = bases(scene(dim=2, method=method, E=E, friction=friction, path=top[:, None], normal=SOFT))
+    return compare(f"bound by penetration, m_T = {m_T:g}, k_T = {k_T}", states, exact.pressure, sheared, top)
+
+
+def threshold(method: str, c_T: float, m_T: float) -> list[Check]:
+    """A millionth below the bound that delta gives, and a millionth beyond: the base sticks, and slips."""
+    depth = column.driven_by_displacement(M=M, U=PRESSURE / M, g=0.0, c_n=SOFT.c_n, m=SOFT.m_n).penetration
+    limit = c_T * depth**m_T / sheared_column.COLUMN.G
+    found = []
+    for beyond in (-1e-6, 1e-6):
+        path = np.array([[limit * (1 + beyond)]])
+        friction = TangentialCompliance(c_T=c_T, m_T=m_T)
+        last = bases(scene(dim=2, method=method, E=E, friction=friction, path=path, normal=SOFT))[-1]
+        name = f"bound by penetration, m_T = {m_T:g}, top at {beyond:+g} of the threshold"
+        # the solver's 1e-12 of the pressure, over G: 1e-14 m, with two digits to spare
+        slip = max(beyond, 0.0) * limit
+        found.append(Check(f"{name}: slip [m]", farthest(last.slip[:, 0], slip), slip, 1e-12, relative=False))
+    return found
+
+
+def _softened(friction: FrictionLaw) -> ShearedColumn:
+    return replace(sheared_column.COLUMN, k_T=friction.k_T or np.inf)
+
+
+def compare(name: str, states: list[ContactState], pressure: float, sheared: ShearedColumn, top: Array) -> list[Check]:
     """Traction, slip and dissipation after each of the top's moves, at the worst node of the base."""
-    pressed, *moved = bases(scene(dim=2, method=method, E=E, friction=friction, path=top[:, None]))
-    exact = sheared_column.drive(sheared_column.COLUMN, top)
-    found = [close(f"{name}: pressure [Pa]", farthest(pressed.pressure, PRESSURE), PRESSURE, TOLERANCE, PRESSURE)]
+    pressed, *moved = states
+    exact = sheared_column.drive(sheared, top)
+    found = [close(f"{name}: pressure [Pa]", farthest(pressed.pressure, pressure), pressure, TOLERANCE, pressure)]
     scale = abs(top).max()
     for k, base in enumerate(moved):
         at = f"{name}, top at {1000 * top[k]:+g} mm (move {k + 1})"
         tau, slip, work = exact.tau[k], exact.slip[k], exact.dissipation[k]
-        bound = sheared_column.COLUMN.bound
+        bound = sheared.bound
         found += [
             # sigma_T acts on the column and opposes the slip; tau is its negative
             close(f"{at}: tau [Pa]", farthest(-base.traction[:, 0], tau), tau, TOLERANCE, bound),
@@ -85,20 +147,24 @@ def driven(method: str, name: str, friction: FrictionLaw, top: Array = sheared_c
     return found
 
 
-def cycled(method: str, mu: float = MU, cycles: int = 5) -> list[Check]:
-    """Many reversals: cycles 2 to 5 dissipate 4 s (A - s H / G), each the same."""
+def cycled(method: str, mu: float = MU, cycles: int = 5, k_T: float | None = None) -> list[Check]:
+    """Many reversals: cycles 2 to 5 dissipate 4 s (A - s H / G - s / k_T), each the same."""
     amplitude = 0.01
-    top = np.tile([amplitude, -amplitude], cycles)
-    states = bases(scene(dim=2, method=method, E=E, friction=Coulomb(mu=mu), path=top[:, None]))[1:]
+    top, friction = np.tile([amplitude, -amplitude], cycles), Coulomb(mu=mu, k_T=k_T)
+    states = bases(scene(dim=2, method=method, E=E, friction=friction, path=top[:, None]))[1:]
     totals = [state.dissipation_total for state in states[1::2]]
-    column = sheared_column.COLUMN
-    loop = 4 * column.bound * (amplitude - column.bound * column.height / column.G)
+    sheared = _softened(friction)
+    loop = 4 * sheared.bound * (amplitude - sheared.bound / sheared.stiffness)
     return [
-        close(f"cycle {k + 2}: loop area [J]", after - before, loop, 1e-8, loop)
+        close(f"cycle {k + 2}, k_T = {k_T}: loop area [J]", after - before, loop, 1e-8, loop)
         for k, (before, after) in enumerate(pairwise(totals))
     ]
 
 
 def checks(method: str, mu: float = MU) -> list[Check]:
-    """All of them; with another mu than 0.3 they must fail."""
-    return [check for name, law in laws(mu).items() for check in driven(method, name, law)] + cycled(method, mu)
+    """All of them; with another mu than 0.3 those of Coulomb and Tresca must fail."""
+    found = [check for name, law in laws(mu).items() for check in driven(method, name, law)]
+    found += cycled(method, mu) + cycled(method, mu, k_T=K_T)
+    for c_T, m_T, k_T in BY_PENETRATION:
+        found += penetrating(method, c_T, m_T, k_T) + threshold(method, c_T, m_T)
+    return found

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.step_result import Array, ContactState
+from solvers.step_result import OPEN, Array, ContactState
+from workflows.writers.focus import focus
 from workflows.writers.sheet import PALE, STATUS_COLOURS, Sheet, frame
 
 PRESSURE, TANGENTIAL = "#1b1b1b", "#b2182b"
@@ -71,8 +72,9 @@ def draw_line(
     band.set_yticks([])
     band.set_xlabel(line.label, fontsize=9)
     sheet.status_legend(band, loc="upper left", bbox_to_anchor=(-0.005, -1.6), borderpad=0)
-    margin = 0.01 * (float(np.ptp(line.place)) or 1.0)
-    axes.set_xlim(line.place.min() - margin, line.place.max() + margin)
+    shown = line.place[focus(line.place[:, None], contact.status[line.nodes] != OPEN)]
+    margin = 0.01 * (float(np.ptp(shown)) or 1.0)
+    axes.set_xlim(shown.min() - margin, shown.max() + margin)
     title, caption = head.split("\n")
     sheet.head(title, f"{caption}, contact {name}", 0.85)
     return sheet.save(folder / f"contact_{name}.png")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,20 +11,23 @@ import pyvista as pv
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-from solvers.step_result import Array, ContactState
+from solvers.step_result import OPEN, Array, ContactState
+from workflows.writers.focus import focus
 from workflows.writers.render import SHADED, View, grid_of, render
 from workflows.writers.shapes import corner_cells
 from workflows.writers.sheet import COLOURS, DPI, STATUS_COLOURS, Sheet, show_image, span
 
 ARROWS = 250  # at most about so many
 LONGEST = 0.12  # of the surface's size
+NEARLY_FLAT = 0.25  # depth of a surface by its size, up to which it is seen straight on
 FEW_FACETS = 3000  # up to here their edges are drawn
 Facets = NDArray[np.int64]
+Surface = tuple[Array, Facets, str]  # nodes, facets, their shape
 
 
-def draw_surface(folder: Path, name: str, surface: tuple[Array, Facets, str], contact: ContactState, head: str) -> Path:
+def draw_surface(folder: Path, name: str, surface: Surface, contact: ContactState, head: str) -> Path:
     """Draw the pressure with arrows of tangential traction, and beside it open, slip or stick."""
-    points, facets, shape = surface
+    (points, facets, shape), contact = _closer(surface, contact)
     view, labels = view_of(points)
     norm = span(contact.pressure)
     grid = grid_of(points, facets, shape)
@@ -74,13 +78,22 @@ def draw_surface(folder: Path, name: str, surface: tuple[Array, Facets, str], co
 
 
 def view_of(points: Array) -> tuple[View, tuple[str, str] | None]:
-    """Straight on, with named axes, where the surface is flat and square to an axis; else from the front right."""
+    """Straight on, with named axes, where the surface is nearly flat and square to an axis; else from the right."""
     spread = np.ptp(points, axis=0)
     thin = int(np.argmin(spread))
-    if spread[thin] > 1e-9 * spread.max():
+    if spread[thin] > NEARLY_FLAT * spread.max():
         return View.isometric(points), None
     across, up = (i for i in range(3) if i != thin)
     return View.facing(points, across, up), ("xyz"[across], "xyz"[up])
+
+
+def _closer(surface: Surface, contact: ContactState) -> tuple[Surface, ContactState]:
+    """The facets on which something happens, with room around, and what holds at their nodes."""
+    points, facets, shape = surface
+    facets = facets[focus(points, contact.status != OPEN)[facets].any(axis=1)]
+    nodes, numbers = np.unique(facets, return_inverse=True)
+    fields = {name: getattr(contact, name)[nodes] for name in ("pressure", "traction", "status")}
+    return (points[nodes], numbers.reshape(facets.shape), shape), replace(contact, **fields)
 
 
 def dual_cells(points: Array, facets: Facets, shape: str) -> tuple[pv.PolyData, NDArray[np.int64]]:

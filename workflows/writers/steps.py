@@ -43,7 +43,7 @@ class StoredStep:
     contacts: Mapping[str, StoredContact]
     p: Array  # (rows,) flat tractions [Pa]
     w: Array  # (rows,) flat relative displacement [m]
-    w_before: Array  # (rows,) at the last accepted step [m]
+    reference: Array  # (rows,) what the laws count w from [m]
     driven: Array  # (o,) motion of the obstacles that forces drive [m]
 
 
@@ -77,7 +77,7 @@ def write_step(folder: Path, index: int, result: StepResult) -> Path:
         "von_mises": result.von_mises,
         "state/p": result.p,
         "state/w": result.w,
-        "state/w_before": result.w_before,
+        "state/reference": result.reference,
         "state/driven": result.driven,
     }
     for name, contact in result.contacts.items():
@@ -121,7 +121,7 @@ def read_step(path: Path) -> StoredStep:
             contacts={name: StoredContact(**columns) for name, columns in contacts.items()},
             p=arrays["state/p"],
             w=arrays["state/w"],
-            w_before=arrays["state/w_before"],
+            reference=arrays["state/reference"],
             driven=arrays["state/driven"],
         )
     except (KeyError, TypeError, ValueError) as error:

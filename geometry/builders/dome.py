@@ -1,0 +1,43 @@
+"""What half discs and half balls share: they stand on a pole in the origin, and their cells grow away from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+from geometry.builders.builder import Builder
+from geometry.builders.sizes import beyond, cells_around, grow, norm
+from geometry.errors import require
+from geometry.keys import Key
+from geometry.shape import Model
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dome(Builder):
+    """Keys and mesh sizes."""
+
+    lengths: ClassVar[tuple[str, ...]] = ("radius", "contact_radius")
+
+    radius: Annotated[float, Key("m", "of the disc or ball")]
+    contact_radius: Annotated[
+        float | None, Key("m", "cells have contact_mesh_size this far from the pole; absent: radius / 8")
+    ] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        near = self.contact_radius
+        require(near is None or near <= self.radius, "contact_radius", near, "must not exceed radius")
+
+    @property
+    def near(self) -> float:
+        """Distance from the pole within which cells are fine [m]."""
+        return self.radius / 8 if self.contact_radius is None else self.contact_radius
+
+    def check_model(self, model: Model) -> None:
+        require(self.cells == "simplex", "cells", self.cells, "this shape has no grid; use simplex")
+        dim = 3 if model == "3d" else 2
+        self.refuse_too_many(cells_around(dim, self.fine_size, self.near, self.mesh_size, self.radius))
+
+    def size_cells(self, gmsh: Any) -> None:
+        """Mesh sizes of the current gmsh model."""
+        grow(gmsh, self.mesh_size, [(self.fine_size, beyond(self.near, norm("x", "y", "z")))])

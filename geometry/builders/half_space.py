@@ -1,0 +1,105 @@
+"""A large block pressed on a small part of its flat top."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+
+from geometry.builders import sides
+from geometry.builders.builder import Builder
+from geometry.builders.sizes import beyond, cells_around, grow, norm
+from geometry.errors import require
+from geometry.keys import Key
+from geometry.shape import Array, Model, Request
+
+
+@dataclass(frozen=True, kw_only=True)
+class HalfSpace(Builder):
+    """A large block below y = 0 (in 3D z = 0); its contact part is |x| <= contact_half_width, in 3D a disc."""
+
+    lengths: ClassVar[tuple[str, ...]] = ("size", "contact_half_width", "edge_mesh_size")
+
+    size: Annotated[float, Key("m", "depth and half width, about 40 contact half widths")]
+    contact_half_width: Annotated[float, Key("m", "half width of side `contact`; its radius in 3D and axisymmetric")]
+    edge_mesh_size: Annotated[
+        float | None, Key("m", "edge length at the edges of the contact part; absent: contact_mesh_size")
+    ] = None
+    symmetric: Annotated[bool, Key("-", sides.SYMMETRIC)] = False
+    builder: Annotated[Literal["half_space"], Key("-", "the shape's name")] = "half_space"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        width, edge = self.contact_half_width, self.edge_mesh_size
+        require(width < self.size, "contact_half_width", width, "must be smaller than size")
+        require(edge is None or edge <= self.fine_size, "edge_mesh_size", edge, "must not exceed contact_mesh_size")
+
+    @property
+    def edge_size(self) -> float:
+        """Edge length at the edges of the contact part [m]."""
+        return self.fine_size if self.edge_mesh_size is None else self.edge_mesh_size
+
+    def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
+        return {"half_space": ("contact", *self._flat(dim))}
+
+    def check_model(self, model: Model) -> None:
+        sides.check_symmetric(self.symmetric, model)
+        require(self.cells == "simplex", "cells", self.cells, "this shape has no grid; use simplex")
+        dim, a = 3 if model == "3d" else 2, self.contact_half_width
+        within = cells_around(dim, self.fine_size, a, self.mesh_size, self.size)
+        edge = cells_around(2, self.edge_size, 0.0, self.fine_size, a) * (1 if dim == 2 else a / self.edge_size)
+        self.refuse_too_many(within + edge)
+
+    def box(self, dim: int) -> Array:
+        low, high = np.full(dim, -self.size), np.full(dim, self.size)
+        high[-1] = 0.0
+        if self.symmetric:
+            low[0] = 0.0
+        return np.array([low, high])
+
+    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
+        name, a = side.split(".")[1], self.contact_half_width
+        if name not in ("contact", "top"):
+            return sides.box_corners(self.box(dim), *self._flat(dim)[name])
+        if dim == 3:
+            turns = np.radians(np.arange(0, 360, 45))
+            edge = a * np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)
+        else:
+            edge = np.array([[a, 0.0]] if self.symmetric else [[-a, 0.0], [a, 0.0]])
+        inner, outer = np.zeros((1, dim)), sides.box_corners(self.box(dim), dim - 1, 1)[0]
+        if self.symmetric:
+            outer = outer[outer[:, 0] > 0]
+        points = np.concatenate([edge, inner if name == "contact" else outer])
+        return points, sides.constant_normals(dim - 1, 1, points.shape)
+
+    def draw(self, gmsh: Any, request: Request) -> None:
+        """The contact part, in the plane the origin too, is cut into the block's top."""
+        occ, dim, a = gmsh.model.occ, request.dim, self.contact_half_width
+        low, high = self.box(dim)
+        if dim == 3:
+            block = occ.addBox(*low, *(high - low))
+            occ.fragment([(3, block)], [(2, occ.addDisk(0, 0, 0, a, a))])
+        else:
+            block = occ.addRectangle(*low, 0, *(high - low))
+            cuts = [0.0, a] if self.symmetric else [-a, 0.0, a]
+            ends = [occ.addPoint(x, 0, 0) for x in cuts]
+            occ.fragment([(2, block)], [(1, occ.addLine(*pair)) for pair in pairwise(ends)])
+        occ.synchronize()
+        flat = {name: (axis, (low, high)[end][axis]) for name, (axis, end) in self._flat(dim).items()}
+        tags = sides.outer(gmsh, dim, flat)
+        contact = [tag for tag in tags["top"] if gmsh.model.getBoundingBox(dim - 1, tag)[3] < a * (1 + 1e-3)]
+        contact = [tag for tag in contact if gmsh.model.getBoundingBox(dim - 1, tag)[0] > -a * (1 + 1e-3)]
+        found = {"contact": contact} | tags | {"top": [tag for tag in tags["top"] if tag not in contact]}
+        sides.name_groups(gmsh, dim, "half_space", found)
+        across = "Abs(x)" if dim == 2 else norm("x", "y")
+        depth = "xyz"[dim - 1]
+        near = [(self.fine_size, norm(beyond(a, across), depth)), (self.edge_size, norm(f"{across}-{a:.17g}", depth))]
+        grow(gmsh, self.mesh_size, near)
+        sides.match(gmsh, dim, request.periodic, found, self._flat(dim), self.box(dim))
+
+    def _flat(self, dim: int) -> dict[str, tuple[int, int]]:
+        found = sides.of_box(dim)
+        return {"axis" if self.symmetric and name == "left" else name: place for name, place in found.items()}

@@ -1,0 +1,94 @@
+"""A ring about the origin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+
+from geometry.builders import sides
+from geometry.builders.builder import Builder
+from geometry.builders.cuboid import transfinite
+from geometry.builders.sizes import graded
+from geometry.errors import SceneError, require
+from geometry.keys import Key
+from geometry.shape import Array, Model, Request
+
+RADIAL = {"x_axis": 1, "y_axis": 0}  # sides of a quarter -> axis of the normal
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ring(Builder):
+    """A ring about the origin, or its quarter x, y >= 0, meshed by a grid; plane models only."""
+
+    lengths: ClassVar[tuple[str, ...]] = ("inner_radius", "outer_radius")
+
+    inner_radius: Annotated[float, Key("m", "of the hole")]
+    outer_radius: Annotated[float, Key("m", "of the ring")]
+    angle: Annotated[Literal[360, 90], Key("-", "in degrees: 360, or 90: a quarter with sides x_axis and y_axis")] = 360
+    builder: Annotated[Literal["ring"], Key("-", "the shape's name")] = "ring"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        inner = self.inner_radius
+        require(inner < self.outer_radius, "inner_radius", inner, "must be smaller than outer_radius")
+
+    def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
+        return {"ring": ("inner", "outer", *(RADIAL if self.angle == 90 else ()))}
+
+    def check_model(self, model: Model) -> None:
+        if model in ("3d", "axisymmetric"):
+            raise SceneError('builder = "ring": there is one in plane models only')
+        around, across = 2 * np.pi * self.outer_radius, self.outer_radius - self.inner_radius
+        self.refuse_too_many(around * across / self.fine_size**2)
+
+    def box(self, dim: int) -> Array:
+        return self.outer_radius * np.array([[0.0, 0.0] if self.angle == 90 else [-1.0, -1.0], [1.0, 1.0]])
+
+    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
+        name, radii = side.split(".")[1], {"inner": self.inner_radius, "outer": self.outer_radius}
+        if name in radii:
+            angles = np.radians(np.arange(0, self.angle + (self.angle == 90), 22.5))
+            outward = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+            return radii[name] * outward, outward if name == "outer" else -outward
+        points = np.outer(list(radii.values()), np.eye(2)[1 - RADIAL[name]])
+        return points, sides.constant_normals(RADIAL[name], 0, points.shape)
+
+    def draw(self, gmsh: Any, request: Request) -> None:
+        """Quarters of four sides each: along the inner circle, out, back along the outer circle, in."""
+        occ, radii, parts = gmsh.model.occ, (self.inner_radius, self.outer_radius), self.angle // 90
+        centre = occ.addPoint(0, 0, 0)
+        directions = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[: parts + (parts == 1)]
+        points = [[occ.addPoint(*(r * d), 0) for d in directions] for r in radii]
+        spokes = [occ.addLine(a, b) for a, b in zip(*points, strict=True)]
+        ends = [(k, (k + 1) % len(directions)) for k in range(parts)]
+        circles = [[occ.addCircleArc(row[a], centre, row[b]) for a, b in ends] for row in points]
+        for k, (a, b) in enumerate(ends):
+            occ.addPlaneSurface([occ.addCurveLoop([circles[0][k], spokes[b], circles[1][k], spokes[a]])])
+        occ.remove([(0, centre)])
+        occ.synchronize()
+        found = dict(zip(("inner", "outer"), circles, strict=True))
+        if parts == 1:
+            found |= {"x_axis": [spokes[0]], "y_axis": [spokes[1]]}
+        sides.name_groups(gmsh, 2, "ring", found)
+        self._grid(gmsh, circles, spokes, {side.split(".")[1] for side in request.contact_sides})
+
+    def _grid(self, gmsh: Any, circles: list[list[int]], spokes: list[int], contacts: set[str]) -> None:
+        """Cells are contact_mesh_size long at contacts and grow away from them; none is longer than mesh_size."""
+        radii = {"inner": self.inner_radius, "outer": self.outer_radius}
+        touched = contacts & radii.keys()
+        fine = self.fine_size if touched else self.mesh_size
+        counts = [np.pi / 2 * radii[name] / (fine if name in touched else self.mesh_size) for name in radii]
+        along = max(2, int(np.ceil(max(counts) * (1 - 1e-9))))
+        for curve in (*circles[0], *circles[1]):
+            gmsh.model.mesh.setTransfiniteCurve(curve, along + 1)
+        across = self.outer_radius - self.inner_radius
+        steps, ratio = max(1, round(across / self.mesh_size)), 1.0
+        if fine < self.mesh_size:
+            steps, ratio = graded(across, fine, self.mesh_size, len(touched))
+        law = "Bump" if len(touched) == 2 and ratio != 1 else "Progression"
+        for curve in spokes:
+            gmsh.model.mesh.setTransfiniteCurve(curve, steps + 1, law, 1 / ratio if touched == {"outer"} else ratio)
+        transfinite(gmsh, 2, self.cells == "tensor")

@@ -1,0 +1,176 @@
+"""What a user's file says before its volumes are meshed: names, box, and facets to sample the sides with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.errors import GeometryError
+from geometry.user_files.parts import FACET_WORD, Parts
+from geometry.user_files.raw_mesh import CORNERS, TYPES, RawMesh, read_raw_mesh
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+COARSE = 8  # cells along the box's diagonal, for sampling and drawing
+ROUND = 16  # cells around a full circle
+FLAT_SIDE = 1e-6  # spread of the unit normals of a flat side
+TILT = np.array([0.0131, 0.0073, 0.0037])  # decides between equal extremes, the same way on opposite sides
+
+
+@dataclass(frozen=True)
+class Facets:
+    """Facets of an entity with corners (f, k, 3) [m], tangents in the entity's own order."""
+
+    number: int
+    name: str
+    corners: Array
+    exact: float | None  # area or length [m^2 or m], where CAD knows it
+
+    @property
+    def size(self) -> float:
+        """Area, or length [m^2 or m]."""
+        return self.exact or float(np.linalg.norm(self.normals(), axis=1).sum())
+
+    @property
+    def box(self) -> Array:
+        flat = self.corners.reshape(-1, 3)
+        return np.array([flat.min(axis=0), flat.max(axis=0)])
+
+    @property
+    def centre(self) -> Array:
+        weights = np.linalg.norm(self.normals(), axis=1)
+        return np.asarray(weights @ self.corners.mean(axis=1) / weights.sum())
+
+    def normals(self) -> Array:
+        return normals_of(self.corners)
+
+
+def normals_of(c: Array) -> Array:
+    """Normals (f, 3) of facets with corners (f, k, 3), as long as the facet is large; of edges in the plane z = 0."""
+    if c.shape[1] == 2:
+        along = c[:, 1] - c[:, 0]
+        return np.stack([along[:, 1], -along[:, 0], 0 * along[:, 2]], axis=1)
+    if c.shape[1] == 3:
+        return np.asarray(np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]) / 2)
+    return np.asarray(np.cross(c[:, 2] - c[:, 0], c[:, 3] - c[:, 1]) / 2)
+
+
+@dataclass(frozen=True)
+class Outline:
+    """All lengths in metres."""
+
+    bodies: dict[str, tuple[str, ...]]
+    box: Array  # (2, 3)
+    entities: tuple[Facets, ...]
+    samples: dict[str, tuple[Array, Array]]  # side -> points (k, 3), outward normals (k, 3)
+    side_of: dict[int, str]  # number of an entity -> its side
+
+
+def read_outline(gmsh: Any, dim: int, parts: Parts, unit: float) -> Outline:
+    """Outline of the current model; meshes its facets coarsely if it has no mesh yet."""
+    meshed = bool(gmsh.model.mesh.getElementTypes(dim))
+    raw = read_raw_mesh(gmsh, dim, parts) if meshed else None
+    if raw is None:
+        _mesh_facets(gmsh, dim)
+    entities = [
+        Facets(
+            int(tag),
+            gmsh.model.getEntityName(dim - 1, tag),
+            unit * _corners(gmsh, dim - 1, tag),
+            _exact_size(gmsh, dim - 1, tag, unit),
+        )
+        for _, tag in gmsh.model.getEntities(dim - 1)
+    ]
+    of = {facets.number: facets for facets in entities if len(facets.corners)}
+    samples = {}
+    for side in parts.sides:
+        if raw is not None:
+            samples[side] = _sample(*_outward_of_mesh(raw, side, unit))
+        else:
+            samples[side] = _sample(*_outward_of_cad(gmsh, dim, side, parts, of))
+    if raw is not None:
+        corners = unit * raw.points
+    elif of:
+        corners = np.concatenate([facets.corners.reshape(-1, 3) for facets in of.values()])
+    else:
+        raise GeometryError("has no boundary")
+    sides = {body: tuple(s.split(".")[1] for s in parts.sides if s.split(".")[0] == body) for body in parts.bodies}
+    box = np.array([corners.min(axis=0), corners.max(axis=0)])
+    side_of = {tag: side for side, tags in parts.sides.items() for tag in tags}
+    return Outline(sides, box, tuple(of.values()), samples, side_of)
+
+
+def _outward_of_mesh(raw: RawMesh, side: str, unit: float) -> tuple[Array, Array]:
+    """Corners (f, k, 3) and outward normals (f, 3) of a side's facets, told by the cells behind them."""
+    rows, cells = raw.facets[side], raw.cells[side.split(".")[0]]
+    corners = unit * raw.points[rows[:, : CORNERS[TYPES[raw.kind]]]]
+    normals = normals_of(corners)
+    behind = unit * raw.points[cells[raw.behind(side)]].mean(axis=1)
+    away = np.einsum("fd,fd->f", corners.mean(axis=1) - behind, normals)
+    return corners, normals * np.sign(away)[:, None]
+
+
+def _outward_of_cad(gmsh: Any, dim: int, side: str, parts: Parts, of: dict[int, Facets]) -> tuple[Array, Array]:
+    """The same, told by the orientation of the body's boundary, which encloses a positive volume."""
+    body = [(dim, tag) for tag in parts.bodies[side.split(".")[0]]]
+    signs = {abs(tag): np.sign(tag) for _, tag in gmsh.model.getBoundary(body, combined=True, oriented=True)}
+    for tag in parts.sides[side]:
+        if tag not in signs or tag not in of:
+            raise GeometryError(f"side {side}: {FACET_WORD[dim]} {tag} is no boundary of {side.split('.')[0]}")
+    enclosed = sum(
+        float(np.einsum("fd,fd->", of[tag].corners.mean(axis=1), sign * of[tag].normals()))
+        for tag, sign in signs.items()
+        if tag in of
+    )
+    tags = parts.sides[side]
+    corners = np.concatenate([of[tag].corners for tag in tags])
+    normals = np.concatenate([np.sign(enclosed) * signs[tag] * of[tag].normals() for tag in tags])
+    return corners, normals
+
+
+def _sample(corners: Array, normals: Array) -> tuple[Array, Array]:
+    """The side's extremes in many directions; where it is not flat, the extremes of its normals too."""
+    units = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    directions = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)]) + TILT
+    k = corners.shape[1]
+    reach = corners.reshape(-1, 3) @ directions.T
+    ends = np.argmax(reach, axis=0)
+    points, outward = corners.reshape(-1, 3)[ends], units[ends // k]
+    if np.ptp(units, axis=0).max() > FLAT_SIDE:
+        facing = np.argmax(units @ directions.T, axis=0)
+        points = np.concatenate([points, corners.mean(axis=1)[facing]])
+        outward = np.concatenate([outward, units[facing]])
+    return points, outward
+
+
+def _mesh_facets(gmsh: Any, dim: int) -> None:
+    size = float(np.linalg.norm(np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)), axis=0)))
+    for option in ("FromPoints", "ExtendFromBoundary"):
+        gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", size / COARSE)
+    gmsh.option.setNumber("Mesh.MeshSizeMin", size / (20 * COARSE))
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", ROUND)
+    gmsh.model.mesh.generate(dim - 1)
+
+
+def _exact_size(gmsh: Any, dim: int, tag: int, unit: float) -> float | None:
+    if (dim, tag) not in gmsh.model.occ.getEntities(dim):
+        return None
+    return float(gmsh.model.occ.getMass(dim, tag)) * unit**dim
+
+
+def _corners(gmsh: Any, dim: int, tag: int) -> Array:
+    """Corners (f, k, 3) of an entity's elements; nothing if it has none or several kinds."""
+    kinds, _, nodes = gmsh.model.mesh.getElements(dim, tag)
+    if len(kinds) != 1:
+        return np.zeros((0, dim + 1, 3))
+    count, _, corners = gmsh.model.mesh.getElementProperties(kinds[0])[3:6]
+    rows = np.reshape(nodes[0], (-1, count))[:, :corners].astype(np.int64)
+    numbers, x, _ = gmsh.model.mesh.getNodes(dim, tag, includeBoundary=True)
+    order = np.argsort(numbers)
+    at = order[np.searchsorted(np.asarray(numbers, np.int64)[order], rows).clip(max=len(order) - 1)]
+    return np.asarray(np.reshape(x, (-1, 3))[at])

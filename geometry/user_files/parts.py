@@ -1,0 +1,180 @@
+"""Which entities of a gmsh model make up each body and each side."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from geometry.errors import GeometryError, nearest
+
+NAME = re.compile(r"[a-z][a-z0-9_]*")
+SIDE = re.compile(r"([a-z][a-z0-9_]*)\.[a-z][a-z0-9_]*")
+NAMELESS = re.compile(r"Open CASCADE STEP translator [0-9. ]+$")  # what OpenCASCADE calls a part without a name
+CELL_WORD, FACET_WORD = {2: "surface", 3: "volume"}, {2: "edge", 3: "face"}
+Selection = Sequence[str] | Mapping[str, Sequence[float]]  # ["face 12", ...] or { box = [...] }
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Tags of gmsh entities by name."""
+
+    bodies: dict[str, list[int]]
+    sides: dict[str, list[int]]
+
+
+def find_parts(gmsh: Any, dim: int, named_by_entity: bool, names: Mapping[str, Selection], unit: float) -> Parts:
+    """Bodies and sides of the current model.
+
+    Args:
+        named_by_entity: bodies are the CAD file's own parts, where it has no physical groups.
+        names: what `[geometry.names]` adds.
+        unit: length of the model's unit [m].
+    """
+    gmsh.option.setNumber("Geometry.OCCBoundsUseStl", 1)  # boxes of curved faces hold the face, not its control points
+    _check_dimension(gmsh, dim)
+    groups = [(gmsh.model.getPhysicalName(dim, tag), tag) for _, tag in gmsh.model.getPhysicalGroups(dim)]
+    named_by_entity = named_by_entity and not groups
+    bodies = _by_entity_name(gmsh, dim) if named_by_entity else _by_group(gmsh, dim, groups)
+    sides = _side_groups(gmsh, dim, bodies)
+    if named_by_entity:
+        sides |= _sides_by_entity_name(gmsh, dim, bodies)
+    for name, selection in names.items():
+        _add_side(gmsh, dim, bodies, sides, name, _select(gmsh, dim, name, selection, unit))
+    return Parts(bodies, sides)
+
+
+def _check_dimension(gmsh: Any, dim: int) -> None:
+    if not gmsh.model.getEntities(dim):
+        raise GeometryError(f"has no {CELL_WORD[dim]}s, and a {'3d' if dim == 3 else 'plane'} model is made of them")
+    if dim == 2:
+        if gmsh.model.getEntities(3):
+            raise GeometryError('holds volumes, and a plane model is made of surfaces; write model = "3d"')
+        x = np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3))
+        if np.abs(x[:, 2]).max() > 1e-6 * np.ptp(x, axis=0).max() + 2e-7:  # gmsh widens boxes by 1e-7
+            raise GeometryError(f"lies at z = {x[0, 2]:g} to {x[1, 2]:g}, and a plane model lies at z = 0")
+
+
+def _by_group(gmsh: Any, dim: int, groups: list[tuple[str, int]]) -> dict[str, list[int]]:
+    if not groups:
+        raise GeometryError(f"names no body: a body is a physical group of {CELL_WORD[dim]}s with a name")
+    bodies: dict[str, list[int]] = {}
+    owner: dict[int, str] = {}
+    for name, tag in groups:
+        if not NAME.fullmatch(name):
+            raise GeometryError(
+                f'physical {CELL_WORD[dim]} "{name}" ({tag}): a body\'s name is made of a-z, 0-9 and _, and begins '
+                "with a letter"
+            )
+        bodies[name] = [int(e) for e in gmsh.model.getEntitiesForPhysicalGroup(dim, tag)]
+        for entity in bodies[name]:
+            if owner.setdefault(entity, name) != name:
+                raise GeometryError(f"{CELL_WORD[dim]} {entity} is in two bodies, {owner[entity]} and {name}")
+    return bodies
+
+
+def _by_entity_name(gmsh: Any, dim: int) -> dict[str, list[int]]:
+    entities = [tag for _, tag in gmsh.model.getEntities(dim)]
+    labels = _numbered(label(gmsh.model.getEntityName(dim, tag), "part") for tag in entities)
+    return {name: [tag] for name, tag in zip(labels, entities, strict=True)}
+
+
+def _side_groups(gmsh: Any, dim: int, bodies: Mapping[str, list[int]]) -> dict[str, list[int]]:
+    sides: dict[str, list[int]] = {}
+    for _, tag in gmsh.model.getPhysicalGroups(dim - 1):
+        name = gmsh.model.getPhysicalName(dim - 1, tag)
+        if name:
+            _add_side(
+                gmsh, dim, bodies, sides, name, [int(e) for e in gmsh.model.getEntitiesForPhysicalGroup(dim - 1, tag)]
+            )
+    return sides
+
+
+def _sides_by_entity_name(gmsh: Any, dim: int, bodies: Mapping[str, list[int]]) -> dict[str, list[int]]:
+    """Named facets of CAD, each a side of the body that it bounds."""
+    found: list[tuple[str, int]] = []
+    for body, (entity,) in bodies.items():
+        for _, tag in gmsh.model.getBoundary([(dim, entity)], oriented=False):
+            name = gmsh.model.getEntityName(dim - 1, tag)
+            if name:
+                found.append((f"{body}.{label(name, 'side')}", tag))
+    labels = _numbered(name for name, _ in found)
+    return {name: [tag] for name, (_, tag) in zip(labels, found, strict=True)}
+
+
+def label(name: str, default: str) -> str:
+    """Last component of a CAD file's path, as a name for scenes.
+
+    >>> [label(name, "part") for name in ("Shapes/Rhino Product", "", "Assembly/3-Jaw")]
+    ['rhino_product', 'part', 'part_3_jaw']
+    """
+    if NAMELESS.search(name):
+        return default
+    plain = re.sub(r"[^a-z0-9]+", "_", name.split("/")[-1].lower()).strip("_")
+    if not plain:
+        return default
+    return plain if plain[0].isalpha() else f"{default}_{plain}"
+
+
+def _numbered(names: Iterable[str]) -> list[str]:
+    """
+    >>> _numbered(["bolt", "ring", "bolt"])
+    ['bolt', 'ring', 'bolt_2']
+    """
+    seen: Counter[str] = Counter()
+    found: list[str] = []
+    for name in names:
+        seen[name] += 1
+        while (numbered := name if seen[name] == 1 else f"{name}_{seen[name]}") in found:
+            seen[name] += 1
+        found.append(numbered)
+    return found
+
+
+def _add_side(
+    gmsh: Any, dim: int, bodies: Mapping[str, list[int]], sides: dict[str, list[int]], name: str, entities: list[int]
+) -> None:
+    match = SIDE.fullmatch(name)
+    if match is None:
+        raise GeometryError(
+            f'side "{name}": a side is named body.side, of a-z, 0-9 and _, such as {next(iter(bodies))}.base'
+        )
+    if match[1] not in bodies:
+        raise GeometryError(f'side "{name}": no such body; {nearest(match[1], bodies)}')
+    if name in sides:
+        raise GeometryError(f'side "{name}": the file has a side of this name already')
+    for other, taken in sides.items():
+        for entity in set(taken) & set(entities):
+            raise GeometryError(f"{FACET_WORD[dim]} {entity} is in two sides, {other} and {name}")
+    sides[name] = entities
+
+
+def _select(gmsh: Any, dim: int, name: str, selection: Selection, unit: float) -> list[int]:
+    word, known = FACET_WORD[dim], [int(tag) for _, tag in gmsh.model.getEntities(dim - 1)]
+    key = f'names."{name}"'
+    if isinstance(selection, Mapping):
+        box = np.reshape(np.asarray(selection["box"], float), (2, 3)) / unit
+        slack = 1e-6 * np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)))
+        inside = []
+        for tag in known:
+            low, high = np.reshape(gmsh.model.getBoundingBox(dim - 1, tag), (2, 3))
+            if np.all(low >= box[0] - slack) and np.all(high <= box[1] + slack):
+                inside.append(tag)
+        if not inside:
+            raise GeometryError(f"{key} = box {list(selection['box'])}: no {word} lies wholly inside; see --list")
+        return inside
+    found = []
+    for text in selection:
+        match = re.fullmatch(rf"{word} ([0-9]+)", text)
+        if match is None or int(match[1]) not in known:
+            raise GeometryError(
+                f'{key}: "{text}" is not there; expected "{word} {min(known)}" to "{word} {max(known)}", see --list'
+            )
+        found.append(int(match[1]))
+    if not found:
+        raise GeometryError(f"{key}: the list is empty")
+    return sorted(set(found))

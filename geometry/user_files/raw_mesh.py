@@ -1,0 +1,165 @@
+"""A user's mesh as plain arrays, read off gmsh and checked: what a scene's mesh is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.errors import GeometryError
+from geometry.user_files.parts import CELL_WORD, Parts
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+# gmsh's element types: (cell, facet), of order 1 and 2
+TYPES = {2: 1, 3: 1, 4: 2, 5: 3, 9: 8, 10: 8, 11: 9, 12: 10}
+CORNERS = {1: 2, 2: 3, 3: 4, 8: 2, 9: 3, 10: 4}
+LOCAL_FACETS = {
+    2: [[0, 1], [1, 2], [2, 0]],
+    3: [[0, 1], [1, 2], [2, 3], [3, 0]],
+    4: [[0, 2, 1], [0, 1, 3], [0, 3, 2], [3, 1, 2]],
+    5: [[0, 3, 2, 1], [0, 1, 5, 4], [0, 4, 7, 3], [1, 2, 6, 5], [2, 3, 7, 6], [4, 5, 6, 7]],
+}
+FIRST_ORDER = {2: 2, 3: 3, 4: 4, 5: 5, 9: 2, 10: 3, 11: 4, 12: 5}
+FLAT = 1e-10  # volume of a cell without volume, as part of its edges' product
+
+
+@dataclass(frozen=True)
+class RawMesh:
+    """Cells of one kind; nodes are those of the cells alone, in the file's unit."""
+
+    dim: int
+    kind: int  # gmsh's element type
+    points: Array  # (n, 3)
+    cells: dict[str, Ints]  # body -> rows of nodes
+    facets: dict[str, Ints]  # side -> rows of nodes
+
+    def put(self, gmsh: Any) -> None:
+        """Into the current gmsh model, with its names."""
+        tags = np.arange(1, len(self.points) + 1)
+        for dim, kind, blocks in ((self.dim, self.kind, self.cells), (self.dim - 1, TYPES[self.kind], self.facets)):
+            for number, (name, rows) in enumerate(blocks.items(), start=1):
+                gmsh.model.addDiscreteEntity(dim, number)
+                if dim == self.dim and number == 1:
+                    gmsh.model.mesh.addNodes(dim, number, tags, self.points.ravel())
+                gmsh.model.mesh.addElementsByType(number, kind, [], (rows + 1).ravel())
+                gmsh.model.addPhysicalGroup(dim, [number], number)
+                gmsh.model.setPhysicalName(dim, number, name)
+
+    def behind(self, side: str) -> Ints:
+        """Rows of the body's cells that a side's facets bound."""
+        corners = CORNERS[TYPES[self.kind]]
+        cells, facets = self.cells[side.split(".")[0]], np.sort(self.facets[side][:, :corners], axis=1)
+        wanted, place = np.unique(facets, axis=0, return_inverse=True)
+        found, cell = _facets_among(cells, self.kind, wanted)
+        owner = np.zeros(len(wanted), np.int64)
+        owner[found] = cell
+        return np.asarray(owner[place.ravel()])
+
+
+def read_raw_mesh(gmsh: Any, dim: int, parts: Parts) -> RawMesh:
+    """Cells and facets of the current model's mesh.
+
+    Raises:
+        GeometryError: cells of several kinds, in no body, without volume or turned inside out; a side without facets.
+    """
+    kind = _only_kind(gmsh, dim)
+    cells = {body: _rows(gmsh, dim, entities, kind) for body, entities in parts.bodies.items()}
+    for body, rows in cells.items():
+        if len(rows) == 0:
+            raise GeometryError(f"body {body} has no cells")
+    stray = sum(map(len, gmsh.model.mesh.getElements(dim)[1])) - sum(map(len, cells.values()))
+    if stray:
+        raise GeometryError(f"{stray} cells are in no body: every cell belongs to one physical {CELL_WORD[dim]}")
+    _check_volumes(gmsh, dim, kind, parts)
+    facets = {side: _rows(gmsh, dim - 1, entities, TYPES[kind]) for side, entities in parts.sides.items()}
+    numbers, x, _ = gmsh.model.mesh.getNodes()
+    order = np.argsort(numbers)
+    numbers, x = np.asarray(numbers, np.int64)[order], np.reshape(x, (-1, 3))[order]
+    used = np.unique(np.concatenate([rows.ravel() for rows in cells.values()]))
+    if not np.isin(used, numbers).all():
+        raise GeometryError("a cell names a node that is not there")
+    points = x[np.searchsorted(numbers, used)]
+    if not np.isfinite(points).all():
+        raise GeometryError("a node has a coordinate that is no number")
+    _check_facets(kind, cells, facets)
+    return RawMesh(
+        dim, kind, points,
+        {body: np.searchsorted(used, rows) for body, rows in cells.items()},
+        {side: np.searchsorted(used, rows) for side, rows in facets.items()},
+    )  # fmt: skip
+
+
+def _only_kind(gmsh: Any, dim: int) -> int:
+    kinds = [int(kind) for kind in gmsh.model.mesh.getElementTypes(dim)]
+    names = [gmsh.model.mesh.getElementProperties(kind)[0] for kind in kinds]
+    if not kinds:
+        raise GeometryError("has no cells")
+    if len(kinds) > 1:
+        raise GeometryError(f"mixes kinds of cells, {' and '.join(names)}; a mesh has one kind")
+    if kinds[0] not in TYPES:
+        raise GeometryError(f"is made of cells that cannot be used, {names[0]}")
+    return kinds[0]
+
+
+def _rows(gmsh: Any, dim: int, entities: list[int], kind: int) -> Ints:
+    """Nodes (elements, k) of the entities' elements."""
+    found = [gmsh.model.mesh.getElementsByType(kind, tag)[1] for tag in entities]
+    count = gmsh.model.mesh.getElementProperties(kind)[3]
+    return np.asarray(np.concatenate(found) if found else [], np.int64).reshape(-1, count)
+
+
+def _check_volumes(gmsh: Any, dim: int, kind: int, parts: Parts) -> None:
+    """Jacobians at the nodes: not zero, and of one sign in a body (in space: positive)."""
+    local = gmsh.model.mesh.getElementProperties(kind)[4]
+    at = np.zeros((len(local) // dim, 3))
+    at[:, :dim] = np.reshape(local, (-1, dim))
+    for body, entities in parts.bodies.items():
+        found = [gmsh.model.mesh.getJacobians(kind, at.ravel(), tag)[0] for tag in entities]
+        jacobians = np.concatenate(found).reshape(-1, len(at), 3, 3)[:, :, :dim, :dim]
+        volume = np.linalg.det(jacobians)
+        size = np.prod(np.linalg.norm(jacobians, axis=3), axis=2)
+        flat = np.any(np.abs(volume) <= FLAT * size, axis=1)
+        if flat.any():
+            raise GeometryError(f"body {body}: {int(flat.sum())} of {len(flat)} cells have no volume")
+        turned = np.sign(volume) != (1.0 if dim == 3 else np.sign(volume.sum()))
+        inverted = turned.any(axis=1)
+        if inverted.any():
+            raise GeometryError(f"body {body}: {int(inverted.sum())} of {len(inverted)} cells are turned inside out")
+
+
+def _check_facets(kind: int, cells: dict[str, Ints], facets: dict[str, Ints]) -> None:
+    """Every facet of a side bounds one cell of the side's body, and no other cell."""
+    for side, rows in facets.items():
+        body = side.split(".")[0]
+        if len(rows) == 0:
+            raise GeometryError(f"side {side} has no facets")
+        wanted = np.unique(np.sort(rows[:, : CORNERS[TYPES[kind]]], axis=1), axis=0)
+        if len(wanted) < len(rows):
+            raise GeometryError(f"side {side}: names {len(rows) - len(wanted)} of its facets twice")
+        touching = {
+            name: np.bincount(_facets_among(rows, kind, wanted)[0], minlength=len(wanted))
+            for name, rows in cells.items()
+        }
+        if np.any(touching[body] == 0):
+            raise GeometryError(
+                f"side {side}: {int(np.sum(touching[body] == 0))} of its facets bound no cell of {body}"
+            )
+        if np.any(np.sum(list(touching.values()), axis=0) > 1):
+            raise GeometryError(f"side {side}: lies inside, its facets have cells on both sides")
+
+
+def _facets_among(cells: Ints, kind: int, wanted: Ints) -> tuple[Ints, Ints]:
+    """Which of the wanted facets (rows of sorted corners, unique and in order) the cells have: facet, cell."""
+    pattern = np.array(LOCAL_FACETS[FIRST_ORDER[kind]])
+    near = np.isin(cells[:, pattern], np.unique(wanted)).all(axis=2)
+    cell, local = np.nonzero(near)
+    candidates = np.sort(cells[cell[:, None], pattern[local]], axis=1)
+    _, place = np.unique(np.concatenate([wanted, candidates]), axis=0, return_inverse=True)
+    place = place.ravel()
+    facet_at = np.full(place.max() + 1, -1)
+    facet_at[place[: len(wanted)]] = np.arange(len(wanted))
+    facet = facet_at[place[len(wanted) :]]
+    return facet[facet >= 0], cell[facet >= 0]

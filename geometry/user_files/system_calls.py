@@ -1,0 +1,76 @@
+"""What a .geo script would do besides geometry: system calls are refused, and its parameters have names."""
+
+from __future__ import annotations
+
+import gzip
+import re
+import zlib
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from geometry.errors import GeometryError
+
+REFUSED = ("SystemCall", "System", "NonBlockingSystemCall", "OnelabRun")
+READS = ("Include", "Merge", "MergeWithBoundingBox", "ShapeFromFile")
+# gmsh's own rules: no escapes in strings, comments do not nest
+TOKEN = re.compile(r""""[^"]*"|'[^']*'|//[^\n]*|/\*.*?(?:\*/|\Z)|[A-Za-z_]\w*|[^\s\w]|\S""", re.DOTALL)
+
+
+def tokens(text: str) -> list[str]:
+    """Words, strings and signs of a .geo script, without its comments.
+
+    >>> tokens('a = "x;y"; // b')
+    ['a', '=', '"x;y"', ';']
+    """
+    return [token for token in TOKEN.findall(text) if not token.startswith(("//", "/*"))]
+
+
+def scripts(path: Path, seen: set[Path] | None = None) -> Iterator[tuple[Path, list[str]]]:
+    """The script and every file that it reads, as tokens.
+
+    Raises:
+        GeometryError: a system call, or a file whose name is computed: it could hold one.
+    """
+    seen = set() if seen is None else seen
+    if path in seen:
+        return
+    seen.add(path)
+    content = path.read_bytes()
+    with suppress(OSError, EOFError, zlib.error):
+        content = gzip.decompress(content)  # gmsh may read these too
+    found = tokens(content.decode("latin-1"))
+    for word in REFUSED:
+        if word in found:
+            raise GeometryError(f"{path.name}: {word} is refused, a scene's geometry runs no other programs")
+    yield path, found
+    for i, word in enumerate(found):
+        if word in READS:
+            after = [token for token in found[i + 1 : i + 4] if token != "("]
+            name, end = [*after, "", ""][:2]
+            if name[:1] not in ('"', "'") or end not in (";", ")"):
+                raise GeometryError(f"{path.name}: {word} must name its file as a text in quotes, not compute it")
+            inner = path.parent / name[1:-1]
+            if inner.is_file():
+                yield from scripts(inner.resolve(), seen)
+
+
+def parameter_names(path: Path) -> set[str]:
+    """Names that a script lets others set: those of DefineConstant, and those that it asks after with Exists."""
+    names: set[str] = set()
+    for _, found in scripts(path):
+        depth = 0
+        for i, token in enumerate(found):
+            before = found[max(0, i - 2) : i]
+            if token == "DefineConstant":
+                depth = 1
+            elif depth:
+                depth += (token in "[{(") - (token in "]})")
+                depth = 0 if depth == 1 and token == "]" else depth
+                if depth == 2 and found[i + 1 : i + 2] in (["="], [","], ["]"]) and token[0].isalpha():
+                    names.add(token)
+                if before == ["Name"] or before[-1:] == ["Name"]:
+                    names.add(token[1:-1])
+            if before == ["Exists", "("]:
+                names.add(token)
+    return names

@@ -1,0 +1,158 @@
+"""A geometry from a user's own file: .geo, .step, .brep, .msh or .py, by its ending."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from geometry.errors import nearest, require
+from geometry.keys import Key, Noun
+from geometry.shape import Array, Model, Request, Shape
+from geometry.user_files.asking import ask
+from geometry.user_files.opening import KINDS, Parameter, kind_of
+from geometry.user_files.outline import Outline
+from geometry.user_files.reader import Question
+from geometry.user_files.system_calls import parameter_names
+
+UNITS = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "km": 1e3, "in": 0.0254, "ft": 0.3048}
+WITH_PARAMETERS = ("geo", "py")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box(Noun):
+    """Facets that lie wholly inside."""
+
+    box: Annotated[tuple[float, ...], Key("m", "lower, then upper corner")]
+
+    def __post_init__(self) -> None:
+        require(len(self.box) == 6, "box", list(self.box), "expected [x0, y0, z0, x1, y1, z1]")
+        ordered = all(a <= b for a, b in zip(self.box[:3], self.box[3:], strict=True))
+        require(ordered, "box", list(self.box), "empty; each lower coordinate must not exceed the upper one")
+
+
+@dataclass(frozen=True, kw_only=True)
+class UserFile(Noun, Shape):
+    """A file of the user's; other keys are parameters of a .geo or .py file."""
+
+    file: Annotated[str, Key("-", ".geo, .step, .brep, .msh or .py (or any of these .gz), relative to the scene file")]
+    length_unit: Annotated[
+        Literal["m", "dm", "cm", "mm", "um", "nm", "km", "in", "ft"],
+        Key("-", "unit of the file's coordinates; gmsh turns STEP files that declare a unit into mm"),
+    ] = "m"
+    mesh_size: Annotated[float | None, Key("m", "edge length of the cells; .geo, .py: absent for the file's own")] = (
+        None
+    )
+    contact_mesh_size: Annotated[float | None, Key("m", "edge length at contact surfaces; absent: mesh_size")] = None
+    cells: Annotated[Literal["simplex"], Key("-", "triangles and tetrahedra; a .geo may recombine them itself")] = (
+        "simplex"
+    )
+    order: Annotated[Literal[1, 2], Key("-", "polynomial degree of displacement and geometry")] = 1
+    names: Annotated[
+        Mapping[str, tuple[str, ...] | Box],
+        Key("-", 'sides to name: "part.base" = ["face 12"] (2D: "edge 3"), or { box = [x0, y0, z0, x1, y1, z1] } in m'),
+    ] = field(default_factory=dict)
+    parameters: Annotated[
+        Mapping[str, Parameter], Key("-", "what .geo (numbers) or build(model, parameters) of .py is given")
+    ] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        path = Path(self.file)
+        kind = kind_of(path)
+        require(kind is not None, "file", self.file, f"unknown ending; expected one of {', '.join(KINDS)}")
+        require(path.is_file(), "file", self.file, "no such file")
+        for key in ("mesh_size", "contact_mesh_size"):
+            value = getattr(self, key)
+            require(value is None or value > 0, key, value, "must be positive, in metres")
+            require(value is None or kind != "msh", key, value, "a .msh file has its own mesh; remove the key")
+        require(self.mesh_size is not None or kind != "cad", "mesh_size", None, "missing, a CAD file says no size")
+        fine = self.contact_mesh_size
+        require(fine is None or self.mesh_size is not None, "contact_mesh_size", fine, "needs mesh_size too")
+        require(fine is None or fine <= (self.mesh_size or 0), "contact_mesh_size", fine, "must not exceed mesh_size")
+        self._check_parameters(kind or "")
+
+    def _check_parameters(self, kind: str) -> None:
+        if kind not in WITH_PARAMETERS:
+            for name, value in self.parameters.items():
+                require(False, name, value, "only .geo and .py files take parameters")
+        if kind == "geo":
+            known = parameter_names(Path(self.file)) if self.parameters else set()
+            for name, value in self.parameters.items():
+                number = isinstance(value, int | float) and not isinstance(value, bool)
+                require(number, name, value, "a .geo file takes numbers only")
+                asks = f"{Path(self.file).name} has no such DefineConstant; {nearest(name, known)}"
+                require(name in known, name, value, asks)
+
+    @property
+    def degree(self) -> int:
+        return self.order
+
+    @property
+    def unit(self) -> float:
+        """Length of the file's unit [m]."""
+        return UNITS[self.length_unit]
+
+    def digest(self) -> str:
+        """SHA-256 of the file's content."""
+        return hashlib.sha256(Path(self.file).read_bytes()).hexdigest()
+
+    def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
+        return self.outline(dim).bodies
+
+    def check_model(self, model: Model) -> None:
+        self.outline(3 if model == "3d" else 2)
+        if model == "axisymmetric":
+            left = self.box(2)[0, 0]
+            require(left >= -1e-9 * np.ptp(self.box(2)), "file", self.file, f"reaches x = {left:g}; x is the radius")
+
+    def box(self, dim: int) -> Array:
+        return self.outline(dim).box[:, :dim]
+
+    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
+        points, normals = self.outline(dim).samples[side]
+        return points[:, :dim], normals[:, :dim]
+
+    def outline(self, dim: int) -> Outline:
+        """What the file says without a volume mesh; read once as long as the file stays the same."""
+        return _outline(self._key(dim))
+
+    def put(self, gmsh: Any, request: Request) -> float:
+        unit = self.unit
+        wanted = {
+            "size": None if self.mesh_size is None else self.mesh_size / unit,
+            "fine_size": None if self.contact_mesh_size is None else self.contact_mesh_size / unit,
+            "fine_sides": request.contact_sides,
+            "periodic": request.periodic,
+            "order": self.order,
+        }
+        ask(self.question(request.dim, wanted)).put(gmsh)
+        return unit
+
+    def question(self, dim: int, mesh: Mapping[str, Any] | None = None) -> Question:
+        """The file and what the scene says about it."""
+        names = {k: {"box": v.box} if isinstance(v, Box) else v for k, v in self.names.items()}
+        path = Path(self.file).resolve()
+        return Question(path=path, dim=dim, unit=self.unit, names=names, parameters=self.parameters, mesh=mesh)
+
+    def _key(self, dim: int) -> _Key:
+        return _Key(self.question(dim), repr((self, dim, self.digest())))
+
+
+@dataclass(frozen=True)
+class _Key:
+    """A question that is compared by what it depends on."""
+
+    question: Question = field(compare=False)
+    text: str
+
+
+@lru_cache(maxsize=8)
+def _outline(key: _Key) -> Outline:
+    found = ask(key.question)
+    assert isinstance(found, Outline)
+    return found

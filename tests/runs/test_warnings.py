@@ -1,0 +1,37 @@
+"""What can be solved but answers badly is said before solving: by the plan, by the run, and in its log."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from shared.command import COARSE, Spoken
+from solvers.plan import warnings
+from workflows.scene import read
+
+Call = Callable[..., Spoken]
+SOFT = "--set=bodies.block.nu=0.4999"
+LOCKS = "warning: bodies.block.nu = 0.4999: displacements of order 1 lock"
+
+
+def flat(text: str) -> str:
+    """Without the line breaks of a narrow terminal."""
+    return " ".join(text.split())
+
+
+def test_plan_and_run_warn_of_linear_elements_that_lock(call: Call, folder: Path) -> None:
+    code, out, _ = call("plan", "block", SOFT)
+    assert code == 0
+    assert LOCKS in flat(out)
+    assert json.loads(call("plan", "block", "--json", SOFT)[1])["warnings"] == [*warnings(read("block", [SOFT[6:]]))]
+    code, _, err = call("run", "block", "-o", "out", SOFT, *COARSE)
+    assert code == 0
+    assert LOCKS in flat(err)
+    assert "WARNING bodies.block.nu = 0.4999" in (folder / "out" / "run.log").read_text()
+
+
+@pytest.mark.parametrize("override", ["bodies.block.nu=0.49", "geometry.order=2", "model='plane stress'"])
+def test_no_warning_where_nothing_locks(override: str) -> None:
+    assert warnings(read("block", ["bodies.block.nu=0.4999"]))
+    assert warnings(read("block", ["bodies.block.nu=0.4999", override])) == ()

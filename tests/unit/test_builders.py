@@ -1,0 +1,262 @@
+"""Builders: what they name is meshed, as large as it is, as fine as asked, and curved where it is round."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from typing import Any, get_args, get_type_hints
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from numpy.testing import assert_allclose
+
+from geometry import dolfinx_versions as dx
+from geometry.builders import Builder
+from geometry.builders.block import Block
+from geometry.builders.half_ball import HalfBall
+from geometry.builders.half_disc import HalfDisc
+from geometry.builders.half_space import HalfSpace
+from geometry.builders.ring import Ring
+from geometry.builders.strip import Strip
+from geometry.errors import GeometryError, SceneError
+from geometry.inverted import flatness
+from geometry.mesh import Mesh, build_mesh
+from geometry.nodes import Nodes
+from geometry.shape import Array, Model, Request
+from geometry.surface import Surface, gather_surface
+from shared.measures import facets_miss, measures
+
+Case = tuple[Builder, Model]
+PLANE: Model = "plane strain"
+DISC = HalfDisc(radius=2.0, mesh_size=0.4, contact_mesh_size=0.05)
+BALL = HalfBall(radius=2.0, mesh_size=0.8, contact_mesh_size=0.2)
+SPACE = HalfSpace(size=20.0, contact_half_width=1.0, mesh_size=5.0, contact_mesh_size=0.25, edge_mesh_size=0.125)
+RING = Ring(inner_radius=1.0, outer_radius=1.5, mesh_size=0.2)
+STRIP = Strip(length=2.0, height=0.2, mesh_size=0.1, layers=3)
+BLOCK = Block(length=2.0, height=1.0, mesh_size=0.25)
+SIMPLEX: list[Case] = [
+    (DISC, PLANE),
+    (replace(DISC, symmetric=True), PLANE),
+    (replace(DISC, symmetric=True), "axisymmetric"),
+    (BALL, "3d"),
+    (replace(BALL, symmetry="quarter"), "3d"),
+    (SPACE, "plane stress"),
+    (replace(SPACE, symmetric=True), "axisymmetric"),
+    (SPACE, "3d"),
+]
+GRIDS: list[Case] = [
+    (RING, PLANE),
+    (replace(RING, angle=90), "plane stress"),
+    (STRIP, "axisymmetric"),
+    (replace(STRIP, width=0.5), "3d"),
+    (replace(BLOCK, contact_mesh_size=0.05), PLANE),
+    (replace(BLOCK, width=0.5), "3d"),
+]
+LINEAR = [*SIMPLEX, *GRIDS, *((replace(shape, cells="tensor"), model) for shape, model in GRIDS)]
+CASES = [*LINEAR, *((replace(shape, order=2), model) for shape, model in LINEAR)]
+ROUND = {"disc.arc": np.array([0.0, 2.0]), "ball.cap": np.array([0.0, 0.0, 2.0]), "ring.inner": np.zeros(2)}
+ROUND |= {"ring.outer": np.zeros(2)}  # side -> its centre
+EVERY = pytest.mark.parametrize(
+    ("shape", "model"), CASES, ids=[f"{type(shape).__name__}-{shape.cells}-{shape.order}-{m}" for shape, m in CASES]
+)
+
+
+def dim_of(model: Model) -> int:
+    return 3 if model == "3d" else 2
+
+
+@cache
+def meshed(shape: Builder, model: Model, contact: str | None = None) -> Mesh:
+    shape.check_model(model)
+    return build_mesh(shape, Request(model=model, contact_sides=(contact,) if contact else ()), MPI.COMM_SELF)
+
+
+@cache
+def side_of(shape: Builder, model: Model, side: str, contact: str | None = None) -> Surface:
+    """The side as a plane mesh: its areas are those of the meridian."""
+    mesh = meshed(shape, model, contact)
+    space = dx.vector_space(mesh.domain, mesh.degree)
+    return replace(gather_surface(mesh, space, Nodes.of(space), side), axisymmetric=False)
+
+
+def volume(mesh: Mesh) -> float:
+    """By a rule that is exact for the Jacobian of curved cells."""
+    kind = mesh.domain.topology.cell_type.name
+    points, weights = dx.reference_rule(kind, 2 * mesh.dim)
+    gradient = dx.reference_basis(kind, mesh.degree, points)[1]
+    x = mesh.domain.geometry.x[dx.cell_nodes(mesh.domain)][:, :, : mesh.dim]
+    return float((np.abs(np.linalg.det(np.einsum("iqn,cnj->cqij", gradient, x))) @ weights).sum())
+
+
+def edges(surface: Surface) -> tuple[Array, Array]:
+    """Midpoints (e, d) and lengths (e,) of the facets' edges."""
+    corners = surface.points[surface.facets[:, : 2 if surface.dim == 2 else 3]]
+    pairs = [(i, j) for i in range(corners.shape[1]) for j in range(i)]
+    ends = np.concatenate([corners[:, pair] for pair in pairs])
+    return ends.mean(axis=1), np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+
+
+@EVERY
+def test_named_parts_are_meshed_and_as_large_as_they_are(shape: Builder, model: Model) -> None:
+    mesh, dim = meshed(shape, model), dim_of(model)
+    expected, bodies = measures(shape, dim), shape.bodies(dim)
+    assert set(mesh.bodies) == set(bodies)
+    assert set(mesh.sides) == {f"{body}.{side}" for body, sides in bodies.items() for side in sides}
+    assert set(expected) == set(mesh.bodies) | set(mesh.sides)
+    (body,) = bodies
+    assert_allclose(volume(mesh), expected[body], rtol=facets_miss(shape))
+    for side in mesh.sides:
+        found = side_of(shape, model, side).quadrature(4)[0].sum()
+        assert_allclose(found, expected[side], rtol=facets_miss(shape), err_msg=side)
+
+
+@EVERY
+def test_round_sides_are_round_and_the_box_is_filled(shape: Builder, model: Model) -> None:
+    mesh = meshed(shape, model)
+    assert_allclose(mesh.box(), shape.box(dim_of(model)), atol=1e-12)
+    for side in ROUND.keys() & mesh.sides.keys():
+        distance = np.linalg.norm(side_of(shape, model, side).points - ROUND[side], axis=1)
+        assert_allclose(distance, distance[0], rtol=1e-10)  # mid-nodes of order 2 included
+    assert flatness(mesh.domain, mesh.degree)[0] > 0.3  # no cell near to being inverted
+
+
+@EVERY
+def test_samples_lie_on_their_side_with_outward_normals(shape: Builder, model: Model) -> None:
+    mesh = meshed(shape, model)
+    slack = 1e-9 * np.ptp(mesh.box(), axis=0).max()
+    for side in mesh.sides:
+        surface = side_of(shape, model, side)
+        points, normals = shape.sample(side, dim_of(model))
+        assert points.shape == normals.shape
+        assert len(points) <= 20
+        distance = np.linalg.norm(points[:, None] - surface.points, axis=2)
+        h = edges(surface)[1].max()
+        assert distance.min(axis=1).max() <= h
+        low, high = surface.points.min(axis=0), surface.points.max(axis=0)
+        chord = h**2 / 8 if side == "half_space.contact" and surface.dim == 3 else 0.0  # a polygon in place of a disc
+        assert_allclose([points.min(axis=0), points.max(axis=0)], [low, high], atol=slack + chord)  # the extremes
+        assert_allclose(np.linalg.norm(normals, axis=1), 1)
+        nearest = surface.node_normals()[distance.argmin(axis=1)]
+        assert np.einsum("kd,kd->k", normals, nearest).min() > 0.8  # outward, and the mesh's up to the cell's bend
+        if side in ROUND:
+            arm = points - ROUND[side]
+            assert_allclose(np.abs(np.einsum("kd,kd->k", normals, arm)), np.linalg.norm(arm, axis=1))
+
+
+@pytest.mark.parametrize(
+    ("shape", "model"), [(STRIP, PLANE), (replace(STRIP, width=0.5), "3d"), (SPACE, PLANE), (SPACE, "3d")]
+)
+def test_opposite_sides_are_sampled_in_the_same_order_and_match(shape: Builder, model: Model) -> None:
+    dim = dim_of(model)
+    (body,) = shape.bodies(dim)
+    pair = (f"{body}.left", f"{body}.right")
+    (left, _), (right, _) = (shape.sample(side, dim) for side in pair)
+    shift = np.eye(dim)[0] * np.ptp(shape.box(dim)[:, 0])
+    assert_allclose(left + shift, right)
+    mesh = build_mesh(shape, Request(model=model, periodic=(pair,)), MPI.COMM_SELF)
+    space = dx.vector_space(mesh.domain, 1)
+    here, there = (gather_surface(mesh, space, Nodes.of(space), side).points for side in pair)
+    distance = np.linalg.norm((here + shift)[:, None] - there, axis=2)
+    assert len(here) == len(there)
+    assert distance.min(axis=1).max() < 1e-9 * shift[0]
+
+
+@pytest.mark.parametrize(
+    ("shape", "model", "side", "centre", "near", "size"),
+    [
+        (DISC, PLANE, "disc.arc", [0.0, 0.0], 0.25, 0.05),  # radius / 8
+        (replace(DISC, contact_radius=1.0), PLANE, "disc.arc", [0.0, 0.0], 1.0, 0.05),
+        (replace(BALL, contact_radius=0.8), "3d", "ball.cap", [0.0, 0.0, 0.0], 0.8, 0.2),
+        (replace(SPACE, edge_mesh_size=None), PLANE, "half_space.contact", [0.0, 0.0], 1.0, 0.25),
+        (SPACE, PLANE, "half_space.contact", [1.0, 0.0], 0.2, 0.15),  # 0.125 at the edge, and growing
+        (SPACE, "3d", "half_space.contact", [0.0, 0.0, 0.0], 0.5, 0.25),
+    ],
+)
+def test_cells_are_as_fine_as_asked_near_the_contact(
+    shape: Builder, model: Model, side: str, centre: list[float], near: float, size: float
+) -> None:
+    """gmsh keeps sizes up to a factor: 1.5 here, of the mean of the edges."""
+    middles, lengths = edges(side_of(shape, model, side))
+    distance = np.linalg.norm(middles - centre, axis=1)
+    assert size / 1.5 < lengths[distance < near].mean() < 1.3 * size
+    if shape is DISC:  # away from the pole cells grow, up to mesh_size
+        assert lengths[distance > 2.0].mean() > 4 * size
+        assert lengths.max() < 1.5 * shape.mesh_size
+
+
+@pytest.mark.parametrize("cells", ["simplex", "tensor"])
+def test_ring_is_fine_along_the_circle_that_touches(cells: Any) -> None:
+    shape = replace(RING, contact_mesh_size=0.05, cells=cells)
+    for side, count in (("inner", 2 * np.pi / 0.05), ("outer", 2 * np.pi * 1.5 / 0.05)):
+        facets = side_of(shape, PLANE, f"ring.{side}", contact=f"ring.{side}").facets
+        assert count <= len(facets) <= count + 4  # four quarters, each rounded up
+    assert len(side_of(shape, PLANE, "ring.inner").facets) == 4 * np.ceil(np.pi / 2 * 1.5 / 0.2)  # no contact
+    quarter = replace(shape, angle=90)
+    spoke = np.sort(side_of(quarter, PLANE, "ring.x_axis", contact="ring.inner").points[:, 0])
+    assert_allclose(spoke[1] - spoke[0], 0.05, rtol=0.2)  # small at the contact, growing away from it
+    assert np.all(np.diff(spoke, 2) > 0)
+
+
+def test_strip_has_its_layers() -> None:
+    mesh = meshed(replace(STRIP, cells="tensor"), PLANE)
+    assert mesh.domain.topology.index_map(2).size_local == 20 * 3
+    assert len(side_of(STRIP, PLANE, "strip.left").facets) == 3
+
+
+@pytest.mark.parametrize(("shape", "model"), [*SIMPLEX, *GRIDS])
+def test_another_unit_of_length_makes_the_same_mesh(shape: Builder, model: Model) -> None:
+    metres, millimetres = meshed(shape, model), meshed(shape.scaled(1e-3), model)
+    assert_allclose(millimetres.domain.geometry.x, 1e-3 * metres.domain.geometry.x, rtol=1e-9, atol=1e-12)
+
+
+def test_cells_turned_inside_out_are_refused() -> None:
+    """The inner circle of a thin ring of few cells bulges through their diagonals, which are straight."""
+    thin = Ring(inner_radius=0.9, outer_radius=1.0, mesh_size=1.0)
+    assert flatness(meshed(thin, PLANE).domain, 1)[0] > 0.9
+    with pytest.raises(
+        GeometryError, match=r"a curved cell at \(.*\) is turned inside out; make the cells there small"
+    ):
+        meshed(replace(thin, order=2), PLANE)
+
+
+REFUSED: dict[str, tuple[Callable[[], Builder], Model, str]] = {
+    "radius": (lambda: replace(DISC, radius=-1.0), PLANE, "radius = -1.0: must be positive"),
+    "contact radius": (lambda: replace(BALL, contact_radius=3.0), "3d", "contact_radius = 3.0: must not exceed radius"),
+    "disc in 3D": (lambda: DISC, "3d", 'builder = "half_disc": there is none in 3D; use "half_ball"'),
+    "whole disc": (lambda: DISC, "axisymmetric", "symmetric = false: expected true in an axisymmetric model"),
+    "quads in a disc": (lambda: replace(DISC, cells="tensor"), PLANE, "cells = tensor: this shape has no grid"),
+    "ball in a plane": (lambda: BALL, PLANE, 'builder = "half_ball": there is one in 3D only; use "half_disc"'),
+    "hexahedra in a ball": (lambda: replace(BALL, cells="tensor"), "3d", "cells = tensor: this shape has no grid"),
+    "many in a ball": (lambda: replace(BALL, contact_mesh_size=1e-4), "3d", "mesh_size = 0.8: makes more than"),
+    "many in a disc": (lambda: replace(DISC, mesh_size=1e-4, contact_mesh_size=None), PLANE, "makes more than"),
+    "wide contact": (lambda: replace(SPACE, contact_half_width=20.0), PLANE, "must be smaller than size"),
+    "coarse edge": (lambda: replace(SPACE, edge_mesh_size=1.0), PLANE, "must not exceed contact_mesh_size"),
+    "half in 3D": (lambda: replace(SPACE, symmetric=True), "3d", "symmetric = true: there is the whole shape only in"),
+    "whole half-space": (lambda: SPACE, "axisymmetric", "symmetric = false: expected true in an axisymmetric"),
+    "quads below": (lambda: replace(SPACE, cells="tensor"), PLANE, "cells = tensor: this shape has no grid"),
+    "many at edges": (lambda: replace(SPACE, edge_mesh_size=1e-7), "3d", "makes more than"),
+    "hole": (lambda: replace(RING, inner_radius=1.5), PLANE, "inner_radius = 1.5: must be smaller than outer_radius"),
+    "torus": (lambda: RING, "axisymmetric", 'builder = "ring": there is one in plane models only'),
+    "tube": (lambda: RING, "3d", 'builder = "ring": there is one in plane models only'),
+    "many in a ring": (lambda: replace(RING, contact_mesh_size=1e-4), PLANE, "makes more than"),
+    "layers": (lambda: replace(STRIP, layers=0), PLANE, "layers = 0: a strip needs one layer"),
+    "tall": (lambda: replace(STRIP, height=3.0), PLANE, "height = 3.0: must not exceed length"),
+    "fine strip": (lambda: replace(STRIP, contact_mesh_size=0.01), PLANE, "contact_mesh_size = 0.01: a strip's cells"),
+    "no width": (lambda: STRIP, "3d", 'width: missing, a strip needs it in model = "3d"'),
+    "width": (lambda: replace(STRIP, width=1.0), PLANE, "width = 1.0: a plane model has no width"),
+    "many in a strip": (lambda: replace(STRIP, mesh_size=1e-8), PLANE, "makes more than"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_nonsense_is_refused_with_one_line(name: str) -> None:
+    make, model, message = REFUSED[name]
+    with pytest.raises(SceneError, match=message) as caught:
+        make().check_model(model)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_shapes_share_is_no_shape_itself() -> None:
+    names = {get_args(get_type_hints(kind)["builder"])[0] for kind in Builder.kinds}
+    assert names == {"block", "half_ball", "half_disc", "half_space", "ring", "strip"}
+    assert len(Builder.kinds) == len(names)
