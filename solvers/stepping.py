@@ -257,7 +257,7 @@ def _trial_stiffness(system: System) -> Array:
     scale = []
     for c in system.contacts:
         E = system.scene.bodies[system.scene.contacts[c.name].surface.split(".")[0]].E
-        scale.append(E / float(np.abs(c.frames[:, 0].mean(axis=0)) @ (high - low)))
+        scale.append(E / float(np.abs(c.frames[:, 0]).mean(axis=0) @ (high - low)))
     parts = [np.full(len(c.W_n), s) for c, s in zip(system.contacts, scale, strict=True)]
     parts += [np.full(c.free.size, s) for c, s in zip(system.contacts, scale, strict=True)]
     return np.concatenate([np.zeros(0), *parts])

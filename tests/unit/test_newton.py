@@ -15,8 +15,9 @@ from solvers.methods.linearised_laws import LinearisedLaws, linearise
 from solvers.methods.solution import Status
 from solvers.methods.uzawa import Uzawa
 from solvers.nouns.scene import Scene
-from solvers.simulation import Simulation
+from solvers.simulation import Simulation, prepare
 from solvers.surface_problem import SurfaceProblem
+from workflows.scene import from_dict
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]
@@ -210,3 +211,24 @@ def test_a_method_says_when_it_ran_out_of_iterations(scene_of: SceneOf, simulati
     w = problem.relative_displacement(problem.contact_displacement(solution.p))
     assert solution.residual == problem.natural_residual(solution.p, w)
     assert CondensedNewton(rtol=1e-12, max_it=1)(problem, nothing).status is not Status.CONVERGED
+
+
+@pytest.mark.parametrize("mu", [1e-4, 0.3, 1.0])
+def test_a_surface_that_looks_every_way_has_a_scale_too(mu: float) -> None:
+    # the mean normal of a bore is 0: trial tractions scaled by it sent the point at the bottom from side to side
+    ring = {"builder": "ring", "inner_radius": 1.0, "outer_radius": 1.5, "mesh_size": 0.1, "cells": "tensor"}
+    shaft = {"shape": "cylinder", "point": [0.0, 0.0], "radius": 0.98, "displacement": {"y": -0.04}}
+    friction = {"law": "coulomb", "mu": mu}
+    scene = from_dict(
+        {
+            "model": "plane strain",
+            "geometry": ring,
+            "bodies": {"ring": {"E": 1.0, "nu": 0.3}},
+            "obstacles": {"shaft": shaft},
+            "contacts": {"bore": {"surface": "ring.inner", "against": "shaft", "friction": friction}},
+            "supports": {"housing": {"boundary": "ring.outer", "displacement": {"x": 0.0, "y": 0.0}}},
+        }
+    )
+    (step,) = prepare(scene).steps()
+    assert (step.substeps, step.contacts["bore"].normal_force > 0.05) == (1, True)
+    assert step.iterations <= 8
