@@ -113,10 +113,10 @@ def verify_command(
 @app.command("scenes")
 def scenes_command() -> None:
     """List the ready scenes."""
-    from workflows.scene import READY, read
+    from workflows.scene import READY, title_of
 
     for path in sorted(READY.glob("*.toml")):
-        typer.echo(f"{path.stem:<12} {read(path).title}")
+        typer.echo(f"{path.stem:<12} {title_of(path)}")
 
 
 @app.command("new")
@@ -125,7 +125,7 @@ def new_command(
     file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="where to put it [NAME.toml]")] = None,
 ) -> None:
     """Copy a ready scene to a file of one's own."""
-    from workflows.scene import READY, read
+    from workflows.scene import READY
 
     if not _speaks():
         return
@@ -134,7 +134,6 @@ def new_command(
         from geometry.errors import nearest
 
         raise SceneError(f"{name}: no such ready scene; {nearest(name, ready)}")
-    read(ready[name])
     try:
         with path.open("x", encoding="utf-8") as target:
             target.write(ready[name].read_text(encoding="utf-8"))

@@ -82,6 +82,11 @@ def find(source: str | Path) -> Path:
     raise SceneError(f"{source}: no such file, nor a ready scene; {nearest(str(source), ready)}")
 
 
+def title_of(path: Path) -> str:
+    """Title of a scene file, whose geometry need not be there."""
+    return str(tomllib.loads(path.read_text(encoding="utf-8")).get("title", ""))
+
+
 def from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Scene:
     """Validate parsed TOML; `folder` is where a relative `geometry.file` begins, by default the working folder.
 

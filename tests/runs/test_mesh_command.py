@@ -17,7 +17,7 @@ from solvers.system import assemble
 from workflows.count import look
 from workflows.mesh_report import elements_across
 from workflows.run import run
-from workflows.scene import READY, from_dict, read
+from workflows.scene import from_dict, read
 
 CAD = """
 model = "3d"
@@ -169,5 +169,7 @@ def test_the_cad_part_is_pressed_and_dragged(call: Call, folder: Path) -> None:
     assert drag["force"][0] < 0  # against the motion
 
 
-def test_the_ready_part_says_where_its_file_comes_from() -> None:
-    assert "apt-get install gmsh-doc" in (READY / "cad_part.toml").read_text()
+def test_a_ready_part_that_is_not_there_says_how_to_get_it(call: Call) -> None:
+    code, _, err = call("mesh", "cad_part", "--set", "geometry.file=/usr/share/doc/gmsh-doc/nowhere/component8.step.gz")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "no such file; it is in Debian's package gmsh-doc: apt-get install gmsh-doc" in err
