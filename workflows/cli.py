@@ -91,12 +91,20 @@ def mesh_command(
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE.msh", help="write the mesh")] = None,
 ) -> None:
     """Mesh a scene and judge its mesh, without solving."""
-    from workflows.mesh_command import show_mesh
-    from workflows.scene import find, named, read
+    from workflows.mesh_command import edit, list_entities, report
+    from workflows.scene import find, named, read, read_geometry
 
-    loaded = read(scene, override or ())
-    with named(scene):
-        show_mesh(loaded, find(scene).stem, listed, gui, output)
+    if listed or gui:
+        model, geometry = read_geometry(scene, override or ())
+        with named(scene):
+            if listed:
+                list_entities(geometry, model, Path(f"{find(scene).stem}_faces.png"))
+            if gui:
+                edit(geometry, model)
+    if output is not None or not (listed or gui):
+        loaded = read(scene, override or ())
+        with named(scene):
+            report(loaded, output)
 
 
 @app.command("verify")

@@ -95,6 +95,16 @@ def test_list_names_and_draws_every_face(call: Call, folder: Path) -> None:
     assert len(np.unique(picture.reshape(-1, 3)[::7], axis=0)) > 20  # faces in several colours, shaded
 
 
+def test_list_works_before_the_sides_have_names(call: Call, folder: Path) -> None:
+    draw(folder / "b.step")
+    (folder / "part.toml").write_text(CAD + '[contacts.base]\nsurface = "part.base"\nagainst = "table"\n')
+    assert call("mesh", "part.toml")[0] == 2  # neither the side nor the obstacle is there yet
+    code, out, err = call("mesh", "part.toml", "--list", "--set", 'geometry.names={"part.base"=["face 77"]}')
+    assert (code, err) == (0, "")
+    assert 'warning: b.step: names."part.base": "face 77" is not there' in out
+    assert len([line for line in out.splitlines() if line.startswith("│")]) == 6
+
+
 def test_list_of_a_plane_file_numbers_its_edges(call: Call, folder: Path) -> None:
     draw(folder / "b.brep", 2)
     (folder / "part.toml").write_text(
