@@ -17,7 +17,7 @@ from solvers.system import assemble
 from workflows.count import look
 from workflows.mesh_report import elements_across
 from workflows.run import run
-from workflows.scene import READY, from_dict, read
+from workflows.scene import from_dict, read
 
 CAD = """
 model = "3d"
@@ -95,6 +95,16 @@ def test_list_names_and_draws_every_face(call: Call, folder: Path) -> None:
     assert len(np.unique(picture.reshape(-1, 3)[::7], axis=0)) > 20  # faces in several colours, shaded
 
 
+def test_list_works_before_the_sides_have_names(call: Call, folder: Path) -> None:
+    draw(folder / "b.step")
+    (folder / "part.toml").write_text(CAD + '[contacts.base]\nsurface = "part.base"\nagainst = "table"\n')
+    assert call("mesh", "part.toml")[0] == 2  # neither the side nor the obstacle is there yet
+    code, out, err = call("mesh", "part.toml", "--list", "--set", 'geometry.names={"part.base"=["face 77"]}')
+    assert (code, err) == (0, "")
+    assert 'warning: b.step: names."part.base": "face 77" is not there' in out
+    assert len([line for line in out.splitlines() if line.startswith("│")]) == 6
+
+
 def test_list_of_a_plane_file_numbers_its_edges(call: Call, folder: Path) -> None:
     draw(folder / "b.brep", 2)
     (folder / "part.toml").write_text(
@@ -169,5 +179,7 @@ def test_the_cad_part_is_pressed_and_dragged(call: Call, folder: Path) -> None:
     assert drag["force"][0] < 0  # against the motion
 
 
-def test_the_ready_part_says_where_its_file_comes_from() -> None:
-    assert "apt-get install gmsh-doc" in (READY / "cad_part.toml").read_text()
+def test_a_ready_part_that_is_not_there_says_how_to_get_it(call: Call) -> None:
+    code, _, err = call("mesh", "cad_part", "--set", "geometry.file=/usr/share/doc/gmsh-doc/nowhere/component8.step.gz")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "no such file; it is in Debian's package gmsh-doc: apt-get install gmsh-doc" in err
