@@ -45,7 +45,14 @@ class Mesh:
 
     def box(self) -> NDArray[np.float64]:
         """Corners of the bounding box (2, d) [m]."""
-        x = self.domain.geometry.x[:, : self.dim]
+        return self._box_of(self.domain.geometry.x[:, : self.dim])
+
+    def body_box(self, body: str) -> NDArray[np.float64]:
+        """The same of one body."""
+        cells = self.cell_tags.indices[self.cell_tags.values == self.bodies[body]]
+        return self._box_of(self.domain.geometry.x[dx.cell_nodes(self.domain)[cells].ravel(), : self.dim])
+
+    def _box_of(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)
         return np.array([np.min(self.comm.allgather(low), axis=0), np.max(self.comm.allgather(high), axis=0)])
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry import dolfinx_versions as dx
+from geometry.mesh import Mesh
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -24,14 +25,19 @@ class Nodes:
     number: Ints  # (k,) global
     input: Ints  # (k,) number in the gmsh model: the same on any number of ranks
     points: Array  # (k, d) [m]
+    body: Ints  # (k,) index into the mesh's bodies
 
     @staticmethod
-    def of(space: Any) -> Nodes:
-        """Nodes of a Lagrange space of the mesh's own degree."""
+    def of(mesh: Mesh, space: Any) -> Nodes:
+        """Nodes of a Lagrange space of the mesh's own degree; bodies share none."""
         domain, index_map = space.mesh, space.dofmap.index_map
         count = index_map.size_local + index_map.num_ghosts
         of_geometry = np.empty(count, np.int64)
-        of_geometry[dx.cell_dofs(space).ravel()] = dx.cell_nodes(domain).ravel()
+        dofs = dx.cell_dofs(space)
+        of_geometry[dofs.ravel()] = dx.cell_nodes(domain).ravel()
+        body = np.zeros(count, np.int64)
+        for index, tag in enumerate(mesh.bodies.values()):
+            body[dofs[mesh.cell_tags.indices[mesh.cell_tags.values == tag]]] = index
         return Nodes(
             owned=index_map.size_local,
             offset=index_map.local_range[0],
@@ -39,4 +45,5 @@ class Nodes:
             number=np.asarray(index_map.local_to_global(np.arange(count, dtype=np.int32)), np.int64),
             input=np.asarray(domain.geometry.input_global_indices, np.int64)[of_geometry],
             points=domain.geometry.x[of_geometry][:, : domain.geometry.dim].copy(),
+            body=body,
         )

@@ -48,6 +48,8 @@ class Constraints:
     rows: Mapping[int, tuple[Row, ...]]  # by global node; for periodic nodes by their root
     root: Mapping[int, int]  # eliminated periodic node -> the node that it follows
     points: Mapping[int, Array]  # coordinates of the nodes named above
+    body: Mapping[int, int]  # their bodies
+    bodies: int  # how many there are
     axisymmetric: bool
 
     @cached_property
@@ -167,16 +169,21 @@ class Constraints:
         return total
 
     def rigid_motions(self, low: Array, high: Array) -> Array:
-        """Coefficients (k, r) of the rigid motions that nothing prescribed resists; see `rigid_fields`."""
+        """Coefficients (bodies k, r) of the rigid motions that nothing prescribed resists; see `rigid_fields`."""
         centre, size = (low + high) / 2, float(np.max(high - low))
-        blocks = [np.zeros((1, len(rigid_names(self.dim, self.axisymmetric))))]
+        count = len(rigid_names(self.dim, self.axisymmetric))
+        blocks = [np.zeros((1, self.bodies * count))]
+
+        def field(node: int) -> Array:
+            own = self.body[node] * count + np.arange(count)
+            of_all = np.zeros((self.dim, self.bodies * count))
+            of_all[:, own] = rigid_fields(self.points[node][None], centre, size, self.axisymmetric)[0]
+            return of_all
+
         for node, rows in self.rows.items():
-            field = rigid_fields(self.points[node][None], centre, size, self.axisymmetric)[0]
-            blocks.append(np.array([row.direction for row in rows]) @ field)
+            blocks.append(np.array([row.direction for row in rows]) @ field(node))
         for slave, master in self.root.items():
-            pair = np.array([self.points[slave], self.points[master]])
-            a, b = rigid_fields(pair, centre, size, self.axisymmetric)
-            blocks.append(a - b)
+            blocks.append(field(slave) - field(master))
         return np.asarray(null_space(np.concatenate(blocks), rcond=1e-9))
 
 
@@ -212,59 +219,67 @@ def find_constraints(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes) -> Cons
     """Collect supports and periodic sides from all ranks."""
     rows: dict[int, list[Row]] = {}
     points: dict[int, Array] = {}
-    root = _periodic_roots(scene, mesh, space, nodes, points)
+    body: dict[int, int] = {}
+    names = list(mesh.bodies)
+    root = _periodic_roots(scene, mesh, space, nodes, points, body)
     for name, support in scene.supports.items():
         if support.boundary is not None:
             side = gather_surface(mesh, space, nodes, support.boundary)
-            where, x = side.nodes, side.points
+            where, x, of = side.nodes, side.points, names.index(support.boundary.split(".")[0])
             normals = side.node_normals() if "normal" in support.displacement else np.zeros_like(x)
         else:
-            where, x = _vertex_at(mesh, nodes, np.array(support.point), f"supports.{name}.point")
+            where, x, of = _vertex_at(mesh, nodes, np.array(support.point), f"supports.{name}.point")
             normals = np.zeros_like(x)
         for axis, amplitude in support.displacement.items():
             for i, node in enumerate(where):
                 direction = normals[i] if axis == "normal" else np.eye(mesh.dim)[AXES[axis]]
                 direction = np.where(np.abs(direction) < 1e-12, 0.0, direction)
                 rows.setdefault(root.get(int(node), int(node)), []).append(Row(direction, amplitude, name))
-                points[int(node)] = x[i]
+                points[int(node)], body[int(node)] = x[i], of
     if mesh.axisymmetric:
-        for node, x in _on_axis(mesh, nodes):
+        for node, x, of in _on_axis(mesh, nodes):
             rows.setdefault(root.get(node, node), []).append(Row(np.array([1.0, 0.0]), 0.0, AXIS))
-            points[node] = x
+            points[node], body[node] = x, of
     ordered = {n: tuple(r) for n, r in sorted(rows.items())}
-    return Constraints(nodes, mesh.dim, scene.steps.end, ordered, root, points, mesh.axisymmetric)
+    return Constraints(nodes, mesh.dim, scene.steps.end, ordered, root, points, body, len(names), mesh.axisymmetric)
 
 
-def _on_axis(mesh: Mesh, nodes: Nodes) -> list[tuple[int, Array]]:
+def _on_axis(mesh: Mesh, nodes: Nodes) -> list[tuple[int, Array, int]]:
     """Nodes on the axis of symmetry: u_r = 0 there, whatever the scene says."""
     low, high = mesh.box()
     slack = 1e-9 * float(np.max(high - low))
     if low[0] < -slack:
         raise GeometryError(f"geometry: reaches to x = {low[0]:g}; an axisymmetric model lies in x >= 0")
     own = np.flatnonzero(nodes.points[: nodes.owned, 0] <= slack)
-    found = mesh.comm.allgather([(int(nodes.number[i]), nodes.points[i]) for i in own])
+    found = mesh.comm.allgather([(int(nodes.number[i]), nodes.points[i], int(nodes.body[i])) for i in own])
     return [pair for part in found for pair in part]
 
 
-def _vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, Array]:
+def _vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, Array, int]:
     own = nodes.points[: nodes.owned]
     distance = np.linalg.norm(own - point, axis=1)
     best = int(np.argmin(distance)) if len(own) else -1
     offers = mesh.comm.allgather(
-        (distance[best], int(nodes.number[best]), own[best]) if len(own) else (np.inf, -1, point)
+        (distance[best], int(nodes.number[best]), own[best], int(nodes.body[best]))
+        if len(own)
+        else (np.inf, -1, point, -1)
     )
-    nearest, number, x = min(offers, key=lambda offer: offer[0])
+    nearest, number, x, body = min(offers, key=lambda offer: offer[0])
     low, high = mesh.box()
     if nearest > 1e-6 * float(np.max(high - low)):
         at = ", ".join(f"{c:.6g}" for c in x)
         raise SceneError(f"{key} = {point.tolist()}: no mesh vertex there; the nearest is ({at})")
-    return np.array([number]), np.array([x])
+    return np.array([number]), np.array([x]), body
 
 
-def _periodic_roots(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes, points: dict[int, Array]) -> dict[int, int]:
+def _periodic_roots(
+    scene: Scene, mesh: Mesh, space: Any, nodes: Nodes, points: dict[int, Array], body: dict[int, int]
+) -> dict[int, int]:
+    names = list(mesh.bodies)
     follows: dict[int, int] = {}
     for slave_side, master_side in scene.request().periodic:
         slave, master = (gather_surface(mesh, space, nodes, side) for side in (slave_side, master_side))
+        of, of_other = (names.index(side.split(".")[0]) for side in (slave_side, master_side))
         shift = master.points.mean(axis=0) - slave.points.mean(axis=0)
         distance, match = cKDTree(master.points).query(slave.points + shift)
         size = float(np.ptp(master.points, axis=0).max())
@@ -272,6 +287,7 @@ def _periodic_roots(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes, points: 
             raise GeometryError(f"periodic sides {slave_side} and {master_side}: their meshes do not match")
         for node, other, x, y in zip(slave.nodes, master.nodes[match], slave.points, master.points[match], strict=True):
             points[int(node)], points[int(other)] = x, y
+            body[int(node)], body[int(other)] = of, of_other
             own, others = _end_of(follows, int(node)), _end_of(follows, int(other))
             if own != others:  # an edge of two periodic pairs in 3D is met twice: the second time says nothing new
                 follows[own] = others

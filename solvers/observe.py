@@ -79,7 +79,7 @@ class Observer:
         lam = np.divide(multiplier, bound[:, None], out=np.zeros_like(multiplier), where=bound[:, None] > 0)
         status = _status(c, pressure, multiplier, bound, increment, accepted)
         weight, x = c.node_weights, c.surface.points
-        forces = -c.nodal_forces(p_n, t)
+        forces = -c.nodal_forces(p_n, t)[: len(x)]  # on the slave side
         resultant, tangential = forces.sum(axis=0), (weight[:, None] * multiplier).sum(axis=0)
         moment = np.atleast_1d(np.cross(x, forces).sum(axis=0))
         if c.surface.axisymmetric:  # over the full circle the radial parts balance

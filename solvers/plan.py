@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import null_space
 
 from geometry.errors import SceneError
-from solvers.constraints import AXES, rigid_fields, rigid_names
 from solvers.effects import EFFECTS
 from solvers.effects.effect import Effect
+from solvers.held import free_motions
 from solvers.methods.table import METHODS
 from solvers.nouns.scene import Scene
 
@@ -45,7 +44,7 @@ def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
     method = method_of(scene)
     _refuse_laws(scene, method)
     if not METHODS[method].floating:
-        if _free_motions(scene, with_contacts=False)[0].shape[1]:
+        if free_motions(scene, with_contacts=False)[0].shape[1]:
             raise SceneError(
                 f"solver.method = {method}: needs bodies that their supports hold; this one is held by contact alone, "
                 "use condensed-newton"
@@ -79,6 +78,11 @@ def _refuse_laws(scene: Scene, method: str) -> None:
     """Laws that the method does not know."""
     table = METHODS[method]
     for name, contact in scene.contacts.items():
+        if contact.against not in scene.obstacles and not table.multibody:
+            raise SceneError(
+                f"contacts.{name}.against = {contact.against}: solver.method = {method} knows rigid obstacles alone; "
+                "use condensed-newton"
+            )
         if contact.friction is not None and contact.friction.k_T is not None and not table.k_T:
             raise SceneError(
                 f"contacts.{name}.friction.k_T = {contact.friction.k_T}: solver.method = {method} knows no tangential "
@@ -98,6 +102,8 @@ def _refuse_laws(scene: Scene, method: str) -> None:
 
 def _refuse_reversed(scene: Scene) -> None:
     for name, contact in scene.contacts.items():
+        if contact.against not in scene.obstacles:
+            continue
         points, outward = scene.geometry.sample(contact.surface, scene.dim)
         facing = np.einsum("kd,kd->k", scene.obstacles[contact.against].normals(points), outward)
         if np.all(facing > -FACING):
@@ -108,51 +114,7 @@ def _refuse_reversed(scene: Scene) -> None:
 
 
 def _refuse_unheld(scene: Scene) -> None:
-    motions, kinds = _free_motions(scene, with_contacts=True)
+    motions, kinds = free_motions(scene, with_contacts=True)
     if motions.shape[1]:
         most = kinds[int(np.argmax(np.linalg.norm(motions, axis=1)))]
         raise SceneError(f"supports: nothing resists the {most}; add a support, a contact or friction")
-
-
-def _free_motions(scene: Scene, with_contacts: bool) -> tuple[Array, list[str]]:
-    """Rigid motions (k, r) that no support, and with contacts no contact or friction, resists at all; their k names.
-
-    Motions are those of the body, then one for each axis along which a force moves an obstacle.
-    """
-    dim, box = scene.dim, scene.geometry.box(scene.dim)
-    centre, scale = box.mean(axis=0), float(np.ptp(box, axis=0).max())
-    driven = [(name, axis) for name, obstacle in scene.obstacles.items() for axis in obstacle.driven()]
-    if not with_contacts:
-        driven = []
-    kinds = [f"{kind} of the body" for kind in rigid_names(dim, scene.axisymmetric)]
-    own = len(kinds)
-    kinds += [f"motion of obstacles.{name} along {axis}, which a force moves" for name, axis in driven]
-    blocks = [np.zeros((1, len(kinds)))]
-
-    def fields(points: Array) -> Array:
-        of_body = rigid_fields(points, centre, scale, scene.axisymmetric)
-        return np.concatenate([of_body, np.zeros((len(points), dim, len(driven)))], axis=2)
-
-    for support in scene.supports.values():
-        if support.boundary is None:
-            points, normals = np.array([support.point], float), np.zeros((1, dim))
-        else:
-            points, normals = scene.geometry.sample(support.boundary, dim)
-        for axis in support.displacement:
-            directions = normals if axis == "normal" else np.tile(np.eye(dim)[AXES[axis]], (len(points), 1))
-            blocks.append(np.einsum("kd,kdj->kj", directions, fields(points)))
-    for slave, master in scene.request().periodic:
-        here, there = (fields(scene.geometry.sample(side, dim)[0]) for side in (slave, master))
-        blocks.extend(here - there)
-    for contact in scene.contacts.values() if with_contacts else ():
-        points, _ = scene.geometry.sample(contact.surface, dim)
-        relative = fields(points)
-        for column, (name, axis) in enumerate(driven):
-            if name == contact.against:
-                relative[:, AXES[axis], own + column] -= 1.0
-        if contact.tangential and contact.tangential.resists():
-            blocks.extend(relative)
-        else:
-            normals = scene.obstacles[contact.against].normals(points)
-            blocks.append(np.einsum("kd,kdj->kj", normals, relative))
-    return np.asarray(null_space(np.concatenate(blocks), rcond=1e-9)), kinds

@@ -21,13 +21,16 @@ from solvers.constraints import AXES, Constraints, find_constraints, rigid_field
 from solvers.counters import Counters
 from solvers.forms import WeakForms
 from solvers.nouns.scene import Scene
-from solvers.operators.rigid import build_rows
+from solvers.operators import OPERATORS
+from solvers.operators.build import build_rows
+from solvers.operators.rigid import rigid_coupling
 from solvers.operators.rows import ContactRows
 from solvers.plan import active_effects
 from solvers.replicated import Replicated
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+REACH = 0.2  # of the bodies' extent: as far as contact is looked for where the scene does not say
 
 
 @dataclass(frozen=True)
@@ -84,14 +87,19 @@ class System:
         return motion
 
     def obstacle_motion(self, time: float, driven: Array) -> dict[str, Array]:
-        """Motion (n, d) [m] of each contact's obstacle at the nodes of its surface."""
+        """Motion (n_all, d) [m] of each contact's obstacle at the nodes of its surface; 0 between bodies."""
         contacts = self.scene.contacts
-        return {c.name: self.motion_of(contacts[c.name].against, c.surface.points, time, driven) for c in self.contacts}
+        return {
+            c.name: np.zeros(c.points.shape)
+            if c.master
+            else self.motion_of(contacts[c.name].against, c.points, time, driven)
+            for c in self.contacts
+        }
 
     def contact_displacement(self, u: Any) -> list[Array]:
-        """Displacement (n, d) [m] of each contact surface's nodes, on every rank."""
+        """Displacement (n_all, d) [m] of each contact's nodes, on every rank."""
         values = self._surface.read(u).reshape(-1, self.mesh.dim)
-        ends = np.cumsum([0, *(len(c.surface.nodes) for c in self.contacts)])
+        ends = np.cumsum([0, *(len(c.nodes) for c in self.contacts)])
         return [values[i:j] for i, j in pairwise(ends)]
 
     def contact_forces(self, p_n: list[Array], t: list[Array]) -> Any:
@@ -104,7 +112,7 @@ class System:
     def contact_force(self, c: ContactRows, p_n: Array, t: Array) -> Any:
         """B^T p of one contact over all displacements [N]."""
         total = self.K.createVecRight()
-        scatter = Replicated(total, _components(c.surface.nodes, self.mesh.dim))
+        scatter = Replicated(total, _components(c.nodes, self.mesh.dim))
         scatter.add(total, c.nodal_forces(p_n, t).ravel())
         return total
 
@@ -126,39 +134,48 @@ class System:
         """Free numbers (c,) that the contact rows touch, increasing; the same on every rank."""
         found: list[Ints] = [np.zeros(0, np.int64)]
         for c in self.contacts:
-            starts = self.constraints.free_start(c.surface.nodes)
-            sizes = np.array([self.constraints.basis(int(n)).shape[1] for n in c.surface.nodes])
+            starts = self.constraints.free_start(c.nodes)
+            sizes = np.array([self.constraints.basis(int(n)).shape[1] for n in c.nodes])
             found += [np.arange(s, s + k) for s, k in zip(starts, sizes, strict=True)]
         return np.unique(np.concatenate(found)).astype(np.int64)
 
     def trace(self, c: ContactRows) -> Any:
-        """Contact dofs (c,) to the displacement of a surface's nodes (n d,), sparse."""
+        """Contact dofs (c,) to the displacement of a contact's nodes (n_all d,), sparse."""
         d, rows, columns, values = self.mesh.dim, [], [], []
-        starts = self.constraints.free_start(c.surface.nodes)
-        for j, (node, start) in enumerate(zip(c.surface.nodes, starts, strict=True)):
+        starts = self.constraints.free_start(c.nodes)
+        for j, (node, start) in enumerate(zip(c.nodes, starts, strict=True)):
             basis = self.constraints.basis(int(node))
             a, b = np.nonzero(basis)
             rows.append(d * j + a)
             columns.append(np.searchsorted(self.contact_dofs, start + b))
             values.append(basis[a, b])
         entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-        return sparse.csr_matrix(entries, shape=(d * len(c.surface.nodes), len(self.contact_dofs)))
+        return sparse.csr_matrix(entries, shape=(d * len(c.nodes), len(self.contact_dofs)))
 
     def rigid_modes(self) -> Array:
         """Rigid motions that no support resists, on the contact dofs (c, r), orthonormal."""
         low, high = self.mesh.box()
+        centre, size = (low + high) / 2, float(np.max(high - low))
         motions = self.constraints.rigid_motions(low, high)
+        of_body = motions.reshape(len(self.mesh.bodies), -1, motions.shape[1])
         values = np.zeros((len(self.contact_dofs), motions.shape[1]))
         if motions.shape[1]:
             for c in self.contacts:
-                size, symmetric = float(np.max(high - low)), self.mesh.axisymmetric
-                fields = rigid_fields(c.surface.points, (low + high) / 2, size, symmetric) @ motions
-                starts = self.constraints.free_start(c.surface.nodes)
-                for node, start, field in zip(c.surface.nodes, starts, fields, strict=True):
+                fields = rigid_fields(c.points, centre, size, self.mesh.axisymmetric) @ of_body[self.bodies_of(c)]
+                starts = self.constraints.free_start(c.nodes)
+                for node, start, field in zip(c.nodes, starts, fields, strict=True):
                     basis = self.constraints.basis(int(node))
                     at = np.searchsorted(self.contact_dofs, start)
                     values[at : at + basis.shape[1]] = basis.T @ field
         return np.asarray(np.linalg.qr(values)[0])
+
+    def bodies_of(self, c: ContactRows) -> Ints:
+        """Body (n_all,) of each node of a contact, an index into the mesh's bodies."""
+        contact, names = self.scene.contacts[c.name], list(self.mesh.bodies)
+        own = np.full(len(c.surface.nodes), names.index(contact.surface.split(".")[0]))
+        if c.master is None:
+            return own
+        return np.concatenate([own, np.full(len(c.master.nodes), names.index(contact.against.split(".")[0]))])
 
     @cached_property
     def extent(self) -> float:
@@ -173,7 +190,7 @@ class System:
 
     @cached_property
     def _surface(self) -> Replicated:
-        nodes = np.concatenate([np.zeros(0, np.int64), *(c.surface.nodes for c in self.contacts)])
+        nodes = np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in self.contacts)])
         return Replicated(self.K.createVecRight(), _components(nodes, self.mesh.dim))
 
 
@@ -185,10 +202,22 @@ def contact_rows(
     scene: Scene, mesh: Mesh, space: Any, nodes: Nodes, constraints: Constraints
 ) -> tuple[ContactRows, ...]:
     """Rows of all contacts of the scene, their surfaces gathered on every rank; collective."""
-    contacts = {
-        name: (contact, scene.obstacles[contact.against], gather_surface(mesh, space, nodes, contact.surface))
-        for name, contact in scene.contacts.items()
-    }
+    low, high = mesh.box()
+    reach = REACH * float(np.max(high - low))
+    contacts = {}
+    for name, contact in scene.contacts.items():
+        slave = gather_surface(mesh, space, nodes, contact.surface)
+        if contact.against in scene.obstacles:
+            contacts[name] = contact, rigid_coupling(slave, scene.obstacles[contact.against])
+            continue
+        master = gather_surface(mesh, space, nodes, contact.against)
+        couple = OPERATORS[contact.operator or "mortar"]
+        contacts[name] = contact, couple(slave, master, contact.search_distance or reach)
+        if not contacts[name][1].weights.any():
+            raise SceneError(
+                f"contacts.{name}: nothing of {contact.surface} faces {contact.against} within "
+                f"{contact.search_distance or reach:g} m; set search_distance, or exchange the sides"
+            )
     return tuple(build_rows(contacts, constraints))
 
 
@@ -200,7 +229,7 @@ def displacement_space(mesh: Mesh) -> Any:
 def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
     """Build the system; collective."""
     space = displacement_space(mesh)
-    nodes = Nodes.of(space)
+    nodes = Nodes.of(mesh, space)
     weak = WeakForms(scene, mesh, space, counters)
     constraints = find_constraints(scene, mesh, space, nodes)
     if constraints.free_total == 0:

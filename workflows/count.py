@@ -19,7 +19,7 @@ def look(scene: Scene) -> tuple[MeshReport, int]:
     """The mesh report, and how many displacements are unknown; meshes, but assembles nothing."""
     mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_WORLD)
     space = displacement_space(mesh)
-    nodes = Nodes.of(space)
+    nodes = Nodes.of(mesh, space)
     constraints = find_constraints(scene, mesh, space, nodes)
     contacts = contact_rows(scene, mesh, space, nodes, constraints)
     return report_mesh(scene, mesh, nodes.total, contacts), constraints.free_total

@@ -15,6 +15,7 @@ class Applicability:
     normal: tuple[str, ...] | None = None  # names of the normal laws that it can do; None: all
     friction: tuple[str, ...] | None = None  # of the friction laws
     k_T: bool = True  # tangential stiffness before slip
+    multibody: bool = True  # contact between deformable surfaces
 
 
 METHODS: Mapping[str, Applicability] = {
@@ -27,5 +28,6 @@ METHODS: Mapping[str, Applicability] = {
         normal=("unilateral", "bilateral", "compliance"),
         friction=("coulomb", "tresca"),
         k_T=False,
+        multibody=False,
     ),
 }

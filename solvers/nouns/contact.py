@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
-from geometry.errors import SceneError
+from geometry.errors import SceneError, require
 from geometry.keys import Key, Noun
 from solvers.effects.friction import Stick
 from solvers.effects.laws import FrictionLaw, NormalLaw
@@ -14,16 +14,26 @@ from solvers.effects.unilateral import Unilateral
 
 @dataclass(frozen=True, kw_only=True)
 class Contact(Noun):
-    """Slave surface against a rigid obstacle."""
+    """Slave surface against a rigid obstacle or another body."""
 
     surface: Annotated[str, Key("-", "slave side, as body.side")]
-    against: Annotated[str, Key("-", "name of an obstacle")]
+    against: Annotated[str, Key("-", "name of an obstacle, or another body's side: the master")]
     normal: Annotated[NormalLaw, Key("-", "normal law")] = Unilateral()
     friction: Annotated[FrictionLaw | None, Key("-", "friction law; absent: none")] = None
 
     gap_offset: Annotated[float, Key("m", "added to the geometric gap; negative: interference")] = 0.0
 
+    operator: Annotated[
+        Literal["mortar", "node-to-segment", "node-to-face"] | None,
+        Key("-", "between bodies; absent: mortar"),
+    ] = None
+    search_distance: Annotated[
+        float | None, Key("m", "how far apart sides may be to be paired; absent: a fifth of the bodies' extent")
+    ] = None
+
     def __post_init__(self) -> None:
+        reach = self.search_distance
+        require(reach is None or reach > 0, "search_distance", reach, "must be positive, in metres")
         if self.friction is not None:
             reason = "a tied surface sticks, leave it out" if self.normal.ties else self.friction.refuses(self.normal)
             if reason:

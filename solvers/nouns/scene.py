@@ -68,7 +68,9 @@ class Scene(Noun):
         """What the mesh must offer this scene."""
         return Request(
             model=self.model,
-            contact_sides=tuple(dict.fromkeys(c.surface for c in self.contacts.values())),
+            contact_sides=tuple(
+                dict.fromkeys(s for c in self.contacts.values() for s in (c.surface, c.against) if s not in self.obstacles)
+            ),
             periodic=tuple(pair for effect in EFFECTS if effect.because(self) for pair in effect.periodic(self)),
         )
 
@@ -143,8 +145,7 @@ class Scene(Noun):
         slaves: dict[str, str] = {}
         for name, contact in self.contacts.items():
             self.require_side(contact.surface, f"contacts.{name}.surface")
-            known, key = contact.against in self.obstacles, f"contacts.{name}.against"
-            require(known, key, contact.against, f"no such obstacle; {nearest(contact.against, self.obstacles)}")
+            self._check_other_side(name, contact)
             other = slaves.setdefault(contact.surface, name)
             expected = f"already the slave of contacts.{other}; a facet has one slave role"
             require(other == name, f"contacts.{name}.surface", contact.surface, expected)
@@ -152,6 +153,20 @@ class Scene(Noun):
             for name, item in items.items():
                 if item.boundary is not None:
                     self.require_side(item.boundary, f"{table}.{name}.boundary")
+
+    def _check_other_side(self, name: str, contact: Contact) -> None:
+        """An obstacle, or the side of another body; an operator that the model has."""
+        known, against = (*self.obstacles, *self.sides()), contact.against
+        expected = f"no such obstacle or side; {nearest(against, known)}"
+        require(against in known, f"contacts.{name}.against", against, expected)
+        own = contact.surface.split(".")[0]
+        itself = against not in self.obstacles and against.split(".")[0] == own
+        require(not itself, f"contacts.{name}.against", against, "a side of the same body; contact needs two bodies")
+        if contact.operator is not None:
+            key = f"contacts.{name}.operator"
+            require(against not in self.obstacles, key, contact.operator, "a rigid obstacle needs none; remove the key")
+            wrong = {2: "node-to-face", 3: "node-to-segment"}[self.dim]
+            require(contact.operator != wrong, key, contact.operator, f"there is none in {self.dim}D; use mortar")
 
 
 class prefixed:  # noqa: N801  reads as a word in `with`

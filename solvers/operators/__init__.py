@@ -1,1 +1,18 @@
-"""Contact operators: from the displacement of surface nodes to relative displacement at the contact points."""
+"""Contact operators: from nodal displacements of both sides to relative displacement at the contact points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from geometry.surface import Surface
+from solvers.operators.coupling import Coupling
+from solvers.operators.mortar import mortar_coupling
+from solvers.operators.nodes_to_facets import nodal_coupling
+
+Operator = Callable[[Surface, Surface, float], Coupling]  # slave, master, reach [m]
+
+OPERATORS: Mapping[str, Operator] = {
+    "mortar": mortar_coupling,
+    "node-to-segment": nodal_coupling,
+    "node-to-face": nodal_coupling,
+}

@@ -76,7 +76,7 @@ def side_of(shape: Builder, model: Model, side: str, contact: str | None = None)
     """The side as a plane mesh: its areas are those of the meridian."""
     mesh = meshed(shape, model, contact)
     space = dx.vector_space(mesh.domain, mesh.degree)
-    return replace(gather_surface(mesh, space, Nodes.of(space), side), axisymmetric=False)
+    return replace(gather_surface(mesh, space, Nodes.of(mesh, space), side), axisymmetric=False)
 
 
 def volume(mesh: Mesh) -> float:
@@ -155,7 +155,7 @@ def test_opposite_sides_are_sampled_in_the_same_order_and_match(shape: Builder, 
     assert_allclose(left + shift, right)
     mesh = build_mesh(shape, Request(model=model, periodic=(pair,)), MPI.COMM_SELF)
     space = dx.vector_space(mesh.domain, 1)
-    here, there = (gather_surface(mesh, space, Nodes.of(space), side).points for side in pair)
+    here, there = (gather_surface(mesh, space, Nodes.of(mesh, space), side).points for side in pair)
     distance = np.linalg.norm((here + shift)[:, None] - there, axis=2)
     assert len(here) == len(there)
     assert distance.min(axis=1).max() < 1e-9 * shift[0]

@@ -1,0 +1,79 @@
+"""From couplings and laws to rows: normal multipliers first, since a friction direction may depend on them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from geometry.errors import SceneError
+from solvers.constraints import Constraints
+from solvers.nouns.contact import Contact
+from solvers.operators.carriers import Carrier, carry, frames_of
+from solvers.operators.coupling import Coupling, Points
+from solvers.operators.rows import ContactRows
+
+Array = NDArray[np.float64]
+
+
+def build_rows(contacts: Mapping[str, tuple[Contact, Coupling]], constraints: Constraints) -> list[ContactRows]:
+    """Rows of all contacts."""
+    used: dict[int, Array] = {}
+    frames = {name: frames_of(coupling.normals) for name, (_, coupling) in contacts.items()}
+    normal_carriers = {
+        name: carry(coupling, frames[name][:, :1], constraints, used)
+        for name, (contact, coupling) in contacts.items()
+        if not contact.normal.at_quadrature
+    }
+    found = []
+    for name, (contact, coupling) in contacts.items():
+        weights, friction = coupling.weights, contact.tangential
+        gap = contact.gap_offset + (0.0 * coupling.gap if contact.normal.ties else coupling.gap)
+        if contact.normal.at_quadrature:
+            points = coupling.points(contact.degree(coupling.surface.degree))
+            N_n, W_n, psi, gap_n = _normal_rows(points), points.weights, points.psi, points.gap + contact.gap_offset
+            dropped = 0
+        else:
+            carrier = normal_carriers[name]
+            if not carrier.share.shape[0]:
+                raise SceneError(
+                    f"contacts.{name}: supports prescribe the normal motion of all of {contact.surface}, so it can "
+                    "carry no contact pressure; free it or remove the contact"
+                )
+            N_n, W_n = carrier.rows(coupling)
+            psi = carrier.share.T.multiply(weights[:, None]).tocsr()
+            gap_n = carrier.mean(weights)[0] @ gap
+            dropped = int(np.sum(weights > 0)) - len(W_n)
+        if friction is not None:
+            carrier = carry(coupling, frames[name][:, 1:], constraints, used)
+            dropped += int(np.sum(weights > 0)) - carrier.share.shape[0]
+        else:
+            carrier = _none(coupling)
+        N_t, W_t = carrier.rows(coupling)
+        found.append(
+            ContactRows(
+                name=name, surface=coupling.surface, master=coupling.master, normal=contact.normal, friction=friction,
+                frames=frames[name], node_weights=weights, node_gap=gap, relative=coupling.relative,
+                N_n=N_n, W_n=W_n, gap=gap_n, N_t=N_t, W_t=W_t,
+                free=carrier.free, psi=psi, share_t=carrier.share, dropped=dropped,
+            )
+        )  # fmt: skip
+    return found
+
+
+def _none(coupling: Coupling) -> Carrier:
+    """Nobody carries anything: no friction."""
+    n, d = coupling.surface.points.shape
+    return Carrier(sparse.csr_matrix((0, n)), np.zeros((0, d - 1, d)), np.zeros((0, d - 1), bool))
+
+
+def _normal_rows(points: Points) -> Any:
+    """N_n (q, (n + n_master) d): relative displacement along the normals."""
+    entries, d = points.relative.tocoo(), points.normals.shape[1]
+    values = entries.data[:, None] * points.normals[entries.row]
+    columns = entries.col[:, None] * d + np.arange(d)
+    shape = (points.relative.shape[0], points.relative.shape[1] * d)
+    return sparse.csr_matrix((values.ravel(), (np.repeat(entries.row, d), columns.ravel())), shape=shape)

@@ -1,0 +1,38 @@
+"""How a slave surface sees what it may touch, whatever the operator: weights, relative displacement, gap, normals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.surface import Surface
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Points:
+    """q points of the slave surface at which a compliance pressure is a function of displacement."""
+
+    weights: Array  # (q,) [m^(d-1)]
+    relative: Any  # (q, n + n_master) sparse: nodal displacements of both sides to relative displacement
+    gap: Array  # (q,) [m]
+    normals: Array  # (q, d)
+    psi: Any  # (n, q) sparse: ∫ psi_j of a field, by slave node
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """n nodes of the slave surface, n_master of the other (0 if it is a rigid obstacle), basis phi~ of `Surface`."""
+
+    surface: Surface
+    master: Surface | None
+    weights: Array  # (n,) ∫ phi~_j over the part that faces the other side; 0: the node faces nothing
+    relative: Any  # (n, n + n_master) sparse: nodal displacements of both sides to relative displacement
+    gap: Array  # (n,) [m]
+    normals: Array  # (n, d) unit, towards the other side
+    points: Callable[[int], Points]  # for a quadrature degree
