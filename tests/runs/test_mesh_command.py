@@ -134,6 +134,10 @@ def test_the_window_needs_a_display(call: Call, monkeypatch: pytest.MonkeyPatch)
     code, out, err = call("mesh", "block", "--gui")
     assert (code, out, err.count("\n")) == (4, "", 1)
     assert "there is no display here" in err
+    monkeypatch.setenv("DISPLAY", ":no display")
+    code, out, err = call("mesh", "block", "--gui")
+    assert (code, out, err.count("\n")) == (4, "", 1)
+    assert "could not open its window on the display :no display" in err
 
 
 @pytest.mark.parametrize(
