@@ -183,6 +183,11 @@ def test_the_cad_part_is_pressed_and_dragged(call: Call, folder: Path) -> None:
     assert drag["force"][0] < 0  # against the motion
 
 
+def test_cells_behind_curved_faces_keep_their_shape() -> None:
+    report, _ = look(read("cad_part", ["geometry.order=2"]))
+    assert report.worst_quality > 0.02  # 0.0005 as the curved faces leave them
+
+
 def test_a_ready_part_that_is_not_there_says_how_to_get_it(call: Call) -> None:
     code, _, err = call("mesh", "cad_part", "--set", "geometry.file=/usr/share/doc/gmsh-doc/nowhere/component8.step.gz")
     assert (code, err.count("\n")) == (2, 1)

@@ -143,6 +143,16 @@ def test_the_contact_side_is_meshed_finer(tmp_path: Path) -> None:
     assert facets["top"] < facets["bottom"] / 4
 
 
+def test_periodic_sides_of_a_file_get_matching_meshes(tmp_path: Path) -> None:
+    names = FACES | {"part.left": ["face 1"], "part.right": ["face 2"]}
+    data = scene_data(draw(tmp_path / "b.brep"), 3, "part", mesh_size=0.7, contact_mesh_size=0.3, names=names)
+    data["periodic"] = {"sides": {"boundary": "part.right", "with": "part.left"}}
+    x = meshed(from_dict(data)).domain.geometry.x
+    left, right = (np.round(x[np.abs(x[:, 0] - end) < 1e-6][:, 1:], 6) for end in (0.0, 4.0))
+    assert len(left) > 16  # more than the nodes on its edges: inner ones match too
+    assert_allclose(left[np.lexsort(left.T)], right[np.lexsort(right.T)], atol=2e-6)
+
+
 def test_a_gz_is_unpacked(tmp_path: Path) -> None:
     plain = draw(tmp_path / "b.step")
     packed = tmp_path / "c.step.gz"
