@@ -117,9 +117,7 @@ class Auditor:
         relative = dx.fem.Function(system.space)
         dx.petsc_vector(relative).array[:] = u.array  # type: ignore[attr-defined]
         relative.x.scatter_forward()
-        relative.x.array[:] -= system.motion_of(
-            contact.against, system.nodes.points, record.time, record.driven
-        ).ravel()
+        relative.x.array[:] -= system.motion_of(contact, system.nodes.points, record.time, record.driven).ravel()
         form = system.weak.normal_compliance(relative, contact, law)
         return dx.assemble_vector(system.weak.compile(form)) + system.contact_force(rows, np.zeros_like(p_n), t)
 

@@ -24,7 +24,9 @@ def free_motions(scene: Scene, with_contacts: bool) -> tuple[Array, list[str]]:
     for support in scene.supports.values():
         blocks += _supported(scene, support, motions)
     for slave, master in scene.request().periodic:
-        here, there = (motions.fields(side.split(".")[0], scene.geometry.sample(side, scene.dim)[0]) for side in (slave, master))
+        here, there = (
+            motions.fields(side.split(".")[0], scene.geometry.sample(side, scene.dim)[0]) for side in (slave, master)
+        )
         blocks.extend(here - there)
     for contact in scene.contacts.values() if with_contacts else ():
         blocks += _touching(scene, contact, motions)
@@ -41,7 +43,9 @@ class Motions:
         obstacles = scene.obstacles.items() if with_obstacles else ()
         self.driven = [(name, axis) for name, obstacle in obstacles for axis in obstacle.driven()]
         several = len(self.bodies) > 1
-        self.kinds = [f"{kind} of {f'bodies.{body}' if several else 'the body'}" for body in self.bodies for kind in names]
+        self.kinds = [
+            f"{kind} of {f'bodies.{body}' if several else 'the body'}" for body in self.bodies for kind in names
+        ]
         self.kinds += [f"motion of obstacles.{name} along {axis}, which a force moves" for name, axis in self.driven]
         self.each = len(names)
 

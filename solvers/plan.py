@@ -16,6 +16,7 @@ from solvers.nouns.scene import Scene
 
 Array = NDArray[np.float64]
 FACING = 1e-6  # cosine of the angle below which two surfaces do not face each other
+AXIS = 1e-9  # distance from the axis of symmetry that is none, as part of the scene's size
 LOCKING = 0.49  # Poisson's ratio beyond which linear elements lock
 
 
@@ -39,6 +40,7 @@ def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
     Raises:
         SceneError: a motion that nothing resists, or a method that cannot do what the scene asks.
     """
+    _refuse_on_axis(scene)
     _refuse_reversed(scene)
     _refuse_unheld(scene)
     method = method_of(scene)
@@ -98,6 +100,18 @@ def _refuse_laws(scene: Scene, method: str) -> None:
                     f"contacts.{name}.{key}.law = {chosen}: solver.method = {method} works with {', '.join(known)}; "
                     "use condensed-newton"
                 )
+
+
+def _refuse_on_axis(scene: Scene) -> None:
+    """A side on the axis of symmetry has no area: nothing touches it, no force spreads over it."""
+    if not scene.axisymmetric:
+        return
+    small = AXIS * float(np.max(np.ptp(scene.geometry.box(scene.dim), axis=0)))
+    sides = {f"contacts.{name}.surface": contact.surface for name, contact in scene.contacts.items()}
+    sides |= {f"loads.{name}.boundary": load.boundary for name, load in scene.loads.items()}
+    for key, side in sides.items():
+        if np.all(scene.geometry.sample(side, scene.dim)[0][:, 0] <= small):
+            raise SceneError(f"{key} = {side}: lies on the axis of symmetry and has no area; name another side")
 
 
 def _refuse_reversed(scene: Scene) -> None:

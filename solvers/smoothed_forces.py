@@ -73,7 +73,7 @@ class Nodal:
 
     def __init__(self, system: System, rows: ContactRows, widths: Widths) -> None:
         contact, weak = system.scene.contacts[rows.name], system.weak
-        self.system, self.rows, self.against = system, rows, contact.against
+        self.system, self.rows, self.contact = system, rows, contact
         self.bound = weak.constant(0.0)
         self.forms = SmoothedContact(weak, contact, widths, self.bound)
         self.S = _transformation(system, rows)  # displacements to coefficients of phi~
@@ -106,7 +106,7 @@ class Nodal:
     def _relative(self, u: Any, time: float) -> Any:
         """u less the obstacle's motion, which is taken at the nodes of the body."""
         system = self.system
-        moved = system.motion_of(self.against, system.nodes.points[: system.nodes.owned], time, np.zeros(0))
+        moved = system.motion_of(self.contact, system.nodes.points[: system.nodes.owned], time, np.zeros(0))
         relative = u.copy()
         relative.array[:] -= moved.ravel()
         return relative

@@ -20,6 +20,7 @@ from geometry.surface import gather_surface
 from solvers.constraints import AXES, Constraints, find_constraints, rigid_fields
 from solvers.counters import Counters
 from solvers.forms import WeakForms
+from solvers.nouns.contact import Contact
 from solvers.nouns.scene import Scene
 from solvers.operators import OPERATORS
 from solvers.operators.build import build_rows
@@ -78,11 +79,12 @@ class System:
         found = [value_at(obstacles[name].force["xyz"[axis]], time, end) for name, axis in self.driven]  # type: ignore[index]
         return np.array(found, float)
 
-    def motion_of(self, obstacle: str, points: Array, time: float, driven: Array) -> Array:
-        """Motion (m, d) [m] of an obstacle where it is closest to `points`; `driven` (o,) are the unknown ones."""
-        motion = self.scene.obstacles[obstacle].motion(points, time, self.scene.steps.end)
+    def motion_of(self, contact: Contact, points: Array, time: float, driven: Array) -> Array:
+        """Motion (m, d) [m] of a contact's obstacle as seen from `points`; `driven` (o,) are the unknown ones."""
+        obstacle = self.scene.obstacles[contact.against]
+        motion = obstacle.motion(points, time, self.scene.steps.end, tied=contact.normal.ties)
         for (name, axis), size in zip(self.driven, driven, strict=True):
-            if name == obstacle:
+            if name == contact.against:
                 motion[:, axis] += size
         return motion
 
@@ -90,9 +92,7 @@ class System:
         """Motion (n_all, d) [m] of each contact's obstacle at the nodes of its surface; 0 between bodies."""
         contacts = self.scene.contacts
         return {
-            c.name: np.zeros(c.points.shape)
-            if c.master
-            else self.motion_of(contacts[c.name].against, c.points, time, driven)
+            c.name: np.zeros(c.points.shape) if c.master else self.motion_of(contacts[c.name], c.points, time, driven)
             for c in self.contacts
         }
 

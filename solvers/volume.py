@@ -20,6 +20,8 @@ from solvers.replicated import Replicated
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 BLOCK = 128  # right-hand sides solved together
+WORKSPACE = (20, 100, 400)  # percent that MUMPS adds to what it believes it needs, tried one after the other
+TOO_LITTLE = (-8, -9)  # INFOG(1): that was not enough
 METIS = 5  # MUMPS' own choice of ordering cost 2.7 times the flops on two ranks
 
 
@@ -82,12 +84,23 @@ class Volume:
         pc.getFactorMatrix().setMumpsIcntl(7, METIS)
         return ksp
 
-    def _set_up(self) -> None:
-        try:
-            self._ksp.setUp()
-        except PETSc.Error as error:
-            raise MachineError(f"the factorisation of the bodies failed: PETSc error {error.ierr}") from None
+    def _factorise(self, K: Any, schur: Ints) -> Any:
+        """MUMPS' factor of K, with a Schur complement on those numbers if there are any."""
+        for percent in WORKSPACE:
+            self._ksp = self._solver(K)
+            factor = self._ksp.getPC().getFactorMatrix()
+            factor.setMumpsIcntl(14, percent)
+            if len(schur):
+                index = PETSc.IS().createGeneral(np.asarray(schur, PETSc.IntType), comm=PETSc.COMM_SELF)
+                _call(_petsc_library().MatFactorSetSchurIS, factor.handle, index.handle)
+            try:
+                self._ksp.setUp()
+            except PETSc.Error as error:
+                raise MachineError(f"the factorisation of the bodies failed: PETSc error {error.ierr}") from None
+            if factor.getMumpsInfog(1) not in TOO_LITTLE:
+                break
         self._check()
+        return factor
 
     def _check(self) -> None:
         info = self._ksp.getPC().getFactorMatrix().getMumpsInfog(1)
@@ -95,17 +108,11 @@ class Volume:
             raise MachineError(f"MUMPS failed with INFOG(1) = {info}; -9 and -13 mean too little memory")
 
     def _factor_with_schur(self, contact_dofs: Ints) -> None:
-        self._ksp = self._solver(self.K)
-        factor = self._ksp.getPC().getFactorMatrix()
+        factor = self._factorise(self.K, contact_dofs)
         if not len(contact_dofs):
-            self._set_up()
             self.S = np.zeros((0, 0))
             return
-        index = PETSc.IS().createGeneral(np.asarray(contact_dofs, PETSc.IntType), comm=PETSc.COMM_SELF)
-        petsc = _petsc_library()
-        _call(petsc.MatFactorSetSchurIS, factor.handle, index.handle)
-        self._set_up()
-        self.S = _schur_complement(petsc, factor, len(contact_dofs))
+        self.S = _schur_complement(_petsc_library(), factor, len(contact_dofs))
         factor.setMumpsIcntl(26, 0)  # from here on, solve with the interior block alone
 
     def _factor_interior(self, contact_dofs: Ints) -> None:
@@ -113,9 +120,7 @@ class Volume:
         rows = PETSc.IS().createGeneral(own, comm=self.K.comm)
         interior = self.K.copy()
         interior.zeroRowsColumns(rows, diag=1.0)
-        self._ksp = self._solver(interior)
-        self._set_up()
-        factor = self._ksp.getPC().getFactorMatrix()
+        factor = self._factorise(interior, contact_dofs[:0])
         count = len(contact_dofs)
         self.S = np.zeros((count, count))
         low, high = self.K.getOwnershipRange()

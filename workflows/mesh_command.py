@@ -11,11 +11,12 @@ from mpi4py import MPI
 from rich.console import Console
 from rich.table import Table
 
-from geometry.editing import open_window, write_msh
 from geometry.errors import GeometryError, SceneError
+from geometry.msh_file import write_msh
 from geometry.shape import Model, Request, Shape
 from geometry.user_files.outline import Facets
 from geometry.user_files.user_file import UserFile
+from geometry.window import open_window
 from solvers.nouns.scene import Scene
 from workflows.count import look
 from workflows.report import print_mesh

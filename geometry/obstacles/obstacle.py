@@ -83,13 +83,13 @@ class Obstacle(Choice):
         """Prescribed displacement (d,) [m], rotation apart."""
         return np.array([value_at(self.displacement.get(a, 0.0), time, end) for a in AXES[:dim]])
 
-    def motion(self, points: Array, time: float, end: float) -> Array:
-        """Prescribed motion (m, d) [m] of the obstacle where it is closest to `points`."""
+    def motion(self, points: Array, time: float, end: float, tied: bool = False) -> Array:
+        """Prescribed motion (m, d) [m] of the obstacle where it is closest to `points`; at `points`, if tied to it."""
         moved = np.tile(self.translation(time, end, points.shape[1]), (len(points), 1))
         if self.rotation is None:
             return moved
-        closest = points - self.signed_gap(points)[:, None] * self.normals(points)
-        return moved + self.rotation.displacement(closest, value_at(self.rotation.angle, time, end))
+        carried = points if tied else points - self.signed_gap(points)[:, None] * self.normals(points)
+        return moved + self.rotation.displacement(carried, value_at(self.rotation.angle, time, end))
 
     def driven(self) -> tuple[Axis, ...]:
         """Axes along which a force moves the obstacle."""

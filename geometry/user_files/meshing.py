@@ -43,6 +43,8 @@ def mesh_parts(
     if any(gmsh.model.mesh.getElementProperties(kind)[2] != order for kind in elements):
         gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 0)
         gmsh.model.mesh.setOrder(order)
+        if order == 2:
+            gmsh.model.mesh.optimize("HighOrder")  # curved facets may have nearly flattened the cells behind them
     return read_raw_mesh(gmsh, dim, parts)
 
 

@@ -69,7 +69,9 @@ class Scene(Noun):
         return Request(
             model=self.model,
             contact_sides=tuple(
-                dict.fromkeys(s for c in self.contacts.values() for s in (c.surface, c.against) if s not in self.obstacles)
+                dict.fromkeys(
+                    s for c in self.contacts.values() for s in (c.surface, c.against) if s not in self.obstacles
+                )
             ),
             periodic=tuple(pair for effect in EFFECTS if effect.because(self) for pair in effect.periodic(self)),
         )

@@ -106,9 +106,7 @@ def _independent(directions: Array, basis: Array, held: Array) -> tuple[Array, N
     return turned, free, np.concatenate([held, (turned[free] @ basis).T], axis=1)
 
 
-def _take_over(
-    surface: Surface, owner: NDArray[np.int64], facing: NDArray[np.bool_], count: int
-) -> sparse.csr_matrix:
+def _take_over(surface: Surface, owner: NDArray[np.int64], facing: NDArray[np.bool_], count: int) -> sparse.csr_matrix:
     """Shares (count, n): a node without a multiplier is divided among its nearest neighbours that have one."""
     n = len(owner)
     share = sparse.lil_matrix((count, n))

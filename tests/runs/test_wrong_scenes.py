@@ -262,6 +262,14 @@ WRONG = {
         ["model='axisymmetric'"],
         r"axis of symmetry and supports\.top: contradict each other at the point \(0, 2\) at t = 2",
     ),
+    "axisymmetric, contact on the axis": (
+        [*ROUND, "contacts.base.surface='block.left'"],
+        r"contacts\.base\.surface = block\.left: lies on the axis of symmetry and has no area",
+    ),
+    "axisymmetric, load on the axis": (
+        [*ROUND, "loads.side={boundary='block.left',force=[0.0,1.0]}"],
+        r"loads\.side\.boundary = block\.left: lies on the axis of symmetry and has no area",
+    ),
     # mechanics, known before solving
     "body that nothing holds": (
         ["supports={}", "contacts={}"],

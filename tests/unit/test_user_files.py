@@ -11,8 +11,10 @@ from mpi4py import MPI
 from numpy.testing import assert_allclose
 
 from geometry.errors import GeometryError, SceneError
+from geometry.gmsh_session import gmsh_session
 from geometry.mesh import Mesh, build_mesh
 from geometry.quality import worst_quality
+from geometry.user_files.parts import find_parts
 from geometry.user_files.system_calls import parameter_names
 from shared.drawn import FACES, GEO, PY, draw, scene_data
 from solvers.nouns.scene import Scene
@@ -141,6 +143,16 @@ def test_the_contact_side_is_meshed_finer(tmp_path: Path) -> None:
     assert facets["top"] < facets["bottom"] / 4
 
 
+def test_periodic_sides_of_a_file_get_matching_meshes(tmp_path: Path) -> None:
+    names = FACES | {"part.left": ["face 1"], "part.right": ["face 2"]}
+    data = scene_data(draw(tmp_path / "b.brep"), 3, "part", mesh_size=0.7, contact_mesh_size=0.3, names=names)
+    data["periodic"] = {"sides": {"boundary": "part.right", "with": "part.left"}}
+    x = meshed(from_dict(data)).domain.geometry.x
+    left, right = (np.round(x[np.abs(x[:, 0] - end) < 1e-6][:, 1:], 6) for end in (0.0, 4.0))
+    assert len(left) > 16  # more than the nodes on its edges: inner ones match too
+    assert_allclose(left[np.lexsort(left.T)], right[np.lexsort(right.T)], atol=2e-6)
+
+
 def test_a_gz_is_unpacked(tmp_path: Path) -> None:
     plain = draw(tmp_path / "b.step")
     packed = tmp_path / "c.step.gz"
@@ -161,6 +173,17 @@ def test_names_of_a_step_file_are_its_last_component_numbered_on_repeat(tmp_path
     data = scene_data(two, 3, "part", mesh_size=0.5, names=FACES)
     data["bodies"]["part_2"] = {"E": 1.0, "nu": 0.3}
     assert set(from_dict(data).geometry.bodies(3)) == {"part", "part_2"}
+
+
+def test_sides_take_the_names_that_gmsh_gives_to_faces() -> None:
+    with gmsh_session() as gmsh:
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        for tag, name in ((5, "Assembly/Base Face"), (6, "Other/base face"), (1, "2nd")):
+            gmsh.model.setEntityName(2, tag, name)
+        parts = find_parts(gmsh, 3, True, {"part.own": ["face 3"]}, 1.0)
+    assert parts.bodies == {"part": [1]}
+    assert parts.sides == {"part.side_2nd": [1], "part.base_face": [5], "part.base_face_2": [6], "part.own": [3]}
 
 
 def test_a_box_selects_what_lies_wholly_inside(tmp_path: Path) -> None:

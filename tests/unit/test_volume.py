@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
+from geometry.errors import MachineError
 from solvers.condensed import CondensedSurface
 from solvers.counters import Counters
 from solvers.methods.linearised_laws import linearise
@@ -81,6 +82,27 @@ def test_schur_complement_condense_and_expand_are_exact(
     assert volume.counters.volume_solves == 2
     assert volume.counters.factorisations == 1
     assert volume.counters.schur_size == c.sum()
+
+
+@pytest.mark.parametrize("by_blocks", [False, True])
+def test_a_factorisation_that_mumps_gave_too_little_memory_is_repeated_with_more(
+    by_blocks: bool, scene_of: SceneOf, system_of: SystemOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    system = system_of(scene_in(3, scene_of))
+    contact_dofs = system.contact_dofs
+
+    def schur_complement() -> Array:
+        volume = Volume(system.K_B, contact_dofs, Counters())
+        if by_blocks:
+            volume._factor_interior(contact_dofs)
+        return volume.S
+
+    expected = schur_complement()
+    monkeypatch.setattr("solvers.volume.WORKSPACE", (-90,))  # nine tenths less than MUMPS asks for
+    with pytest.raises(MachineError, match="too little memory"):
+        schur_complement()
+    monkeypatch.setattr("solvers.volume.WORKSPACE", (-90, 100))
+    assert_allclose(schur_complement(), expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
 def test_a_body_without_contact_is_solved_directly(
