@@ -157,7 +157,8 @@ class System:
         low, high = self.mesh.box()
         centre, size = (low + high) / 2, float(np.max(high - low))
         motions = self.constraints.rigid_motions(low, high)
-        of_body = motions.reshape(len(self.mesh.bodies), -1, motions.shape[1])
+        count = len(self.mesh.bodies)
+        of_body = motions.reshape(count, len(motions) // count, motions.shape[1])
         values = np.zeros((len(self.contact_dofs), motions.shape[1]))
         if motions.shape[1]:
             for c in self.contacts:

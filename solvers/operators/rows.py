@@ -81,7 +81,7 @@ class ContactRows:
         return np.asarray(total.reshape(self.points.shape))
 
     def node_motion(self, moved: Array) -> tuple[Array, Array]:
-        """Normal (n,) and tangential (n, d), Cartesian, relative displacement; `moved` (n_all, d) is that of `nodes`."""
+        """Normal (n,) and tangential (n, d) relative displacement; `moved` (n_all, d) is that of `nodes`."""
         relative = self.relative @ moved
         normal = np.einsum("nd,nd->n", self.frames[:, 0], relative)
         return normal, relative - normal[:, None] * self.frames[:, 0]

@@ -102,14 +102,15 @@ def test_frames_are_right_angled_and_look_at_the_obstacle(shape: str, scene_of: 
             "normal": [0.1] + [0.0] * (dim - 2) + [2.0],
         }
     }
-    (rows,) = system_of(scene_of(dim, geometry, obstacles=low, contacts={"base": contact()})).contacts
+    scene = scene_of(dim, geometry, obstacles=low, contacts={"base": contact()})
+    (rows,) = system_of(scene).contacts
     assert_allclose(
         rows.frames @ rows.frames.transpose(0, 2, 1), np.tile(np.eye(dim), (len(rows.frames), 1, 1)), atol=1e-15
     )
     normal = -np.array(low["foundation"]["normal"])
     assert_allclose(rows.frames[:, 0], np.tile(normal / np.linalg.norm(normal), (len(rows.frames), 1)), rtol=1e-15)
     # moving a node by the gap along its normal closes it
-    moved = rows.obstacle.signed_gap(rows.surface.points)[:, None] * rows.frames[:, 0]
+    moved = scene.obstacles["foundation"].signed_gap(rows.surface.points)[:, None] * rows.frames[:, 0]
     assert_allclose(rows.N_n @ moved.ravel(), rows.gap, rtol=1e-12)
     assert rows.gap.min() > 0.1
 
