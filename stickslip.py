@@ -11,11 +11,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from geometry.builders.block import Block
+from geometry.builders.cylinders import Cylinders
 from geometry.builders.half_ball import HalfBall
 from geometry.builders.half_disc import HalfDisc
 from geometry.builders.half_space import HalfSpace
 from geometry.builders.ring import Ring
+from geometry.builders.spheres import Spheres
 from geometry.builders.strip import Strip
+from geometry.builders.two_blocks import TwoBlocks
 from geometry.errors import StickslipError
 from geometry.obstacles.cylinder import Cylinder
 from geometry.obstacles.plane import Plane
@@ -56,6 +59,7 @@ __all__ = [
     "Contact",
     "Coulomb",
     "Cylinder",
+    "Cylinders",
     "Gravity",
     "HalfBall",
     "HalfDisc",
@@ -71,6 +75,7 @@ __all__ = [
     "Scene",
     "Solver",
     "Sphere",
+    "Spheres",
     "StepResult",
     "Steps",
     "Stick",
@@ -80,6 +85,7 @@ __all__ = [
     "TangentialCompliance",
     "Tied",
     "Tresca",
+    "TwoBlocks",
     "Unilateral",
     "UserFile",
     "prepare",
