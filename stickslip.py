@@ -10,13 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from geometry.builders.arch import Arch
 from geometry.builders.block import Block
 from geometry.builders.cylinders import Cylinders
 from geometry.builders.half_ball import HalfBall
 from geometry.builders.half_disc import HalfDisc
 from geometry.builders.half_space import HalfSpace
 from geometry.builders.ring import Ring
+from geometry.builders.rings import Rings
 from geometry.builders.spheres import Spheres
+from geometry.builders.stack import Stack
 from geometry.builders.strip import Strip
 from geometry.builders.two_blocks import TwoBlocks
 from geometry.errors import StickslipError
@@ -53,6 +56,7 @@ def steps(scene: Scene) -> Iterator[StepResult]:
 
 
 __all__ = [
+    "Arch",
     "Bilateral",
     "Block",
     "Compliance",
@@ -71,11 +75,13 @@ __all__ = [
     "Plane",
     "Probe",
     "Ring",
+    "Rings",
     "Rotation",
     "Scene",
     "Solver",
     "Sphere",
     "Spheres",
+    "Stack",
     "StepResult",
     "Steps",
     "Stick",

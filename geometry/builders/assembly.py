@@ -41,7 +41,8 @@ class Part:
     def placed(self, points: Array) -> Array:
         """Points (k, d) of the shape, in their place."""
         x, last = self.shift
-        return self._turned(points) + np.array([x, *[0.0] * (points.shape[1] - 2), last])
+        shift: Array = np.array([x, *[0.0] * (points.shape[1] - 2), last])
+        return self._turned(points) + shift
 
     def mesh(self, gmsh: Any, name: str, request: Request) -> RawMesh:
         """The body `name`, meshed in a gmsh model of its own; in metres."""
@@ -59,7 +60,7 @@ class Part:
         return replace(mesh, points=points)
 
     def _turned(self, vectors: Array) -> Array:
-        return vectors if self.turn is None else vectors @ np.asarray(self.turn).T
+        return vectors if self.turn is None else vectors @ np.asarray(self.turn, np.float64).T
 
 
 @dataclass(frozen=True, kw_only=True)
