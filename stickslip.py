@@ -10,12 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from geometry.builders.arch import Arch
 from geometry.builders.block import Block
+from geometry.builders.cylinders import Cylinders
 from geometry.builders.half_ball import HalfBall
 from geometry.builders.half_disc import HalfDisc
 from geometry.builders.half_space import HalfSpace
 from geometry.builders.ring import Ring
+from geometry.builders.rings import Rings
+from geometry.builders.spheres import Spheres
+from geometry.builders.stack import Stack
 from geometry.builders.strip import Strip
+from geometry.builders.two_blocks import TwoBlocks
 from geometry.errors import StickslipError
 from geometry.obstacles.cylinder import Cylinder
 from geometry.obstacles.plane import Plane
@@ -50,12 +56,14 @@ def steps(scene: Scene) -> Iterator[StepResult]:
 
 
 __all__ = [
+    "Arch",
     "Bilateral",
     "Block",
     "Compliance",
     "Contact",
     "Coulomb",
     "Cylinder",
+    "Cylinders",
     "Gravity",
     "HalfBall",
     "HalfDisc",
@@ -67,10 +75,13 @@ __all__ = [
     "Plane",
     "Probe",
     "Ring",
+    "Rings",
     "Rotation",
     "Scene",
     "Solver",
     "Sphere",
+    "Spheres",
+    "Stack",
     "StepResult",
     "Steps",
     "Stick",
@@ -80,6 +91,7 @@ __all__ = [
     "TangentialCompliance",
     "Tied",
     "Tresca",
+    "TwoBlocks",
     "Unilateral",
     "UserFile",
     "prepare",

@@ -15,15 +15,14 @@ from geometry.keys import Key
 from geometry.shape import Array, Model, Request
 
 PLANES = {"x_plane": 0, "y_plane": 1}  # sides of a quarter -> axis of the normal
+SYMMETRY = "quarter: x, y >= 0 only, with sides x_plane and y_plane"
 
 
 @dataclass(frozen=True, kw_only=True)
 class HalfBall(Dome):
     """Half a ball with its pole in the origin and its flat side up, at z = radius; 3D only."""
 
-    symmetry: Annotated[
-        Literal["none", "quarter"], Key("-", "quarter: x, y >= 0 only, with sides x_plane and y_plane")
-    ] = "none"
+    symmetry: Annotated[Literal["none", "quarter"], Key("-", SYMMETRY)] = "none"
     builder: Annotated[Literal["half_ball"], Key("-", "the shape's name")] = "half_ball"
 
     @property

@@ -16,6 +16,7 @@ from geometry.errors import SceneError, require
 from geometry.keys import Key
 from geometry.shape import Array, Model, Request
 
+ANGLE = "in degrees: 360, or 90: a quarter with sides x_axis and y_axis"
 RADIAL = {"x_axis": 1, "y_axis": 0}  # sides of a quarter -> axis of the normal
 
 
@@ -27,7 +28,7 @@ class Ring(Builder):
 
     inner_radius: Annotated[float, Key("m", "of the hole")]
     outer_radius: Annotated[float, Key("m", "of the ring")]
-    angle: Annotated[Literal[360, 90], Key("-", "in degrees: 360, or 90: a quarter with sides x_axis and y_axis")] = 360
+    angle: Annotated[Literal[360, 90], Key("-", ANGLE)] = 360
     builder: Annotated[Literal["ring"], Key("-", "the shape's name")] = "ring"
 
     def __post_init__(self) -> None:
@@ -57,20 +58,11 @@ class Ring(Builder):
         return points, sides.constant_normals(RADIAL[name], 0, points.shape)
 
     def draw(self, gmsh: Any, request: Request) -> None:
-        """Quarters of four sides each: along the inner circle, out, back along the outer circle, in."""
-        occ, radii, parts = gmsh.model.occ, (self.inner_radius, self.outer_radius), self.angle // 90
-        centre = occ.addPoint(0, 0, 0)
-        directions = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[: parts + (parts == 1)]
-        points = [[occ.addPoint(*(r * d), 0) for d in directions] for r in radii]
-        spokes = [occ.addLine(a, b) for a, b in zip(*points, strict=True)]
-        ends = [(k, (k + 1) % len(directions)) for k in range(parts)]
-        circles = [[occ.addCircleArc(row[a], centre, row[b]) for a, b in ends] for row in points]
-        for k, (a, b) in enumerate(ends):
-            occ.addPlaneSurface([occ.addCurveLoop([circles[0][k], spokes[b], circles[1][k], spokes[a]])])
-        occ.remove([(0, centre)])
-        occ.synchronize()
+        """Quarters of four sides each."""
+        directions = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[: 4 if self.angle == 360 else 2]
+        circles, spokes = draw_sectors(gmsh, (self.inner_radius, self.outer_radius), directions, self.angle == 360)
         found = dict(zip(("inner", "outer"), circles, strict=True))
-        if parts == 1:
+        if self.angle == 90:
             found |= {"x_axis": [spokes[0]], "y_axis": [spokes[1]]}
         sides.name_groups(gmsh, 2, "ring", found)
         self._grid(gmsh, circles, spokes, {side.split(".")[1] for side in request.contact_sides})
@@ -92,3 +84,24 @@ class Ring(Builder):
         for curve in spokes:
             gmsh.model.mesh.setTransfiniteCurve(curve, steps + 1, law, 1 / ratio if touched == {"outer"} else ratio)
         transfinite(gmsh, 2, self.cells == "tensor")
+
+
+def draw_sectors(
+    gmsh: Any, radii: tuple[float, float], directions: Array, closed: bool
+) -> tuple[list[list[int]], list[int]]:
+    """Put ring sectors between neighbouring unit vectors (k, 2), counterclockwise, into the model; no meshes yet.
+
+    Returns:
+        Arcs along the inner circle and along the outer one; lines from the inner to the outer one (k,).
+    """
+    occ = gmsh.model.occ
+    centre = occ.addPoint(0, 0, 0)
+    points = [[occ.addPoint(*(r * d), 0) for d in directions] for r in radii]
+    spokes = [occ.addLine(a, b) for a, b in zip(*points, strict=True)]
+    ends = [(k, (k + 1) % len(directions)) for k in range(len(directions) - (not closed))]
+    circles = [[occ.addCircleArc(row[a], centre, row[b]) for a, b in ends] for row in points]
+    for k, (a, b) in enumerate(ends):  # along the inner circle, out, back along the outer circle, in
+        occ.addPlaneSurface([occ.addCurveLoop([circles[0][k], spokes[b], circles[1][k], spokes[a]])])
+    occ.remove([(0, centre)])
+    occ.synchronize()
+    return circles, spokes

@@ -258,5 +258,6 @@ def test_nonsense_is_refused_with_one_line(name: str) -> None:
 
 def test_what_shapes_share_is_no_shape_itself() -> None:
     names = {get_args(get_type_hints(kind)["builder"])[0] for kind in Builder.kinds}
-    assert names == {"block", "half_ball", "half_disc", "half_space", "ring", "strip"}
+    single = {"block", "half_ball", "half_disc", "half_space", "ring", "strip"}
+    assert names == single | {"arch", "cylinders", "rings", "spheres", "stack", "two_blocks"}
     assert len(Builder.kinds) == len(names)

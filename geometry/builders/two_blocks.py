@@ -1,0 +1,42 @@
+"""A block on a block."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
+
+from geometry.builders.assembly import Part
+from geometry.builders.block import Block
+from geometry.builders.pair import Pair
+from geometry.keys import Key
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwoBlocks(Pair):
+    """Upper block [offset, offset + length], lower block centred under it before the offset; each meshed alone."""
+
+    lengths: ClassVar[tuple[str, ...]] = (
+        *Pair.lengths, "length", "height", "width", "lower_length", "lower_height",
+    )  # fmt: skip
+    distances: ClassVar[tuple[str, ...]] = (*Pair.distances, "offset")
+
+    length: Annotated[float, Key("m", "size of the upper block along x")]
+    height: Annotated[float, Key("m", "size of the upper block along the last axis")]
+    width: Annotated[float | None, Key("m", "size of both along y, 3D only")] = None
+    lower_length: Annotated[float | None, Key("m", "size of the lower block along x; absent: length")] = None
+    lower_height: Annotated[float | None, Key("m", "size of the lower block along the last axis; absent: height")] = (
+        None
+    )
+    offset: Annotated[float, Key("m", "the upper block's way along x from above the lower one's middle")] = 0.0
+    builder: Annotated[Literal["two_blocks"], Key("-", "the shape's name")] = "two_blocks"
+
+    def parts(self) -> Mapping[str, Part]:
+        length = self.length if self.lower_length is None else self.lower_length
+        height = self.height if self.lower_height is None else self.lower_height
+        lower = Block(length=length, height=height, width=self.width, **self.lower_cell_keys())
+        upper = Block(length=self.length, height=self.height, width=self.width, **self.cell_keys())
+        return {
+            "lower": Part(shape=lower, shift=((self.length - length) / 2, -height)),
+            "upper": Part(shape=upper, shift=(self.offset, self.gap)),
+        }
