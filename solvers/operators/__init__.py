@@ -6,11 +6,13 @@ from collections.abc import Callable, Mapping
 
 from geometry.surface import Surface
 from solvers.operators.coupling import Coupling
+from solvers.operators.mortar_coupling import mortar_coupling
 from solvers.operators.nodes_to_facets import nodal_coupling
 
 Operator = Callable[[Surface, Surface, float], Coupling]  # slave, master, reach [m]
 
 OPERATORS: Mapping[str, Operator] = {
+    "mortar": mortar_coupling,
     "node-to-segment": nodal_coupling,
     "node-to-face": nodal_coupling,
 }

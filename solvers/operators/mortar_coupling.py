@@ -1,0 +1,53 @@
+"""Mortar between two bodies: weighted gaps and slips over the part of the slave that faces the master."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from geometry import dolfinx_versions as dx
+from geometry.overlap import overlap
+from geometry.surface import Surface
+from solvers.operators.coupling import Coupling, Points
+from solvers.operators.mortar import mortar_integrals
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+def mortar_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
+    """Biorthogonal multipliers at the slave's nodes; what nothing faces carries none."""
+    found = overlap(slave, master, reach, 2 * slave.degree + master.degree)
+    weights, P, gap, _ = mortar_integrals(slave, master, found)
+    facing = weights > 0
+    own = sparse.diags(facing.astype(float)) @ slave.transform
+    return Coupling(
+        slave,
+        master,
+        weights,
+        sparse.hstack([own, -P], format="csr"),
+        np.where(facing, gap, 0.0),
+        slave.node_normals(),
+        points=lambda degree: _points(slave, master, reach, degree),
+    )
+
+
+def _points(slave: Surface, master: Surface, reach: float, degree: int) -> Points:
+    """The integration points themselves."""
+    found = overlap(slave, master, reach, degree)
+    psi: Any = mortar_integrals(slave, master, found)[3]
+    own = _values(slave, found.slave_facet, found.slave_local)
+    other = _values(master, found.master_facet, found.master_local)
+    relative = sparse.hstack([own, -other], format="csr")
+    return Points(found.weights, relative, found.gap, found.normals, psi)
+
+
+def _values(surface: Surface, facet: Ints, local: Array) -> sparse.csr_matrix:
+    """Basis (q, n) of a surface at points given by facet and reference coordinates."""
+    basis = dx.reference_basis(surface.shape, surface.degree, local)[0]
+    rows = np.repeat(np.arange(len(facet)), basis.shape[1])
+    entries = (basis.ravel(), (rows, surface.facets[facet].ravel()))
+    return sparse.csr_matrix(entries, shape=(len(facet), len(surface.nodes)))
