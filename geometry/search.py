@@ -1,0 +1,199 @@
+"""Search for contact: where lines from points along given directions first meet a master surface.
+
+Facets are gathered in small patches, the patches in trees of their centres. Along each half-line goes a sample point:
+where the nearest patch is far the line is clear as far as that, where it is near the facets of all patches around are
+tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.spatial import cKDTree
+
+from geometry import dolfinx_versions as dx
+from geometry.crossing import across, cross
+from geometry.surface import Surface
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+BLOCK = 10_000  # points at a time: bounds the memory
+PATCH = 16  # facets: fewer need more steps along a line, more have more facets to try
+BULGE = {
+    1: 1.0,
+    2: 5 / 3,
+}  # max of sum_k |phi_k|: a facet's points are no farther from its centre than this times its nodes
+SLACK = 1e-6  # of a facet's radius: what rounding may hide
+TIE = 1e-8  # of a facet's radius: gaps this near to each other are the same, the facet with the lowest number has it
+ROUGH = 0.5  # the nearest centre may be this much nearer than said: saves most of the time of that question
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """Where lines from m points along given directions meet a master surface."""
+
+    facet: Ints  # (m,) row of master.facets, -1 where none is met within reach
+    local: Array  # (m, d-1) reference coordinates on that facet; 0 where none
+    gap: Array  # (m,) signed distance to the facet along the direction, positive = open [m]; inf where none
+
+    def weights(self, master: Surface) -> sparse.csr_matrix:
+        """(m, n_master) values of the master's basis where each line meets it; empty rows where it does not."""
+        met = np.flatnonzero(self.facet >= 0)
+        columns = master.facets[self.facet[met]]
+        basis = dx.reference_basis(master.shape, master.degree, self.local[met])[0]
+        rows = np.broadcast_to(met[:, None], columns.shape)
+        shape = (len(self.facet), len(master.points))
+        return sparse.csr_matrix((basis.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+
+
+@dataclass(frozen=True)
+class _Balls:
+    """Facets, each within its ball."""
+
+    centres: Array
+    radii: Array
+
+
+@dataclass(frozen=True)
+class _Patches:
+    """Patches of neighbouring facets, their radii alike to a factor of two."""
+
+    tree: cKDTree  # of their centres
+    radius: float  # the largest
+    start: Ints  # patch i has the facets members[start[i] : start[i] + count[i]]
+    count: Ints
+    members: Ints
+
+    def expand(self, line: Ints, patch: Ints) -> tuple[Ints, Ints]:
+        """Pairs of a line and a patch to pairs of a line and a facet."""
+        count = self.count[patch]
+        before = np.cumsum(count) - count
+        place = np.arange(count.sum()) + np.repeat(self.start[patch] - before, count)
+        return np.repeat(line, count), self.members[place]
+
+
+@dataclass(frozen=True)
+class _Hits:
+    """Lines that meet facets: one row for each meeting."""
+
+    point: Ints
+    facet: Ints
+    local: Array
+    gap: Array
+
+
+def pair(points: Array, directions: Array, master: Surface, reach: float) -> Pairing:
+    """Meet each point's line with the master, at the place with the smallest |gap| <= reach.
+
+    Only facets that face the direction count (outward normal · direction < 0): the far side of a body, met from
+    within, is no contact.
+
+    Args:
+        points: (m, d) [m].
+        directions: (m, d), unit vectors, usually a slave surface's outward normals.
+        reach: [m], may be inf.
+    """
+    found = Pairing(
+        facet=np.full(len(points), -1), local=np.zeros((len(points), master.dim - 1)), gap=np.full(len(points), np.inf)
+    )
+    nodes = master.points[master.facets]
+    centres = nodes.mean(axis=1)
+    radii = BULGE[master.degree] * np.linalg.norm(nodes - centres[:, None], axis=2).max(axis=1)
+    balls = _Balls(centres, radii * (1 + SLACK))
+    patches = _patches(balls)
+    for start in range(0, len(points), BLOCK):
+        block = slice(start, start + BLOCK)
+        hits = _search(points[block], directions[block], master, reach, balls, patches)
+        first = _nearest(hits, TIE * radii)
+        rows = start + hits.point[first]
+        found.facet[rows], found.local[rows], found.gap[rows] = hits.facet[first], hits.local[first], hits.gap[first]
+    return found
+
+
+def _patches(balls: _Balls) -> list[_Patches]:
+    """Facets go to the nearest of every PATCH-th centre in a tree's order, which is spread like the facets.
+
+    A few large patches would make the neighbourhood of every point large: each size has its own tree.
+    """
+    seeds = balls.centres[cKDTree(balls.centres).indices[::PATCH]]
+    distance, label = cKDTree(seeds).query(balls.centres)
+    radii = np.zeros(len(seeds))
+    np.maximum.at(radii, label, distance + balls.radii)
+    count = np.bincount(label, minlength=len(seeds))
+    start = np.cumsum(count) - count
+    members = np.argsort(label, kind="stable")
+    used = np.flatnonzero(count)  # of two seeds in one place one has nothing
+    level = np.floor(np.log2(radii.max() / radii[used]))
+    alike = [used[level == value] for value in np.unique(level)]
+    return [_Patches(cKDTree(seeds[i]), float(radii[i].max()), start[i], count[i], members) for i in alike]
+
+
+def _search(
+    points: Array, directions: Array, master: Surface, reach: float, balls: _Balls, patches: list[_Patches]
+) -> _Hits:
+    """All meetings that may be the nearest, on both half-lines of each point."""
+    frames = across(directions)
+    middle = (master.points.min(axis=0) + master.points.max(axis=0)) / 2
+    end = np.linalg.norm(points - middle, axis=1) + BULGE[2] * np.linalg.norm(master.points - middle, axis=1).max()
+    limit = np.minimum(reach, end)  # shrinks with every meeting
+    hits = []
+    for alike in patches:
+        for sign in (1, -1):
+            start = -sign * alike.radius  # the first round sees both sides of the points
+            for line, patch in _march(points, sign * directions, start, limit, alike):
+                point, facet = alike.expand(line, patch)
+                along, off = _seen_from(points[point], directions[point], balls.centres[facet])
+                radius = balls.radii[facet]
+                may = (off <= radius) & (np.abs(along) <= limit[point] + radius)
+                point, facet = point[may], facet[may]
+                met, local, gap = cross(master, facet, points[point], directions[point], frames[point])
+                met &= np.abs(gap) <= reach
+                hits.append(_Hits(point[met], facet[met], local[met], gap[met]))
+                np.minimum.at(limit, point[met], np.abs(gap[met]))
+    return _Hits(*(np.concatenate([getattr(hit, name) for hit in hits]) for name in _Hits.__dataclass_fields__))
+
+
+def _march(
+    points: Array, directions: Array, start: float, limit: Array, patches: _Patches
+) -> Iterator[tuple[Ints, Ints]]:
+    """Pairs of a line and a patch that it may meet, from `start` on, until each line is seen to its limit.
+
+    `limit` is the caller's, who lowers it between two rounds.
+    """
+    step = patches.radius  # half the length of line that one round sees
+    seen = np.full(len(points), start)
+    lines = np.flatnonzero(seen <= limit)
+    while len(lines):
+        samples = points[lines] + (seen[lines] + step)[:, None] * directions[lines]
+        clear = patches.tree.query(samples, eps=ROUGH)[0] / (1 + ROUGH) - patches.radius
+        close = np.flatnonzero(clear <= step)
+        if len(close):
+            tree, radius = cKDTree(samples[close]), patches.radius + step
+            near = tree.sparse_distance_matrix(patches.tree, radius, output_type="ndarray")
+            line, patch = lines[close[near["i"]]], near["j"]
+            may = _seen_from(points[line], directions[line], patches.tree.data[patch])[1] <= patches.radius
+            yield line[may], patch[may]
+        seen[lines] += step + np.maximum(clear, step)
+        lines = lines[seen[lines] <= limit[lines]]
+
+
+def _seen_from(points: Array, directions: Array, centres: Array) -> tuple[Array, Array]:
+    """How far along the line, and how far off it, a centre lies (c,)."""
+    away = centres - points
+    along = np.einsum("cd,cd->c", away, directions)
+    off = away - along[:, None] * directions
+    return along, np.sqrt(np.einsum("cd,cd->c", off, off))
+
+
+def _nearest(hits: _Hits, tie: Array) -> Ints:
+    """The row of each point's hit with the smallest |gap|; of equals the lowest facet."""
+    size = np.abs(hits.gap)
+    least = np.full(hits.point.max(initial=-1) + 1, np.inf)
+    np.minimum.at(least, hits.point, size)
+    kept = np.flatnonzero(size <= least[hits.point] + tie[hits.facet])
+    order = kept[np.lexsort((hits.facet[kept], hits.point[kept]))]
+    return np.asarray(order[np.unique(hits.point[order], return_index=True)[1]])
