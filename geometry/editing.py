@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from geometry.errors import MachineError
@@ -32,7 +33,8 @@ def write_msh(shape: Shape, request: Request, path: Path) -> None:
     except OSError as error:
         raise MachineError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:
-        aside.unlink(missing_ok=True)
+        with suppress(OSError):
+            aside.unlink(missing_ok=True)
 
 
 def open_window(shape: Shape, request: Request) -> None:
