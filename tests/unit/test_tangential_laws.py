@@ -125,3 +125,23 @@ def test_every_step_of_uzawa_is_admissible(
         assert np.all(np.linalg.norm(t, axis=1) <= s * (1 + 1e-15))
         assert np.all(p[place.normal] >= 0) or place.rows.normal.sides == 2
         assert np.any(t)
+
+
+@pytest.mark.parametrize("friction", [{}, {"friction": {"law": "coulomb", "mu": 0.0}}])
+def test_nothing_sticks_without_friction(
+    friction: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """Pressed between its symmetry planes no point of the base moves sideways: no slip, but no stick either."""
+    scene = scene_of(
+        contacts={"base": {"surface": "block.bottom", "against": "foundation"} | friction},
+        supports={
+            "top": {"boundary": "block.top", "displacement": {"y": -0.01}},
+            "left": {"boundary": "block.left", "displacement": {"x": 0.0}},
+            "right": {"boundary": "block.right", "displacement": {"x": 0.0}},
+        },
+    )
+    (step,) = simulation_of(scene).steps()
+    base = step.contacts["base"]
+    assert base.max_slip < 1e-12
+    assert (base.stick_area, base.slip_area) == (0.0, base.contact_area)
+    assert_allclose(base.contact_area, 2.0)
