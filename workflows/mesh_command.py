@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from geometry.user_files.outline import Facets
 from geometry.user_files.user_file import UserFile
 from solvers.nouns.scene import Scene
 from workflows.count import look
-from workflows.report import print_mesh
+from workflows.report import console, print_mesh, print_table
 from workflows.run import raise_together
 
 
@@ -30,7 +29,7 @@ def show_mesh(scene: Scene, name: str, listed: bool, window: bool, target: Path 
     comm = MPI.COMM_WORLD
     if target is not None and target.suffix != ".msh":
         raise SceneError(f"-o {target}: expected a file that ends in .msh")
-    out = Console(highlight=False, width=None if sys.stdout.isatty() else 160, quiet=comm.rank > 0)
+    out = console(160, quiet=comm.rank > 0)
     if listed:
         picture = (target.parent if target else Path()) / f"{name}_faces.png"
         raise_together(comm, lambda: _list(scene, picture, out))
@@ -59,7 +58,7 @@ def _list(scene: Scene, picture: Path, out: Console) -> None:
         table.add_row(
             str(facets.number), outline.side_of.get(facets.number, "-"), facets.name or "-", *_measures(facets)
         )
-    out.print(table)
+    print_table(table, out)
     draw_picture(picture, outline.entities, scene.title or picture.stem)
     out.print(f"drawn in {picture}")
 
