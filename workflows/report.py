@@ -98,7 +98,9 @@ class Reporter:
             out.print(f"audit (relative defects): {defects}")
 
     def files(self, outcome: Outcome) -> None:
-        """Which files to open."""
+        """What to doubt, and which files to open."""
+        for warning in outcome.warnings:
+            self._line(f"warning: {warning}")
         if self.quiet:
             return
         folder = outcome.folder
