@@ -19,6 +19,6 @@ def too_large(scene: Scene, steps: Sequence[StepResult]) -> tuple[str, ...]:
     if spread <= LARGE:
         return ()
     return (
-        f"displacements differ by up to {spread:.2g} of the bodies' size, and are taken to be small: the answer is that "
-        "of the linear problem; check the units of E, loads and lengths",
+        f"displacements differ by up to {spread:.2g} of the bodies' size, and are taken to be small: the answer is "
+        "that of the linear problem; check the units of E, loads and lengths",
     )
