@@ -91,6 +91,7 @@ class Observer:
             traction=-multiplier,
             slip=slip,
             slip_increment=increment,
+            bound=bound,
             lam=lam,
             status=status,
             force=resultant,
@@ -148,7 +149,8 @@ def _status(
     touching = (pressure > 1e-9 * accepted.problem.p_ref) | (c.normal.sides == 2)
     at_bound = np.linalg.norm(multiplier, axis=1) >= bound * (1 - accepted.slack)
     moving = np.linalg.norm(increment, axis=1) > 1e-9 * accepted.problem.u_ref
-    return np.where(touching, np.where(at_bound & moving, SLIP, STICK), OPEN).astype(np.int8)
+    slipping = at_bound & (moving | (not bound.any()))  # nothing sticks without friction
+    return np.where(touching, np.where(slipping, SLIP, STICK), OPEN).astype(np.int8)
 
 
 def _locate(mesh: Mesh, point: Array, name: str) -> tuple[int, Array] | None:

@@ -24,6 +24,7 @@ class ContactState:
     traction: Array  # (n, d) sigma_T [Pa]
     slip: Array  # (n, d) tangential relative displacement since t = 0 [m]
     slip_increment: Array  # (n, d) since the last accepted step [m]
+    bound: Array  # (n,) friction bound s [Pa], infinite for stick
     lam: Array  # (n, d) lambda = t/s, 0 where s = 0 [-]
     status: NDArray[np.int8]  # (n,) OPEN, SLIP or STICK
     force: Array  # (d,) [N]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+<<<<<<< HEAD
 import sys
 from dataclasses import replace
+=======
+>>>>>>> stranger
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +22,7 @@ from geometry.user_files.user_file import UserFile
 from geometry.window import open_window
 from solvers.nouns.scene import Scene
 from workflows.count import look
-from workflows.report import print_mesh
+from workflows.report import console, print_mesh, print_table
 from workflows.run import raise_together
 
 
@@ -32,8 +35,19 @@ def report(scene: Scene, target: Path | None) -> None:
     """
     if target is not None and target.suffix != ".msh":
         raise SceneError(f"-o {target}: expected a file that ends in .msh")
+<<<<<<< HEAD
     out = _console()
     print_mesh(look(scene)[0], out)
+=======
+    out = console(160, quiet=comm.rank > 0)
+    if listed:
+        picture = (target.parent if target else Path()) / f"{name}_faces.png"
+        raise_together(comm, lambda: _list(scene, picture, out))
+    if window:
+        raise_together(comm, lambda: open_window(scene.geometry, scene.request()))
+    if not (listed or window):
+        print_mesh(look(scene)[0], out)
+>>>>>>> stranger
     if target is not None:
         raise_together(MPI.COMM_WORLD, lambda: write_msh(scene.geometry, scene.request(), target))
         out.print(f"wrote {target}, in metres")
@@ -71,8 +85,13 @@ def _list(geometry: Shape, dim: int, picture: Path, out: Console) -> None:
         table.add_row(
             str(facets.number), outline.side_of.get(facets.number, "-"), facets.name or "-", *_measures(facets)
         )
+<<<<<<< HEAD
     out.print(table)
     draw_picture(picture, outline.entities, Path(geometry.file).name)
+=======
+    print_table(table, out)
+    draw_picture(picture, outline.entities, scene.title or picture.stem)
+>>>>>>> stranger
     out.print(f"drawn in {picture}")
 
 

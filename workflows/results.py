@@ -37,6 +37,7 @@ class Outcome:
     status: str  # converged, not_converged, no_equilibrium, interrupted
     sentence: str  # what to tell the user, empty when converged
     folder: Path
+    warnings: tuple[str, ...] = ()  # what the answer itself gives reason to doubt
 
     @property
     def exit_code(self) -> int:
