@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-<<<<<<< HEAD
-import sys
 from dataclasses import replace
-=======
->>>>>>> stranger
 from pathlib import Path
 from typing import Any
 
@@ -35,19 +31,8 @@ def report(scene: Scene, target: Path | None) -> None:
     """
     if target is not None and target.suffix != ".msh":
         raise SceneError(f"-o {target}: expected a file that ends in .msh")
-<<<<<<< HEAD
     out = _console()
     print_mesh(look(scene)[0], out)
-=======
-    out = console(160, quiet=comm.rank > 0)
-    if listed:
-        picture = (target.parent if target else Path()) / f"{name}_faces.png"
-        raise_together(comm, lambda: _list(scene, picture, out))
-    if window:
-        raise_together(comm, lambda: open_window(scene.geometry, scene.request()))
-    if not (listed or window):
-        print_mesh(look(scene)[0], out)
->>>>>>> stranger
     if target is not None:
         raise_together(MPI.COMM_WORLD, lambda: write_msh(scene.geometry, scene.request(), target))
         out.print(f"wrote {target}, in metres")
@@ -64,8 +49,7 @@ def list_entities(geometry: Shape, model: Model, picture: Path) -> None:
 
 
 def _console() -> Console:
-    width = None if sys.stdout.isatty() else 160
-    return Console(highlight=False, width=width, quiet=MPI.COMM_WORLD.rank > 0)
+    return console(160, quiet=MPI.COMM_WORLD.rank > 0)
 
 
 def _list(geometry: Shape, dim: int, picture: Path, out: Console) -> None:
@@ -85,13 +69,8 @@ def _list(geometry: Shape, dim: int, picture: Path, out: Console) -> None:
         table.add_row(
             str(facets.number), outline.side_of.get(facets.number, "-"), facets.name or "-", *_measures(facets)
         )
-<<<<<<< HEAD
-    out.print(table)
-    draw_picture(picture, outline.entities, Path(geometry.file).name)
-=======
     print_table(table, out)
-    draw_picture(picture, outline.entities, scene.title or picture.stem)
->>>>>>> stranger
+    draw_picture(picture, outline.entities, Path(geometry.file).name)
     out.print(f"drawn in {picture}")
 
 

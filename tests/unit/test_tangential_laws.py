@@ -128,7 +128,6 @@ def test_every_step_of_uzawa_is_admissible(
         assert np.any(t)
 
 
-<<<<<<< HEAD
 def test_bound_is_integrated_exactly(scene_of: SceneOf, system_of: Callable[[Scene], System]) -> None:
     """A penetration of (2 + x) m, to the fifth: the quadrature of the pressure would not do."""
     laws = {"normal": {"law": "compliance", "c_n": 40.0}, "friction": {"law": "compliance", "c_T": 3.0, "m_T": 5.0}}
@@ -140,7 +139,8 @@ def test_bound_is_integrated_exactly(scene_of: SceneOf, system_of: Callable[[Sce
     assert rows.friction is not None
     s = rows.friction.limit(40.0 * (rows.N_n @ u.ravel()), rows.average, rows.normal, 1.0, 1.0)
     assert_allclose(rows.W_t @ s, 3.0 * (4.0**6 - 2.0**6) / 6, rtol=1e-13)  # block from x = 0 to 2 m
-=======
+
+
 @pytest.mark.parametrize("friction", [{}, {"friction": {"law": "coulomb", "mu": 0.0}}])
 def test_nothing_sticks_without_friction(
     friction: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
@@ -159,4 +159,3 @@ def test_nothing_sticks_without_friction(
     assert base.max_slip < 1e-12
     assert (base.stick_area, base.slip_area) == (0.0, base.contact_area)
     assert_allclose(base.contact_area, 2.0)
->>>>>>> stranger
