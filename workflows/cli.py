@@ -92,12 +92,20 @@ def mesh_command(
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE.msh", help="write the mesh")] = None,
 ) -> None:
     """Mesh a scene and judge its mesh, without solving."""
-    from workflows.mesh_command import show_mesh
-    from workflows.scene import find, named, read
+    from workflows.mesh_command import edit, list_entities, report
+    from workflows.scene import find, named, read, read_geometry
 
-    loaded = read(scene, override or ())
-    with named(scene):
-        show_mesh(loaded, find(scene).stem, listed, gui, output)
+    if listed or gui:
+        model, geometry = read_geometry(scene, override or ())
+        with named(scene):
+            if listed:
+                list_entities(geometry, model, Path(f"{find(scene).stem}_faces.png"))
+            if gui:
+                edit(geometry, model)
+    if output is not None or not (listed or gui):
+        loaded = read(scene, override or ())
+        with named(scene):
+            report(loaded, output)
 
 
 @app.command("verify")
@@ -114,10 +122,10 @@ def verify_command(
 @app.command("scenes")
 def scenes_command() -> None:
     """List the ready scenes."""
-    from workflows.scene import READY, read
+    from workflows.scene import READY, title_of
 
     for path in sorted(READY.glob("*.toml")):
-        typer.echo(f"{path.stem:<12} {read(path).title}")
+        typer.echo(f"{path.stem:<12} {title_of(path)}")
 
 
 @app.command("new")
@@ -126,7 +134,7 @@ def new_command(
     file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="where to put it [NAME.toml]")] = None,
 ) -> None:
     """Copy a ready scene to a file of one's own."""
-    from workflows.scene import READY, read
+    from workflows.scene import READY
 
     if not _speaks():
         return
@@ -135,7 +143,6 @@ def new_command(
         from geometry.errors import nearest
 
         raise SceneError(f"{name}: no such ready scene; {nearest(name, ready)}")
-    read(ready[name])
     try:
         with path.open("x", encoding="utf-8") as target:
             target.write(ready[name].read_text(encoding="utf-8"))

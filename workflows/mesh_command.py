@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,49 +11,60 @@ from mpi4py import MPI
 from rich.console import Console
 from rich.table import Table
 
-from geometry.editing import open_window, write_msh
-from geometry.errors import SceneError
+from geometry.errors import GeometryError, SceneError
+from geometry.msh_file import write_msh
+from geometry.shape import Model, Request, Shape
 from geometry.user_files.outline import Facets
 from geometry.user_files.user_file import UserFile
+from geometry.window import open_window
 from solvers.nouns.scene import Scene
 from workflows.count import look
 from workflows.report import print_mesh
 from workflows.run import raise_together
 
 
-def show_mesh(scene: Scene, name: str, listed: bool, window: bool, target: Path | None) -> None:
-    """Do what was asked, and without --list and --gui mesh the scene and report; collective.
+def report(scene: Scene, target: Path | None) -> None:
+    """Mesh the scene, print the mesh report, and write the mesh if there is a target; collective.
 
     Raises:
         SceneError: `target` is no .msh file.
-        MachineError: no display, or the disk refuses.
+        MachineError: it cannot be written.
     """
-    comm = MPI.COMM_WORLD
     if target is not None and target.suffix != ".msh":
         raise SceneError(f"-o {target}: expected a file that ends in .msh")
-    out = Console(highlight=False, width=None if sys.stdout.isatty() else 160, quiet=comm.rank > 0)
-    if listed:
-        picture = (target.parent if target else Path()) / f"{name}_faces.png"
-        raise_together(comm, lambda: _list(scene, picture, out))
-    if window:
-        raise_together(comm, lambda: open_window(scene.geometry, scene.request()))
-    if not (listed or window):
-        print_mesh(look(scene)[0], out)
+    out = _console()
+    print_mesh(look(scene)[0], out)
     if target is not None:
-        raise_together(comm, lambda: write_msh(scene.geometry, scene.request(), target))
+        raise_together(MPI.COMM_WORLD, lambda: write_msh(scene.geometry, scene.request(), target))
         out.print(f"wrote {target}, in metres")
 
 
-def _list(scene: Scene, picture: Path, out: Console) -> None:
-    """Bodies, sides, and every face or edge of a user's file, in a table and in a picture."""
-    for body, sides in scene.geometry.bodies(scene.dim).items():
+def edit(geometry: Shape, model: Model) -> None:
+    """Open gmsh's window on rank 0; collective."""
+    raise_together(MPI.COMM_WORLD, lambda: open_window(geometry, Request(model=model)))
+
+
+def list_entities(geometry: Shape, model: Model, picture: Path) -> None:
+    """Bodies, sides, and every face or edge of a user's file, in a table and in a picture; collective."""
+    raise_together(MPI.COMM_WORLD, lambda: _list(geometry, 3 if model == "3d" else 2, picture, _console()))
+
+
+def _console() -> Console:
+    width = None if sys.stdout.isatty() else 160
+    return Console(highlight=False, width=width, quiet=MPI.COMM_WORLD.rank > 0)
+
+
+def _list(geometry: Shape, dim: int, picture: Path, out: Console) -> None:
+    if isinstance(geometry, UserFile):
+        geometry = _without_wrong_names(geometry, dim, out)
+    for body, sides in geometry.bodies(dim).items():
         out.print(f"body {body}: sides {', '.join(f'{body}.{side}' for side in sides) or '-'}")
-    if not isinstance(scene.geometry, UserFile):
+    if not isinstance(geometry, UserFile):
         out.print("a builder's sides have names only; numbers are those of CAD files")
         return
-    outline, word = scene.geometry.outline(scene.dim), "face" if scene.dim == 3 else "edge"
+    outline, word = geometry.outline(dim), "face" if dim == 3 else "edge"
     table = Table()
-    for head in (word, "side", "name in the file", "area [m²]" if scene.dim == 3 else "length [m]", "centre [m]"):
+    for head in (word, "side", "name in the file", "area [m²]" if dim == 3 else "length [m]", "centre [m]"):
         table.add_column(head)
     table.add_column("box [m]")
     for facets in outline.entities:
@@ -60,8 +72,20 @@ def _list(scene: Scene, picture: Path, out: Console) -> None:
             str(facets.number), outline.side_of.get(facets.number, "-"), facets.name or "-", *_measures(facets)
         )
     out.print(table)
-    draw_picture(picture, outline.entities, scene.title or picture.stem)
+    draw_picture(picture, outline.entities, Path(geometry.file).name)
     out.print(f"drawn in {picture}")
+
+
+def _without_wrong_names(geometry: UserFile, dim: int, out: Console) -> UserFile:
+    """Whoever lists numbers is still looking for the right ones."""
+    try:
+        geometry.outline(dim)
+    except GeometryError as error:
+        if not geometry.names:
+            raise
+        out.print(f"warning: {error}; listed without geometry.names", soft_wrap=True)
+        return replace(geometry, names={})
+    return geometry
 
 
 def _measures(facets: Facets) -> tuple[str, str, str]:

@@ -17,6 +17,7 @@ from pydantic import TypeAdapter, ValidationError
 from geometry.builders import Builder
 from geometry.errors import FolderError, GeometryError, SceneError, nearest
 from geometry.keys import Choice
+from geometry.shape import Model
 from geometry.user_files.opening import kind_of
 from geometry.user_files.user_file import WITH_PARAMETERS, UserFile
 from solvers.effects import EFFECTS
@@ -45,6 +46,30 @@ def read(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
     Raises:
         SceneError: anything that the file or its values get wrong, in one line.
     """
+    path, data = _load(source, overrides)
+    with named(path):
+        return from_dict(data, path.parent)
+
+
+def read_geometry(source: str | Path, overrides: Sequence[str] = ()) -> tuple[Model, Builder | UserFile]:
+    """Only model and geometry of a scene whose other tables may still wait for the names of sides.
+
+    Raises:
+        SceneError: either of the two is wrong or missing.
+    """
+    path, data = _load(source, overrides)
+    with named(path):
+        _refuse_non_finite(data, ())
+        for key in ("model", "geometry"):
+            if key not in data:
+                raise SceneError(f"{key}: missing, every scene needs it")
+        kind, table = _geometry(data["geometry"], path.parent)
+        model: Model = _parse(get_type_hints(Scene, include_extras=True)["model"], data["model"], ("model",))
+        return model, _parse(kind, table, ("geometry",))
+
+
+def _load(source: str | Path, overrides: Sequence[str]) -> tuple[Path, dict[str, Any]]:
+    """The scene file's path, and what it holds with the overrides."""
     path = find(source)
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -55,7 +80,7 @@ def read(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
     with named(path):
         for override in overrides:
             _override(data, override)
-        return from_dict(data, path.parent)
+    return path, data
 
 
 @contextmanager
@@ -80,6 +105,11 @@ def find(source: str | Path) -> Path:
     if path.is_dir():
         raise SceneError(f"{source}: is a folder; name a scene file")
     raise SceneError(f"{source}: no such file, nor a ready scene; {nearest(str(source), ready)}")
+
+
+def title_of(path: Path) -> str:
+    """Title of a scene file, whose geometry need not be there."""
+    return str(tomllib.loads(path.read_text(encoding="utf-8")).get("title", ""))
 
 
 def from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Scene:

@@ -48,14 +48,14 @@ class Builder(Choice, Shape):
         """Refuse a mesh of about so many `cells` before it is made."""
         require(cells < MOST_CELLS, "mesh_size", self.mesh_size, f"makes more than {MOST_CELLS} cells")
 
-    def scaled(self, factor: float) -> Self:
-        """The same shape and mesh in another unit of length."""
+    def in_units_of(self, unit: float) -> Self:
+        """The same shape and mesh in another unit of length [m]: by division, so that m and mm give one mesh."""
         found = {key: getattr(self, key) for key in self._all_lengths()}
-        return replace(self, **{key: value * factor for key, value in found.items() if value is not None})
+        return replace(self, **{key: value / unit for key, value in found.items() if value is not None})
 
     def put(self, gmsh: Any, request: Request) -> float:
         unit = float(np.max(np.ptp(self.box(request.dim), axis=0)))  # gmsh has absolute tolerances
-        self.scaled(1 / unit).draw(gmsh, request)
+        self.in_units_of(unit).draw(gmsh, request)
         gmsh.model.mesh.generate(request.dim)
         return unit
 

@@ -33,7 +33,7 @@ def ask(question: Question) -> Any:
         try:
             done = subprocess.run(
                 [sys.executable, "-m", "geometry.user_files.reader", str(asked), str(told)],
-                env=os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])},
+                env=child_environment(),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
@@ -51,6 +51,13 @@ def ask(question: Question) -> Any:
     if kind == "refusal":
         raise GeometryError(f"{name}: {' '.join(str(content).split())}")
     return content
+
+
+def child_environment() -> dict[str, str]:
+    """Ours, with the folder where a child finds these packages."""
+    return os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+    }
 
 
 def _ending(code: int, said: str) -> str:

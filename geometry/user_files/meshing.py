@@ -31,7 +31,7 @@ def mesh_parts(
         size: edge length, in the model's unit; None: the file's own sizes.
         fine_size: edge length at `fine_sides`.
     """
-    if not gmsh.model.mesh.getElementTypes(dim):
+    if len(gmsh.model.mesh.getElementTypes(dim)) == 0:
         if size is not None:
             _set_sizes(gmsh, dim, parts, size, fine_size or size, fine_sides)
         for slave, master in periodic:
@@ -43,6 +43,8 @@ def mesh_parts(
     if any(gmsh.model.mesh.getElementProperties(kind)[2] != order for kind in elements):
         gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 0)
         gmsh.model.mesh.setOrder(order)
+        if order == 2:
+            gmsh.model.mesh.optimize("HighOrder")  # curved facets may have nearly flattened the cells behind them
     return read_raw_mesh(gmsh, dim, parts)
 
 

@@ -59,15 +59,20 @@ def open_file(gmsh: Any, path: Path, parameters: Mapping[str, Parameter]) -> Non
         raise GeometryError(f"is no {suffix} file: it does not begin with {begins}")
     gmsh.logger.start()
     gmsh.merge(str(path))
-    complain(gmsh)
+    complain(gmsh, path.parent)
 
 
-def complain(gmsh: Any) -> None:
-    """Raise gmsh's first error since its log was started."""
-    errors = [line.removeprefix("Error: ") for line in gmsh.logger.get() if line.startswith("Error")]
-    gmsh.logger.stop()
+def complain(gmsh: Any, folder: Path | None = None) -> None:
+    """Raise gmsh's first error since its log was started, without the folder that the file lies in."""
+    try:
+        lines = gmsh.logger.get()
+    except UnicodeDecodeError:
+        raise GeometryError("holds bytes that are no text") from None
+    finally:
+        gmsh.logger.stop()
+    errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error")]
     if errors:
-        raise GeometryError(f"gmsh says: {errors[0]}")
+        raise GeometryError(f"gmsh says: {errors[0].replace(f'{folder}/', '')}")
 
 
 def _build(gmsh: Any, path: Path, parameters: Mapping[str, Parameter]) -> None:

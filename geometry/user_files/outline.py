@@ -18,6 +18,8 @@ Ints = NDArray[np.int64]
 COARSE = 8  # cells along the box's diagonal, for sampling and drawing
 ROUND = 16  # cells around a full circle
 FLAT_SIDE = 1e-6  # spread of the unit normals of a flat side
+STEP = 1e-3  # off a facet, as part of its size
+RAY = np.array([0.5377, 0.7217, 0.4359])  # meets no edge but by accident
 TILT = np.array([0.0131, 0.0073, 0.0037])  # decides between equal extremes, the same way on opposite sides
 
 
@@ -72,7 +74,7 @@ class Outline:
 
 def read_outline(gmsh: Any, dim: int, parts: Parts, unit: float) -> Outline:
     """Outline of the current model; meshes its facets coarsely if it has no mesh yet."""
-    meshed = bool(gmsh.model.mesh.getElementTypes(dim))
+    meshed = len(gmsh.model.mesh.getElementTypes(dim)) > 0
     raw = read_raw_mesh(gmsh, dim, parts) if meshed else None
     if raw is None:
         _mesh_facets(gmsh, dim)
@@ -115,21 +117,39 @@ def _outward_of_mesh(raw: RawMesh, side: str, unit: float) -> tuple[Array, Array
 
 
 def _outward_of_cad(gmsh: Any, dim: int, side: str, parts: Parts, of: dict[int, Facets]) -> tuple[Array, Array]:
-    """The same, told by the orientation of the body's boundary, which encloses a positive volume."""
-    body = [(dim, tag) for tag in parts.bodies[side.split(".")[0]]]
-    signs = {abs(tag): np.sign(tag) for _, tag in gmsh.model.getBoundary(body, combined=True, oriented=True)}
+    """The same, told by the body's closed boundary: a step outward from a facet leads out of it."""
+    body = side.split(".")[0]
+    entities = [(dim, tag) for tag in parts.bodies[body]]
+    boundary = [tag for _, tag in gmsh.model.getBoundary(entities, combined=True, oriented=False) if tag in of]
+    corners, normals = [], []
     for tag in parts.sides[side]:
-        if tag not in signs or tag not in of:
-            raise GeometryError(f"side {side}: {FACET_WORD[dim]} {tag} is no boundary of {side.split('.')[0]}")
-    enclosed = sum(
-        float(np.einsum("fd,fd->", of[tag].corners.mean(axis=1), sign * of[tag].normals()))
-        for tag, sign in signs.items()
-        if tag in of
-    )
-    tags = parts.sides[side]
-    corners = np.concatenate([of[tag].corners for tag in tags])
-    normals = np.concatenate([np.sign(enclosed) * signs[tag] * of[tag].normals() for tag in tags])
-    return corners, normals
+        if tag not in boundary:
+            raise GeometryError(f"side {side}: {FACET_WORD[dim]} {tag} is no boundary of {body}")
+        normal = of[tag].normals()
+        area = np.linalg.norm(normal, axis=1)
+        largest = int(np.argmax(area))
+        step = STEP * area[largest] ** (1 / (dim - 1)) * normal[largest] / area[largest]
+        point = of[tag].corners[largest].mean(axis=0) + step
+        corners.append(of[tag].corners)
+        normals.append(-normal if is_inside(point, [of[t].corners for t in boundary], dim) else normal)
+    return np.concatenate(corners), np.concatenate(normals)
+
+
+def is_inside(point: Array, boundary: list[Array], dim: int) -> bool:
+    """Whether a closed boundary of facets (f, k, 3) encloses the point: a ray from it crosses an odd number of them."""
+    along = RAY * ([1, 1, 0] if dim == 2 else 1)
+    crossed = 0
+    for corners in boundary:
+        for last in range(dim - 1, corners.shape[1]):  # a quadrilateral is two triangles
+            origin = corners[:, 0]
+            edges = [corners[:, last - 1] - origin, corners[:, last] - origin] if dim == 3 else [corners[:, 1] - origin]
+            matrix = np.stack([*edges, np.broadcast_to(-along, origin.shape)], axis=2)[:, :dim]
+            matrix[np.abs(np.linalg.det(matrix)) == 0] = np.inf  # facets along the ray are not crossed
+            with np.errstate(invalid="ignore"):
+                found = np.linalg.solve(matrix, (point - origin)[:, :dim, None])[..., 0]
+            where, far = found[:, :-1], found[:, -1]
+            crossed += int(np.sum((far > 0) & np.all(where >= 0, axis=1) & (where.sum(axis=1) <= 1)))
+    return crossed % 2 == 1
 
 
 def _sample(corners: Array, normals: Array) -> tuple[Array, Array]:

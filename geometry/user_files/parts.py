@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from geometry.errors import GeometryError, nearest
 
@@ -16,6 +17,7 @@ NAME = re.compile(r"[a-z][a-z0-9_]*")
 SIDE = re.compile(r"([a-z][a-z0-9_]*)\.[a-z][a-z0-9_]*")
 NAMELESS = re.compile(r"Open CASCADE STEP translator [0-9. ]+$")  # what OpenCASCADE calls a part without a name
 CELL_WORD, FACET_WORD = {2: "surface", 3: "volume"}, {2: "edge", 3: "face"}
+SAMPLES = 17  # points along a curve, and along each parameter of a face
 Selection = Sequence[str] | Mapping[str, Sequence[float]]  # ["face 12", ...] or { box = [...] }
 
 
@@ -35,7 +37,6 @@ def find_parts(gmsh: Any, dim: int, named_by_entity: bool, names: Mapping[str, S
         names: what `[geometry.names]` adds.
         unit: length of the model's unit [m].
     """
-    gmsh.option.setNumber("Geometry.OCCBoundsUseStl", 1)  # boxes of curved faces hold the face, not its control points
     _check_dimension(gmsh, dim)
     groups = [(gmsh.model.getPhysicalName(dim, tag), tag) for _, tag in gmsh.model.getPhysicalGroups(dim)]
     named_by_entity = named_by_entity and not groups
@@ -159,11 +160,10 @@ def _select(gmsh: Any, dim: int, name: str, selection: Selection, unit: float) -
     if isinstance(selection, Mapping):
         box = np.reshape(np.asarray(selection["box"], float), (2, 3)) / unit
         slack = 1e-6 * np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)))
-        inside = []
-        for tag in known:
-            low, high = np.reshape(gmsh.model.getBoundingBox(dim - 1, tag), (2, 3))
-            if np.all(low >= box[0] - slack) and np.all(high <= box[1] + slack):
-                inside.append(tag)
+        points = {tag: _points_on(gmsh, dim - 1, tag) for tag in known}
+        inside = [
+            tag for tag, x in points.items() if len(x) and np.all(x >= box[0] - slack) and np.all(x <= box[1] + slack)
+        ]
         if not inside:
             raise GeometryError(f"{key} = box {list(selection['box'])}: no {word} lies wholly inside; see --list")
         return inside
@@ -178,3 +178,19 @@ def _select(gmsh: Any, dim: int, name: str, selection: Selection, unit: float) -
     if not found:
         raise GeometryError(f"{key}: the list is empty")
     return sorted(set(found))
+
+
+def _points_on(gmsh: Any, dim: int, tag: int) -> NDArray[np.float64]:
+    """Points (n, 3) of an entity: gmsh's own boxes hold the control points of curved faces too."""
+    nodes = np.reshape(gmsh.model.mesh.getNodes(dim, tag, includeBoundary=True)[1], (-1, 3))
+    if len(nodes):
+        return nodes
+    found = [_points_on(gmsh, dim - 1, t) for _, t in gmsh.model.getBoundary([(dim, tag)], oriented=False) if dim > 1]
+    low, high = gmsh.model.getParametrizationBounds(dim, tag)
+    if len(low) == dim:
+        axes = [np.linspace(a, b, SAMPLES) for a, b in zip(low, high, strict=True)]
+        at = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
+        if dim == 2:  # of the untrimmed surface, only what the face has
+            at = at[[bool(gmsh.model.isInside(dim, tag, list(x))) for x in at]]
+        found.append(np.reshape(gmsh.model.getValue(dim, tag, at.ravel()), (-1, 3)))
+    return np.concatenate([np.zeros((0, 3)), *found])

@@ -21,6 +21,8 @@ from geometry.user_files.reader import Question
 from geometry.user_files.system_calls import parameter_names
 
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "km": 1e3, "in": 0.0254, "ft": 0.3048}
+PACKAGES = {Path("/usr/share/doc/gmsh-doc"): "gmsh-doc"}  # where ready scenes find their files
+MOST_CELLS = 50_000_000
 WITH_PARAMETERS = ("geo", "py")
 
 
@@ -65,7 +67,9 @@ class UserFile(Noun, Shape):
         path = Path(self.file)
         kind = kind_of(path)
         require(kind is not None, "file", self.file, f"unknown ending; expected one of {', '.join(KINDS)}")
-        require(path.is_file(), "file", self.file, "no such file")
+        package = [name for place, name in PACKAGES.items() if place in path.parents]
+        hint = f"; it is in Debian's package {package[0]}: apt-get install {package[0]}" if package else ""
+        require(path.is_file(), "file", self.file, f"no such file{hint}")
         for key in ("mesh_size", "contact_mesh_size"):
             value = getattr(self, key)
             require(value is None or value > 0, key, value, "must be positive, in metres")
@@ -105,7 +109,9 @@ class UserFile(Noun, Shape):
         return self.outline(dim).bodies
 
     def check_model(self, model: Model) -> None:
-        self.outline(3 if model == "3d" else 2)
+        dim = 3 if model == "3d" else 2
+        cells = 1.0 if self.mesh_size is None else np.prod(np.ceil(np.ptp(self.box(dim), axis=0) / self.mesh_size))
+        require(cells < MOST_CELLS, "mesh_size", self.mesh_size, f"makes more than {MOST_CELLS} cells")
         if model == "axisymmetric":
             left = self.box(2)[0, 0]
             require(left >= -1e-9 * np.ptp(self.box(2)), "file", self.file, f"reaches x = {left:g}; x is the radius")

@@ -20,6 +20,9 @@ SCENES = {
     "block": ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"],
     "cube": ["geometry.mesh_size=0.25"],
     "foundation": ["geometry.mesh_size=0.2"],
+    "half_ball": ["geometry.order=2", "geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.1"],
+    "axisymmetric": ["geometry.mesh_size=0.2", "geometry.contact_mesh_size=0.02"],
+    "half_space": ["geometry.mesh_size=5.0", "geometry.contact_mesh_size=0.1"],
 }
 ALWAYS = ["solver.tolerance=1e-11", "output.pictures=false"]
 SAME = 1e-9  # two decades above the tolerance: the residual is relative to p_ref, the answer's condition comes on top

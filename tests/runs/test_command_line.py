@@ -27,7 +27,13 @@ def test_help_names_what_is_built_and_each_command_explains_itself(call: Call) -
 @pytest.mark.parametrize("name", sorted(BUILT))
 def test_every_command_of_the_help_has_its_code(name: str, call: Call) -> None:
     """Commands import what they need when they are called, so a missing module shows only then."""
-    words = {"run": ["block", "-q", *COARSE], "plan": ["block"], "verify": ["no such case"], "new": ["block"]}
+    words = {
+        "run": ["block", "-q", *COARSE],
+        "plan": ["block"],
+        "mesh": ["block"],
+        "verify": ["no such case"],
+        "new": ["block"],
+    }
     code, _, err = call(name, *words.get(name, []))
     assert code in ((1, 2) if name == "verify" else (0,))
     assert "Traceback" not in err

@@ -205,7 +205,7 @@ def test_strip_has_its_layers() -> None:
 
 @pytest.mark.parametrize(("shape", "model"), [*SIMPLEX, *GRIDS])
 def test_another_unit_of_length_makes_the_same_mesh(shape: Builder, model: Model) -> None:
-    metres, millimetres = meshed(shape, model), meshed(shape.scaled(1e-3), model)
+    metres, millimetres = meshed(shape, model), meshed(shape.in_units_of(1e3), model)
     assert_allclose(millimetres.domain.geometry.x, 1e-3 * metres.domain.geometry.x, rtol=1e-9, atol=1e-12)
 
 

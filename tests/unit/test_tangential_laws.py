@@ -13,6 +13,7 @@ from solvers.methods.uzawa import Uzawa
 from solvers.nouns.scene import Scene
 from solvers.simulation import Simulation
 from solvers.step_result import SLIP, STICK, StepResult
+from solvers.system import System
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
@@ -125,3 +126,16 @@ def test_every_step_of_uzawa_is_admissible(
         assert np.all(np.linalg.norm(t, axis=1) <= s * (1 + 1e-15))
         assert np.all(p[place.normal] >= 0) or place.rows.normal.sides == 2
         assert np.any(t)
+
+
+def test_bound_is_integrated_exactly(scene_of: SceneOf, system_of: Callable[[Scene], System]) -> None:
+    """A penetration of (2 + x) m, to the fifth: the quadrature of the pressure would not do."""
+    laws = {"normal": {"law": "compliance", "c_n": 40.0}, "friction": {"law": "compliance", "c_T": 3.0, "m_T": 5.0}}
+    top = {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}
+    contact = {"surface": "block.bottom", "against": "foundation"} | laws
+    (rows,) = system_of(scene_of(contacts={"base": contact}, supports={"top": top})).contacts
+    u = np.zeros_like(rows.surface.points)
+    u[:, 1] = -(2.0 + rows.surface.points[:, 0])
+    assert rows.friction is not None
+    s = rows.friction.limit(40.0 * (rows.N_n @ u.ravel()), rows.average, rows.normal, 1.0, 1.0)
+    assert_allclose(rows.W_t @ s, 3.0 * (4.0**6 - 2.0**6) / 6, rtol=1e-13)  # block from x = 0 to 2 m

@@ -17,9 +17,21 @@ from solvers.nouns.stepping import Solver
 from solvers.simulation import prepare
 from solvers.step_result import StepResult
 from workflows.scene import read
-from workflows.verification import column_case, raous_case, sheared_column, sheared_column_case
+from workflows.verification import (
+    column_case,
+    hertz_case,
+    incline_case,
+    punch_case,
+    raous_case,
+    shear_lag_case,
+    sheared_column,
+    sheared_column_case,
+)
 from workflows.verification.check import Check
 from workflows.verification.circular_drive import DRIVE, Array
+from workflows.verification.hertz_case import Touch
+from workflows.verification.incline import HOLDS
+from workflows.verification.punch_case import Cut
 from workflows.verification.units import in_millimetres, millimetres
 
 TOLERANCE = 1e-9  # of the largest value of the same unit
@@ -75,6 +87,15 @@ def ready(method: str, name: str, obstacle: str | None = None) -> Scene:
     return replace(read(name, overrides), solver=Solver(method=method, tolerance=1e-11))
 
 
+def hertz(method: str, touch: Touch) -> Scene:
+    return hertz_case.scene(replace(touch, method=method))
+
+
+def punch(method: str) -> Scene:
+    """The bonded punch."""
+    return punch_case.scene(Cut(method=method, normal=punch_case.BONDED, fine=0.1, edge=None, size=40.0))
+
+
 def quadratic(scene: Callable[[str], Scene], method: str) -> Scene:
     """The scene with displacements of order 2."""
     linear = scene(method)
@@ -91,6 +112,12 @@ SCENES: Mapping[str, Callable[[str], Scene]] = {
     "circular drive": circled,
     "Raous": partial(raous_case.scene, n=16),
     "Raous, order 2": partial(quadratic, partial(raous_case.scene, n=8)),
+    "Raous, compliant both ways": partial(raous_case.scene, n=16, k=100.0),
+    "ball on a plane": partial(hertz, touch=Touch(cells=4.0)),
+    "cylinder on a half-space": partial(hertz, touch=Touch(model="plane strain", against="half-space", cells=4.0)),
+    "bonded punch": punch,
+    "shear-lag strip": partial(shear_lag_case.scene, n=50),
+    "layer on an incline": partial(incline_case.scene, mu=HOLDS),
     "block": partial(ready, name="block"),
     "cube": partial(ready, name="cube"),
     "cube, order 2": partial(quadratic, partial(ready, name="cube")),
@@ -98,7 +125,12 @@ SCENES: Mapping[str, Callable[[str], Scene]] = {
     "roller that turns": partial(ready, name="block", obstacle=TURNS),
     "roller that a force drives": partial(ready, name="block", obstacle=IS_PUSHED),
 }
-FLOATING = ("foundation", "roller that a force drives")  # held by contact alone
+FLOATING = (  # held by contact alone
+    *("foundation", "roller that a force drives", "shear-lag strip", "layer on an incline"),
+    *("ball on a plane", "cylinder on a half-space"),
+)
+# Nodes of the strip reverse exactly at their bound, and rounding says which first: 62 to 64, even in units 1024 apart.
+UNEVEN = {"shear-lag strip": 0.05}  # part of the iterations
 
 
 def answers(step: StepResult) -> dict[str, Answer]:
@@ -125,7 +157,7 @@ def compared(name: str, method: str) -> list[Check]:
             worst[unit] = max(worst[unit], off / size if size else off)
     count, again = (sum(step.iterations for step in steps) for steps in (here, there))
     return [
-        Check(f"{name}: iterations, in mm", again, count, 0, relative=False),
+        Check(f"{name}: iterations, in mm", again, count, UNEVEN.get(name, 0.0), relative=True),
         *(Check(f"{name}: [{u}], in mm against m", off, 0, TOLERANCE, relative=False) for u, off in worst.items()),
     ]
 

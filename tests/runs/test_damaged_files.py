@@ -1,0 +1,98 @@
+"""Files cut short or with bytes changed: each gives a valid mesh or one line with exit code 2, and nothing else."""
+
+import random
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from geometry.errors import GeometryError, SceneError
+from geometry.mesh import build_mesh
+from geometry.quality import worst_quality
+from geometry.user_files import asking
+from shared.drawn import FACES, GEO, PY, draw, scene_data
+from solvers.nouns.scene import Scene
+from workflows.cli import guarded
+from workflows.scene import from_dict
+
+EACH = 25  # damaged files of each kind, half of them cut short, half with a byte changed
+SIGNS = b"0123456789.-(){};,\x00\xff"  # what hurts most
+WORKERS = 2
+PATIENCE = 30.0  # s, for a script that a changed byte makes run for ever
+
+
+def originals(folder: Path) -> Iterator[tuple[Path, dict[str, Any]]]:
+    """A file of each kind with its scene."""
+    msh = draw(folder / "b.msh", 2)
+    yield msh, scene_data(msh)
+    step = draw(folder / "b.step")
+    yield step, scene_data(step, 3, "part", mesh_size=2.0, names=FACES)
+    for name, text, more in (("b.geo", GEO, {}), ("b.py", PY, {"mesh_size": 0.5, "length": 4.0})):
+        path = folder / name
+        path.write_text(text)
+        yield path, scene_data(path, **more)
+
+
+def damaged(content: bytes, draw_lots: random.Random) -> Iterator[bytes]:
+    """The content, damaged in ways that the seed of `draw_lots` fixes."""
+    for index in range(EACH):
+        if index % 2:
+            yield content[: draw_lots.randrange(len(content))]
+        else:
+            changed = bytearray(content)
+            changed[draw_lots.randrange(len(content))] = draw_lots.choice(SIGNS)
+            yield bytes(changed)
+
+
+def outcome(data: dict[str, Any]) -> tuple[Scene | None, str]:
+    """The scene if its file still says what it should, else the line that says why not."""
+    try:
+        return from_dict(data), ""
+    except (SceneError, GeometryError) as error:
+        return None, str(error)
+
+
+def mesh_or_line(scene: Scene) -> str:
+    """Mesh the scene: why it cannot be done, or nothing."""
+    try:
+        mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF)
+    except (SceneError, GeometryError) as error:
+        return str(error)
+    assert np.isfinite(mesh.box()).all()
+    assert worst_quality(mesh) > 0
+    return ""
+
+
+def test_damaged_files_give_a_mesh_or_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(asking, "READING_TIME", PATIENCE)
+    draw_lots, scenes = random.Random(2026), []
+    for path, data in originals(tmp_path):
+        for index, content in enumerate(damaged(path.read_bytes(), draw_lots)):
+            file = tmp_path / f"{path.suffix[1:]}{index:02}{path.suffix}"
+            file.write_bytes(content)
+            scenes.append(data | {"geometry": data["geometry"] | {"file": str(file)}})
+    assert len(scenes) >= 100
+    with ThreadPoolExecutor(WORKERS) as pool:
+        outcomes = list(pool.map(outcome, scenes))
+    survivors = [scene for scene, _ in outcomes if scene is not None]
+    refused = [line for _, line in outcomes if line]
+    assert len(refused) > 40  # files that are cut short hold no mesh, but for the last bytes
+    late = [mesh_or_line(scene) for scene in survivors[::6]]
+    assert "" in late
+    for line in filter(None, refused + late):
+        assert "\n" not in line
+        assert "Traceback" not in line
+        assert str(tmp_path) not in line  # the file's name is enough
+
+
+def test_a_damaged_file_ends_the_command_with_code_2(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = draw(tmp_path / "b.msh", 2)
+    path.write_bytes(path.read_bytes()[:2000])
+    assert guarded(lambda: from_dict(scene_data(path))) == 2
+    out, err = capfd.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith("stickslip: b.msh: ")

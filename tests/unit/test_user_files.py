@@ -1,0 +1,385 @@
+"""Geometry from users' files: each kind gives the body and the sides that it names, in metres, or is refused."""
+
+import gzip
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from numpy.testing import assert_allclose
+
+from geometry.errors import GeometryError, SceneError
+from geometry.gmsh_session import gmsh_session
+from geometry.mesh import Mesh, build_mesh
+from geometry.quality import worst_quality
+from geometry.user_files.parts import find_parts
+from geometry.user_files.system_calls import parameter_names
+from shared.drawn import FACES, GEO, PY, draw, scene_data
+from solvers.nouns.scene import Scene
+from solvers.plan import make_plan
+from workflows.results import scene_hash
+from workflows.scene import from_dict, read, to_dict
+
+
+def meshed(scene: Scene) -> Mesh:
+    make_plan(scene)  # boxes and samples are asked for
+    return build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF)
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> dict[str, dict[str, Any]]:
+    """A scene's data for each kind of file, all of them the same block."""
+    return {
+        "msh": scene_data(draw(tmp_path / "b.msh", 2)),
+        "msh3": scene_data(draw(tmp_path / "b3.msh"), 3),
+        "geo": scene_data(write(tmp_path / "b.geo", GEO)),
+        "py": scene_data(write(tmp_path / "b.py", PY), mesh_size=0.5, length=4.0),
+        "step": scene_data(draw(tmp_path / "b.step"), 3, "part", mesh_size=0.5, names=FACES),
+        "brep": scene_data(draw(tmp_path / "b.brep"), 3, "part", mesh_size=0.5, names=FACES),
+    }
+
+
+RING = """
+SetFactory("OpenCASCADE");
+Disk(1) = {0, 0, 0, 2, 2};
+Disk(2) = {0, 0, 0, 1, 1};
+BooleanDifference(3) = { Surface{1}; Delete; }{ Surface{2}; Delete; };
+Physical Surface("block") = {3};
+Physical Curve("block.bottom") = {1};
+Physical Curve("block.top") = {2};
+"""
+INSIDE = """
+Point(11) = {0, 1, 0};
+Point(12) = {4, 1, 0};
+Line(10) = {11, 12};
+BooleanFragments{ Surface{1}; Delete; }{ Curve{10}; Delete; }
+Physical Surface("block") = Surface{:};
+Physical Curve("block.bottom") = Curve In BoundingBox{-1, -0.1, -1, 5, 0.1, 1};
+Physical Curve("block.top") = {10};
+"""
+CALLS = (
+    'SystemCall "touch made";',
+    'System "touch made";',
+    'NonBlockingSystemCall "touch made";',
+    'OnelabRun("a", "touch made");',
+)
+KINDS = ["msh", "msh3", "geo", "py", "step", "brep"]
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_gives_the_block_it_describes(kind: str, order: int, made: dict[str, dict[str, Any]]) -> None:
+    made[kind]["geometry"]["order"] = order
+    scene = from_dict(made[kind])
+    ((body, sides),) = scene.geometry.bodies(scene.dim).items()
+    mesh = meshed(scene)
+    assert (body, set(sides)) == (next(iter(scene.bodies)), {"bottom", "top"})
+    assert set(mesh.sides) == {f"{body}.bottom", f"{body}.top"}
+    assert mesh.degree == order
+    size = np.array([[0, 0, 0], [4, 2, 2]])[:, : scene.dim]
+    assert_allclose(mesh.box(), size, atol=1e-6)
+    assert_allclose(scene.geometry.box(scene.dim), size, atol=1e-6)
+    assert worst_quality(mesh) > 0.3  # gmsh's meshes of a block; slivers are below 0.1
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_samples_lie_on_the_side_reach_its_corners_and_look_outward(kind: str, made: dict[str, dict[str, Any]]) -> None:
+    scene = from_dict(made[kind])
+    (body,) = scene.bodies
+    for side, height, up in (("bottom", 0.0, -1.0), ("top", 2.0, 1.0)):
+        points, normals = scene.geometry.sample(f"{body}.{side}", scene.dim)
+        assert_allclose(points[:, -1], height, atol=1e-6)
+        assert_allclose(normals, np.tile(up * np.eye(scene.dim)[-1], (len(points), 1)), atol=1e-9)
+        assert_allclose([points[:, 0].min(), points[:, 0].max()], [0, 4], atol=1e-6)
+
+
+def test_normals_of_a_bore_look_into_it(tmp_path: Path) -> None:
+    scene = from_dict(scene_data(write(tmp_path / "ring.geo", RING)))
+    of = {side: scene.geometry.sample(f"block.{side}", 2) for side in ("bottom", "top")}
+    for points, normals in of.values():
+        radial = np.einsum("kd,kd->k", points, normals) / np.linalg.norm(points, axis=1)
+        inner = np.linalg.norm(points, axis=1).max() < 1.5
+        assert_allclose(radial, -1 if inner else 1, atol=0.05)  # chords of a circle cut into 16 or more
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_scene_with_a_file_reads_back_the_same(kind: str, made: dict[str, dict[str, Any]]) -> None:
+    scene = from_dict(made[kind])
+    assert from_dict(to_dict(scene)) == scene
+
+
+def test_a_relative_file_begins_at_the_scene_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    draw(tmp_path / "b.msh", 2)
+    lines = ['model = "plane strain"', "[geometry]", 'file = "b.msh"', "[bodies.block]", "E = 1.0", "nu = 0.3"]
+    path = write(tmp_path / "scene.toml", "\n".join(lines))
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert read(path).geometry.file == str(tmp_path / "b.msh")  # type: ignore[union-attr]
+
+
+def test_millimetres_are_scaled_and_mesh_sizes_stay_in_metres(tmp_path: Path) -> None:
+    in_m, in_mm = draw(tmp_path / "m.brep"), draw(tmp_path / "mm.brep", scale=1000.0)
+    one, other = (
+        meshed(from_dict(scene_data(file, 3, "part", mesh_size=0.5, names=FACES, length_unit=unit)))
+        for file, unit in ((in_m, "m"), (in_mm, "mm"))
+    )
+    assert_allclose(one.box(), other.box(), atol=1e-9)
+    count = [mesh.domain.topology.index_map(3).size_global for mesh in (one, other)]
+    assert abs(count[0] - count[1]) < 0.1 * count[0]  # gmsh's tolerances may move a node, no more
+
+
+def test_the_contact_side_is_meshed_finer(tmp_path: Path) -> None:
+    data = scene_data(draw(tmp_path / "b.brep"), 3, "part", mesh_size=1.0, contact_mesh_size=0.25, names=FACES)
+    mesh = meshed(from_dict(data))
+    facets = {side: len(mesh.facets(f"part.{side}")) for side in ("bottom", "top")}
+    assert facets["bottom"] > 2 * 8 / 0.25**2 * 0.8  # 8 m2 in triangles of legs 0.25 m, give or take a fifth
+    assert facets["top"] < facets["bottom"] / 4
+
+
+def test_periodic_sides_of_a_file_get_matching_meshes(tmp_path: Path) -> None:
+    names = FACES | {"part.left": ["face 1"], "part.right": ["face 2"]}
+    data = scene_data(draw(tmp_path / "b.brep"), 3, "part", mesh_size=0.7, contact_mesh_size=0.3, names=names)
+    data["periodic"] = {"sides": {"boundary": "part.right", "with": "part.left"}}
+    x = meshed(from_dict(data)).domain.geometry.x
+    left, right = (np.round(x[np.abs(x[:, 0] - end) < 1e-6][:, 1:], 6) for end in (0.0, 4.0))
+    assert len(left) > 16  # more than the nodes on its edges: inner ones match too
+    assert_allclose(left[np.lexsort(left.T)], right[np.lexsort(right.T)], atol=2e-6)
+
+
+def test_a_gz_is_unpacked(tmp_path: Path) -> None:
+    plain = draw(tmp_path / "b.step")
+    packed = tmp_path / "c.step.gz"
+    packed.write_bytes(gzip.compress(plain.read_bytes()))
+    assert from_dict(scene_data(packed, 3, "part", mesh_size=0.5, names=FACES)).geometry.bodies(3)
+    packed.write_bytes(gzip.compress(plain.read_bytes())[:200])
+    with pytest.raises(GeometryError, match=r"c\.step\.gz: cannot be unpacked"):
+        from_dict(scene_data(packed, 3, "part", mesh_size=0.5, names=FACES))
+
+
+def test_names_of_a_step_file_are_its_last_component_numbered_on_repeat(tmp_path: Path) -> None:
+    text = draw(tmp_path / "b.step").read_text()
+    named = write(tmp_path / "n.step", re.sub(r"Open CASCADE STEP translator [0-9. ]+", "Assembly/Left Jaw-2", text))
+    names = {"left_jaw_2.bottom": ["face 5"], "left_jaw_2.top": ["face 6"]}
+    scene = from_dict(scene_data(named, 3, "left_jaw_2", mesh_size=0.5, names=names))
+    assert set(scene.geometry.bodies(3)) == {"left_jaw_2"}
+    two = draw(tmp_path / "two.brep", act=lambda model: (model.occ.addBox(9, 0, 0, 1, 1, 1), model.occ.synchronize()))  # type: ignore[arg-type,return-value]
+    data = scene_data(two, 3, "part", mesh_size=0.5, names=FACES)
+    data["bodies"]["part_2"] = {"E": 1.0, "nu": 0.3}
+    assert set(from_dict(data).geometry.bodies(3)) == {"part", "part_2"}
+
+
+def test_sides_take_the_names_that_gmsh_gives_to_faces() -> None:
+    with gmsh_session() as gmsh:
+        gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+        gmsh.model.occ.synchronize()
+        for tag, name in ((5, "Assembly/Base Face"), (6, "Other/base face"), (1, "2nd")):
+            gmsh.model.setEntityName(2, tag, name)
+        parts = find_parts(gmsh, 3, True, {"part.own": ["face 3"]}, 1.0)
+    assert parts.bodies == {"part": [1]}
+    assert parts.sides == {"part.side_2nd": [1], "part.base_face": [5], "part.base_face_2": [6], "part.own": [3]}
+
+
+def test_a_box_selects_what_lies_wholly_inside(tmp_path: Path) -> None:
+    names = {"part.bottom": {"box": [-1, -1, -0.1, 5, 3, 0.1]}, "part.top": {"box": [-1, -1, 1.9, 5, 3, 2.1]}}
+    scene = from_dict(scene_data(draw(tmp_path / "b.brep"), 3, "part", mesh_size=0.5, names=names))
+    assert_allclose(scene.geometry.sample("part.bottom", 3)[0][:, 2], 0, atol=1e-6)
+    assert_allclose(scene.geometry.sample("part.top", 3)[0][:, 2], 2, atol=1e-6)
+
+
+def test_parameters_of_a_script_change_its_shape(tmp_path: Path) -> None:
+    geo = scene_data(write(tmp_path / "b.geo", GEO), length=6, height=3.0)
+    assert_allclose(from_dict(geo).geometry.box(2)[1], [6, 3], atol=1e-6)
+    py = scene_data(write(tmp_path / "b.py", PY), mesh_size=0.5, length=5.0)
+    assert_allclose(from_dict(py).geometry.box(2)[1], [5, 2], atol=1e-6)
+
+
+def test_parameter_names_are_found_in_includes_too(tmp_path: Path) -> None:
+    write(tmp_path / "sizes.geo", "DefineConstant[ a = {1, Min 0}, b ];\nIf (!Exists(c)) c = 3; EndIf\nd = 4;")
+    main = write(tmp_path / "main.geo", 'Include "sizes.geo";\nDefineConstant[ e = {2, Name "Group/f"} ];')
+    assert {"a", "b", "c", "e", "Group/f"} <= parameter_names(main)
+    assert "d" not in parameter_names(main)
+
+
+def test_a_script_that_meshes_keeps_its_own_mesh(tmp_path: Path) -> None:
+    own = PY + "    model.mesh.setTransfiniteSurface(1)\n    model.mesh.generate(2)\n"
+    mesh = meshed(from_dict(scene_data(write(tmp_path / "b.py", own), mesh_size=0.01, length=4.0)))
+    assert mesh.domain.topology.index_map(2).size_global < 1000  # 80 000 with the scene's size
+
+
+def test_the_scene_hash_follows_the_content_of_the_file_not_its_place(tmp_path: Path) -> None:
+    files = [write(tmp_path / "a.geo", GEO), write(tmp_path / "b.geo", GEO), write(tmp_path / "c.geo", GEO + "// c\n")]
+    hashes = [scene_hash(from_dict(scene_data(file))) for file in files]
+    assert hashes[0] == hashes[1] != hashes[2]
+
+
+def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
+    path = write(tmp_path / "b.geo", GEO)
+    before = from_dict(scene_data(path)).geometry
+    assert_allclose(before.box(2)[1], [4, 2], atol=1e-6)
+    write(path, GEO.replace("length = 4", "length = 7"))
+    assert_allclose(before.box(2)[1], [7, 2], atol=1e-6)
+
+
+# --- refused
+
+
+@pytest.mark.parametrize(
+    ("name", "geometry", "says"),
+    [
+        ("b.geo", {"builder": "block"}, "geometry: has both builder and file"),
+        ("none.geo", {}, r"geometry\.file = .*none\.geo: no such file"),
+        ("b.txt", {}, r"geometry\.file = .*unknown ending; expected one of \.geo"),
+        ("b.geo", {"lenght": 3}, r"geometry\.lenght = 3: b\.geo has no such DefineConstant; did you mean length\?"),
+        ("b.geo", {"length": "long"}, r"geometry\.length = long: a \.geo file takes numbers only"),
+        ("b.geo", {"mesh_size": -1.0}, r"geometry\.mesh_size = -1\.0: must be positive"),
+        ("b.geo", {"contact_mesh_size": 0.1}, "contact_mesh_size = 0.1: needs mesh_size too"),
+        ("b.geo", {"length_unit": "yd"}, "geometry.length_unit = .*not one of these"),
+        ("b.geo", {"cells": "tensor"}, "geometry.cells = .*not one of these"),
+        ("b.geo", {"names": {"block.left": {"box": [0, 0, 0, 1]}}}, "expected .x0, y0, z0, x1, y1, z1"),
+        ("b.geo", {"names": {"block.left": {"box": [1, 0, 0, 0, 1, 1]}}}, "empty; each lower coordinate"),
+        ("b.geo", {"names": {"block.left": {"box": [9, 9, 9, 10, 10, 10]}}}, "no edge lies wholly inside"),
+        ("b.geo", {"names": {"block.left": ["edge 9"]}}, '"edge 9" is not there; expected "edge 1" to "edge 4"'),
+        ("b.geo", {"names": {"block.left": ["face 1"]}}, '"face 1" is not there; expected "edge 1"'),
+        ("b.geo", {"names": {"block.left": []}}, "the list is empty"),
+        ("b.geo", {"names": {"Block.left": ["edge 4"]}}, 'side "Block.left": a side is named body.side'),
+        ("b.geo", {"names": {"blok.left": ["edge 4"]}}, "no such body; did you mean block?"),
+        ("b.geo", {"names": {"block.left": ["edge 1"]}}, "edge 1 is in two sides, block.bottom and block.left"),
+        ("b.geo", {"names": {"block.top": ["edge 4"]}}, "has a side of this name already"),
+        ("b.msh", {"mesh_size": 0.1}, r"geometry\.mesh_size = 0\.1: a \.msh file has its own mesh"),
+        ("b.msh", {"mesh_sise": 0.1}, r"geometry\.mesh_sise: unknown key; did you mean mesh_size\?"),
+        ("b.brep", {}, r"geometry\.mesh_size = None: missing, a CAD file says no size"),
+    ],
+)  # fmt: skip
+def test_wrong_tables_are_refused_in_one_line(name: str, geometry: dict[str, Any], says: str, tmp_path: Path) -> None:
+    if name == "b.msh":
+        draw(tmp_path / name, 2)
+    elif name != "none.geo":
+        write(tmp_path / name, GEO)
+    with pytest.raises((SceneError, GeometryError), match=says) as caught:
+        from_dict(scene_data(tmp_path / name, **geometry))
+    assert "\n" not in str(caught.value)
+
+
+def test_neither_builder_nor_file_is_refused() -> None:
+    with pytest.raises(SceneError, match="geometry: needs either builder or file"):
+        from_dict(scene_data("x") | {"geometry": {"length": 1.0}})
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (GEO.replace('Physical Surface("block") = {1};', ""), "names no body: a body is a physical group of surfaces"),
+        (GEO.replace('"block")', '"Block")'), 'physical surface "Block" .1.: a body\'s name is made of a-z'),
+        (GEO.replace("block.bottom", "bottom"), 'side "bottom": a side is named body.side'),
+        (GEO + 'Physical Surface("twin") = {1};', "surface 1 is in two bodies"),
+        (GEO + 'Rectangle(2) = {9, 0, 0, 1, 1};', "1 surface is in no body|cells are in no body"),
+        (GEO.replace("{0, 0, 0, length", "{0, 0, 1, length"), "lies at z = 1 to 1, and a plane model lies at z = 0"),
+        (GEO + "Box(9) = {9, 9, 9, 1, 1, 1};", "holds volumes, and a plane model is made of surfaces"),
+        ("Point(1) = {0, 0, 0, 1};\n", "has no surfaces"),
+        (GEO + "foo bar;\n", r"b\.geo: gmsh says: .*line 9: Unknown variable 'bar'"),
+        (GEO + "Exit;\n", "gmsh ended without an answer|gmsh says"),
+        (GEO.replace('"block.top") = {3}', '"block.top") = {77}'), "block.top: no such side; did you mean"),
+    ],
+)  # fmt: skip
+def test_wrong_scripts_are_refused(text: str, says: str, tmp_path: Path) -> None:
+    with pytest.raises((SceneError, GeometryError), match=says) as caught:
+        meshed(from_dict(scene_data(write(tmp_path / "b.geo", text))))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_model_of_the_other_dimension_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(GeometryError, match="has no volumes, and a 3d model is made of them"):
+        from_dict(scene_data(draw(tmp_path / "b.msh", 2), 3))
+    with pytest.raises(GeometryError, match="holds volumes, and a plane model is made of surfaces"):
+        from_dict(scene_data(draw(tmp_path / "c.msh", 3), 2))
+
+
+@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize("how", ["{}", 'Include "inner.txt";', 'Merge "inner.txt";', 'x = "\\"; {} y = "\\";'])
+def test_system_calls_are_refused_wherever_they_stand(
+    how: str, call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "inner.txt", call)
+    with pytest.raises(GeometryError, match="is refused, a scene's geometry runs no other programs"):
+        from_dict(scene_data(write(tmp_path / "b.geo", GEO + how.format(call))))
+    assert not (tmp_path / "made").exists()
+
+
+def test_a_script_in_disguise_and_a_computed_include_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """gmsh runs any text that it does not recognise, whatever its ending."""
+    monkeypatch.chdir(tmp_path)
+    call = write(tmp_path / "b.msh", 'SystemCall "touch made";\n')
+    with pytest.raises(GeometryError, match=r"b\.msh: is no \.msh file: it does not begin with \$MeshFormat"):
+        from_dict(scene_data(call))
+    with pytest.raises(GeometryError, match="Include must name its file as a text in quotes"):
+        from_dict(scene_data(write(tmp_path / "b.geo", GEO + 'Include StrCat("b.", "msh");')))
+    assert not (tmp_path / "made").exists()
+
+
+def test_the_words_of_system_calls_may_stand_in_comments_and_texts(tmp_path: Path) -> None:
+    harmless = GEO + '// SystemCall "x"\n/* OnelabRun */ a = "SystemCall";\n'
+    assert from_dict(scene_data(write(tmp_path / "b.geo", harmless))).geometry.bodies(2)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (PY + '    raise ValueError("too\\nthick")\n', r"b\.py: line 7: ValueError: too thick"),
+        (PY.replace('parameters["length"]', 'parameters["size"]'), r"b\.py: line 3: KeyError: 'size'"),
+        (PY + "  x = = 1\n", r"b\.py: line 7: \w*Error: "),
+        ("import sys\nsys.exit(3)\n", r"b\.py: line 2: SystemExit: 3"),
+        ("x = 1\n", r"b\.py: defines no build\(model, parameters\)"),
+        ("import os, signal\nos.kill(os.getpid(), signal.SIGSEGV)\n", r"b\.py: gmsh crashed on it \(SIGSEGV\)"),
+        ("import os\nos._exit(0)\n", r"b\.py: gmsh ended without an answer"),
+    ],
+)  # fmt: skip
+def test_what_goes_wrong_in_a_python_file_is_one_line(text: str, says: str, tmp_path: Path) -> None:
+    with pytest.raises(GeometryError, match=says) as caught:
+        from_dict(scene_data(write(tmp_path / "b.py", text), mesh_size=0.5, length=4.0))
+    assert "\n" not in str(caught.value)
+
+
+def spoil(path: Path, what: str) -> None:
+    """Break the first cell of a plane mesh, in the file's own text (MSH 4.1: number, then nodes)."""
+    head, tail = draw(path, 2).read_text().split("$Elements\n")
+    lines = tail.splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("2 1 2 ")) + 1  # the surface's triangles
+    number, a, b, c = lines[at].split()
+    if what == "mixed":  # a block of one quadrilateral more, made of this triangle and a node of the next one
+        d = next(n for n in lines[at + 1].split()[1:] if n not in (a, b, c))
+        blocks, count, low, high = lines[0].split()
+        lines[0] = f"{int(blocks) + 1} {int(count) + 1} {low} {int(high) + 1}"
+        lines[-1:-1] = ["2 1 3 1", f"{int(high) + 1} {a} {b} {c} {d}"]
+    else:
+        lines[at] = f"{number} {a} {c} {b}" if what == "inverted" else f"{number} {a} {b} {b}"
+    path.write_text(head + "$Elements\n" + "\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("what", "says"),
+    [
+        ("inverted", "body block: 1 of .* cells are turned inside out"),
+        ("flat", "body block: 1 of .* cells have no volume"),
+        ("mixed", "mixes kinds of cells, Triangle 3 and Quadrilateral 4"),
+    ],
+)
+def test_unusable_cells_are_refused(what: str, says: str, tmp_path: Path) -> None:
+    spoil(tmp_path / "b.msh", what)
+    with pytest.raises(GeometryError, match=says):
+        from_dict(scene_data(tmp_path / "b.msh"))
+
+
+def test_a_side_that_lies_inside_is_refused(tmp_path: Path) -> None:
+    text = GEO.split("Physical")[0] + INSIDE
+    with pytest.raises(GeometryError, match=r"side block\.top: edge 10 is no boundary of block"):
+        from_dict(scene_data(write(tmp_path / "b.geo", text)))
