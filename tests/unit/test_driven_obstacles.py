@@ -96,6 +96,20 @@ def test_a_turning_roller_drags_the_block(scene_of: SceneOf, simulation_of: Simu
     assert base.force[0] < 0  # anticlockwise: the top of the roller moves to the left
 
 
+def test_an_obstacle_that_jumps_at_the_start_does_its_work_and_slips_then(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    contacts = {"base": CONTACT["base"] | {"friction": {"law": "coulomb", "mu": 0.1}}}
+    jump = {"x": [[0, 0.1], [1, 0.1]], "y": [[0, 0.01], [1, 0.02]]}
+    scene = scene_of(obstacles=driven(2, displacement=jump), contacts=contacts, supports=clamped(2))
+    for step in simulation_of(scene).steps():
+        assert_allclose(step.energy.external, step.energy.stored + step.energy.contact, rtol=1e-10)
+        base = step.contacts["base"]
+        if step.time == 0:
+            assert_allclose(base.slip_increment, base.slip, rtol=1e-12)
+            assert np.all(base.status == SLIP)  # 0.1 m is far beyond what sticks
+
+
 @pytest.mark.parametrize("unit", [1.0, 1e3])
 @pytest.mark.parametrize(("force", "mu"), [(1e-3, 0.0), (1e-3, 0.3), (1e-6, 0.3), (0.1, 0.3)])
 def test_a_force_finds_where_a_pin_touches_its_wider_bore(
