@@ -121,11 +121,7 @@ class Observer:
         return found
 
     def _motion(self, index: int, c: ContactRows, state: State) -> tuple[Array, Array]:
-        system = self.stepper.system
-        relative = (
-            system.contact_displacement(state.u)[index] - system.obstacle_motion(state.time, state.driven)[c.name]
-        )
-        return c.node_motion(relative)
+        return c.node_motion(self.stepper.system.contact_displacement(state.u)[index] - state.motion[c.name])
 
     def _probe(self, where: tuple[int, Array] | None, u: Any, cell_stress: Array) -> tuple[Array, Array]:
         system = self.stepper.system

@@ -300,6 +300,7 @@ def test_neither_builder_nor_file_is_refused() -> None:
         (GEO + "Box(9) = {9, 9, 9, 1, 1, 1};", "holds volumes, and a plane model is made of surfaces"),
         ("Point(1) = {0, 0, 0, 1};\n", "has no surfaces"),
         (GEO + "foo bar;\n", r"b\.geo: gmsh says: .*line 9: Unknown variable 'bar'"),
+        (GEO + "x = 1; y = 2;", "last line holds several statements and has no end"),
         (GEO + "Exit;\n", "gmsh ended without an answer|gmsh says"),
         (GEO.replace('"block.top") = {3}', '"block.top") = {77}'), "block.top: no such side; did you mean"),
     ],
