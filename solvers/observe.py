@@ -108,16 +108,19 @@ class Observer:
             dissipation_total=float(state.energy.dissipation[index]),
         )
 
-    def _obstacles(self, state: State, contacts: Mapping[str, ContactState]) -> dict[str, tuple[Array, Array]]:
-        """Translation of each obstacle, and the force that it exerts on the bodies."""
+    def _obstacles(self, state: State, contacts: Mapping[str, ContactState]) -> dict[str, tuple[Array, Array, Array]]:
+        """Translation of each obstacle, force and moment that it exerts on the bodies."""
         system, end = self.stepper.system, self.stepper.system.scene.steps.end
         found = {}
         for name, obstacle in system.scene.obstacles.items():
             moved = obstacle.translation(state.time, end, system.mesh.dim)
             for (driven, axis), size in zip(system.driven, state.driven, strict=True):
                 moved[axis] += size * (driven == name)
-            touching = [contacts[key].force for key, c in system.scene.contacts.items() if c.against == name]
-            found[name] = (moved, np.sum(touching, axis=0) if touching else np.zeros(system.mesh.dim))
+            touching = [contacts[key] for key, c in system.scene.contacts.items() if c.against == name]
+            force = sum((c.force for c in touching), np.zeros(system.mesh.dim))
+            moment = sum((c.moment for c in touching), np.zeros(1 if system.mesh.dim == 2 else 3))
+            axis_point = np.array(obstacle.rotation.point) if obstacle.rotation else np.zeros(system.mesh.dim)
+            found[name] = (moved, force, moment - np.cross(axis_point, force))
         return found
 
     def _motion(self, index: int, c: ContactRows, state: State) -> tuple[Array, Array]:

@@ -44,7 +44,7 @@ def test_a_force_moves_the_foundation_as_far_as_the_same_displacement_makes_that
     tables |= {"solver": {"tolerance": 1e-12}}
     pushed = scene_of(dim, {"order": order}, obstacles=driven(dim, force={up: 0.2}, displacement=slide), **tables)
     (by_force,) = simulation_of(pushed).steps()
-    moved, force = by_force.obstacles["foundation"]
+    moved, force, _ = by_force.obstacles["foundation"]
     assert_allclose(force[-1], 0.2, rtol=1e-12)
     assert moved[-1] > 0.01
     shifted = scene_of(dim, {"order": order}, obstacles=driven(dim, displacement=slide | {up: moved[-1]}), **tables)
@@ -93,6 +93,8 @@ def test_a_turning_roller_drags_the_block(scene_of: SceneOf, simulation_of: Simu
     base = turned.contacts["base"]
     assert np.all(base.status[base.status != 0] == SLIP)  # 5 m * 0.01 is far beyond what sticks
     assert_allclose(base.tangential_force, 0.3 * base.normal_force, rtol=1e-3)  # the arc's slope: 0.2 at most, squared
+    # friction acts 5 m from the roller's axis; the base of the block reaches (1 m / 5 m)^2 / 2 farther at most
+    assert_allclose(turned.obstacles["foundation"][2], 5.0 * 0.3 * base.normal_force, rtol=0.02)
     assert base.force[0] < 0  # anticlockwise: the top of the roller moves to the left
 
 
