@@ -105,7 +105,7 @@ class Stepper:
         name, solver = method_of(self.system.scene), self.system.scene.solver
         if name == "regularised":
             regularised = Regularised(self.system, self.volume, self.surface)
-            return lambda state: regularised.after(state.u, state.time)
+            return lambda state: regularised.after(state.u, state.motion)
         kind = Uzawa if name == "uzawa" else CondensedNewton
         method = kind(rtol=solver.tolerance, max_it=solver.max_iterations)
         return lambda state: method

@@ -98,12 +98,14 @@ def test_a_turning_roller_drags_the_block(scene_of: SceneOf, simulation_of: Simu
     assert base.force[0] < 0  # anticlockwise: the top of the roller moves to the left
 
 
+@pytest.mark.parametrize("method", ["condensed-newton", "regularised"])
 def test_an_obstacle_that_jumps_at_the_start_does_its_work_and_slips_then(
-    scene_of: SceneOf, simulation_of: SimulationOf
+    method: str, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     contacts = {"base": CONTACT["base"] | {"friction": {"law": "coulomb", "mu": 0.1}}}
     jump = {"x": [[0, 0.1], [1, 0.1]], "y": [[0, 0.01], [1, 0.02]]}
-    scene = scene_of(obstacles=driven(2, displacement=jump), contacts=contacts, supports=clamped(2))
+    tables = {"contacts": contacts, "supports": clamped(2), "solver": {"method": method, "tolerance": 1e-10}}
+    scene = scene_of(obstacles=driven(2, displacement=jump), **tables)
     for step in simulation_of(scene).steps():
         assert_allclose(step.energy.external, step.energy.stored + step.energy.contact, rtol=1e-10)
         base = step.contacts["base"]
