@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from geometry import dolfinx_versions as dx
 from geometry.errors import GeometryError, SceneError
@@ -28,6 +30,7 @@ class Mesh:
     sides: Mapping[str, int]
     degree: int  # of geometry and displacement
     axisymmetric: bool
+    parts: NDArray[np.int64] | None  # where there are several: the connected part of each node of the gmsh model
 
     @property
     def dim(self) -> int:
@@ -69,12 +72,13 @@ def build_mesh(shape: Shape, request: Request, comm: Any) -> Mesh:
 
 def _build(shape: Shape, request: Request, comm: Any) -> Mesh:
     names: dict[int, dict[str, int]] | None = None
-    unit, failure = 1.0, None
+    unit, failure, parts = 1.0, None, None
     with gmsh_session() if comm.rank == 0 else nullcontext() as gmsh:
         if comm.rank == 0:
             try:
                 unit = put_shape(gmsh, shape, request)
                 names = {d: _group_names(gmsh, d) for d in (request.dim - 1, request.dim)}
+                parts = _connected_parts(gmsh, request.dim)
             except (GeometryError, SceneError) as error:
                 failure = str(error)
             except Exception as error:  # gmsh raises bare Exception
@@ -86,10 +90,10 @@ def _build(shape: Shape, request: Request, comm: Any) -> Mesh:
     domain.geometry.x[:] *= comm.bcast(unit)
     if shape.degree > 1:
         refuse_inverted(domain, shape.degree)
-    names = comm.bcast(names)
+    names, parts = comm.bcast((names, parts))
     assert names is not None
     bodies, sides = names[request.dim], names[request.dim - 1]
-    return Mesh(domain, cells, facets, bodies, sides, shape.degree, request.model == "axisymmetric")
+    return Mesh(domain, cells, facets, bodies, sides, shape.degree, request.model == "axisymmetric", parts)
 
 
 def put_shape(gmsh: Any, shape: Shape, request: Request) -> float:
@@ -103,3 +107,21 @@ def put_shape(gmsh: Any, shape: Shape, request: Request) -> float:
 
 def _group_names(gmsh: Any, dim: int) -> dict[str, int]:
     return {gmsh.model.getPhysicalName(d, tag): int(tag) for d, tag in gmsh.model.getPhysicalGroups(dim)}
+
+
+def _connected_parts(gmsh: Any, dim: int) -> NDArray[np.int64] | None:
+    """Connected part of each node, numbered from 0; None if the cells all hang together."""
+    tags = []
+    for kind in gmsh.model.mesh.getElementTypes(dim):
+        count = gmsh.model.mesh.getElementProperties(kind)[3]
+        tags.append(np.reshape(gmsh.model.mesh.getElementsByType(kind)[1], (-1, count)).astype(np.int64) - 1)
+    first = np.concatenate([np.repeat(cells[:, 0], cells.shape[1]) for cells in tags])
+    nodes = np.concatenate([cells.ravel() for cells in tags])
+    graph = sparse.coo_matrix((np.ones(len(nodes), bool), (first, nodes)), shape=(nodes.max() + 1,) * 2)
+    labels = connected_components(graph, directed=False)[1]
+    used, parts = np.unique(labels[nodes], return_inverse=True)
+    if len(used) == 1:
+        return None
+    found = np.full(len(labels), -1)
+    found[nodes] = parts
+    return found

@@ -22,6 +22,7 @@ from solvers.nouns.scene import Scene
 from solvers.system import System, assemble
 
 Array = NDArray[np.float64]
+ROUNDED = 1e-9  # of p_ref: less is no traction
 ROUNDING = 1e3  # forces below this multiple of the rounding of K u are none
 
 
@@ -141,7 +142,9 @@ class Auditor:
         du = moved[place.tangential].reshape(t.shape) * place.rows.free
         s = self.cone.at(record.time).bound(place, record.p[place.normal])
         finite = np.isfinite(s)
-        s_max = float(s[finite].max(initial=0.0)) or record.p_ref or 1.0
+        s_max = float(s[finite].max(initial=0.0))
+        if s_max <= ROUNDED * record.p_ref:  # nothing presses: what there is of a bound is rounding
+            s_max = record.p_ref or 1.0
         length, slip = np.linalg.norm(t, axis=1), np.linalg.norm(du, axis=1)
         work = np.einsum("mi,mi->m", t, du)
         against = np.where(finite, np.abs(work - np.where(finite, s, 0.0) * slip), length * slip)

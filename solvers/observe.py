@@ -91,6 +91,7 @@ class Observer:
             traction=-multiplier,
             slip=slip,
             slip_increment=increment,
+            bound=bound,
             lam=lam,
             status=status,
             force=resultant,
@@ -107,24 +108,23 @@ class Observer:
             dissipation_total=float(state.energy.dissipation[index]),
         )
 
-    def _obstacles(self, state: State, contacts: Mapping[str, ContactState]) -> dict[str, tuple[Array, Array]]:
-        """Translation of each obstacle, and the force that it exerts on the bodies."""
+    def _obstacles(self, state: State, contacts: Mapping[str, ContactState]) -> dict[str, tuple[Array, Array, Array]]:
+        """Translation of each obstacle, force and moment that it exerts on the bodies."""
         system, end = self.stepper.system, self.stepper.system.scene.steps.end
         found = {}
         for name, obstacle in system.scene.obstacles.items():
             moved = obstacle.translation(state.time, end, system.mesh.dim)
             for (driven, axis), size in zip(system.driven, state.driven, strict=True):
                 moved[axis] += size * (driven == name)
-            touching = [contacts[key].force for key, c in system.scene.contacts.items() if c.against == name]
-            found[name] = (moved, np.sum(touching, axis=0) if touching else np.zeros(system.mesh.dim))
+            touching = [contacts[key] for key, c in system.scene.contacts.items() if c.against == name]
+            force = sum((c.force for c in touching), np.zeros(system.mesh.dim))
+            moment = sum((c.moment for c in touching), np.zeros(1 if system.mesh.dim == 2 else 3))
+            axis_point = np.array(obstacle.rotation.point) if obstacle.rotation else np.zeros(system.mesh.dim)
+            found[name] = (moved, force, moment - np.cross(axis_point, force))
         return found
 
     def _motion(self, index: int, c: ContactRows, state: State) -> tuple[Array, Array]:
-        system = self.stepper.system
-        relative = (
-            system.contact_displacement(state.u)[index] - system.obstacle_motion(state.time, state.driven)[c.name]
-        )
-        return c.node_motion(relative)
+        return c.node_motion(self.stepper.system.contact_displacement(state.u)[index] - state.motion[c.name])
 
     def _probe(self, where: tuple[int, Array] | None, u: Any, cell_stress: Array) -> tuple[Array, Array]:
         system = self.stepper.system
@@ -148,7 +148,8 @@ def _status(
     touching = (pressure > 1e-9 * accepted.problem.p_ref) | (c.normal.sides == 2)
     at_bound = np.linalg.norm(multiplier, axis=1) >= bound * (1 - accepted.slack)
     moving = np.linalg.norm(increment, axis=1) > 1e-9 * accepted.problem.u_ref
-    return np.where(touching, np.where(at_bound & moving, SLIP, STICK), OPEN).astype(np.int8)
+    slipping = at_bound & (moving | (not bound.any()))  # nothing sticks without friction
+    return np.where(touching, np.where(slipping, SLIP, STICK), OPEN).astype(np.int8)
 
 
 def _locate(mesh: Mesh, point: Array, name: str) -> tuple[int, Array] | None:

@@ -6,6 +6,7 @@ scales, levels from coarse to fine lead up to it, and the error that it leaves i
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,9 +62,9 @@ class Regularised:
         T.multTranspose(u, q)
         return q / T.transposeMatMult(T).getDiagonal()
 
-    def after(self, u: Any, time: float) -> NextStep:
-        """The method for the step that follows an accepted displacement."""
-        return NextStep(self, u, time)
+    def after(self, u: Any, motion: Mapping[str, Array]) -> NextStep:
+        """The method for the step that follows an accepted displacement and motion of the obstacles."""
+        return NextStep(self, u, motion)
 
 
 @dataclass(frozen=True)
@@ -71,8 +72,8 @@ class NextStep:
     """The whole-volume problem of one step, with the signature of every method."""
 
     method: Regularised
-    u: Any  # at the last accepted step
-    time: float
+    u: Any  # at the last accepted step [m]
+    motion: Mapping[str, Array]  # of each contact's obstacle then, at the surface's nodes [m]
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         """Status is that of SNES at the last level; `residual` is the natural one, which the smoothing bounds below.
@@ -84,7 +85,7 @@ class NextStep:
             w = problem.relative_displacement(u_c)
             return Solution(p, w, u_c, Status.CONVERGED, 0.0, ())
         method = self.method
-        method.contact.begin((self.u, self.time), problem.cone.time)
+        method.contact.begin(self.u, self.motion, problem.cone.time)
         newton = VolumeNewton(method, problem, on_step)
         found, status = [method.free_part(self.u)], Status.CONVERGED
         for level in LEVELS:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,11 +43,11 @@ class SmoothedForces:
         self.contacts = [Nodal(system, rows, self.widths) for rows in system.contacts]
         self.parts = [part for contact in self.contacts for part in contact.parts()]
 
-    def begin(self, before: tuple[Any, float], time: float) -> None:
-        """Start a step from an accepted u at its time."""
+    def begin(self, u: Any, motion: Mapping[str, Array], time: float) -> None:
+        """Start a step from an accepted u and motion (n, d) of each contact's obstacle."""
         u_s = self.system.prescribed(time)
         for contact in self.contacts:
-            contact.begin(before, u_s, time)
+            contact.begin(u, motion[contact.rows.name], u_s, time)
 
     def update(self, q: Any) -> None:
         """Give every form its field."""
@@ -93,12 +94,12 @@ class Nodal:
             found.append(Part(field, P, shift, compile_(work), compile_(tangent)))
         return found
 
-    def begin(self, before: tuple[Any, float], u_s: Any, time: float) -> None:
-        """Data of the step from an accepted u at its time to `time`."""
+    def begin(self, u: Any, motion: Array, u_s: Any, time: float) -> None:
+        """Data of the step from an accepted u and motion (n, d) of the obstacle to `time`."""
         end, law = self.system.scene.steps.end, self.rows.friction
         if isinstance(law, Tresca):
             self.bound.value = value_at(law.bound, time, end)
-        _fill(self.forms.before, self._motion(self._relative(*before)))
+        _fill(self.forms.before, self._motion(u - self._spread(motion.ravel())))
         relative = self._relative(u_s, time)
         relative.copy(self.relative_shift)
         self._motion(relative).copy(self.motion_shift)

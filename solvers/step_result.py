@@ -24,6 +24,7 @@ class ContactState:
     traction: Array  # (n, d) sigma_T [Pa]
     slip: Array  # (n, d) tangential relative displacement since t = 0 [m]
     slip_increment: Array  # (n, d) since the last accepted step [m]
+    bound: Array  # (n,) friction bound s [Pa], infinite for stick
     lam: Array  # (n, d) lambda = t/s, 0 where s = 0 [-]
     status: NDArray[np.int8]  # (n,) OPEN, SLIP or STICK
     force: Array  # (d,) [N]
@@ -56,7 +57,9 @@ class StepResult:
     stress: Array  # (cells, 3, 3) [Pa]
     contacts: Mapping[str, ContactState]
     supports: Mapping[str, tuple[Array, Array]]  # force (d,) [N], moment [N m] about the origin
-    obstacles: Mapping[str, tuple[Array, Array]]  # displacement (d,) [m], force (d,) on the bodies [N]
+    # of each obstacle: displacement (d,) [m]; force (d,) [N] on the bodies, and its moment [N m] about the axis of
+    # rotation, or the origin without one
+    obstacles: Mapping[str, tuple[Array, Array, Array]]
     probes: Mapping[str, tuple[Array, Array]]  # displacement (d,) [m], stress (3, 3) [Pa]
     energy: Energy
     iteration_error: float  # relative, energy norm

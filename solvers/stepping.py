@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -41,6 +41,7 @@ class State:
     residual: Any  # K u - load + B^T p [N]: what supports and periodic sides carry
     p: Array  # (rows,) [Pa]
     w: Array  # (rows,) relative displacement [m]
+    motion: Mapping[str, Array]  # (n, d) of each contact's obstacle; none at the start, even if it jumps at t = 0 [m]
     driven: Array  # (o,) motion of the obstacles that forces drive, by `System.driven` [m]
     energy: Energy
     law_error: float = 0.0  # added up since t = 0, see `Solution` [J^(1/2)]
@@ -104,7 +105,7 @@ class Stepper:
         name, solver = method_of(self.system.scene), self.system.scene.solver
         if name == "regularised":
             regularised = Regularised(self.system, self.volume, self.surface)
-            return lambda state: regularised.after(state.u, state.time)
+            return lambda state: regularised.after(state.u, state.motion)
         kind = Uzawa if name == "uzawa" else CondensedNewton
         method = kind(rtol=solver.tolerance, max_it=solver.max_iterations)
         return lambda state: method
@@ -114,7 +115,8 @@ class Stepper:
         zero, vector = np.zeros(self.cone.size), self.system.K.createVecRight
         energy = Energy(0.0, 0.0, 0.0, 0.0, np.zeros(len(self.system.contacts)))
         driven = np.zeros(len(self.system.driven))
-        return State(0.0, vector(), vector(), vector(), vector(), zero, zero, driven, energy)
+        motion = {c.name: np.zeros_like(c.surface.points) for c in self.system.contacts}
+        return State(0.0, vector(), vector(), vector(), vector(), zero, zero, motion, driven, energy)
 
     def reach(self, start: State, target: float, on_iteration: Callable[[HistoryRow], None]) -> Accepted:
         """Solve up to `target`, halving steps that fail; each retry starts from the last accepted state.
@@ -235,8 +237,8 @@ class Stepper:
         system, W = self.system, self.surface.W
         w = self._relative(u, time, driven)
         moved = w - old.w
-        motion, motion_before = system.obstacle_motion(time, driven), system.obstacle_motion(old.time, old.driven)
-        obstacle = self._rows([motion[c.name] - motion_before[c.name] for c in system.contacts])
+        motion = system.obstacle_motion(time, driven)
+        obstacle = self._rows([motion[c.name] - old.motion[c.name] for c in system.contacts])
         mean = W * (p + old.p) / 2
         external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
         slipping = W * p * (w - problem.gap - self.cone.give(p))
@@ -248,7 +250,7 @@ class Stepper:
             compliance=float(W @ self.cone.energy(p)),
             dissipation=old.energy.dissipation + dissipation,
         )
-        return State(time, u, u_s, load, residual, p, w, driven, energy)
+        return State(time, u, u_s, load, residual, p, w, motion, driven, energy)
 
 
 def _trial_stiffness(system: System) -> Array:

@@ -20,6 +20,7 @@ from geometry.surface import gather_surface
 from solvers.constraints import AXES, Constraints, find_constraints, rigid_fields
 from solvers.counters import Counters
 from solvers.forms import WeakForms
+from solvers.loose_parts import refuse_loose_parts
 from solvers.nouns.contact import Contact
 from solvers.nouns.scene import Scene
 from solvers.operators import OPERATORS
@@ -233,6 +234,7 @@ def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
     nodes = Nodes.of(mesh, space)
     weak = WeakForms(scene, mesh, space, counters)
     constraints = find_constraints(scene, mesh, space, nodes)
+    refuse_loose_parts(constraints, mesh)
     if constraints.free_total == 0:
         raise SceneError("supports: prescribe every displacement of the mesh; nothing is left to solve")
     for time in scene.requested_times():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from geometry.user_files.user_file import UserFile
 from geometry.window import open_window
 from solvers.nouns.scene import Scene
 from workflows.count import look
-from workflows.report import print_mesh
+from workflows.report import console, print_mesh, print_table
 from workflows.run import raise_together
 
 
@@ -50,8 +49,7 @@ def list_entities(geometry: Shape, model: Model, picture: Path) -> None:
 
 
 def _console() -> Console:
-    width = None if sys.stdout.isatty() else 160
-    return Console(highlight=False, width=width, quiet=MPI.COMM_WORLD.rank > 0)
+    return console(160, quiet=MPI.COMM_WORLD.rank > 0)
 
 
 def _list(geometry: Shape, dim: int, picture: Path, out: Console) -> None:
@@ -71,7 +69,7 @@ def _list(geometry: Shape, dim: int, picture: Path, out: Console) -> None:
         table.add_row(
             str(facets.number), outline.side_of.get(facets.number, "-"), facets.name or "-", *_measures(facets)
         )
-    out.print(table)
+    print_table(table, out)
     draw_picture(picture, outline.entities, Path(geometry.file).name)
     out.print(f"drawn in {picture}")
 

@@ -26,7 +26,7 @@ class Reporter:
 
     def __init__(self, quiet: bool, verbose: bool) -> None:
         self.quiet, self.verbose = quiet, verbose
-        self.console = Console(stderr=True, highlight=False)
+        self.console = Console(stderr=True, highlight=False, markup=False)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         self.progress = Progress(*columns, console=self.console, disable=quiet or not self.console.is_terminal)
         self.task = self.progress.add_task("meshing and preparing", total=None)
@@ -79,9 +79,12 @@ class Reporter:
         """Contacts by step, then cost and accuracy."""
         if self.quiet:
             return
-        out = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
+        out = console(160)
         out.print(content["scene"]["title"])
-        out.print(_contacts(content) if content["steps"] else "no step was solved")
+        if content["steps"]:
+            print_table(_contacts(content), out)
+        else:
+            out.print("no step was solved")
         seconds, counters, audit = content["seconds"], content["counters"], content["audit"]
         phases = ", ".join(
             f"{name} {seconds[name]:.2f}" for name in ("mesh", "assemble", "prepare", "iterate", "output")
@@ -95,13 +98,35 @@ class Reporter:
             out.print(f"audit (relative defects): {defects}")
 
     def files(self, outcome: Outcome) -> None:
-        """Which files to open."""
+        """What to doubt, and which files to open."""
+        for warning in outcome.warnings:
+            self._line(f"warning: {warning}")
         if self.quiet:
             return
         folder = outcome.folder
         print(f"results in {folder}: fields.xdmf and contact_*.xdmf for ParaView, result.json and *.csv for scripts,")
         pictures = sorted(path.name for path in folder.glob("*.png"))
         print(f"pictures {', '.join(pictures)}" if pictures else "no pictures")
+
+
+def console(width: int, quiet: bool = False) -> Console:
+    """Standard output, `width` columns wide unless it is a terminal; [m²] is a unit, and no markup."""
+    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else width, quiet=quiet)
+
+
+def print_table(table: Table, out: Console) -> None:
+    """Print the table; a narrow terminal folds its heads and leaves out its last columns, for a cut number misleads."""
+    free = out.options.update(max_width=10_000)
+
+    def too_wide() -> bool:
+        return out.measure(table, options=free).maximum > out.width
+
+    if too_wide():
+        for column in table.columns:
+            column.header = str(column.header).replace(" ", "\n")
+    while len(table.columns) > 1 and too_wide():
+        table.columns.pop()
+    out.print(table)
 
 
 def _contacts(content: Content) -> Table:
@@ -121,7 +146,7 @@ def _contacts(content: Content) -> Table:
 
 def print_plan(content: Content) -> None:
     """Effects, reasons, and counts where the scene was meshed."""
-    out = Console(highlight=False, width=None if sys.stdout.isatty() else 120)
+    out = console(120)
     out.print(content["title"])
     table = Table()
     for name in ("effect", "on", "because"):
@@ -157,6 +182,6 @@ def print_mesh(report: MeshReport, out: Console) -> None:
         points = (str(c.normal_points), str(c.tangential_points), f"{c.area:.4g}", str(c.elements_across))
         table.add_row(name, *points, *gaps, str(c.points_that_can_touch))
     if report.contacts:
-        out.print(table)
+        print_table(table, out)
     for line in report.warnings():
         out.print(f"warning: {line}", soft_wrap=True)

@@ -37,6 +37,7 @@ class Outcome:
     status: str  # converged, not_converged, no_equilibrium, interrupted
     sentence: str  # what to tell the user, empty when converged
     folder: Path
+    warnings: tuple[str, ...] = ()  # what the answer itself gives reason to doubt
 
     @property
     def exit_code(self) -> int:
@@ -114,7 +115,8 @@ def _step(step: StepResult, audit: Audit) -> dict[str, Any]:
         "contacts": {name: _contact(contact) for name, contact in step.contacts.items()},
         "supports": {n: {"force": f.tolist(), "moment": _moment(m)} for n, (f, m) in step.supports.items()},
         "obstacles": {
-            name: {"displacement": u.tolist(), "force": f.tolist()} for name, (u, f) in step.obstacles.items()
+            name: {"displacement": u.tolist(), "force": f.tolist(), "moment": _moment(m)}
+            for name, (u, f, m) in step.obstacles.items()
         },
         "probes": {
             name: {"displacement": u.tolist(), "stress": [float(sigma[ij]) for ij in STRESSES.values()]}

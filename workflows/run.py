@@ -21,6 +21,7 @@ from workflows.folder import MARK, ResultsFolder
 from workflows.interrupt import Interrupt
 from workflows.mesh_report import MeshReport, report_mesh
 from workflows.results import Outcome, summary, write_result
+from workflows.small import too_large
 from workflows.writers.steps import read_step, step_name, write_step
 from workflows.writers.tables import write_history, write_tables
 from workflows.writers.xdmf import write_fields
@@ -177,12 +178,15 @@ def run(scene: Scene, folder: str | Path, watch: Watch | None = None) -> tuple[O
                 watch.on_prepared(simulation)
             going = Run(simulation, work, began, interrupt)
             status, sentence = going.march(watch)
+            doubts = too_large(scene, going.steps) if comm.rank == 0 else ()
+            for warning in doubts:
+                log.warning("%s", warning)
             content = going.finish(status)
         finally:
             if handler is not None:
                 _stop_log(handler)
         raise_together(comm, lambda: results[0].finish())
-    return Outcome(status, sentence, Path(folder)), content
+    return Outcome(status, sentence, Path(folder), doubts), content
 
 
 def _tell(report: MeshReport, watch: Watch) -> None:

@@ -100,6 +100,8 @@ def _type_text(kind: Any) -> str:
         return f"table of {_type_text(parts[1])}"
     if _is_family(kind):
         return "table, see below"
+    if is_dataclass(kind):
+        return f"{{ {', '.join(f'{key[1:-1]} = {word} [{unit}]' for key, word, unit, *_ in _rows(kind))} }}"
     return {
         Box: "{ box = list of number }",
         float: "number",

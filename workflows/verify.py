@@ -27,7 +27,7 @@ def verify(names: Sequence[str]) -> bool:
     for name in names:
         if name not in CASES:
             raise SceneError(f"{name}: no such verification problem; {nearest(name, CASES)}")
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 160)
+    console = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 160)
     total, failed = 0, 0
     for name in dict.fromkeys(names or CASES):
         rows = list(solve(name))

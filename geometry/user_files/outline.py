@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.errors import GeometryError
-from geometry.user_files.parts import FACET_WORD, Parts
+from geometry.user_files.parts import FACET_WORD, Parts, nodes_at
 from geometry.user_files.raw_mesh import CORNERS, TYPES, RawMesh, read_raw_mesh
 
 Array = NDArray[np.float64]
@@ -190,7 +190,4 @@ def _corners(gmsh: Any, dim: int, tag: int) -> Array:
         return np.zeros((0, dim + 1, 3))
     count, _, corners = gmsh.model.mesh.getElementProperties(kinds[0])[3:6]
     rows = np.reshape(nodes[0], (-1, count))[:, :corners].astype(np.int64)
-    numbers, x, _ = gmsh.model.mesh.getNodes(dim, tag, includeBoundary=True)
-    order = np.argsort(numbers)
-    at = order[np.searchsorted(np.asarray(numbers, np.int64)[order], rows).clip(max=len(order) - 1)]
-    return np.asarray(np.reshape(x, (-1, 3))[at])
+    return nodes_at(gmsh, dim, tag, rows)

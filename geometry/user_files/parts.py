@@ -182,9 +182,9 @@ def _select(gmsh: Any, dim: int, name: str, selection: Selection, unit: float) -
 
 def _points_on(gmsh: Any, dim: int, tag: int) -> NDArray[np.float64]:
     """Points (n, 3) of an entity: gmsh's own boxes hold the control points of curved faces too."""
-    nodes = np.reshape(gmsh.model.mesh.getNodes(dim, tag, includeBoundary=True)[1], (-1, 3))
-    if len(nodes):
-        return nodes
+    rows = [np.asarray(nodes, np.int64) for nodes in gmsh.model.mesh.getElements(dim, tag)[2]]
+    if rows:
+        return nodes_at(gmsh, dim, tag, np.concatenate(rows))
     found = [_points_on(gmsh, dim - 1, t) for _, t in gmsh.model.getBoundary([(dim, tag)], oriented=False) if dim > 1]
     low, high = gmsh.model.getParametrizationBounds(dim, tag)
     if len(low) == dim:
@@ -194,3 +194,15 @@ def _points_on(gmsh: Any, dim: int, tag: int) -> NDArray[np.float64]:
             at = at[[bool(gmsh.model.isInside(dim, tag, list(x))) for x in at]]
         found.append(np.reshape(gmsh.model.getValue(dim, tag, at.ravel()), (-1, 3)))
     return np.concatenate([np.zeros((0, 3)), *found])
+
+
+def nodes_at(gmsh: Any, dim: int, tag: int, numbers: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Coordinates (..., 3) of nodes of an entity's elements; a file may keep them in any other entity."""
+    known, x, _ = gmsh.model.mesh.getNodes(dim, tag, includeBoundary=True)
+    if not np.isin(numbers, known).all():
+        known, x, _ = gmsh.model.mesh.getNodes()
+    if not np.isin(numbers, known).all():
+        raise GeometryError("a cell names a node that is not there")
+    order = np.argsort(known)
+    at = order[np.searchsorted(np.asarray(known, np.int64)[order], numbers)]
+    return np.asarray(np.reshape(x, (-1, 3))[at])

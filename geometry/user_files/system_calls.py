@@ -39,10 +39,13 @@ def scripts(path: Path, seen: set[Path] | None = None) -> Iterator[tuple[Path, l
     content = path.read_bytes()
     with suppress(OSError, EOFError, zlib.error):
         content = gzip.decompress(content)  # gmsh may read these too
-    found = tokens(content.decode("latin-1"))
+    text = content.decode("latin-1")
+    found = tokens(text)
     for word in REFUSED:
         if word in found:
             raise GeometryError(f"{path.name}: {word} is refused, a scene's geometry runs no other programs")
+    if tokens(text.rpartition("\n")[2]).count(";") > 1:  # gmsh 4.8 would take the first of these statements only
+        raise GeometryError(f"{path.name}: its last line holds several statements and has no end; end it")
     yield path, found
     for i, word in enumerate(found):
         if word in READS:

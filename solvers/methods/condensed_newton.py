@@ -6,12 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import linprog
 
 from solvers.methods.linearised_laws import linearise
 from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
 from solvers.surface_problem import SurfaceProblem
 
 STALL_WINDOW = 12  # iterations in which the least residual must halve
+FAR = 100.0  # gaps that a rigid body moves before it is said to move for ever
 ATTEMPT = 60  # iterations before another start is tried
 
 
@@ -89,7 +91,8 @@ class Start:
 def _starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     """From the last step's tractions, from none, from everything closed and sticking; then with another gamma.
 
-    Tractions of a floating body have no displacement of their own: which points they press says enough.
+    Tractions of a floating body have no displacement of their own: which points they press says enough. Where it has
+    room to move, closing everything pulls more than its load presses: it starts from where it touches if it is rigid.
     """
     normal = problem.surface.normal_rows
     nowhere = np.zeros(len(problem.f_c))
@@ -99,9 +102,30 @@ def _starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     if problem.surface.floating and p.any():
         yield Start(p, nowhere, p, 1.0, False)
     closed = np.concatenate([np.full(normal, problem.p_ref), np.zeros(len(p) - normal)])
+    rigid: Array | None = None
     for factor in (1.0, 0.1, 10.0):
         for tractions in [] if problem.surface.floating else [p, np.zeros_like(p)] if p.any() else [p]:
             u_c = problem.contact_displacement(tractions)
             r = problem.relative_displacement(u_c) - problem.gap
             yield Start(tractions, u_c, tractions + factor * problem.gamma * r, factor, True)
         yield Start(p, nowhere, closed, factor, False)
+        if problem.surface.floating:
+            rigid = _rigid_pressures(problem) if rigid is None else rigid
+            yield Start(rigid, nowhere, rigid, factor, False)
+
+
+def _rigid_pressures(problem: SurfaceProblem) -> Array:
+    """Tractions (rows,) [Pa] that hold bodies that are rigid and slide freely, once the load has moved them together.
+
+    The load does the most work that the gap allows; the multipliers of this linear programme are the contact forces.
+    Zero if it has no end: friction holds the bodies, or nothing does.
+    """
+    surface, n, p = problem.surface, problem.surface.normal_rows, np.zeros(len(problem.gap))
+    room, work = (problem.gap - problem.offset)[:n], surface.R.T @ problem.f_c
+    length, force, size = np.abs(room).max(initial=0.0) or 1.0, np.linalg.norm(work) or 1.0, np.sqrt(len(surface.R))
+    found = linprog(  # its tolerances are absolute: all that it sees is of order 1
+        -work / force, A_ub=size * (surface.N[:n] @ surface.R), b_ub=room / length, bounds=(-FAR, FAR)
+    )
+    if found.status == 0 and np.abs(found.x).max() < FAR:
+        p[:n] = -found.ineqlin.marginals * force * size / surface.W[:n]
+    return p

@@ -65,7 +65,7 @@ FORMAT_1: Json = {
             "residual": is_number,
             "contacts": {"*": CONTACT | {"force": is_vector, "moment": is_moment}},
             "supports": {"*": {"force": is_vector, "moment": is_moment}},
-            "obstacles": {"*": {"displacement": is_vector, "force": is_vector}},
+            "obstacles": {"*": {"displacement": is_vector, "force": is_vector, "moment": is_moment}},
             "probes": {"*": {"displacement": is_vector, "stress": is_stress}},
             "energy": dict.fromkeys(("external", "stored", "contact", "dissipated", "time_remainder"), is_number),
             "audit": AUDIT,

@@ -35,3 +35,16 @@ def test_plan_and_run_warn_of_linear_elements_that_lock(call: Call, folder: Path
 def test_no_warning_where_nothing_locks(override: str) -> None:
     assert warnings(read("block", ["bodies.block.nu=0.4999"]))
     assert warnings(read("block", ["bodies.block.nu=0.4999", override])) == ()
+
+
+def test_displacements_that_are_not_small_are_doubted(call: Call, folder: Path) -> None:
+    """A block 2 m high, pressed by 1.8 m; or moved by 10 m as a whole, together with its foundation."""
+    coarse = ("--set", "geometry.mesh_size=0.5", "--set", "geometry.contact_mesh_size=0.5")
+    pressed = "supports.top.displacement={x=0, y=[[0, 0], [1, -1.8]]}"
+    code, _, err = call("run", "block", *coarse, "--set", pressed)
+    assert code == 0
+    assert "warning: displacements differ by up to 0.4" in flat(err)  # 1.8 and more, of the diagonal 20^(1/2)
+    assert "displacements differ" in (folder / "results" / "block" / "run.log").read_text()
+    moved = ("--set", "supports.top.displacement={x=10, y=0}", "--set", "obstacles.foundation.displacement={x=10}")
+    for overrides in ((), moved):
+        assert "displacements differ" not in call("run", "block", *coarse, *overrides)[2]

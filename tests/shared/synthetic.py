@@ -53,6 +53,7 @@ def result_of(mesh: MeshData, time: float = 0.1 + 0.2, seed: int = 0) -> StepRes
         traction=random.normal(size=(n, d)),
         slip=random.normal(size=(n, d)),
         slip_increment=random.normal(size=(n, d)),
+        bound=random.random(n),
         lam=random.normal(size=(n, d)),
         status=np.resize(np.array([OPEN, SLIP, STICK], np.int8), n),
         force=np.zeros(d),

@@ -244,3 +244,8 @@ def test_an_obstacle_that_a_force_drives_is_in_equilibrium_too(
     assert max(asdict(Auditor(scene, simulation.mesh)(record)).values()) < CLEAN
     heavier = replace(scene, obstacles={"foundation": replace(scene.obstacles["foundation"], force={"y": 0.3})})
     assert Auditor(heavier, simulation.mesh)(record).equilibrium > PLAINLY
+
+
+def test_rounding_is_no_traction_beyond_friction(case: Case) -> None:
+    p = 1e-16 * case.record.p_ref * np.random.default_rng(3).normal(size=len(case.record.p))
+    assert case.defects(replace(case.record, p=p))["cone"] < CLEAN

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from solvers.constraints import Row, rigid_fields
 from solvers.nouns.scene import Scene
 from solvers.simulation import Simulation
 from solvers.system import System
+from workflows.scene import from_dict
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]
@@ -209,3 +211,48 @@ def test_reactions_contact_and_loads_balance(
     assert largest > 0.01
     assert_allclose(force, 0.0, atol=1e-12 * largest)  # a direct solve
     assert_allclose(moment, 0.0, atol=1e-12 * largest)
+
+
+TWO_BLOCKS = """
+For k In {0:1}
+  For c In {0:3}
+    Point(10*k+c+1) = {2*k + (c == 1 || c == 2), (c > 1)/2, 0};
+  EndFor
+  For c In {0:3}
+    Line(10*k+c+1) = {10*k+c+1, 10*k+(c+1)%4+1};
+  EndFor
+  Curve Loop(k+1) = {10*k+1, 10*k+2, 10*k+3, 10*k+4};
+  Plane Surface(k+1) = {k+1};
+EndFor
+Physical Surface("a") = {1}; Physical Curve("a.bottom") = {1}; Physical Curve("a.top") = {3};
+Physical Surface("b") = {2}; Physical Curve("b.bottom") = {11}; Physical Curve("b.top") = {13};
+"""
+
+
+def two_blocks(folder: Path, *held: str) -> Scene:
+    """Two blocks side by side on one foundation; those that are held are pressed down by 0.01 m."""
+    (folder / "two.geo").write_text(TWO_BLOCKS)
+    contact = {"against": "foundation", "friction": {"law": "stick"}}
+    push = {"x": 0.0, "y": -0.01}
+    return from_dict(
+        {
+            "model": "plane strain",
+            "geometry": {"file": "two.geo", "mesh_size": 0.2},
+            "bodies": {"a": {"E": 1.0, "nu": 0.3}, "b": {"E": 2.0, "nu": 0.3}},
+            "obstacles": {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
+            "contacts": {name: {"surface": f"{name}.bottom"} | contact for name in "ab"},
+            "supports": {name: {"boundary": f"{name}.top", "displacement": push} for name in held},
+        },
+        folder,
+    )
+
+
+def test_each_part_of_a_mesh_that_falls_apart_needs_its_supports(
+    tmp_path: Path, system_of: SystemOf, simulation_of: Callable[[Scene], Simulation]
+) -> None:
+    for held in ("a", "b"):
+        with pytest.raises(SceneError, match="falls into 2 parts that share no node"):
+            system_of(two_blocks(tmp_path, held))
+    (step,) = simulation_of(two_blocks(tmp_path, "a", "b")).steps()
+    a, b = (step.contacts[name].normal_force for name in "ab")
+    assert_allclose(b, 2 * a, rtol=0.02)  # the same block of a material twice as stiff; their meshes differ

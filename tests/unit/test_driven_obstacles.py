@@ -12,6 +12,7 @@ from solvers.nouns.scene import Scene
 from solvers.plan import make_plan
 from solvers.simulation import Simulation
 from solvers.step_result import SLIP
+from workflows.scene import from_dict
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
@@ -43,7 +44,7 @@ def test_a_force_moves_the_foundation_as_far_as_the_same_displacement_makes_that
     tables |= {"solver": {"tolerance": 1e-12}}
     pushed = scene_of(dim, {"order": order}, obstacles=driven(dim, force={up: 0.2}, displacement=slide), **tables)
     (by_force,) = simulation_of(pushed).steps()
-    moved, force = by_force.obstacles["foundation"]
+    moved, force, _ = by_force.obstacles["foundation"]
     assert_allclose(force[-1], 0.2, rtol=1e-12)
     assert moved[-1] > 0.01
     shifted = scene_of(dim, {"order": order}, obstacles=driven(dim, displacement=slide | {up: moved[-1]}), **tables)
@@ -92,7 +93,53 @@ def test_a_turning_roller_drags_the_block(scene_of: SceneOf, simulation_of: Simu
     base = turned.contacts["base"]
     assert np.all(base.status[base.status != 0] == SLIP)  # 5 m * 0.01 is far beyond what sticks
     assert_allclose(base.tangential_force, 0.3 * base.normal_force, rtol=1e-3)  # the arc's slope: 0.2 at most, squared
+    # friction acts 5 m from the roller's axis; the base of the block reaches (1 m / 5 m)^2 / 2 farther at most
+    assert_allclose(turned.obstacles["foundation"][2], 5.0 * 0.3 * base.normal_force, rtol=0.02)
     assert base.force[0] < 0  # anticlockwise: the top of the roller moves to the left
+
+
+@pytest.mark.parametrize("method", ["condensed-newton", "regularised"])
+def test_an_obstacle_that_jumps_at_the_start_does_its_work_and_slips_then(
+    method: str, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    contacts = {"base": CONTACT["base"] | {"friction": {"law": "coulomb", "mu": 0.1}}}
+    jump = {"x": [[0, 0.1], [1, 0.1]], "y": [[0, 0.01], [1, 0.02]]}
+    tables = {"contacts": contacts, "supports": clamped(2), "solver": {"method": method, "tolerance": 1e-10}}
+    scene = scene_of(obstacles=driven(2, displacement=jump), **tables)
+    for step in simulation_of(scene).steps():
+        assert_allclose(step.energy.external, step.energy.stored + step.energy.contact, rtol=1e-10)
+        base = step.contacts["base"]
+        if step.time == 0:
+            assert_allclose(base.slip_increment, base.slip, rtol=1e-12)
+            assert np.all(base.status == SLIP)  # 0.1 m is far beyond what sticks
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e3])
+@pytest.mark.parametrize(("force", "mu"), [(1e-3, 0.0), (1e-3, 0.3), (1e-6, 0.3), (0.1, 0.3)])
+def test_a_force_finds_where_a_pin_touches_its_wider_bore(
+    force: float, mu: float, unit: float, simulation_of: SimulationOf
+) -> None:
+    def scene(**motion: Any) -> Scene:
+        pin = {"shape": "cylinder", "point": [0.0, 0.0], "radius": 0.59 * unit}
+        ring = {"inner_radius": 0.6 * unit, "outer_radius": unit, "mesh_size": 0.1 * unit}
+        table = {
+            "model": "plane strain",
+            "geometry": {"builder": "ring", "cells": "tensor"} | ring,
+            "bodies": {"ring": {"E": 1.0, "nu": 0.3}},
+            "obstacles": {"pin": pin | motion},
+            "contacts": {"bore": {"surface": "ring.inner", "against": "pin", "friction": {"law": "coulomb", "mu": mu}}},
+            "supports": {"outer": {"boundary": "ring.outer", "displacement": {"x": 0.0, "y": 0.0}}},
+            "solver": {"tolerance": 1e-11},
+        }
+        return from_dict(table)
+
+    (pushed,) = simulation_of(scene(force={"y": -force * unit})).steps()
+    moved = pushed.obstacles["pin"][0]
+    assert moved[1] < -0.01 * unit  # through the clearance, and on into the ring
+    assert_allclose(pushed.contacts["bore"].force[1], -force * unit, rtol=1e-9)
+    (shifted,) = simulation_of(scene(displacement={"y": moved[1]})).steps()
+    assert_allclose(shifted.contacts["bore"].force[1], -force * unit, rtol=1e-6)
+    assert_allclose(shifted.displacement, pushed.displacement, atol=1e-7 * abs(pushed.displacement).max())
 
 
 @pytest.mark.parametrize(

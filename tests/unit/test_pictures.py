@@ -82,6 +82,7 @@ def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
         traction=np.outer(-0.3 * p * share, along) * size,
         slip=np.outer(share == 1.0, along) * 0.01,
         slip_increment=np.outer(share == 1.0, along) * 0.01,
+        bound=0.3 * p * size,
         lam=np.outer(np.where(p > 0, share, 0.0), along),
         status=status,
         force=np.zeros(d),
@@ -117,7 +118,8 @@ def nothing(mesh: MeshData) -> StepResult:
     """The step before anything has happened: zero everywhere, all open."""
     step = pressed(mesh, 0.0)
     zero = {
-        k: np.zeros_like(getattr(step.contacts["base"], k)) for k in ("gap", "slip", "slip_increment", "lam", "status")
+        k: np.zeros_like(getattr(step.contacts["base"], k))
+        for k in ("gap", "slip", "slip_increment", "bound", "lam", "status")
     }
     contact = dataclasses.replace(step.contacts["base"], **zero)
     return dataclasses.replace(step, displacement=np.zeros_like(mesh.points), contacts={"base": contact})
@@ -132,12 +134,29 @@ def colours(path: Path) -> int:
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_pictures_show_a_pressed_block(tmp_path: Path, shape: str) -> None:
-    mesh = block(shape)
+    mesh, open_before = block(shape), pyplot.get_fignums()
     drawn = draw(tmp_path, mesh, pressed(mesh), "A block")
     assert [path.name for path in drawn] == ["deformed.png", "contact_base.png"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["contact_base.png", "deformed.png"]
     assert all(colours(path) > 100 for path in drawn)
-    assert pyplot.get_fignums() == []
+    assert pyplot.get_fignums() == open_before
+
+
+@pytest.mark.parametrize("bound", [0.3, np.inf])
+def test_traction_is_drawn_whatever_bounds_it(tmp_path: Path, bound: float) -> None:
+    """Also where nothing is held back (lambda = 0), and where nothing limits it (stick, tied)."""
+    mesh = block("quadrilateral")
+    step = pressed(mesh)
+    plain = dataclasses.replace(step.contacts["base"], traction=0 * step.contacts["base"].traction)
+    plain = dataclasses.replace(plain, lam=0 * plain.lam)
+    pictures = []
+    for k, size in enumerate((0.0, bound)):
+        contact = dataclasses.replace(plain, bound=np.where(plain.pressure > 0, size, 0.0))
+        draw(tmp_path / str(k), mesh, dataclasses.replace(step, contacts={"base": contact}), "bound")
+        pictures.append(imread(tmp_path / str(k) / "contact_base.png")[..., :3])
+    red = [np.sum((picture[..., 0] > 0.6) & (picture[..., 1] < 0.2)) for picture in pictures]
+    assert red[0] == 0
+    assert red[1] > 100  # the curve and its entry in the legend
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -148,7 +148,7 @@ def at_random(scene: Scene, simulation_of: SimulationOf) -> tuple[NextStep, Any,
     stepper = simulation.stepper
     step: Any = stepper.method_after(stepper.start())
     contact, random = step.method.contact, np.random.default_rng(3)
-    contact.begin((step.u, step.time), 1.0)
+    contact.begin(step.u, step.motion, 1.0)
     contact.widths.set(0.3, 0.1, 0.05)
     q, direction = (simulation.system.K_B.createVecRight() for _ in range(2))
     q.array[:] = random.normal(scale=0.05, size=q.size)
@@ -192,7 +192,7 @@ def test_tractions_add_up_to_the_assembled_forces(
     accepted = stepper.reach(stepper.start(), 1.0, lambda row: None)
     step: Any = stepper.method_after(stepper.start())
     contact = step.method.contact
-    contact.begin((step.u, step.time), 1.0)
+    contact.begin(step.u, step.motion, 1.0)
     contact.widths.set(module.LEVELS[-1], accepted.problem.u_ref, accepted.problem.p_ref)
     assembled = stepper.volume.contact.read(contact.forces(step.method.free_part(accepted.state.u)))
     by_rows = stepper.surface.forces(accepted.state.p)

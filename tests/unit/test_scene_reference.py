@@ -35,3 +35,9 @@ def test_the_readme_scene_is_the_ready_scene_block() -> None:
 def test_the_readme_names_every_method() -> None:
     text = README.read_text(encoding="utf-8")
     assert all(f"`{name}`" in text or f"= `{name}`" in text for name in METHODS)
+
+
+def test_tables_in_tables_name_their_keys() -> None:
+    text = reference()
+    assert "{ angle = value in time [rad], point = list of number [m], axis = list of number [-] }" in text
+    assert "<class" not in text

@@ -139,3 +139,23 @@ def test_bound_is_integrated_exactly(scene_of: SceneOf, system_of: Callable[[Sce
     assert rows.friction is not None
     s = rows.friction.limit(40.0 * (rows.N_n @ u.ravel()), rows.average, rows.normal, 1.0, 1.0)
     assert_allclose(rows.W_t @ s, 3.0 * (4.0**6 - 2.0**6) / 6, rtol=1e-13)  # block from x = 0 to 2 m
+
+
+@pytest.mark.parametrize("friction", [{}, {"friction": {"law": "coulomb", "mu": 0.0}}])
+def test_nothing_sticks_without_friction(
+    friction: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """Pressed between its symmetry planes no point of the base moves sideways: no slip, but no stick either."""
+    scene = scene_of(
+        contacts={"base": {"surface": "block.bottom", "against": "foundation"} | friction},
+        supports={
+            "top": {"boundary": "block.top", "displacement": {"y": -0.01}},
+            "left": {"boundary": "block.left", "displacement": {"x": 0.0}},
+            "right": {"boundary": "block.right", "displacement": {"x": 0.0}},
+        },
+    )
+    (step,) = simulation_of(scene).steps()
+    base = step.contacts["base"]
+    assert base.max_slip < 1e-12
+    assert (base.stick_area, base.slip_area) == (0.0, base.contact_area)
+    assert_allclose(base.contact_area, 2.0)

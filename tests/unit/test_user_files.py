@@ -10,6 +10,7 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
+from geometry.editing import write_msh
 from geometry.errors import GeometryError, SceneError
 from geometry.gmsh_session import gmsh_session
 from geometry.mesh import Mesh, build_mesh
@@ -98,6 +99,21 @@ def test_samples_lie_on_the_side_reach_its_corners_and_look_outward(kind: str, m
         assert_allclose(points[:, -1], height, atol=1e-6)
         assert_allclose(normals, np.tile(up * np.eye(scene.dim)[-1], (len(points), 1)), atol=1e-9)
         assert_allclose([points[:, 0].min(), points[:, 0].max()], [0, 4], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["msh", "msh3"])
+def test_a_mesh_whose_nodes_all_lie_in_the_body_is_read(kind: str, made: dict[str, dict[str, Any]]) -> None:
+    """As `stickslip mesh -o` and other programs write them: the sides' entities hold no nodes of their own."""
+    first = from_dict(made[kind])
+    path = Path(made[kind]["geometry"]["file"]).with_name("again.msh")
+    write_msh(first.geometry, first.request(), path)
+    again = from_dict(scene_data(path, first.dim))
+    one, other = meshed(first), meshed(again)
+    assert_allclose(other.domain.geometry.x, one.domain.geometry.x, atol=1e-12)
+    points, _ = again.geometry.sample("block.bottom", again.dim)
+    assert_allclose(points[:, -1], 0.0, atol=1e-12)
+    facets = again.geometry.outline(again.dim).entities
+    assert_allclose(sorted(f.size for f in facets), 2 * [4.0 * 2.0 ** (again.dim - 2)])
 
 
 def test_normals_of_a_bore_look_into_it(tmp_path: Path) -> None:
@@ -284,6 +300,7 @@ def test_neither_builder_nor_file_is_refused() -> None:
         (GEO + "Box(9) = {9, 9, 9, 1, 1, 1};", "holds volumes, and a plane model is made of surfaces"),
         ("Point(1) = {0, 0, 0, 1};\n", "has no surfaces"),
         (GEO + "foo bar;\n", r"b\.geo: gmsh says: .*line 9: Unknown variable 'bar'"),
+        (GEO + "x = 1; y = 2;", "last line holds several statements and has no end"),
         (GEO + "Exit;\n", "gmsh ended without an answer|gmsh says"),
         (GEO.replace('"block.top") = {3}', '"block.top") = {77}'), "block.top: no such side; did you mean"),
     ],

@@ -150,7 +150,7 @@ def solve(touch: Touch) -> Answer:
     simulation = prepare(scene(touch))
     (step,) = simulation.steps()
     face, points = step.contacts["face"], simulation.data.surfaces["face"][0]
-    moved, force = step.obstacles["tool"]
+    moved, force, _ = step.obstacles["tool"]
     load = abs(float(force[-1])) / SHARE[touch.model]
     exact = touch.exact(load)
     r = np.linalg.norm(points[:, :-1], axis=1)

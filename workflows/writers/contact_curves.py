@@ -36,14 +36,13 @@ def draw_line(
     pressure = contact.pressure[line.nodes]
     tangential = np.einsum("ki,ki->k", contact.traction[line.nodes], line.tangents)
     magnitude = np.linalg.norm(contact.traction[line.nodes], axis=1)
-    lam = np.linalg.norm(contact.lam[line.nodes], axis=1)
-    bound = np.divide(magnitude, lam, out=np.where(pressure > 0, np.nan, 0.0), where=lam > 1e-6)  # |t| = s |lambda|
+    bound = np.where(np.isfinite(contact.bound), contact.bound, np.nan)[line.nodes]
     sheet = Sheet(7.0, 4.0)
     axes = sheet.axes(0.85, 0.87, 5.85, 2.23)
     axes.axhline(0.0, color=PALE, linewidth=0.6)
     style = {"markersize": 2.5, "marker": "o"} if len(line.nodes) <= 120 else {}
     lines = [axes.plot(*line_of(line, pressure), color=PRESSURE, linewidth=1.4, label="pressure $p_n$", **style)[0]]
-    if lam.any():
+    if np.any(contact.bound):
         lines += axes.plot(
             *line_of(line, tangential),
             color=TANGENTIAL,
