@@ -30,7 +30,7 @@ class Mesh:
     sides: Mapping[str, int]
     degree: int  # of geometry and displacement
     axisymmetric: bool
-    parts: NDArray[np.int64] | None  # where there are several: the connected part of each node of the gmsh model
+    parts: NDArray[np.int64]  # connected part of each node of the gmsh model, numbered from 0
 
     @property
     def dim(self) -> int:
@@ -39,6 +39,10 @@ class Mesh:
     @property
     def comm(self) -> Any:
         return self.domain.comm
+
+    @property
+    def part_count(self) -> int:
+        return int(self.parts.max()) + 1
 
     def facets(self, side: str) -> NDArray[np.int64]:
         """Facets of a side that this rank owns."""
@@ -72,7 +76,8 @@ def build_mesh(shape: Shape, request: Request, comm: Any) -> Mesh:
 
 def _build(shape: Shape, request: Request, comm: Any) -> Mesh:
     names: dict[int, dict[str, int]] | None = None
-    unit, failure, parts = 1.0, None, None
+    unit, failure = 1.0, None
+    parts = np.zeros(0, np.int64)
     with gmsh_session() if comm.rank == 0 else nullcontext() as gmsh:
         if comm.rank == 0:
             try:
@@ -109,8 +114,8 @@ def _group_names(gmsh: Any, dim: int) -> dict[str, int]:
     return {gmsh.model.getPhysicalName(d, tag): int(tag) for d, tag in gmsh.model.getPhysicalGroups(dim)}
 
 
-def _connected_parts(gmsh: Any, dim: int) -> NDArray[np.int64] | None:
-    """Connected part of each node, numbered from 0; None if the cells all hang together."""
+def _connected_parts(gmsh: Any, dim: int) -> NDArray[np.int64]:
+    """Connected part of each node, numbered from 0; -1 for nodes of no cell."""
     tags = []
     for kind in gmsh.model.mesh.getElementTypes(dim):
         count = gmsh.model.mesh.getElementProperties(kind)[3]
@@ -119,9 +124,6 @@ def _connected_parts(gmsh: Any, dim: int) -> NDArray[np.int64] | None:
     nodes = np.concatenate([cells.ravel() for cells in tags])
     graph = sparse.coo_matrix((np.ones(len(nodes), bool), (first, nodes)), shape=(nodes.max() + 1,) * 2)
     labels = connected_components(graph, directed=False)[1]
-    used, parts = np.unique(labels[nodes], return_inverse=True)
-    if len(used) == 1:
-        return None
     found = np.full(len(labels), -1)
-    found[nodes] = parts
+    found[nodes] = np.unique(labels[nodes], return_inverse=True)[1]
     return found

@@ -25,25 +25,22 @@ class Nodes:
     number: Ints  # (k,) global
     input: Ints  # (k,) number in the gmsh model: the same on any number of ranks
     points: Array  # (k, d) [m]
-    body: Ints  # (k,) index into the mesh's bodies
+    part: Ints  # (k,) connected part of the mesh
 
     @staticmethod
     def of(mesh: Mesh, space: Any) -> Nodes:
-        """Nodes of a Lagrange space of the mesh's own degree; bodies share none."""
+        """Nodes of a Lagrange space of the mesh's own degree."""
         domain, index_map = space.mesh, space.dofmap.index_map
         count = index_map.size_local + index_map.num_ghosts
         of_geometry = np.empty(count, np.int64)
-        dofs = dx.cell_dofs(space)
-        of_geometry[dofs.ravel()] = dx.cell_nodes(domain).ravel()
-        body = np.zeros(count, np.int64)
-        for index, tag in enumerate(mesh.bodies.values()):
-            body[dofs[mesh.cell_tags.indices[mesh.cell_tags.values == tag]]] = index
+        of_geometry[dx.cell_dofs(space).ravel()] = dx.cell_nodes(domain).ravel()
+        numbers = np.asarray(domain.geometry.input_global_indices, np.int64)[of_geometry]
         return Nodes(
             owned=index_map.size_local,
             offset=index_map.local_range[0],
             total=index_map.size_global,
             number=np.asarray(index_map.local_to_global(np.arange(count, dtype=np.int32)), np.int64),
-            input=np.asarray(domain.geometry.input_global_indices, np.int64)[of_geometry],
+            input=numbers,
             points=domain.geometry.x[of_geometry][:, : domain.geometry.dim].copy(),
-            body=body,
+            part=mesh.parts[numbers],
         )

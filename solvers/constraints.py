@@ -48,8 +48,8 @@ class Constraints:
     rows: Mapping[int, tuple[Row, ...]]  # by global node; for periodic nodes by their root
     root: Mapping[int, int]  # eliminated periodic node -> the node that it follows
     points: Mapping[int, Array]  # coordinates of the nodes named above
-    body: Mapping[int, int]  # their bodies
-    bodies: int  # how many there are
+    part: Mapping[int, int]  # the connected parts of the mesh that they belong to
+    parts: int  # how many there are
     axisymmetric: bool
 
     @cached_property
@@ -169,14 +169,14 @@ class Constraints:
         return total
 
     def rigid_motions(self, low: Array, high: Array) -> Array:
-        """Coefficients (bodies k, r) of the rigid motions that nothing prescribed resists; see `rigid_fields`."""
+        """Coefficients (parts k, r) of the rigid motions that nothing prescribed resists; see `rigid_fields`."""
         centre, size = (low + high) / 2, float(np.max(high - low))
         count = len(rigid_names(self.dim, self.axisymmetric))
-        blocks = [np.zeros((1, self.bodies * count))]
+        blocks = [np.zeros((1, self.parts * count))]
 
         def field(node: int) -> Array:
-            own = self.body[node] * count + np.arange(count)
-            of_all = np.zeros((self.dim, self.bodies * count))
+            own = self.part[node] * count + np.arange(count)
+            of_all = np.zeros((self.dim, self.parts * count))
             of_all[:, own] = rigid_fields(self.points[node][None], centre, size, self.axisymmetric)[0]
             return of_all
 
@@ -219,13 +219,12 @@ def find_constraints(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes) -> Cons
     """Collect supports and periodic sides from all ranks."""
     rows: dict[int, list[Row]] = {}
     points: dict[int, Array] = {}
-    body: dict[int, int] = {}
-    names = list(mesh.bodies)
-    root = _periodic_roots(scene, mesh, space, nodes, points, body)
+    part: dict[int, int] = {}
+    root = _periodic_roots(scene, mesh, space, nodes, points, part)
     for name, support in scene.supports.items():
         if support.boundary is not None:
             side = gather_surface(mesh, space, nodes, support.boundary)
-            where, x, of = side.nodes, side.points, names.index(support.boundary.split(".")[0])
+            where, x, of = side.nodes, side.points, mesh.parts[side.input]
             normals = side.node_normals() if "normal" in support.displacement else np.zeros_like(x)
         else:
             where, x, of = _vertex_at(mesh, nodes, np.array(support.point), f"supports.{name}.point")
@@ -235,13 +234,15 @@ def find_constraints(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes) -> Cons
                 direction = normals[i] if axis == "normal" else np.eye(mesh.dim)[AXES[axis]]
                 direction = np.where(np.abs(direction) < 1e-12, 0.0, direction)
                 rows.setdefault(root.get(int(node), int(node)), []).append(Row(direction, amplitude, name))
-                points[int(node)], body[int(node)] = x[i], of
+                points[int(node)], part[int(node)] = x[i], int(of[i])
     if mesh.axisymmetric:
-        for node, x, of in _on_axis(mesh, nodes):
+        for node, x, its_part in _on_axis(mesh, nodes):
             rows.setdefault(root.get(node, node), []).append(Row(np.array([1.0, 0.0]), 0.0, AXIS))
-            points[node], body[node] = x, of
+            points[node], part[node] = x, its_part
     ordered = {n: tuple(r) for n, r in sorted(rows.items())}
-    return Constraints(nodes, mesh.dim, scene.steps.end, ordered, root, points, body, len(names), mesh.axisymmetric)
+    return Constraints(
+        nodes, mesh.dim, scene.steps.end, ordered, root, points, part, mesh.part_count, mesh.axisymmetric
+    )
 
 
 def _on_axis(mesh: Mesh, nodes: Nodes) -> list[tuple[int, Array, int]]:
@@ -251,43 +252,43 @@ def _on_axis(mesh: Mesh, nodes: Nodes) -> list[tuple[int, Array, int]]:
     if low[0] < -slack:
         raise GeometryError(f"geometry: reaches to x = {low[0]:g}; an axisymmetric model lies in x >= 0")
     own = np.flatnonzero(nodes.points[: nodes.owned, 0] <= slack)
-    found = mesh.comm.allgather([(int(nodes.number[i]), nodes.points[i], int(nodes.body[i])) for i in own])
+    found = mesh.comm.allgather([(int(nodes.number[i]), nodes.points[i], int(nodes.part[i])) for i in own])
     return [pair for part in found for pair in part]
 
 
-def _vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, Array, int]:
+def _vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, Array, Ints]:
     own = nodes.points[: nodes.owned]
     distance = np.linalg.norm(own - point, axis=1)
     best = int(np.argmin(distance)) if len(own) else -1
     offers = mesh.comm.allgather(
-        (distance[best], int(nodes.number[best]), own[best], int(nodes.body[best]))
+        (distance[best], int(nodes.number[best]), own[best], int(nodes.part[best]))
         if len(own)
         else (np.inf, -1, point, -1)
     )
-    nearest, number, x, body = min(offers, key=lambda offer: offer[0])
+    nearest, number, x, found = min(offers, key=lambda offer: offer[0])
     low, high = mesh.box()
     if nearest > 1e-6 * float(np.max(high - low)):
         at = ", ".join(f"{c:.6g}" for c in x)
         raise SceneError(f"{key} = {point.tolist()}: no mesh vertex there; the nearest is ({at})")
-    return np.array([number]), np.array([x]), body
+    return np.array([number]), np.array([x]), np.array([found])
 
 
 def _periodic_roots(
-    scene: Scene, mesh: Mesh, space: Any, nodes: Nodes, points: dict[int, Array], body: dict[int, int]
+    scene: Scene, mesh: Mesh, space: Any, nodes: Nodes, points: dict[int, Array], part: dict[int, int]
 ) -> dict[int, int]:
-    names = list(mesh.bodies)
     follows: dict[int, int] = {}
     for slave_side, master_side in scene.request().periodic:
         slave, master = (gather_surface(mesh, space, nodes, side) for side in (slave_side, master_side))
-        of, of_other = (names.index(side.split(".")[0]) for side in (slave_side, master_side))
         shift = master.points.mean(axis=0) - slave.points.mean(axis=0)
         distance, match = cKDTree(master.points).query(slave.points + shift)
         size = float(np.ptp(master.points, axis=0).max())
         if len(slave.nodes) != len(master.nodes) or distance.max() > 1e-6 * size:
             raise GeometryError(f"periodic sides {slave_side} and {master_side}: their meshes do not match")
+        of, of_other = mesh.parts[slave.input], mesh.parts[master.input[match]]
+        part |= dict(zip(slave.nodes.tolist(), of.tolist(), strict=True))
+        part |= dict(zip(master.nodes[match].tolist(), of_other.tolist(), strict=True))
         for node, other, x, y in zip(slave.nodes, master.nodes[match], slave.points, master.points[match], strict=True):
             points[int(node)], points[int(other)] = x, y
-            body[int(node)], body[int(other)] = of, of_other
             own, others = _end_of(follows, int(node)), _end_of(follows, int(other))
             if own != others:  # an edge of two periodic pairs in 3D is met twice: the second time says nothing new
                 follows[own] = others

@@ -20,7 +20,6 @@ from geometry.surface import gather_surface
 from solvers.constraints import AXES, Constraints, find_constraints, rigid_fields
 from solvers.counters import Counters
 from solvers.forms import WeakForms
-from solvers.loose_parts import refuse_loose_parts
 from solvers.nouns.contact import Contact
 from solvers.nouns.scene import Scene
 from solvers.operators import OPERATORS
@@ -158,26 +157,22 @@ class System:
         low, high = self.mesh.box()
         centre, size = (low + high) / 2, float(np.max(high - low))
         motions = self.constraints.rigid_motions(low, high)
-        count = len(self.mesh.bodies)
-        of_body = motions.reshape(count, len(motions) // count, motions.shape[1])
+        count = self.mesh.part_count
+        of_part = motions.reshape(count, len(motions) // count, motions.shape[1])
         values = np.zeros((len(self.contact_dofs), motions.shape[1]))
         if motions.shape[1]:
             for c in self.contacts:
-                fields = rigid_fields(c.points, centre, size, self.mesh.axisymmetric) @ of_body[self.bodies_of(c)]
+                fields = (
+                    rigid_fields(c.points, centre, size, self.mesh.axisymmetric) @ of_part[self.mesh.parts[c.input]]
+                )
                 starts = self.constraints.free_start(c.nodes)
                 for node, start, field in zip(c.nodes, starts, fields, strict=True):
                     basis = self.constraints.basis(int(node))
                     at = np.searchsorted(self.contact_dofs, start)
                     values[at : at + basis.shape[1]] = basis.T @ field
+        if motions.shape[1] and np.linalg.matrix_rank(values) < motions.shape[1]:
+            raise SceneError("supports: a part of the mesh that no contact touches can move as a whole; hold it")
         return np.asarray(np.linalg.qr(values)[0])
-
-    def bodies_of(self, c: ContactRows) -> Ints:
-        """Body (n_all,) of each node of a contact, an index into the mesh's bodies."""
-        contact, names = self.scene.contacts[c.name], list(self.mesh.bodies)
-        own = np.full(len(c.surface.nodes), names.index(contact.surface.split(".")[0]))
-        if c.master is None:
-            return own
-        return np.concatenate([own, np.full(len(c.master.nodes), names.index(contact.against.split(".")[0]))])
 
     @cached_property
     def extent(self) -> float:
@@ -234,7 +229,6 @@ def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
     nodes = Nodes.of(mesh, space)
     weak = WeakForms(scene, mesh, space, counters)
     constraints = find_constraints(scene, mesh, space, nodes)
-    refuse_loose_parts(constraints, mesh)
     if constraints.free_total == 0:
         raise SceneError("supports: prescribe every displacement of the mesh; nothing is left to solve")
     for time in scene.requested_times():

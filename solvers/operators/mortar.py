@@ -25,9 +25,7 @@ Ints = NDArray[np.int64]
 SLIVER = 1e-9  # of a facet, or of a node's weight: less is not covered
 
 
-def mortar_integrals(
-    slave: Surface, master: Surface, found: Overlap
-) -> tuple[Array, sparse.csr_matrix, Array, Any]:
+def mortar_integrals(slave: Surface, master: Surface, found: Overlap) -> tuple[Array, sparse.csr_matrix, Array, Any]:
     """Weights, projection, weighted gap and dual basis of the covered part of a slave surface.
 
     A quadratic node of which only a little is covered can weigh nothing or less: it then counts as not covered.
@@ -43,7 +41,7 @@ def mortar_integrals(
     dual, lumped = _dual(slave, found.slave_facet[rows], found.slave_local[rows], found.weights[rows])
     nodes = slave.facets[found.slave_facet[rows]]
     W = np.bincount(nodes.ravel(), lumped.ravel(), n)
-    W[W <= SLIVER * slave.node_weights()] = 0.0
+    W[SLIVER * slave.node_weights() >= W] = 0.0
     values = dual * found.weights[rows, None] * (W[nodes] > 0)
     psi = sparse.csr_matrix((values.ravel(), (nodes.ravel(), np.repeat(rows, k))), shape=(n, q))
     basis = _values(master, found.master_local)

@@ -48,6 +48,11 @@ class ContactRows:
         return np.concatenate([self.surface.nodes, self.master.nodes]) if self.master else self.surface.nodes
 
     @cached_property
+    def input(self) -> Ints:
+        """Their numbers in the gmsh model (n_all,)."""
+        return np.concatenate([self.surface.input, self.master.input]) if self.master else self.surface.input
+
+    @cached_property
     def points(self) -> Array:
         """Their coordinates (n_all, d) [m]."""
         return np.concatenate([self.surface.points, self.master.points]) if self.master else self.surface.points
