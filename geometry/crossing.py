@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from geometry import dolfinx_versions as dx
-
-if TYPE_CHECKING:
-    from geometry.surface import Surface
+from geometry.surface import Surface
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

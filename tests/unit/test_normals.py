@@ -19,7 +19,7 @@ def polyline(points: list[tuple[float, float]]) -> Surface:
 
 
 def tent(angle: float, depth: float) -> Surface:
-    """Two strips that meet at the ridge x = 0 with `angle` [degrees] between their normals; the right one is 5 times as long."""
+    """Strips, 1 and 5 long, that meet at the ridge x = 0 with `angle` [degrees] between their normals."""
     a = np.radians(angle)
     x = [(-1.0, 0.0), (0.0, 0.0), (5 * np.cos(a), -5 * np.sin(a))]
     points = np.array([(u, y, z) for u, z in x for y in (0.0, depth)])
