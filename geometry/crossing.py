@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from geometry import dolfinx_versions as dx
-
-if TYPE_CHECKING:
-    from geometry.surface import Surface
+from geometry.surface import Surface
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -57,7 +53,7 @@ def cross(
     clipped = clip(master.shape, np.where(found[:, None], local, middle))
     met = found & (np.abs(local - clipped).max(axis=1) <= EDGE) & (turn * master.outward[facet] < 0)
     basis = dx.reference_basis(master.shape, master.degree, clipped)[0]
-    return met, clipped, np.einsum("cd,ck,ckd->c", directions, basis, away, optimize=True)
+    return met, clipped, np.einsum("cd,cd->c", directions, np.einsum("ck,ckd->cd", basis, away))
 
 
 def across(directions: Array) -> Array:
@@ -67,7 +63,7 @@ def across(directions: Array) -> Array:
     array([[[1., 0.]]])
     """
     if directions.shape[1] == 2:
-        return np.stack([-directions[:, 1], directions[:, 0]], axis=1)[:, None]
+        return np.asarray(np.stack([-directions[:, 1], directions[:, 0]], axis=1)[:, None])
     axis = np.eye(3)[np.abs(directions).argmin(axis=1)]
     first = np.cross(axis, directions)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -77,7 +73,7 @@ def across(directions: Array) -> Array:
 def clip(shape: str, local: Array) -> Array:
     """The reference facet's point near `local`."""
     if shape != "triangle":
-        return np.clip(local, 0.0, 1.0)
+        return np.asarray(np.clip(local, 0.0, 1.0))
     inside = np.maximum(local, 0.0)
     return np.asarray(inside / np.maximum(inside.sum(axis=1, keepdims=True), 1.0))
 

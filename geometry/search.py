@@ -23,10 +23,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 BLOCK = 10_000  # points at a time: bounds the memory
 PATCH = 16  # facets: fewer need more steps along a line, more have more facets to try
-BULGE = {
-    1: 1.0,
-    2: 5 / 3,
-}  # max of sum_k |phi_k|: a facet's points are no farther from its centre than this times its nodes
+BULGE = 5 / 3  # max of sum_k |phi_k| of quadratic facets: so many times farther out than its nodes a bulge may be
 SLACK = 1e-6  # of a facet's radius: what rounding may hide
 TIE = 1e-8  # of a facet's radius: gaps this near to each other are the same, the facet with the lowest number has it
 ROUGH = 0.5  # the nearest centre may be this much nearer than said: saves most of the time of that question
@@ -63,7 +60,7 @@ class _Patches:
     """Patches of neighbouring facets, their radii alike to a factor of two."""
 
     tree: cKDTree  # of their centres
-    radius: float  # the largest
+    radii: Array
     start: Ints  # patch i has the facets members[start[i] : start[i] + count[i]]
     count: Ints
     members: Ints
@@ -100,18 +97,25 @@ def pair(points: Array, directions: Array, master: Surface, reach: float) -> Pai
     found = Pairing(
         facet=np.full(len(points), -1), local=np.zeros((len(points), master.dim - 1)), gap=np.full(len(points), np.inf)
     )
-    nodes = master.points[master.facets]
-    centres = nodes.mean(axis=1)
-    radii = BULGE[master.degree] * np.linalg.norm(nodes - centres[:, None], axis=2).max(axis=1)
-    balls = _Balls(centres, radii * (1 + SLACK))
+    balls = _balls(master)
     patches = _patches(balls)
     for start in range(0, len(points), BLOCK):
         block = slice(start, start + BLOCK)
         hits = _search(points[block], directions[block], master, reach, balls, patches)
-        first = _nearest(hits, TIE * radii)
+        first = _nearest(hits, TIE * balls.radii)
         rows = start + hits.point[first]
         found.facet[rows], found.local[rows], found.gap[rows] = hits.facet[first], hits.local[first], hits.gap[first]
     return found
+
+
+def _balls(master: Surface) -> _Balls:
+    nodes = master.points[master.facets]
+    straight = dx.reference_basis(master.shape, 1, dx.reference_nodes(master.shape, master.degree))[0]
+    corners = nodes[:, : straight.shape[1]]
+    centres = corners.mean(axis=1)
+    reach = np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
+    bulge = np.linalg.norm(nodes - straight @ corners, axis=2).max(axis=1)
+    return _Balls(centres, (1 + SLACK) * (reach + BULGE * bulge))
 
 
 def _patches(balls: _Balls) -> list[_Patches]:
@@ -129,7 +133,7 @@ def _patches(balls: _Balls) -> list[_Patches]:
     used = np.flatnonzero(count)  # of two seeds in one place one has nothing
     level = np.floor(np.log2(radii.max() / radii[used]))
     alike = [used[level == value] for value in np.unique(level)]
-    return [_Patches(cKDTree(seeds[i]), float(radii[i].max()), start[i], count[i], members) for i in alike]
+    return [_Patches(cKDTree(seeds[i]), radii[i], start[i], count[i], members) for i in alike]
 
 
 def _search(
@@ -137,18 +141,18 @@ def _search(
 ) -> _Hits:
     """All meetings that may be the nearest, on both half-lines of each point."""
     frames = across(directions)
-    middle = (master.points.min(axis=0) + master.points.max(axis=0)) / 2
-    end = np.linalg.norm(points - middle, axis=1) + BULGE[2] * np.linalg.norm(master.points - middle, axis=1).max()
-    limit = np.minimum(reach, end)  # shrinks with every meeting
-    hits = []
+    middle = balls.centres.mean(axis=0)
+    extent = (np.linalg.norm(balls.centres - middle, axis=1) + balls.radii).max()
+    limit = np.minimum(reach, np.linalg.norm(points - middle, axis=1) + extent)  # shrinks with every meeting
+    none = np.zeros(0, np.int64)
+    hits = [_Hits(none, none, np.zeros((0, master.dim - 1)), np.zeros(0))]
     for alike in patches:
         for sign in (1, -1):
-            start = -sign * alike.radius  # the first round sees both sides of the points
+            start = -sign * alike.radii.max()  # the first round sees both sides of the points
             for line, patch in _march(points, sign * directions, start, limit, alike):
                 point, facet = alike.expand(line, patch)
-                along, off = _seen_from(points[point], directions[point], balls.centres[facet])
-                radius = balls.radii[facet]
-                may = (off <= radius) & (np.abs(along) <= limit[point] + radius)
+                centres, radii = balls.centres[facet], balls.radii[facet]
+                may = _may_meet(points[point], directions[point], limit[point], centres, radii)
                 point, facet = point[may], facet[may]
                 met, local, gap = cross(master, facet, points[point], directions[point], frames[point])
                 met &= np.abs(gap) <= reach
@@ -164,29 +168,28 @@ def _march(
 
     `limit` is the caller's, who lowers it between two rounds.
     """
-    step = patches.radius  # half the length of line that one round sees
+    step = patches.radii.max()  # half the length of line that one round sees
     seen = np.full(len(points), start)
     lines = np.flatnonzero(seen <= limit)
     while len(lines):
         samples = points[lines] + (seen[lines] + step)[:, None] * directions[lines]
-        clear = patches.tree.query(samples, eps=ROUGH)[0] / (1 + ROUGH) - patches.radius
+        clear = patches.tree.query(samples, eps=ROUGH)[0] / (1 + ROUGH) - step
         close = np.flatnonzero(clear <= step)
         if len(close):
-            tree, radius = cKDTree(samples[close]), patches.radius + step
-            near = tree.sparse_distance_matrix(patches.tree, radius, output_type="ndarray")
+            near = cKDTree(samples[close]).sparse_distance_matrix(patches.tree, 2 * step, output_type="ndarray")
             line, patch = lines[close[near["i"]]], near["j"]
-            may = _seen_from(points[line], directions[line], patches.tree.data[patch])[1] <= patches.radius
+            may = _may_meet(points[line], directions[line], limit[line], patches.tree.data[patch], patches.radii[patch])
             yield line[may], patch[may]
         seen[lines] += step + np.maximum(clear, step)
         lines = lines[seen[lines] <= limit[lines]]
 
 
-def _seen_from(points: Array, directions: Array, centres: Array) -> tuple[Array, Array]:
-    """How far along the line, and how far off it, a centre lies (c,)."""
+def _may_meet(points: Array, directions: Array, limit: Array, centres: Array, radii: Array) -> NDArray[np.bool_]:
+    """Whether each line comes into the ball, no farther from the point than `limit` (c,)."""
     away = centres - points
     along = np.einsum("cd,cd->c", away, directions)
-    off = away - along[:, None] * directions
-    return along, np.sqrt(np.einsum("cd,cd->c", off, off))
+    away -= along[:, None] * directions
+    return np.asarray((np.einsum("cd,cd->c", away, away) <= radii**2) & (np.abs(along) <= limit + radii))
 
 
 def _nearest(hits: _Hits, tie: Array) -> Ints:

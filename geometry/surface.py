@@ -16,6 +16,7 @@ from scipy import sparse
 from geometry import dolfinx_versions as dx
 from geometry.mesh import Mesh
 from geometry.nodes import Nodes
+from geometry.normals import largest_smooth_part
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -109,11 +110,17 @@ class Surface:
         coefficients = lumped[:, :, None] * np.linalg.inv(mass)
         return np.asarray(np.einsum("fik,qk->fqi", coefficients, basis))
 
-    def node_normals(self) -> Array:
-        """Outward unit normals (n, d), averaged over the facets of the side, area weighted."""
+    def node_normals(self, crease: float = 180.0) -> Array:
+        """Outward unit normals (n, d), averaged over the facets of the side, area weighted.
+
+        Args:
+            crease: [degrees]; a node where the facets differ by more takes the largest smooth part of them.
+        """
         local = dx.reference_nodes(self.shape, self.degree)
         normals = _normals(self.points[self.facets], dx.reference_basis(self.shape, self.degree, local)[1])
         normals *= self.outward[:, None, None]  # as long as the area that the facet has there
+        if crease < 180:
+            normals *= largest_smooth_part(self.facets, normals, crease)[:, :, None]
         total = np.zeros_like(self.points)
         np.add.at(total, self.facets, normals)
         return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))

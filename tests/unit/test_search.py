@@ -208,6 +208,15 @@ def test_lines_beside_or_along_the_master_or_out_of_reach_meet_nothing(shape: st
     assert_array_equal(pair(points, directions, master, 0.2001).facet >= 0, [False, False, False, True])
 
 
+@pytest.mark.parametrize("shape", ["interval", "triangle", "quadrilateral"])
+def test_points_far_beyond_reach_meet_nothing(shape: str) -> None:
+    master = image(shape, 1, 5, flat(0.0))
+    points = np.full((2, master.dim), 0.5)
+    points[:, -1] = [1e3, -1e3]
+    assert_array_equal(pair(points, down(2, master.dim), master, 0.1).facet, -1)
+    assert_allclose(pair(points, down(2, master.dim), master, np.inf).gap, points[:, -1])
+
+
 def test_of_two_layers_the_nearer_is_met_whichever_side_the_point_is() -> None:
     layers = both(image("triangle", 1, 6, flat(0.0)), image("triangle", 1, 6, flat(1.0)))
     points = np.array([[0.4, 0.3, 0.4], [0.4, 0.3, 0.6], [0.4, 0.3, 3.0], [0.4, 0.3, -3.0]])

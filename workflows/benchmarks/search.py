@@ -1,4 +1,4 @@
-"""Seconds that the search for contact takes, one thread: `python -m workflows.benchmarks.search`.
+"""CPU seconds that the search for contact takes, one thread: `python -m workflows.benchmarks.search`.
 
 Two wavy surfaces in the shape of a body's side, the points off the nodes, most of them open, some overlapping.
 """
@@ -66,7 +66,7 @@ def slave(dim: int, gap: float) -> tuple[Array, Array]:
 
 
 def main() -> None:
-    print(f"{'surface':24} {'points':>8} {'facets':>8} {'gap [m]':>8} {'reach [m]':>9} {'met':>8} {'seconds':>8}")
+    print(f"{'surface':24} {'points':>8} {'facets':>8} {'gap [m]':>8} {'reach [m]':>9} {'met':>8} {'CPU s':>8}")
     for shape, degree in [(s, k) for k in (1, 2) for s in ("interval", "triangle", "quadrilateral")]:
         surface = master(shape, degree, FACETS)
         for gap, reach in ((1e-4, 1.0), (0.1, 1.0)):
