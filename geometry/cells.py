@@ -39,7 +39,7 @@ class Cells:
     @property
     def areas(self) -> Array:
         """Area by that of the reference interval or triangle (c,)."""
-        return np.abs(np.linalg.det(self.corners[:, 1:] - self.corners[:, :1]))
+        return np.asarray(np.abs(np.linalg.det(self.corners[:, 1:] - self.corners[:, :1])))
 
 
 def nearest(cells: Cells, master: Surface, gap: Callable[[Cells, Array], Array]) -> Bools:

@@ -25,7 +25,9 @@ def surface(shape: str, degree: int, points: Array, facets: Ints, bend: Shape, o
     places = dx.reference_basis(shape, 1, local)[0] @ points[facets]
     f, k, d = places.shape
     scale = np.ptp(points, axis=0).max()
-    _, first, rows = np.unique(np.round(places.reshape(-1, d) / scale, 9), axis=0, return_index=True, return_inverse=True)
+    _, first, rows = np.unique(
+        np.round(places.reshape(-1, d) / scale, 9), axis=0, return_index=True, return_inverse=True
+    )
     nodes = bend(places.reshape(-1, d)[first])
     numbers = np.arange(len(nodes))
     turned = np.full(f, outward)
@@ -34,15 +36,20 @@ def surface(shape: str, degree: int, points: Array, facets: Ints, bend: Shape, o
 
 def grid(shape: str, degree: int, counts: tuple[int, ...], box: Any, bend: Shape, outward: float) -> Surface:
     """`counts` cells over a box ((x, y), (x, y)); two triangles a cell if that is the shape."""
+    counts = counts[:1] if shape == "interval" else counts
     axes = [np.linspace(low, high, n + 1) for low, high, n in zip(*box, counts, strict=False)]
     points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
     if shape == "interval":
-        return surface(shape, degree, points, np.stack([np.arange(counts[0]), np.arange(1, counts[0] + 1)], 1), bend, outward)
+        return surface(
+            shape, degree, points, np.stack([np.arange(counts[0]), np.arange(1, counts[0] + 1)], 1), bend, outward
+        )
     number = np.arange(len(points)).reshape(counts[0] + 1, counts[1] + 1)
     a, b, c, d = (part.ravel() for part in (number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]))
     if shape == "quadrilateral":
         return surface(shape, degree, points, np.stack([a, b, c, d], axis=1), bend, outward)
-    return surface(shape, degree, points, np.concatenate([np.stack([a, b, d], 1), np.stack([a, d, c], 1)]), bend, outward)
+    return surface(
+        shape, degree, points, np.concatenate([np.stack([a, b, d], 1), np.stack([a, d, c], 1)]), bend, outward
+    )
 
 
 def scattered(degree: int, count: int, seed: int, bend: Shape, outward: float) -> Surface:
