@@ -29,8 +29,8 @@ WILD = 1e6  # psi is about 10 at most on a whole facet
 def mortar_integrals(slave: Surface, master: Surface, found: Overlap) -> tuple[Array, sparse.csr_matrix, Array, Any]:
     """Weights, projection, weighted gap and dual basis of the covered part of a slave surface.
 
-    On partly covered facets a quadratic node may weigh less than nothing: sums over all nodes are right with it, but
-    no multiplier can live there.
+    The overlay's degree must do for products of two basis functions. On partly covered facets a quadratic node may
+    weigh less than nothing: sums over all nodes are right with it, but no multiplier can live there.
 
     Returns:
         W (n,) [m^(d-1)]: ∫ phi~_j, 0 where not covered; whole facets make it positive.

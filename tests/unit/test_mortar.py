@@ -159,3 +159,11 @@ def test_the_weighted_gap_follows_a_step_of_the_master() -> None:
     )
     _, _, _, gap, _ = laid(slave, master)
     assert_allclose(gap[np.argsort(slave.points[:, 0])], [0.1, 0.2, 0.3], rtol=1e-12)
+
+
+def test_the_dual_basis_of_a_quadratic_strip_is_refined_to_rounding() -> None:
+    slave, master = below("triangle", 2, (1, 1)), above("triangle", 2, (3, 2), box=((-1.0, -1.0), (0.01, 0.51)))
+    found, W, _, _, psi = laid(slave, master)
+    phi = at_points(slave, found.slave_facet, found.slave_local, slave.change)
+    # M is nearly singular there: the first solution is off by 5e-13
+    assert_allclose((psi @ phi).toarray(), np.diag(W), atol=5e-14 * W.max())
