@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 TOLERANCE = 1e-14  # in reference coordinates
+EDGE = 1e-9  # of a cell: a centre on the edge between two cells is covered
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Cells:
     @property
     def areas(self) -> Array:
         """Area by that of the reference interval or triangle (c,)."""
-        return np.abs(np.linalg.det(self.corners[:, 1:] - self.corners[:, :1]))
+        return np.asarray(np.abs(np.linalg.det(self.corners[:, 1:] - self.corners[:, :1])))
 
 
 def nearest(cells: Cells, master: Surface, gap: Callable[[Cells, Array], Array]) -> Bools:
@@ -58,7 +59,7 @@ def nearest(cells: Cells, master: Surface, gap: Callable[[Cells, Array], Array])
     centres = cells.corners.mean(axis=1)
     arms = cells.corners[j, 1:] - cells.corners[j, :1]
     share = np.linalg.solve(np.swapaxes(arms, 1, 2), (centres[i] - cells.corners[j, 0])[:, :, None])[:, :, 0]
-    covers = (share > TOLERANCE).all(axis=1) & (share.sum(axis=1) < 1 - TOLERANCE)
+    covers = (share > -EDGE).all(axis=1) & (share.sum(axis=1) < 1 + EDGE)
     i, j = i[covers], j[covers]
     own, other = (np.abs(gap(cells[k], centres[i])) for k in (i, j))
     kept[i[(other < own) | ((other == own) & (j < i))]] = False

@@ -1,11 +1,12 @@
 """The parts of a slave surface in space that each master facet faces: polygons, cut into triangles.
 
-Seen along a slave facet's averaged normal a, a master corner y has the coordinates B (y - x_0) on the facet, where
-B = [t_1 t_2 a]^-1 and t_1, t_2 are the facet's edges: its first two are the place, the third is the distance. The
-slave facet is then the reference triangle, and clipping is the same three cuts for every pair. Quadrilaterals and
-curved facets are cut into straight pieces first; the parts keep their place on the facet itself.
+Seen along a slave facet's averaged normal a, a master corner y has the coordinates (y - x_0) [t_1 t_2 a]^-1 on the
+facet, with the facet's edges t_1 and t_2: the first two are its place, the third is its distance. The slave facet is
+then the reference triangle, and clipping is the same three cuts for every pair. Curved facets are cut into straight
+pieces first, quadrilaterals into two triangles; the parts keep their place on the facet itself.
 
-Source: Puso & Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004); Popp et al., Int. J. Numer. Meth. Engng 83 (2010).
+Source: Puso & Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004); Popp et al., Int. J. Numer. Meth. Engng 83
+(2010).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry import dolfinx_versions as dx
+from geometry.facet_map import locate
 from geometry.near import near
 from geometry.surface import Surface
 
@@ -27,6 +29,8 @@ PIECES = {  # by nodes of a quadratic quadrilateral: corners 0 to 3, then (1/2, 
     ("quadrilateral", 1): [[0, 1, 3, 2]],
     ("quadrilateral", 2): [[0, 4, 8, 5], [4, 1, 6, 8], [5, 8, 7, 2], [8, 6, 3, 7]],
 }
+HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # of a quadrilateral; the first is all of a triangle
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
 def triangles(slave: Surface, master: Surface, normals: Array, reach: float) -> tuple[Ints, Ints, Array, Array]:
@@ -36,42 +40,66 @@ def triangles(slave: Surface, master: Surface, normals: Array, reach: float) -> 
         normals: of the slave's nodes (n, 3).
         reach: how far the two may be apart [m].
     """
-    pieces, targets = _split(_pieces(slave)), _pieces(master)  # (s, 3, 2), (t, 3 or 4, 2)
-    straight, corners = _corners(slave, pieces), _corners(master, targets)  # (f s, 3, 3), (g t, 3 or 4, 3)
-    origin, edges = straight[:, :1], straight[:, 1:] - straight[:, :1]
+    pieces, targets = _pieces(slave), _pieces(master)  # (s, 3 or 4, 2), (t, 3 or 4, 2)
+    corners, goals = _corners(slave, pieces), _corners(master, targets)  # (f s, 3 or 4, 3), (g t, 3 or 4, 3)
     directions = _directions(slave, pieces, normals)
-    inverse = np.linalg.inv(np.concatenate([edges, directions[:, None]], axis=1))  # of rows: y - x_0 = ξ [t_1 t_2 a]
-    away = _area_normals(corners) * np.repeat(master.outward, len(targets))[:, None]
+    halves = HALVES[: pieces.shape[1] - 2]
+    ends = corners[:, halves].reshape(-1, 3, 3)
+    origin, edges = ends[:, :1], ends[:, 1:] - ends[:, :1]
+    along = np.repeat(directions, len(halves), axis=0)
+    inverse = np.linalg.inv(np.concatenate([edges, along[:, None]], axis=1))
+    away = _area_normals(goals) * np.repeat(master.outward, len(targets))[:, None]
     found = []
-    for i, j in near(*_balls(straight), directions, *_balls(corners), reach):
-        facing = np.einsum("qd,qd->q", away[j], directions[i]) < 0
+    for i, j in near(*_balls(ends), along, *_balls(goals), reach):
+        facing = np.einsum("qd,qd->q", away[j], along[i]) < 0
         i, j = i[facing], j[facing]
-        seen = (corners[j] - origin[i]) @ inverse[i]
-        pair, polygons = _clip(seen[:, :, :2])
-        owner, parts = _fan(polygons)
-        found.append((i[pair[owner]], j[pair[owner]], parts))
+        row, polygons = _clip(((goals[j] - origin[i]) @ inverse[i])[:, :, :2])
+        i, j = i[row], j[row]
+        if len(halves) == 2:
+            polygons = _on_quadrilateral(slave, corners, i, polygons, along[i])
+        row, parts = _fan(polygons)
+        found.append((i[row] // len(halves), j[row], parts))
     i, j, parts = (np.concatenate(rows) for rows in zip(*found, strict=True))
     piece = pieces[i % len(pieces)]
-    local = piece[:, :1] + parts @ (piece[:, 1:] - piece[:, :1])
+    local = piece[:, :1] + parts @ (piece[:, [1, -1]] - piece[:, :1])
     return i // len(pieces), j // len(targets), local, directions[i]
+
+
+def _on_quadrilateral(slave: Surface, corners: Array, halves: Ints, polygons: Array, along: Array) -> Array:
+    """Corners of polygons (p, v, 2) on half a quadrilateral: from coordinates on that triangle to the bilinear ones."""
+    count = polygons.shape[1]
+    numbers = np.arange(4 * len(corners))
+    straight = Surface(
+        shape="quadrilateral",
+        degree=1,
+        nodes=numbers,
+        input=numbers,
+        points=corners.reshape(-1, 3),
+        facets=numbers.reshape(-1, 4)[:, [0, 1, 3, 2]],
+        outward=np.ones(len(corners)),
+        axisymmetric=False,
+    )
+
+    def spread(ends: Array) -> Array:
+        return (ends[:, :1] + polygons @ (ends[:, 1:] - ends[:, :1])).reshape(-1, ends.shape[2])
+
+    piece, half = halves // 2, HALVES[halves % 2]
+    points = spread(corners[piece[:, None], half])
+    local = locate(straight, np.repeat(piece, count), spread(SQUARE[half]), points, np.repeat(along, count, axis=0))
+    return local.reshape(polygons.shape)
 
 
 def _pieces(surface: Surface) -> Array:
     """Straight pieces of a facet by their corners in reference coordinates (s, 3 or 4, 2)."""
     rows = PIECES[surface.shape, surface.degree]
-    return dx.reference_nodes("quadrilateral", 2)[np.array(rows)]
-
-
-def _split(pieces: Array) -> Array:
-    """Quadrilaterals by two triangles each."""
-    return pieces if pieces.shape[1] == 3 else np.concatenate([pieces[:, [0, 1, 2]], pieces[:, [0, 2, 3]]])
+    return np.asarray(dx.reference_nodes("quadrilateral", 2)[np.array(rows)])
 
 
 def _corners(surface: Surface, pieces: Array) -> Array:
     """Corners (f s, 3 or 4, 3) [m] of all pieces, those of one facet after each other."""
     basis = dx.reference_basis(surface.shape, surface.degree, pieces.reshape(-1, 2))[0]
     points = np.einsum("qk,fkd->fqd", basis, surface.points[surface.facets])
-    return points.reshape(-1, pieces.shape[1], 3)
+    return np.asarray(points.reshape(-1, pieces.shape[1], 3))
 
 
 def _directions(surface: Surface, pieces: Array, normals: Array) -> Array:
@@ -99,17 +127,17 @@ def _clip(polygons: Array) -> tuple[Ints, Array]:
     rows = np.arange(len(polygons))
     for normal, constant in CUTS:
         depth = polygons @ np.array(normal) + constant
-        met = (depth > 0).any(axis=1)
+        met, corners = (depth > 0).any(axis=1), polygons.shape[1]
         rows, polygons, depth = rows[met], polygons[met], depth[met]
         after, depth_after = np.roll(polygons, -1, axis=1), np.roll(depth, -1, axis=1)
         crosses = depth * depth_after < 0
         part = depth / np.where(crosses, depth - depth_after, 1.0)
         points = np.stack([polygons, polygons + part[:, :, None] * (after - polygons)], axis=2)
-        kept = np.stack([depth >= 0, crosses], axis=2).reshape(len(rows), -1)
+        kept = np.stack([depth >= 0, crosses], axis=2).reshape(len(rows), 2 * corners)
         order = np.argsort(~kept, axis=1, kind="stable")
-        last = np.minimum(np.arange(polygons.shape[1] + 1), kept.sum(axis=1, keepdims=True) - 1)
+        last = np.minimum(np.arange(corners + 1), kept.sum(axis=1, keepdims=True) - 1)
         take = np.take_along_axis(order, last, axis=1)
-        polygons = np.take_along_axis(points.reshape(len(rows), -1, 2), take[:, :, None], axis=1)
+        polygons = np.take_along_axis(points.reshape(len(rows), 2 * corners, 2), take[:, :, None], axis=1)
     return rows, polygons
 
 

@@ -12,7 +12,7 @@ from geometry.surface import Surface
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-TOLERANCE = 1e-14  # in reference coordinates
+TOLERANCE = 1e-14  # by the facet's size, or where that is less by what rounding leaves of it
 MAX_IT = 25
 
 
@@ -50,6 +50,8 @@ def locate(surface: Surface, facets: Ints, start: Array, points: Array, directio
     Newton from `start`; exact after one step on a straight facet, NaN where it finds nothing.
     """
     across = _across(directions)
+    nodes = surface.points[surface.facets[facets]]
+    rounding = np.abs(nodes).max(axis=(1, 2)) / np.ptp(nodes, axis=1).max(axis=1)
     local, size = start.copy(), np.full(len(start), np.inf)
     active = np.arange(len(start))
     for _ in range(MAX_IT):
@@ -57,7 +59,7 @@ def locate(surface: Surface, facets: Ints, start: Array, points: Array, directio
         away = np.einsum("qad,qd->qa", across[active], points[active] - here.points)
         step = _solve(np.einsum("qad,qbd->qab", across[active], here.tangents), away)
         local[active] += step
-        size[active] = np.abs(step).max(axis=1) / (1 + np.abs(local[active]).max(axis=1))
+        size[active] = np.abs(step).max(axis=1) / (1 + np.abs(local[active]).max(axis=1) + rounding[active])
         active = np.flatnonzero(size > TOLERANCE)  # NaN stays NaN
         if not len(active):
             break
@@ -68,7 +70,7 @@ def locate(surface: Surface, facets: Ints, start: Array, points: Array, directio
 def _across(directions: Array) -> Array:
     """d-1 vectors (q, d-1, d) that a direction (q, d) is normal to."""
     if directions.shape[1] == 2:
-        return np.stack([-directions[:, 1], directions[:, 0]], axis=1)[:, None]
+        return np.asarray(np.stack([-directions[:, 1], directions[:, 0]], axis=1)[:, None])
     least = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
     first = np.cross(directions, least)
     return np.stack([first, np.cross(directions, first)], axis=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,8 @@ def overlap(slave: Surface, master: Surface, reach: float, degree: int) -> Overl
     lies along its own normal, in space along the averaged normal at the centre of its facet.
 
     Args:
-        degree: of the quadrature on a cell, in reference coordinates: that of the integrand, and of the area.
+        degree: of the quadrature on a cell: the total degree of the integrand in reference coordinates, area included;
+            4 times the order for products of two basis functions on quadrilaterals, 2 times on other facets.
     """
     normals = slave.node_normals()
 
@@ -59,8 +60,11 @@ def overlap(slave: Surface, master: Surface, reach: float, degree: int) -> Overl
     cells = cells[np.argsort(cells.slave_facet, kind="stable")]
     points, weights = dx.reference_rule("interval" if slave.dim == 2 else "triangle", degree)
     each = cells[np.repeat(np.arange(len(cells.areas)), len(weights))]
-    local = cells.at(points).reshape(len(each.slave_facet), -1)
-    return _face(slave, master, normals, each, local, np.outer(cells.areas, weights).ravel())
+    local = cells.at(points).reshape(-1, slave.dim - 1)
+    found = _face(slave, master, normals, each, local, np.outer(cells.areas, weights).ravel())
+    met = np.isfinite(found.gap).reshape(-1, len(weights)).all(axis=1)  # a line may miss a curved facet
+    rows = np.repeat(met, len(weights))
+    return Overlap(**{field.name: getattr(found, field.name)[rows] for field in fields(found)})
 
 
 def _face(slave: Surface, master: Surface, normals: Array, cells: Cells, local: Array, areas: Array) -> Overlap:

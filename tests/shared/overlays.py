@@ -34,8 +34,9 @@ def surface(shape: str, degree: int, points: Array, facets: Ints, bend: Shape, o
     return Surface(shape, degree, numbers, numbers, nodes, rows.reshape(f, k), turned, False)
 
 
-def grid(shape: str, degree: int, counts: tuple[int, ...], box: Any, bend: Shape, outward: float) -> Surface:
+def grid(shape: str, degree: int, counts: tuple[int, int], box: Any, bend: Shape, outward: float) -> Surface:
     """`counts` cells over a box ((x, y), (x, y)); two triangles a cell if that is the shape."""
+    counts = counts[:1] if shape == "interval" else counts
     axes = [np.linspace(low, high, n + 1) for low, high, n in zip(*box, counts, strict=False)]
     points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
     if shape == "interval":
@@ -67,8 +68,46 @@ def scattered(degree: int, count: int, seed: int, bend: Shape, outward: float) -
 
 
 def flat(height: float) -> Shape:
+    """The plane at a height."""
     return lambda x: np.concatenate([x, np.full((len(x), 1), height)], axis=1)
 
 
-def moved(of: Surface, points: Array) -> Surface:
+LOW, HIGH = flat(0.0), flat(0.1)
+
+
+def ball(radius: float) -> Shape:
+    """The part of a circle or a sphere that is seen under the unit interval or square at distance 1."""
+
+    def bend(x: Array) -> Array:
+        towards = np.concatenate([x - 0.5, np.ones((len(x), 1))], axis=1)
+        return np.asarray(radius * towards / np.linalg.norm(towards, axis=1, keepdims=True))
+
+    return bend
+
+
+def below(shape: str, degree: int, counts: tuple[int, int], bend: Shape = LOW, box: Any = UNIT) -> Surface:
+    """A grid whose outward normals point up."""
+    return grid(shape, degree, counts, box, bend, -1.0 if shape == "interval" else 1.0)
+
+
+def above(shape: str, degree: int, counts: tuple[int, int], bend: Shape = HIGH, box: Any = UNIT) -> Surface:
+    """A grid whose outward normals point down."""
+    return grid(shape, degree, counts, box, bend, 1.0 if shape == "interval" else -1.0)
+
+
+def both(one: Surface, other: Surface) -> Surface:
+    """Two surfaces as one."""
+    n = len(one.points)
+    numbers = np.arange(n + len(other.points))
+    points = np.concatenate([one.points, other.points])
+    facets = np.concatenate([one.facets, other.facets + n])
+    outward = np.concatenate([one.outward, other.outward])
+    return replace(one, nodes=numbers, input=numbers, points=points, facets=facets, outward=outward)
+
+
+def shaken(of: Surface, size: float, seed: int = 0) -> Surface:
+    """A grid over the unit square with its inner nodes moved in its plane, by up to half of `size`."""
+    points = of.points.copy()
+    inside = ((points[:, :2] > 1e-9) & (points[:, :2] < 1 - 1e-9)).all(axis=1)
+    points[inside, :2] += size * (np.random.default_rng(seed).random((inside.sum(), 2)) - 0.5)
     return replace(of, points=points)
