@@ -46,10 +46,10 @@ def build_rows(contacts: Mapping[str, tuple[Contact, Coupling]], constraints: Co
             N_n, W_n = carrier.rows(coupling)
             psi = carrier.share.T.multiply(weights[:, None]).tocsr()
             gap_n = carrier.mean(weights)[0] @ gap
-            dropped = int(np.sum(weights > 0)) - len(W_n)
+            dropped = int(np.sum(weights != 0)) - len(W_n)
         if friction is not None:
             carrier = carry(coupling, frames[name][:, 1:], constraints, used)
-            dropped += int(np.sum(weights > 0)) - carrier.share.shape[0]
+            dropped += int(np.sum(weights != 0)) - carrier.share.shape[0]
         else:
             carrier = _none(coupling)
         N_t, W_t = carrier.rows(coupling)

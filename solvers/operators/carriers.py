@@ -64,14 +64,14 @@ def carry(coupling: Coupling, directions: Array, constraints: Constraints, used:
     Args:
         used: root node -> directions (r, k) of its free basis that multipliers against rigid obstacles already hold.
     """
-    surface, facing = coupling.surface, coupling.weights > 0
+    surface, facing = coupling.surface, coupling.weights != 0
     n, c, _ = directions.shape
     point_of_root: dict[int, int] = {}
     owner = np.full(n, -1)
     kept_directions: list[Array] = []
     kept_free: list[NDArray[np.bool_]] = []
     for j, node in enumerate(surface.nodes):
-        if not facing[j]:
+        if coupling.weights[j] <= 0:  # below 0: a quadratic node of which little faces the master
             continue
         root = constraints.root.get(int(node), int(node))
         if root in point_of_root:  # a periodic image: one multiplier for both

@@ -20,9 +20,9 @@ Ints = NDArray[np.int64]
 
 def mortar_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
     """Biorthogonal multipliers at the slave's nodes; what nothing faces carries none."""
-    found = overlap(slave, master, reach, 2 * slave.degree + master.degree)
+    found = overlap(slave, master, reach, _degree(slave, master))
     weights, P, gap, _ = mortar_integrals(slave, master, found)
-    facing = weights > 0
+    facing = weights != 0
     own = sparse.diags(facing.astype(float)) @ slave.transform
     return Coupling(
         slave,
@@ -31,8 +31,14 @@ def mortar_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
         sparse.hstack([own, -P], format="csr"),
         np.where(facing, gap, 0.0),
         slave.node_normals(),
-        points=lambda degree: _points(slave, master, reach, degree),
+        points=lambda degree: _points(slave, master, reach, max(degree, _degree(slave, master))),
     )
+
+
+def _degree(slave: Surface, master: Surface) -> int:
+    """Total degree of psi_j phi_k; the map of a quadrilateral doubles it."""
+    product = slave.degree + max(slave.degree, master.degree)
+    return product * (1 + (slave.shape == "quadrilateral")) + slave.axisymmetric
 
 
 def _points(slave: Surface, master: Surface, reach: float, degree: int) -> Points:
