@@ -115,6 +115,7 @@ class Run:
                         w=stored.w,
                         reference=stored.reference,
                         driven=stored.driven,
+                        searched=stored.searched,
                         p_ref=stored.p_ref,
                         u_ref=stored.u_ref,
                         external_work=step.energy.external,

@@ -19,8 +19,14 @@ from solvers.operators.rows import ContactRows
 Array = NDArray[np.float64]
 
 
-def build_rows(contacts: Mapping[str, tuple[Contact, Coupling]], constraints: Constraints) -> list[ContactRows]:
-    """Rows of all contacts."""
+def build_rows(
+    contacts: Mapping[str, tuple[Contact, Coupling]], constraints: Constraints, moved: Mapping[str, Array]
+) -> list[ContactRows]:
+    """Rows of all contacts.
+
+    A gap that was measured after a motion `moved` (n_all, d) is one of displacements counted from the start once the
+    motion's own part of them is added.
+    """
     used: dict[int, Array] = {}
     frames = {name: frames_of(coupling.normals) for name, (_, coupling) in contacts.items()}
     normal_carriers = {
@@ -53,12 +59,15 @@ def build_rows(contacts: Mapping[str, tuple[Contact, Coupling]], constraints: Co
         else:
             carrier = _none(coupling)
         N_t, W_t = carrier.rows(coupling)
+        if name in moved:
+            gap_n = gap_n + N_n @ moved[name].ravel()
+            gap = gap + np.einsum("nd,nd->n", coupling.normals, coupling.relative @ moved[name])
         found.append(
             ContactRows(
                 name=name, surface=coupling.surface, master=coupling.master, normal=contact.normal, friction=friction,
                 frames=frames[name], node_weights=weights, node_gap=gap, relative=coupling.relative,
                 N_n=N_n, W_n=W_n, gap=gap_n, N_t=N_t, W_t=W_t,
-                free=carrier.free, psi=psi, share_t=carrier.share, dropped=dropped,
+                tangents=carrier.directions, free=carrier.free, psi=psi, share_t=carrier.share, dropped=dropped,
             )
         )  # fmt: skip
     return found
