@@ -115,11 +115,10 @@ class Auditor:
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
         if not isinstance(law, Compliance):
             return system.contact_force(rows, p_n, t)
-        if (
-            rows.master is not None or rows.name in record.searched
-        ):  # UFL knows one side of a facet: the law at the rows' own points
+        if rows.master is not None or rows.name in record.searched:  # UFL knows one side, where it was at the start
             (index,) = (i for i, c in enumerate(system.contacts) if c.name == rows.name)
-            w = rows.N_n @ system.contact_displacement(u)[index].ravel()
+            motion = system.obstacle_motion(record.time, record.driven)[rows.name]
+            w = rows.N_n @ (system.contact_displacement(u)[index] - motion).ravel()
             return system.contact_force(rows, law.pressure(w - rows.gap), t)
         contact = system.scene.contacts[rows.name]
         relative = dx.fem.Function(system.space)

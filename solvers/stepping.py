@@ -20,7 +20,7 @@ from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.solution import OnStep, Solution, Status, Step
 from solvers.methods.uzawa import Uzawa
 from solvers.plan import method_of
-from solvers.prepare import prepare_surface
+from solvers.prepare import prepare_surface, trial_stiffness
 from solvers.regularised import Regularised
 from solvers.sliding import positions, stay, told_in
 from solvers.state import State
@@ -93,7 +93,7 @@ class Stepper:
         self.surface = prepare_surface(system, self.volume)
         self.cone = Cone(system.contacts, 0.0, system.scene.steps.end)
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
-        self.gamma = _trial_stiffness(system)
+        self.gamma = trial_stiffness(system)
         self.method_after = self._method()
 
     def _method(self) -> Callable[[State], Method]:
@@ -289,19 +289,3 @@ class Stepper:
 
 def _known(state: State) -> State:
     return state
-
-
-def _trial_stiffness(system: System) -> Array:
-    """E / depth of the bodies behind each row, one behind the other [Pa/m]."""
-    scale = []
-    for c in system.contacts:
-        contact, spread = system.scene.contacts[c.name], np.abs(c.frames[:, 0]).mean(axis=0)
-        sides = [contact.surface] + [contact.against] * (c.master is not None)
-        give = 0.0
-        for body in (side.split(".")[0] for side in sides):
-            low, high = system.mesh.body_box(body)
-            give += float(spread @ (high - low)) / system.scene.bodies[body].E
-        scale.append(1 / give)
-    parts = [np.full(len(c.W_n), s) for c, s in zip(system.contacts, scale, strict=True)]
-    parts += [np.full(c.free.size, s) for c, s in zip(system.contacts, scale, strict=True)]
-    return np.concatenate([np.zeros(0), *parts])

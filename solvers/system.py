@@ -18,7 +18,7 @@ from geometry.errors import SceneError
 from geometry.mesh import Mesh
 from geometry.nodes import Nodes
 from geometry.surface import Surface, gather_surface
-from solvers.constraints import AXES, Constraints, find_constraints, rigid_fields
+from solvers.constraints import AXES, Constraints, find_constraints
 from solvers.counters import Counters
 from solvers.forms import WeakForms
 from solvers.nouns.contact import Contact
@@ -29,6 +29,7 @@ from solvers.operators.rigid import rigid_coupling
 from solvers.operators.rows import ContactRows
 from solvers.plan import active_effects
 from solvers.replicated import Replicated
+from solvers.rigid_motions import rigid_fields
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
