@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from geometry.errors import SolverError
 from solvers.cone import Cone
 from solvers.energy import Energy
+from solvers.equilibrium import unbalanced_motion
 from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.solution import OnStep, Solution, Status, Step
 from solvers.methods.uzawa import Uzawa
+from solvers.motion_in_words import in_words
 from solvers.plan import method_of
 from solvers.prepare import prepare_surface, trial_stiffness
 from solvers.regularised import Regularised
@@ -68,12 +70,13 @@ class Accepted:
 class StepError(SolverError):
     """The smallest step failed; `reached` is the last good substep, if there is one."""
 
-    def __init__(
-        self, time: float, solution: Solution, history: tuple[HistoryRow, ...], reached: Accepted | None
-    ) -> None:
-        text = f"t = {time:g}: residual {solution.residual:.1e} after {solution.iterations} iterations"
-        super().__init__(f"{text}; {solution.status.value}")
+    def __init__(self, time: float, text: str, history: tuple[HistoryRow, ...], reached: Accepted | None) -> None:
+        super().__init__(f"t = {time:g}: {text}")
         self.history, self.reached = history, reached
+
+
+class NoEquilibriumError(StepError):
+    """It failed, and at the time named there is no equilibrium: that is proved."""
 
 
 class Stepper:
@@ -126,6 +129,7 @@ class Stepper:
         """
         state, substeps, iterations = start, 0, 0
         history: list[HistoryRow] = []
+        unbalanced: tuple[float, str] | None = None  # the earliest time known to have no equilibrium
         solves = self.system.counters.volume_solves
         size = target - start.time
         smallest = size / 2**HALVINGS
@@ -135,6 +139,8 @@ class Stepper:
             end = target if last else state.time + size
             stepper, solution, problem, accept = self._follow(state, end, history, on_iteration)
             iterations += solution.iterations
+            if solution.status is Status.NO_EQUILIBRIUM:
+                unbalanced = end, f"{solution.status.value}: {in_words(self.system, solution.u_c)}"
             if solution.status is Status.CONVERGED:
                 before_substep, state, substeps = state, accept(), substeps + 1
                 reached = Accepted(
@@ -151,7 +157,10 @@ class Stepper:
                     history=tuple(history),
                 )
             elif size <= smallest * (1 + 1e-9):
-                raise StepError(end, solution, tuple(history), reached)
+                if unbalanced is not None:
+                    raise NoEquilibriumError(*unbalanced, tuple(history), reached)
+                text = f"residual {solution.residual:.1e} after {solution.iterations} iterations"
+                raise StepError(end, f"{text}; {solution.status.value}", tuple(history), reached)
             else:
                 size /= 2
                 log.warning("t = %g: %s; the step is halved", end, solution.status.value)
@@ -204,7 +213,11 @@ class Stepper:
             on_iteration(row)
 
         start = state.p if problem.p_ref > 0 else np.zeros_like(state.p)  # no load, no motion: no traction
-        solution = self.method_after(state)(problem, start, record)
+        motion = unbalanced_motion(problem) if self.surface.floating else None
+        if motion is None:
+            solution = self.method_after(state)(problem, start, record)
+        else:
+            solution = Solution(start, state.w, motion, Status.NO_EQUILIBRIUM, np.inf, ())
 
         def accept() -> State:
             own, driven = np.split(solution.u_c, [len(solution.u_c) - len(driving)])

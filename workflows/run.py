@@ -16,7 +16,7 @@ from solvers.nouns.scene import Scene
 from solvers.plan import warnings
 from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
-from solvers.stepping import HistoryRow, StepError
+from solvers.stepping import HistoryRow, NoEquilibriumError, StepError
 from workflows.folder import MARK, ResultsFolder
 from workflows.interrupt import Interrupt
 from workflows.mesh_report import MeshReport, report_mesh
@@ -74,7 +74,7 @@ class Run:
             written = len(error.reached.history) if error.reached else 0  # with the last good substep
             rows = [row.as_tuple() for row in error.history[written:]]
             self.on_rank_0(lambda: write_history(self.folder, len(self.steps) + (not written), rows))
-            return "not_converged", str(error)
+            return "no_equilibrium" if isinstance(error, NoEquilibriumError) else "not_converged", str(error)
         except KeyboardInterrupt:
             return "interrupted", "stopped by the user; the steps so far are kept"
         return "converged", ""

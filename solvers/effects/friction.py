@@ -35,6 +35,9 @@ class Coulomb(FrictionLaw):
     def limit_slope(self, p: Array, average: Any, normal: NormalLaw) -> Any:
         return average.multiply(np.where(average @ p > 0, self.mu, 0.0)[:, None]).tocsr()
 
+    def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
+        return np.inf, self.mu, self.mu
+
 
 @dataclass(frozen=True, kw_only=True)
 class Tresca(FrictionLaw):
@@ -55,6 +58,9 @@ class Tresca(FrictionLaw):
     def limit(self, p: Array, average: Any, normal: NormalLaw, time: float, end: float) -> Array:
         return np.where(touching(p, average, normal), value_at(self.bound, time, end), 0.0)
 
+    def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
+        return value_at(self.bound, time, end), np.inf, np.inf
+
     def amplitudes(self) -> tuple[Amplitude, ...]:
         return (self.bound,)
 
@@ -67,6 +73,9 @@ class Stick(FrictionLaw):
 
     def limit(self, p: Array, average: Any, normal: NormalLaw, time: float, end: float) -> Array:
         return np.where(touching(p, average, normal), np.inf, 0.0)
+
+    def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
+        return np.inf, np.inf, np.inf
 
 
 EFFECT = Effect(name="friction", because=contacts_with(FrictionLaw, "friction"))

@@ -89,6 +89,10 @@ class FrictionLaw(Choice):
         """ds/dp, sparse (m_t, m_n)."""
         return sparse.csr_matrix(average.shape)
 
+    def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
+        """Cap [Pa], slopes below and above: min(cap, below p) <= s <= min(cap, above p) for p >= 0; inf: none."""
+        raise NotImplementedError
+
     def amplitudes(self) -> tuple[Amplitude, ...]:
         """Values in time that the law contains."""
         return ()

@@ -50,5 +50,10 @@ class TangentialCompliance(FrictionLaw):
         slope = np.divide(by_depth, stiffness, out=np.zeros_like(p), where=stiffness > 0)
         return average.multiply((average @ s > 0)[:, None]).multiply(slope[None, :]).tocsr()
 
+    def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
+        one, two = self._pointwise(np.array([1.0, 2.0]), normal)
+        proportional = np.isclose(two, 2 * one, rtol=1e-12)  # m_T = m_n; other powers lie between no lines
+        return (np.inf, one, one) if proportional else (np.inf, 0.0, np.inf)
+
     def _pointwise(self, p: Array, normal: NormalLaw) -> Array:
         return np.asarray(self.c_T * normal.penetration(p) ** self.m_T)

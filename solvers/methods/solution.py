@@ -19,6 +19,7 @@ class Status(Enum):
     MAX_IT = "the iterations ran out: raise solver.max_iterations"
     STALLED = "the residual stopped falling: try smaller steps (steps.count)"
     NOT_FINITE = "the iteration left the range of numbers: try smaller steps (steps.count)"
+    NO_EQUILIBRIUM = "contact and friction cannot balance the loads"
     NO_HOLD = "contact and friction could not hold the body: check loads, friction and the start of contact"
 
 
@@ -40,7 +41,7 @@ def ignore(step: Step) -> None:
 
 @dataclass(frozen=True)
 class Solution:
-    """p, w: flat, see `SurfaceProblem`; u_c (c,): displacement of the contact dofs [m]."""
+    """p, w: flat, see `SurfaceProblem`; u_c (c,): displacement of the contact dofs [m], or the motion not held."""
 
     p: Array
     w: Array
