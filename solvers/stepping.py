@@ -41,7 +41,9 @@ class State:
     residual: Any  # K u - load + B^T p [N]: what supports and periodic sides carry
     p: Array  # (rows,) [Pa]
     w: Array  # (rows,) relative displacement [m]
-    motion: Mapping[str, Array]  # (n, d) of each contact's obstacle; none at the start, even if it jumps at t = 0 [m]
+    motion: Mapping[
+        str, Array
+    ]  # (n_all, d) of each contact's obstacle; none at the start, even if it jumps at t = 0 [m]
     driven: Array  # (o,) motion of the obstacles that forces drive, by `System.driven` [m]
     energy: Energy
     law_error: float = 0.0  # added up since t = 0, see `Solution` [J^(1/2)]
@@ -115,7 +117,7 @@ class Stepper:
         zero, vector = np.zeros(self.cone.size), self.system.K.createVecRight
         energy = Energy(0.0, 0.0, 0.0, 0.0, np.zeros(len(self.system.contacts)))
         driven = np.zeros(len(self.system.driven))
-        motion = {c.name: np.zeros_like(c.surface.points) for c in self.system.contacts}
+        motion = {c.name: np.zeros_like(c.points) for c in self.system.contacts}
         return State(0.0, vector(), vector(), vector(), vector(), zero, zero, motion, driven, energy)
 
     def reach(self, start: State, target: float, on_iteration: Callable[[HistoryRow], None]) -> Accepted:
