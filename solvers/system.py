@@ -124,6 +124,7 @@ class System:
         sides = {self.scene.contacts[c.name].surface: c.surface for c in self.contacts}
         sides |= {self.scene.contacts[c.name].against: c.master for c in self.contacts if c.master}
         rows = couple(self.scene, sides, self.constraints, REACH * self.extent, moved)
+        self.counters.searches += sum(1 for c in rows if c.master)
         fresh = tuple(c if c.name in moved else known[c.name] for c in rows)
         return replace(
             self, contacts=tuple(replace(c, surface=known[c.name].surface, master=known[c.name].master) for c in fresh)
@@ -257,6 +258,8 @@ def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
     for time in scene.requested_times():
         constraints.prescribed(time)  # contradictions between supports show here, before any solve
     loads = weak.loads() + [form for effect in active_effects(scene) for form in effect.loads(scene, weak)]
+    contacts = contact_rows(scene, mesh, space, nodes, constraints)
+    counters.searches += sum(1 for c in contacts if c.master)
     return System(
         scene=scene,
         mesh=mesh,
@@ -265,7 +268,7 @@ def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
         weak=weak,
         counters=counters,
         constraints=constraints,
-        contacts=contact_rows(scene, mesh, space, nodes, constraints),
+        contacts=contacts,
         K=dx.assemble_matrix(weak.compile(weak.elasticity())),
         T=constraints.transformation(mesh.comm),
         load_terms=tuple((amplitude, dx.assemble_vector(weak.compile(form))) for amplitude, form in loads),
