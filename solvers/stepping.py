@@ -115,7 +115,7 @@ class Stepper:
         zero, vector = np.zeros(self.cone.size), self.system.K.createVecRight
         energy = Energy(0.0, 0.0, 0.0, 0.0, np.zeros(len(self.system.contacts)))
         driven = np.zeros(len(self.system.driven))
-        motion = {c.name: np.zeros_like(c.surface.points) for c in self.system.contacts}
+        motion = {c.name: np.zeros_like(c.points) for c in self.system.contacts}
         return State(0.0, vector(), vector(), vector(), vector(), zero, zero, motion, driven, energy)
 
     def reach(self, start: State, target: float, on_iteration: Callable[[HistoryRow], None]) -> Accepted:
