@@ -59,8 +59,8 @@ def test_force_does_not_feel_the_cells_that_pass(slave: str, order: int, frictio
     assert np.ptp(forces) <= 1e-6 * FORCE
     for step in steps:
         energy = step.energy
-        # 1e9 Pa moved by a metre: its forces are rounded to 1e-7 N
-        assert_allclose(energy.external, energy.stored + energy.contact, atol=1e-6)
+        # 1e9 Pa moved by a metre: its forces are rounded to 1e-7 N each, in every step
+        assert_allclose(energy.external, energy.stored + energy.contact, rtol=0, atol=2e-5)
     if friction and slave == "lower":  # all of it is covered, at every step
         assert_allclose([s.contacts["joint"].tangential_force for s in steps], MU * forces, rtol=1e-6)
         assert steps[-1].contacts["joint"].max_slip > 4.5 * CELL
