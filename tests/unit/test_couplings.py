@@ -20,7 +20,9 @@ def rows(slave: str, master: str, operator: str, law: str, order: int = 1) -> Co
     """The contact of two cylinders of radius 1."""
     data = {
         "model": "plane strain",
-        "geometry": {"builder": "cylinders", "radius": 1.0, "mesh_size": 0.2, "contact_mesh_size": 0.05, "order": order},
+        "geometry": {
+            "builder": "cylinders", "radius": 1.0, "mesh_size": 0.2, "contact_mesh_size": 0.05, "order": order,
+        },
         "bodies": {body: {"E": 1.0, "nu": 0.3} for body in ("upper", "lower")},
         "contacts": {
             "face": {
