@@ -17,6 +17,7 @@ from solvers.operators.coupling import Coupling, Points
 from solvers.operators.rows import ContactRows
 
 Array = NDArray[np.float64]
+LEANS = 0.98  # cosine of the angle up to which a normal at a surface's edge is one of the plane it is held in
 
 
 def build_rows(
@@ -28,7 +29,7 @@ def build_rows(
     motion's own part of them is added.
     """
     used: dict[int, Array] = {}
-    frames = {name: frames_of(coupling.normals) for name, (_, coupling) in contacts.items()}
+    frames = {name: frames_of(_held_in(coupling, constraints)) for name, (_, coupling) in contacts.items()}
     normal_carriers = {
         name: carry(coupling, frames[name][:, :1], constraints, used)
         for name, (contact, coupling) in contacts.items()
@@ -71,6 +72,21 @@ def build_rows(
             )
         )  # fmt: skip
     return found
+
+
+def _held_in(coupling: Coupling, constraints: Constraints) -> Array:
+    """Normals (n, d) to a body turned into the planes that nodes are held in: symmetry planes, at the surface's edge.
+
+    There the averaged normals see one side of the edge only and lean out of the plane.
+    """
+    normals = coupling.normals.copy()
+    for j, node in enumerate(coupling.surface.nodes if coupling.master else ()):
+        basis = constraints.basis(int(node))
+        inside = basis @ (basis.T @ normals[j])
+        length = float(np.linalg.norm(inside))
+        if basis.shape[1] < len(inside) and length > LEANS:
+            normals[j] = inside / length
+    return normals
 
 
 def _none(coupling: Coupling) -> Carrier:

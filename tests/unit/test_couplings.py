@@ -20,7 +20,9 @@ def rows(slave: str, master: str, operator: str, law: str, order: int = 1) -> Co
     """The contact of two cylinders of radius 1."""
     data = {
         "model": "plane strain",
-        "geometry": {"builder": "cylinders", "radius": 1.0, "mesh_size": 0.2, "contact_mesh_size": 0.05, "order": order},
+        "geometry": {
+            "builder": "cylinders", "radius": 1.0, "mesh_size": 0.2, "contact_mesh_size": 0.05, "order": order,
+        },
         "bodies": {body: {"E": 1.0, "nu": 0.3} for body in ("upper", "lower")},
         "contacts": {
             "face": {
@@ -65,3 +67,43 @@ def test_points_of_a_compliance_have_those_normals_too() -> None:
     near = np.abs(x) < 0.15
     assert near.sum() > 10
     assert np.abs(across[near]).max() <= 0.01  # its own would be 0.15
+
+
+def test_friction_on_a_symmetry_plane_acts_within_it() -> None:
+    """Averaged normals at the edge of a quarter lean out of it: pressing alone would count as sliding."""
+    found = quarter()
+    points, normals = found.surface.points, found.frames[:, 0]
+    facing = (found.node_weights > 0) & (np.linalg.norm(points[:, :2], axis=1) < 0.2)
+    for axis in (0, 1):
+        on = facing & (np.abs(points[:, axis]) < 1e-12)
+        assert on.sum() > 2
+        assert_allclose(normals[on, axis], 0, atol=1e-12)
+    # on a plane one direction is left, inside both, at the pole none
+    own = found.share_t.tocsc()[:, facing & (points[:, 0] > 1e-12) & (points[:, 1] > 1e-12)]
+    assert np.all(found.free[own.indices].sum(axis=1) == 2)
+    edge = found.share_t.tocsc()[:, facing & (np.abs(points[:, 0]) < 1e-12) & (points[:, 1] > 1e-12)]
+    assert np.all(found.free[edge.indices].sum(axis=1) == 1)
+
+
+def quarter() -> ContactRows:
+    """The contact of a quarter of two balls."""
+    planes = {"x_plane": {"x": 0.0}, "y_plane": {"y": 0.0}}
+    held = {f"{b}_{p}": {"boundary": f"{b}.{p}", "displacement": planes[p]} for b in ("upper", "lower") for p in planes}
+    data = {
+        "model": "3d",
+        "geometry": {
+            "builder": "spheres", "radius": 1.0, "lower_radius": 1.5, "symmetry": "quarter", "mesh_size": 0.5,
+            "contact_mesh_size": 0.06, "contact_radius": 0.2,
+        },
+        "bodies": {body: {"E": 1.0, "nu": 0.3} for body in ("upper", "lower")},
+        "contacts": {
+            "face": {"surface": "lower.cap", "against": "upper.cap", "friction": {"law": "coulomb", "mu": 0.3}}
+        },
+        "supports": held | {
+            "top": {"boundary": "upper.top", "displacement": {"z": -0.01}},
+            "base": {"boundary": "lower.base", "displacement": {"z": 0.0}},
+        },
+    }  # fmt: skip
+    scene = from_dict(data)
+    (found,) = assemble(scene, build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters()).contacts
+    return found

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from workflows.verification import (
     block_case,
+    cattaneo_case,
     circular_drive_case,
     column_case,
     hertz_case,
@@ -53,6 +54,7 @@ CASES: Mapping[str, Case] = {
     "hertz": Case(about="round bodies and obstacles in 2D, axisymmetry and 3D, Hertz", checks=hertz_case.checks),
     "patch": Case(about="two blocks, meshes of 1:1 to 1:20: a uniform pressure goes over", checks=patch_case.checks),
     "shrink_fit": Case(about="a ring pressed into another one, Lamé's closed form", checks=shrink_fit_case.checks),
+    "cattaneo": Case(about="two cylinders pressed and sheared: Hertz, Cattaneo, Mindlin", checks=cattaneo_case.checks),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
     "units": Case(about="every scene in mm, N, MPa: the same answers", checks=units_case.checks),
     "block": Case(about="the ready scene, one method against the other", checks=block_case.checks),
