@@ -6,14 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import linprog
 
+from solvers.equilibrium import balancing_tractions
 from solvers.methods.linearised_laws import linearise
 from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
 from solvers.surface_problem import SurfaceProblem
 
 STALL_WINDOW = 12  # iterations in which the least residual must halve
-FAR = 100.0  # gaps that a rigid body moves before it is said to move for ever
 ATTEMPT = 60  # iterations before another start is tried
 
 
@@ -110,22 +109,6 @@ def _starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
             yield Start(tractions, u_c, tractions + factor * problem.gamma * r, factor, True)
         yield Start(p, nowhere, closed, factor, False)
         if problem.surface.floating:
-            rigid = _rigid_pressures(problem) if rigid is None else rigid
-            yield Start(rigid, nowhere, rigid, factor, False)
-
-
-def _rigid_pressures(problem: SurfaceProblem) -> Array:
-    """Tractions (rows,) [Pa] that hold bodies that are rigid and slide freely, once the load has moved them together.
-
-    The load does the most work that the gap allows; the multipliers of this linear programme are the contact forces.
-    Zero if it has no end: friction holds the bodies, or nothing does.
-    """
-    surface, n, p = problem.surface, problem.surface.normal_rows, np.zeros(len(problem.gap))
-    room, work = (problem.gap - problem.offset)[:n], surface.R.T @ problem.f_c
-    length, force, size = np.abs(room).max(initial=0.0) or 1.0, np.linalg.norm(work) or 1.0, np.sqrt(len(surface.R))
-    found = linprog(  # its tolerances are absolute: all that it sees is of order 1
-        -work / force, A_ub=size * (surface.N[:n] @ surface.R), b_ub=room / length, bounds=(-FAR, FAR)
-    )
-    if found.status == 0 and np.abs(found.x).max() < FAR:
-        p[:n] = -found.ineqlin.marginals * force * size / surface.W[:n]
-    return p
+            rigid = balancing_tractions(problem) if rigid is None else rigid
+            if rigid is not None:
+                yield Start(rigid, nowhere, rigid, factor, False)
