@@ -13,6 +13,7 @@ from solvers.methods.solution import Array, OnStep, Solution, Status, Step, igno
 from solvers.surface_problem import SurfaceProblem
 
 STALL_WINDOW = 12  # iterations in which the least residual must halve
+RETREATS = 6  # times that trial tractions under which nothing holds the bodies are taken back by half
 ATTEMPT = 60  # iterations before another start is tried
 
 
@@ -47,6 +48,7 @@ class CondensedNewton:
         w = problem.relative_displacement(u_c)
         p_hat = start.p_hat
         least, found_at, status = np.inf, 0, Status.STALLED
+        held = start.p_hat
         for k in range(ATTEMPT):
             residual = np.inf  # until w belongs to p
             if k or start.in_equilibrium:
@@ -66,11 +68,11 @@ class CondensedNewton:
                 least, found_at = residual, k
             elif k - found_at > STALL_WINDOW:
                 break
-            try:
-                p, u_c = linearise(problem, p_hat, gamma).solve()
-            except np.linalg.LinAlgError:
+            solved = _solve(problem, p_hat, held, gamma)
+            if solved is None:
                 status = Status.NO_HOLD
                 break
+            p, u_c, held = solved
             w = problem.relative_displacement(u_c)
             p_hat = p + gamma * (w - problem.gap)
         return Solution(p, w, u_c, status, residual, ())
@@ -91,7 +93,7 @@ def _starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     """From the last step's tractions, from none, from everything closed and sticking; then with another gamma.
 
     Tractions of a floating body have no displacement of their own: which points they press says enough. Where it has
-    room to move, closing everything pulls more than its load presses: it starts from where it touches if it is rigid.
+    room to move, closing everything pulls more than its load presses: it starts from tractions that hold rigid bodies.
     """
     normal = problem.surface.normal_rows
     nowhere = np.zeros(len(problem.f_c))
@@ -112,3 +114,16 @@ def _starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
             rigid = balancing_tractions(problem) if rigid is None else rigid
             if rigid is not None:
                 yield Start(rigid, nowhere, rigid, factor, False)
+
+
+def _solve(problem: SurfaceProblem, p_hat: Array, held: Array, gamma: Array) -> tuple[Array, Array, Array] | None:
+    """Tractions and displacement of the laws linearised at p_hat, or as near to it as they hold the bodies.
+
+    Going back is towards trial tractions that did. Returns also where it was; None if nowhere.
+    """
+    for _ in range(RETREATS):
+        try:
+            return *linearise(problem, p_hat, gamma).solve(), p_hat
+        except np.linalg.LinAlgError:
+            p_hat = (p_hat + held) / 2
+    return None

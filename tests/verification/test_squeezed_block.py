@@ -115,10 +115,10 @@ def test_elastic_platens_hold_as_much(dim: int, by: str) -> None:
 @pytest.mark.parametrize("dim", [2, 3])
 def test_more_weight_than_friction_can_hold_has_no_equilibrium(dim: int, scene: Any, moves: str) -> None:
     """All is well until the weight is 60 N; the last good substep lies within a halved step's reach of it."""
-    reached = []
+    reached: list[float] = []
+    steps = prepare(scene(dim, 1.001 * LIMIT, "force")).steps()
     with pytest.raises(NoEquilibriumError, match=f"cannot balance the loads: {moves.format(up='xyz'[dim - 1])}"):
-        for step in prepare(scene(dim, 1.001 * LIMIT, "force")).steps():
-            reached.append(step.time)
+        reached.extend(step.time for step in steps)
     holds = 1 + 1 / 1.001
     assert reached[:2] == [0.0, 1.0]
     assert holds - 2 / 256 < reached[2] < holds
