@@ -19,7 +19,7 @@ SIDES = 32  # of the polygons that stand for the disc of friction: the outer one
 STEEP = 1e3  # tangential over normal traction up to which a point counts as pressed, where it has only to touch
 MISSING = 1e-6  # part of the load that is left when none is: ten times the programme's own tolerance
 ROUNDING = 1e-10  # a resultant that is none, beside the single forces
-EVEN = 1e-3  # worth of an even pressure beside that of staying out of the largest gap
+EVEN = 1e-6  # worth of an even pressure beside that of staying out of the largest gap
 ROUGH = 1e2  # cost of friction beside that of closing the largest gap
 
 
@@ -67,8 +67,8 @@ def balancing_tractions(problem: SurfaceProblem) -> Array | None:
         return np.zeros(len(problem.gap))
     n = problem.surface.normal_rows
     room = (problem.gap - problem.offset)[:n]
-    room = room / (np.abs(room).max(initial=0.0) or 1.0)
-    friction = np.full(programme.along.shape[1], ROUGH * EVEN)
+    room = room / (max(problem.u_ref, np.abs(room).max(initial=0.0)) or 1.0)  # less than bodies give is no gap
+    friction = np.full(programme.along.shape[1], ROUGH)
     found = programme.solve(np.concatenate([room, friction, [EVEN], np.zeros(2 * programme.motions)]), left=0.0)
     if found is None:
         return None

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import linprog
 
+from solvers.equilibrium import balancing_tractions
 from solvers.methods.linearised_laws import linearise
 from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
 from solvers.surface_problem import SurfaceProblem
 
 STALL_WINDOW = 12  # iterations in which the least residual must halve
-FAR = 100.0  # gaps that a rigid body moves before it is said to move for ever
+RETREATS = 6  # times that trial tractions under which nothing holds the bodies are taken back by half
 ATTEMPT = 60  # iterations before another start is tried
 
 
@@ -48,6 +48,7 @@ class CondensedNewton:
         w = problem.relative_displacement(u_c)
         p_hat = start.p_hat
         least, found_at, status = np.inf, 0, Status.STALLED
+        held = start.p_hat
         for k in range(ATTEMPT):
             residual = np.inf  # until w belongs to p
             if k or start.in_equilibrium:
@@ -67,11 +68,11 @@ class CondensedNewton:
                 least, found_at = residual, k
             elif k - found_at > STALL_WINDOW:
                 break
-            try:
-                p, u_c = linearise(problem, p_hat, gamma).solve()
-            except np.linalg.LinAlgError:
+            solved = _solve(problem, p_hat, held, gamma)
+            if solved is None:
                 status = Status.NO_HOLD
                 break
+            p, u_c, held = solved
             w = problem.relative_displacement(u_c)
             p_hat = p + gamma * (w - problem.gap)
         return Solution(p, w, u_c, status, residual, ())
@@ -92,7 +93,7 @@ def _starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     """From the last step's tractions, from none, from everything closed and sticking; then with another gamma.
 
     Tractions of a floating body have no displacement of their own: which points they press says enough. Where it has
-    room to move, closing everything pulls more than its load presses: it starts from where it touches if it is rigid.
+    room to move, closing everything pulls more than its load presses: it starts from tractions that hold rigid bodies.
     """
     normal = problem.surface.normal_rows
     nowhere = np.zeros(len(problem.f_c))
@@ -110,22 +111,19 @@ def _starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
             yield Start(tractions, u_c, tractions + factor * problem.gamma * r, factor, True)
         yield Start(p, nowhere, closed, factor, False)
         if problem.surface.floating:
-            rigid = _rigid_pressures(problem) if rigid is None else rigid
-            yield Start(rigid, nowhere, rigid, factor, False)
+            rigid = balancing_tractions(problem) if rigid is None else rigid
+            if rigid is not None:
+                yield Start(rigid, nowhere, rigid, factor, False)
 
 
-def _rigid_pressures(problem: SurfaceProblem) -> Array:
-    """Tractions (rows,) [Pa] that hold bodies that are rigid and slide freely, once the load has moved them together.
+def _solve(problem: SurfaceProblem, p_hat: Array, held: Array, gamma: Array) -> tuple[Array, Array, Array] | None:
+    """Tractions and displacement of the laws linearised at p_hat, or as near to it as they hold the bodies.
 
-    The load does the most work that the gap allows; the multipliers of this linear programme are the contact forces.
-    Zero if it has no end: friction holds the bodies, or nothing does.
+    Going back is towards trial tractions that did. Returns also where it was; None if nowhere.
     """
-    surface, n, p = problem.surface, problem.surface.normal_rows, np.zeros(len(problem.gap))
-    room, work = (problem.gap - problem.offset)[:n], surface.R.T @ problem.f_c
-    length, force, size = np.abs(room).max(initial=0.0) or 1.0, np.linalg.norm(work) or 1.0, np.sqrt(len(surface.R))
-    found = linprog(  # its tolerances are absolute: all that it sees is of order 1
-        -work / force, A_ub=size * (surface.N[:n] @ surface.R), b_ub=room / length, bounds=(-FAR, FAR)
-    )
-    if found.status == 0 and np.abs(found.x).max() < FAR:
-        p[:n] = -found.ineqlin.marginals * force * size / surface.W[:n]
-    return p
+    for _ in range(RETREATS):
+        try:
+            return *linearise(problem, p_hat, gamma).solve(), p_hat
+        except np.linalg.LinAlgError:
+            p_hat = (p_hat + held) / 2
+    return None

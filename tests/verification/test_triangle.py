@@ -1,0 +1,96 @@
+"""One node on a plane with much friction: up to three answers, and each that is found is one of them.
+
+Reference: one P1 triangle, two corners clamped; Coulomb's law by cases on K u + r = f, r in the cone.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from solvers.simulation import prepare
+from workflows.scene import from_dict
+
+DRAWN = """
+import gmsh
+corners = [gmsh.model.geo.addPoint(x, y, 0) for x, y in ((0, 0), (0.5, 0.732739), (-0.5, 1.267261))]
+lines = [gmsh.model.geo.addLine(corners[a], corners[b]) for a, b in ((0, 1), (1, 2), (2, 0))]
+face = gmsh.model.geo.addPlaneSurface([gmsh.model.geo.addCurveLoop(lines)])
+gmsh.model.geo.synchronize()
+for line in lines:
+    gmsh.model.mesh.setTransfiniteCurve(line, 2)
+gmsh.model.mesh.setTransfiniteSurface(face)
+gmsh.model.addPhysicalGroup(2, [face], name="corner")
+gmsh.model.addPhysicalGroup(1, [lines[0], lines[2]], name="corner.low")
+gmsh.model.addPhysicalGroup(1, [lines[1]], name="corner.high")
+"""
+LOW = np.hypot(0.5, 0.732739) + np.hypot(0.5, 1.267261)  # lengths of the two lower sides
+K = np.array([[0.3846154, 0.2569820], [0.2569820, 0.7280220]])  # of the free node, E = 1, nu = 0.3, plane strain
+LOAD = np.array([-1.0, -0.6])
+OPEN = (-2.681854, 0.122507)  # displacement
+STICK = (1.0, 0.6)  # reaction
+SLIP = (-2.070766, 0.203552, 0.067851)  # u_t, reaction
+UNIQUE = 1.4966630  # below this coefficient there is one answer, whatever the load
+
+
+def answer(mu: float, folder: Path, path: list[list[float]]) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement of the free node and the reaction on it at the end of a path of loads on it."""
+    file = folder / "triangle.py"
+    file.write_text(DRAWN)
+    times = np.arange(len(path)) + 1.0
+    # half of what is spread over a side goes to either end: the free node gets half of all
+    traction = [[[0.0, 0.0], *([t, 2 * f[i] / LOW] for t, f in zip(times, path, strict=True))] for i in (0, 1)]
+    scene = from_dict(
+        {
+            "model": "plane strain",
+            "geometry": {"file": str(file)},
+            "bodies": {"corner": {"E": 1.0, "nu": 0.3}},
+            "supports": {"clamp": {"boundary": "corner.high", "displacement": {"x": 0.0, "y": 0.0}}},
+            "obstacles": {"floor": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
+            "contacts": {
+                "tip": {"surface": "corner.low", "against": "floor", "friction": {"law": "coulomb", "mu": mu}}
+            },
+            "loads": {"pull": {"boundary": "corner.low", "traction": traction}},
+            "steps": {"end": float(times[-1]), "count": len(path)},
+        }
+    )
+    *_, step = prepare(scene).steps()
+    free = int(np.argmin(np.linalg.norm(prepare(scene).data.points, axis=1)))
+    return step.displacement[free], step.contacts["tip"].force
+
+
+def reactions() -> np.ndarray:
+    """Reaction of each listed answer, from the listed figures: K u = f + r."""
+    return np.array([[0.0, 0.0], STICK, SLIP[1:]])
+
+
+def test_listed_answers_satisfy_equilibrium_and_coulombs_law() -> None:
+    u_of = np.linalg.solve(K, (LOAD + reactions()).T).T
+    assert_allclose(u_of, [OPEN, [0.0, 0.0], [SLIP[0], 0.0]], atol=5e-6)
+    assert_allclose(SLIP[1] / SLIP[2], 3.0, rtol=1e-4)
+    assert STICK[0] / STICK[1] < 3.0
+    assert_allclose(K[0, 0] / K[0, 1], UNIQUE, rtol=1e-6)  # slip: r_n (1 - mu K_tn / K_tt) = what the load leaves
+
+
+@pytest.mark.parametrize("path", [
+    [[-1.0, -0.6]],
+    [[0.0, -0.6], [-1.0, -0.6]],  # pressed first
+    [[-1.0, 0.0], [-1.0, -0.6]],  # dragged first
+    [[-0.25, -0.15], [-0.5, -0.3], [-1.0, -0.6]],
+    [[1.0, 0.5], [-1.0, -0.6]],
+])  # fmt: skip
+def test_with_much_friction_what_is_found_is_one_of_the_answers(path: list[list[float]], tmp_path: Path) -> None:
+    """The load path moves where slip is counted from, so for a stuck node its displacement says nothing."""
+    u, reaction = answer(3.0, tmp_path, path)
+    assert_allclose(K @ u - LOAD, reaction, atol=1e-6)
+    assert abs(reaction[0]) <= 3.0 * reaction[1] * (1 + 1e-8)
+    if len(path) == 1:
+        assert np.abs(reactions() - reaction).max(axis=1).min() <= 2e-6
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.5, 1.4])
+def test_below_the_threshold_the_node_leaves_the_plane(mu: float, tmp_path: Path) -> None:
+    u, reaction = answer(mu, tmp_path, [[-1.0, -0.6]])
+    assert_allclose(u, OPEN, atol=2e-6)  # as many digits as are listed, and those of K
+    assert_allclose(reaction, 0.0, atol=1e-12)
