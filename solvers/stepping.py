@@ -17,6 +17,7 @@ from geometry.errors import SolverError
 from solvers.cone import Cone
 from solvers.energy import Energy
 from solvers.equilibrium import unbalanced_motion
+from solvers.history import HistoryRow
 from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.solution import OnStep, Solution, Status, Step
 from solvers.methods.uzawa import Uzawa
@@ -35,19 +36,6 @@ Method = Callable[[SurfaceProblem, Array, OnStep], Solution]
 log = logging.getLogger(__name__)
 SEARCHES = 6  # of a step whose points leave their facets
 HALVINGS = 8  # a step is cut to 1/256 before it is given up
-
-
-@dataclass(frozen=True)
-class HistoryRow:
-    """One iteration of one attempt at a step."""
-
-    time: float
-    step: Step
-    seconds: float
-
-    def as_tuple(self) -> tuple[float, int, float, int, float]:
-        """Time, iteration, residual, volume solves, seconds."""
-        return self.time, self.step.iteration, self.step.residual, self.step.volume_solves, self.seconds
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,11 +12,12 @@ from typing import Any
 
 from geometry.errors import MachineError, StickslipError
 from solvers.audit import Audit, Auditor, Record
+from solvers.history import HistoryRow
 from solvers.nouns.scene import Scene
 from solvers.plan import warnings
 from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
-from solvers.stepping import HistoryRow, NoEquilibriumError, StepError
+from solvers.stepping import NoEquilibriumError, StepError
 from workflows.folder import MARK, ResultsFolder
 from workflows.interrupt import Interrupt
 from workflows.mesh_report import MeshReport, report_mesh
