@@ -13,17 +13,18 @@ from solvers.simulation import prepare
 from workflows.scene import from_dict
 
 DRAWN = """
-import gmsh
-corners = [gmsh.model.geo.addPoint(x, y, 0) for x, y in ((0, 0), (0.5, 0.732739), (-0.5, 1.267261))]
-lines = [gmsh.model.geo.addLine(corners[a], corners[b]) for a, b in ((0, 1), (1, 2), (2, 0))]
-face = gmsh.model.geo.addPlaneSurface([gmsh.model.geo.addCurveLoop(lines)])
-gmsh.model.geo.synchronize()
-for line in lines:
-    gmsh.model.mesh.setTransfiniteCurve(line, 2)
-gmsh.model.mesh.setTransfiniteSurface(face)
-gmsh.model.addPhysicalGroup(2, [face], name="corner")
-gmsh.model.addPhysicalGroup(1, [lines[0], lines[2]], name="corner.low")
-gmsh.model.addPhysicalGroup(1, [lines[1]], name="corner.high")
+def build(model, parameters):
+    corners = [model.geo.addPoint(x, y, 0) for x, y in ((0, 0), (0.5, 0.732739), (-0.5, 1.267261))]
+    lines = [model.geo.addLine(corners[a], corners[b]) for a, b in ((0, 1), (1, 2), (2, 0))]
+    face = model.geo.addPlaneSurface([model.geo.addCurveLoop(lines)])
+    model.geo.synchronize()
+    for line in lines:
+        model.mesh.setTransfiniteCurve(line, 2)
+    model.mesh.setTransfiniteSurface(face)
+    sides = {"corner.low": [lines[0], lines[2]], "corner.high": [lines[1]]}
+    model.setPhysicalName(2, model.addPhysicalGroup(2, [face]), "corner")
+    for name, parts in sides.items():
+        model.setPhysicalName(1, model.addPhysicalGroup(1, parts), name)
 """
 LOW = np.hypot(0.5, 0.732739) + np.hypot(0.5, 1.267261)  # lengths of the two lower sides
 K = np.array([[0.3846154, 0.2569820], [0.2569820, 0.7280220]])  # of the free node, E = 1, nu = 0.3, plane strain
