@@ -232,8 +232,7 @@ def nodes_to_segments() -> list[Check]:
     found = []
     for cells in (CELLS, 2 * CELLS):
         (_, mortar), (_, nodal) = (
-            solve(Two(cells=cells, ratio=RATIO, operator=operator))
-            for operator in ("mortar", "node-to-segment")
+            solve(Two(cells=cells, ratio=RATIO, operator=operator)) for operator in ("mortar", "node-to-segment")
         )
         name = f"{cells:g} cells in a: pressures over p0, farthest"
         found.append(within(f"{name}, nodes to segments", nodal.scatter()[0], 0.05, 0.15))
