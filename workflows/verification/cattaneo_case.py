@@ -208,6 +208,7 @@ def floats() -> list[Check]:
             answer, approach = rest(Two(contrast=contrast, ratio=ratio, slave=slave))
             fitted, exact = answer.fitted, answer.exact.pressed
             found += [
+                # of the stiff body E u is 1e7 times as large as the load: rounding
                 Check(f"{name}: load [N]", 2 * abs(float(answer.face.force[1])), P, 1e-7, relative=True),
                 Check(f"{name}: p0 [Pa]", fitted.p0, exact.p0, 8e-3, relative=True),
                 Check(f"{name}: a [m]", fitted.a, exact.a, 8e-3, relative=True),
