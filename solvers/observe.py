@@ -199,4 +199,5 @@ def mesh_data(system: System) -> MeshData:
         body=gather_cells(mesh, body),
         bodies=names,
         surfaces={c.name: (c.surface.points, c.surface.facets, c.surface.shape) for c in system.contacts},
+        gaps={c.name: c.node_gap for c in system.contacts if c.master},
     )

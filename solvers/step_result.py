@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,3 +92,4 @@ class MeshData:
     body: NDArray[np.int64]  # (cells,) index into `bodies`
     bodies: tuple[str, ...]
     surfaces: Mapping[str, tuple[Array, NDArray[np.int64], str]]  # contact: points (n, d), facets (f, k), shape
+    gaps: Mapping[str, Array] = field(default_factory=dict)  # contact between bodies: (n,) before anything moves [m]

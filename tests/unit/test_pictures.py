@@ -233,6 +233,22 @@ def test_displacements_are_scaled_by_a_round_factor_unless_they_are_seen(largest
     assert displacement_scale(mesh, dataclasses.replace(step, displacement=moved)) == pytest.approx(scale)
 
 
+@pytest.mark.parametrize(("gap", "scale"), [(0.0, 1000.0), (1e-9, 1000.0), (-1e-4, 100.0), (1e-3, 10.0), (1.0, 1.0)])
+def test_bodies_that_touch_are_not_drawn_into_each_other(gap: float, scale: float) -> None:
+    mesh = block("quadrilateral", n=1)
+    step = pressed(mesh)
+    (name,) = step.contacts
+    contact = step.contacts[name]
+    assert (contact.status != OPEN).any()
+    gaps = np.where(contact.status != OPEN, gap, 2.0)  # where nothing touches it does not matter
+    moved = np.zeros_like(mesh.points)
+    moved[0, 1] = -1e-4
+    found = displacement_scale(
+        dataclasses.replace(mesh, gaps={name: gaps}), dataclasses.replace(step, displacement=moved)
+    )
+    assert found == pytest.approx(scale)  # (scale - 1) gap is half a per cent of 2 m at most
+
+
 @pytest.mark.parametrize("shape", ["tetrahedron", "hexahedron"])
 def test_only_sharp_edges_are_outlined_even_of_mirrored_cells(shape: str) -> None:
     mesh = block(shape)  # half of these tetrahedra are mirror images

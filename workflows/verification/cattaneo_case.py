@@ -208,6 +208,7 @@ def floats() -> list[Check]:
             answer, approach = rest(Two(contrast=contrast, ratio=ratio, slave=slave))
             fitted, exact = answer.fitted, answer.exact.pressed
             found += [
+                # E u of the stiff body is 2e6 times the load: 1e-7 is rounding there, 1e-12 where both are soft
                 Check(f"{name}: load [N]", 2 * abs(float(answer.face.force[1])), P, 1e-7, relative=True),
                 Check(f"{name}: p0 [Pa]", fitted.p0, exact.p0, 8e-3, relative=True),
                 Check(f"{name}: a [m]", fitted.a, exact.a, 8e-3, relative=True),

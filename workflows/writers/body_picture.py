@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from solvers.step_result import MeshData, StepResult
+from solvers.step_result import OPEN, MeshData, StepResult
 from workflows.writers.render import SHADED, View, grid_of, render
 from workflows.writers.sheet import COLOURS, DPI, Sheet, show_image, span
 from workflows.writers.steps import three
 
 VISIBLE = (0.02, 0.2)  # displacements between these parts of the size are drawn as they are
 DRAWN = 0.08  # others so that the largest is about this part
+APART = 0.005  # of the size: bodies that touch are drawn no farther from each other, or into each other, than this
 FEW_CELLS = 6000  # up to here their edges are drawn
 EDGES: dict[str, Any] = {"color": "#222222", "line_width": 2.5}
 GHOST: dict[str, Any] = {"color": "#8c8c8c", "line_width": 2.0}
@@ -72,13 +73,20 @@ def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str) -> P
 def displacement_scale(mesh: MeshData, result: StepResult) -> float:
     """A round factor (1, 2 or 5 times a power of ten) that makes displacements visible; 1 where they are already.
 
-    A rigid motion common to all nodes counts like any other displacement.
+    A rigid motion common to all nodes counts like any other displacement. Where bodies touch that had a gap between
+    them, or an interference, it is closed by the true displacement only.
     """
     largest = float(np.abs(result.displacement).max(initial=0.0))
     size = float(np.ptp(mesh.points, axis=0).max())
     if not 0 < largest < math.inf or VISIBLE[0] * size <= largest <= VISIBLE[1] * size:
         return 1.0
+    closed = max(
+        (np.abs(gap[result.contacts[name].status != OPEN]).max(initial=0.0) for name, gap in mesh.gaps.items()),
+        default=0.0,
+    )
     wanted = DRAWN * size / largest
+    if wanted * closed > APART * size:
+        wanted = min(wanted, 1 + APART * size / closed)
     decade = 10.0 ** math.floor(math.log10(wanted))
     return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= wanted * (1 + 1e-12))
 
