@@ -5,7 +5,8 @@ B = [t_1 t_2 a]^-1 and t_1, t_2 are the facet's edges: its first two are the pla
 slave facet is then the reference triangle, and clipping is the same three cuts for every pair. Quadrilaterals and
 curved facets are cut into straight pieces first; the parts keep their place on the facet itself.
 
-Source: Puso & Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004); Popp et al., Int. J. Numer. Meth. Engng 83 (2010).
+Source: Puso & Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004); Popp et al., Int. J. Numer. Meth. Engng 83
+(2010).
 """
 
 from __future__ import annotations
