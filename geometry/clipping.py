@@ -22,6 +22,7 @@ from geometry.surface import Surface
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 SLIVER = 1e-15  # determinant, 1 for the reference triangle
+GENERIC = (1.0, 0.6180339887)  # direction in reference coordinates that no edge of a regular mesh is normal to
 CUTS = (((1.0, 0.0), 0.0), ((0.0, 1.0), 0.0), ((-1.0, -1.0), 1.0))  # its inside: n . ξ + c >= 0
 PIECES = {  # by nodes of a quadratic quadrilateral: corners 0 to 3, then (1/2, 0), (0, 1/2), (1, 1/2), (1/2, 1), centre
     ("triangle", 1): [[0, 1, 2]],
@@ -142,8 +143,14 @@ def _clip(polygons: Array) -> tuple[Ints, Array]:
 
 
 def _fan(polygons: Array) -> tuple[Ints, Array]:
-    """Triangles (c, 3, 2) that make up convex polygons (p, v, 2), and the polygon (c,) that each is part of."""
+    """Triangles (c, 3, 2) that make up convex polygons (p, v, 2), and the polygon (c,) that each is part of.
+
+    They spread from the corner that lies farthest along a direction: the first in line is a matter of rounding where
+    corners of one surface lie on edges of the other, and what quadrature makes of curved normals depends on it.
+    """
     v = polygons.shape[1]
+    first = np.argmax(polygons @ np.array(GENERIC), axis=1)
+    polygons = np.take_along_axis(polygons, ((first[:, None] + np.arange(v)) % v)[:, :, None], axis=1)
     corners = np.stack([np.zeros(v - 2, np.int64), np.arange(1, v - 1), np.arange(2, v)], axis=1)
     parts = polygons[:, corners].reshape(-1, 3, 2)
     arms = parts[:, 1:] - parts[:, :1]

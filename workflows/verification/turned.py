@@ -30,11 +30,12 @@ def rotation(axis: tuple[float, float, float], angle: float) -> Array:
 
 
 def turned_system(scene: Scene, Q: Array) -> System:
-    """A 3D scene with planes for obstacles, whose supports prescribe all three components."""
-    planes = {name: _plane(obstacle, Q) for name, obstacle in scene.obstacles.items()}
+    """A scene with planes for obstacles, whose supports prescribe all components; a plane one turns about z."""
+    turn = Q[: scene.dim, : scene.dim]
+    planes = {name: _plane(obstacle, turn) for name, obstacle in scene.obstacles.items()}
     end = scene.steps.end
     supports = {
-        name: replace(support, displacement=_path(support.displacement, Q, end))
+        name: replace(support, displacement=_path(support.displacement, turn, end))
         for name, support in scene.supports.items()
     }
     return system_of(replace(scene, obstacles=planes, supports=supports), lambda points: points @ Q.T)
@@ -46,10 +47,11 @@ def _plane(obstacle: Obstacle, Q: Array) -> Plane:
 
 
 def _path(displacement: Mapping[Direction, Amplitude], Q: Array, end: float) -> dict[Direction, Amplitude]:
-    """Three tables of the same times, turned."""
-    times = sorted({time for table in displacement.values() for time in listed_times(table)})
-    path = np.array([[value_at(displacement[axis], time, end) for axis in AXES] for time in times]) @ Q.T
-    return {axis: tuple(zip(times, column, strict=True)) for axis, column in zip(AXES, path.T.tolist(), strict=True)}
+    """A table of the same times for each component, turned; numbers alone are ramps."""
+    times = sorted({time for table in displacement.values() for time in listed_times(table)}) or [0.0, end]
+    axes = AXES[: len(Q)]
+    path = np.array([[value_at(displacement[axis], time, end) for axis in axes] for time in times]) @ Q.T
+    return {axis: tuple(zip(times, column, strict=True)) for axis, column in zip(axes, path.T.tolist(), strict=True)}
 
 
 def _times(Q: Array, vector: ArrayLike) -> tuple[float, ...]:

@@ -21,17 +21,22 @@ from workflows.verification import (
     column_case,
     hertz_case,
     incline_case,
+    pair_case,
+    patch_case,
     punch_case,
     raous_case,
     shear_lag_case,
     sheared_column,
     sheared_column_case,
+    shrink_fit_case,
 )
 from workflows.verification.check import Check
 from workflows.verification.circular_drive import DRIVE, Array
 from workflows.verification.hertz_case import Touch
 from workflows.verification.incline import HOLDS
+from workflows.verification.patch_case import Patch
 from workflows.verification.punch_case import Cut
+from workflows.verification.shrink_fit_case import Press
 from workflows.verification.units import in_millimetres, millimetres
 
 TOLERANCE = 1e-9  # of the largest value of the same unit
@@ -96,6 +101,14 @@ def punch(method: str) -> Scene:
     return punch_case.scene(Cut(method=method, normal=punch_case.BONDED, fine=0.1, edge=None, size=40.0))
 
 
+def patch(method: str, blocks: Patch) -> Scene:
+    return patch_case.scene(replace(blocks, method=method))
+
+
+def shrunk(method: str, rings: Press) -> Scene:
+    return shrink_fit_case.scene(replace(rings, method=method))
+
+
 def quadratic(scene: Callable[[str], Scene], method: str) -> Scene:
     """The scene with displacements of order 2."""
     linear = scene(method)
@@ -124,11 +137,18 @@ SCENES: Mapping[str, Callable[[str], Scene]] = {
     "foundation": partial(ready, name="foundation"),
     "roller that turns": partial(ready, name="block", obstacle=TURNS),
     "roller that a force drives": partial(ready, name="block", obstacle=IS_PUSHED),
+    "blocks on each other": partial(patch, blocks=Patch()),
+    "blocks on each other, loaded, 3D": partial(patch, blocks=Patch(dim=3, loaded=True)),
+    "blocks on each other, node by node": partial(patch, blocks=Patch(nodal=True, order=2)),
+    "rings drawn too large": partial(shrunk, rings=Press(ratio=1.5, drawn=True)),
+    "rings, compliant": partial(shrunk, rings=Press(ratio=1.5, c_n=1e8, m=2.0)),
+    **{f"{name}, with friction": scene for name, scene in pair_case.SCENES.items()},
 }
 FLOATING = (  # held by contact alone
     *("foundation", "roller that a force drives", "shear-lag strip", "layer on an incline"),
-    *("ball on a plane", "cylinder on a half-space"),
+    *("ball on a plane", "cylinder on a half-space", "blocks on each other, loaded, 3D"),
 )
+GRADED = tuple(f"{name}, with friction" for name in pair_case.GRADED)  # plain Uzawa takes too many iterations
 # Nodes of the strip reverse exactly at their bound, and rounding says which first: 62 to 64, even in units 1024 apart.
 UNEVEN = {"shear-lag strip": 0.05}  # part of the iterations
 
@@ -164,5 +184,5 @@ def compared(name: str, method: str) -> list[Check]:
 
 def checks(method: str) -> list[Check]:
     """All of them."""
-    names = [name for name in SCENES if METHODS[method].floating or name not in FLOATING]
+    names = [name for name in SCENES if METHODS[method].floating or name not in FLOATING + GRADED]
     return [check for name in names for check in compared(name, method)]
