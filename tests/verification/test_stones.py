@@ -104,23 +104,22 @@ def test_thrust_of_an_arch_is_in_equilibrium() -> None:
     scene = arch(9, 0.3, 0.6)
     step = solved(scene)
     forces = np.array([step.contacts[f"joint_{k}"].force for k in range(10)])
-    forces[1:-1] *= 1.0
     low, high = 1 - 0.15, 1 + 0.15
     stone = (high**2 - low**2) / 2 * np.pi / 9 * DENSITY * G  # of a sector; the mesh has chords
     weight = forces[0, 1] + forces[-1, 1]
     assert_allclose(weight, 9 * stone, rtol=5e-3)
-    assert_allclose(forces[0], [-1, 1] * forces[-1], rtol=1e-6)
-    # each joint's force is on the stone to its right, but that of the last, which is on the stone to its left
+    assert_allclose(forces[0], [-1, 1] * forces[-1], rtol=1e-3)  # gmsh's mesh is not quite symmetric
+    forces[-1] *= -1  # the last joint's force is the one on the stone to its left
     thrust = forces[0, 0]
     assert thrust > 0.1 * weight
-    assert_allclose(forces[:-1, 0], thrust, rtol=1e-8)
-    assert_allclose(-np.diff(forces[:-1, 1]), weight / 9, rtol=1e-6)
+    assert_allclose(forces[:, 0], thrust, rtol=1e-8)
+    assert_allclose(-np.diff(forces[:, 1]), weight / 9, rtol=1e-8)
 
 
 @pytest.mark.parametrize("share", [1.02, 1.2])
 def test_an_arch_thicker_than_milankovitchs_stands(share: float) -> None:
     step = solved(arch(20, share * MILANKOVITCH, 0.5))
-    assert_allclose(step.contacts["joint_0"].force, [-1, 1] * step.contacts["joint_20"].force, rtol=1e-6)
+    assert_allclose(step.contacts["joint_0"].force, [-1, 1] * step.contacts["joint_20"].force, rtol=1e-3)
 
 
 def test_an_arch_thinner_than_milankovitchs_has_no_equilibrium() -> None:
