@@ -26,9 +26,9 @@ ROUGH = 1e2  # cost of friction beside that of closing the largest gap
 class Balance(Enum):
     """What is known of the equilibrium of the bodies as rigid ones."""
 
-    POSSIBLE = "contact and friction can balance the loads"
+    POSSIBLE = "rigid bodies could rest under these loads"
     IMPOSSIBLE = "contact and friction cannot balance the loads"
-    UNDECIDED = "whether contact and friction can balance the loads is too close to tell"
+    UNDECIDED = "whether rigid bodies could rest under these loads is too close to tell"
 
 
 def decide(problem: SurfaceProblem) -> Balance:

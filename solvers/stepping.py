@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from geometry.errors import SolverError
 from solvers.cone import Cone
 from solvers.energy import Energy
-from solvers.equilibrium import unbalanced_motion
+from solvers.equilibrium import decide, unbalanced_motion
 from solvers.history import HistoryRow
 from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.solution import OnStep, Solution, Status, Step
@@ -148,7 +148,8 @@ class Stepper:
                 if unbalanced is not None:
                     raise NoEquilibriumError(*unbalanced, tuple(history), reached)
                 text = f"residual {solution.residual:.1e} after {solution.iterations} iterations"
-                raise StepError(end, f"{text}; {solution.status.value}", tuple(history), reached)
+                known = f" ({decide(problem).value})" if self.surface.floating else ""
+                raise StepError(end, f"{text}; {solution.status.value}{known}", tuple(history), reached)
             else:
                 size /= 2
                 log.warning("t = %g: %s; the step is halved", end, solution.status.value)

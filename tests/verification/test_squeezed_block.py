@@ -1,6 +1,7 @@
 """A block between two platens that press with 100 N holds a weight of up to 2 mu N = 60 N by friction, and no more."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -8,9 +9,11 @@ from numpy.testing import assert_allclose
 
 from solvers.effects.friction import Coulomb
 from solvers.nouns.scene import Scene
+from solvers.nouns.stepping import Output
 from solvers.simulation import prepare
 from solvers.step_result import StepResult
 from solvers.stepping import NoEquilibriumError, StepError
+from workflows.run import run
 from workflows.scene import from_dict
 
 PRESS, MU = 100.0, 0.3
@@ -127,7 +130,7 @@ def test_more_weight_than_friction_can_hold_has_no_equilibrium(dim: int, scene: 
 @pytest.mark.parametrize("scene", [between_planes, between_bodies])
 def test_what_only_elasticity_limits_is_not_called_solved(scene: Any) -> None:
     """Platens that are held where they are would press as hard as need be on rigid bodies: no proof, but no answer."""
-    with pytest.raises(StepError) as caught:
+    with pytest.raises(StepError, match="rigid bodies could rest under these loads") as caught:
         list(prepare(scene(2, 1.001 * LIMIT, "displacement")).steps())
     assert not isinstance(caught.value, NoEquilibriumError)
 
@@ -138,3 +141,13 @@ def test_friction_is_what_holds() -> None:
     weaker = {s: replace(contact, friction=Coulomb(mu=MU / 2)) for s, contact in scene.contacts.items()}
     with pytest.raises(NoEquilibriumError):
         list(prepare(replace(scene, contacts=weaker)).steps())
+
+
+def test_run_ends_as_no_equilibrium_and_keeps_what_was_reached(tmp_path: Path) -> None:
+    scene = replace(between_planes(2, 1.001 * LIMIT, "force"), output=Output(pictures=False))
+    outcome, content = run(scene, tmp_path / "out")
+    assert (outcome.status, outcome.exit_code, content["status"]) == ("no_equilibrium", 3, "no_equilibrium")
+    assert "bodies.block moves along -y" in outcome.sentence
+    assert [step["time"] for step in content["steps"][:2]] == [0.0, 1.0]
+    assert len(content["steps"]) == len(list((tmp_path / "out" / "steps").iterdir())) == 3
+    assert max(content["audit"].values()) <= 1e-8

@@ -1,0 +1,119 @@
+"""The linear programme proves what it says: bounds from outside forbid, bounds from inside allow."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from solvers.equilibrium import Balance, balancing_tractions, decide, unbalanced_motion
+from solvers.nouns.scene import Scene
+from solvers.simulation import Simulation
+from solvers.surface_problem import SurfaceProblem
+
+SceneOf = Callable[..., Scene]
+SimulationOf = Callable[[Scene], Simulation]
+PRESS = 0.2  # N on a block of 2 m (and 1 m wide in 3D)
+
+
+@pytest.fixture
+def problem_of(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., SurfaceProblem]:
+    """A block pressed onto the foundation and pulled along it, held by the contact alone; nothing is solved."""
+
+    def make(dim: int, pull: list[float], friction: dict[str, Any], normal: str = "unilateral") -> SurfaceProblem:
+        area = 2.0
+        normals = {"unilateral": {"law": "unilateral"}, "bilateral": {"law": "bilateral"},
+                   "compliance": {"law": "compliance", "c_n": 20.0, "m_n": 2.0}}  # fmt: skip
+        low = {"surface": "block.bottom", "against": "foundation", "friction": friction, "normal": normals[normal]}
+        scene = scene_of(
+            dim,
+            geometry={"cells": "tensor"},
+            contacts={"base": low},
+            loads={"lid": {"boundary": "block.bottom", "traction": [*(f / area for f in pull), -PRESS / area]}},
+        )
+        seen: list[SurfaceProblem] = []
+        monkeypatch.setattr("solvers.stepping.unbalanced_motion", lambda problem: seen.append(problem) or np.ones(1))
+        monkeypatch.setattr("solvers.stepping.in_words", lambda system, motion: "")
+        stepper = simulation_of(scene).stepper
+        with pytest.raises(Exception, match="cannot balance"):
+            stepper.reach(stepper.start(), 1.0, lambda row: None)
+        return seen[0]
+
+    return make
+
+
+LAWS: list[tuple[dict[str, Any], float]] = [  # with the pull that they can just hold [N]
+    ({"law": "coulomb", "mu": 0.3}, 0.3 * PRESS),
+    ({"law": "coulomb", "mu": 0.3, "k_T": 7.0}, 0.3 * PRESS),
+    ({"law": "tresca", "bound": 0.02}, 0.02 * 2.0),
+]
+
+
+@pytest.mark.parametrize(("friction", "limit"), LAWS)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_pull_up_to_the_limit_is_possible_and_beyond_it_impossible(
+    sign: float, friction: dict[str, Any], limit: float, problem_of: Callable[..., SurfaceProblem]
+) -> None:
+    assert decide(problem_of(2, [sign * 0.9999 * limit], friction)) is Balance.POSSIBLE
+    beyond = problem_of(2, [sign * 1.0001 * limit], friction)
+    assert decide(beyond) is Balance.IMPOSSIBLE
+    motion = unbalanced_motion(beyond)
+    assert motion is not None
+    assert_allclose(np.abs(motion).max(), 1.0)
+    assert sign * motion[::2].mean() > 0.9  # it slides with the pull
+
+
+@pytest.mark.parametrize("turn", np.linspace(0, 90, 7))
+def test_polygons_enclose_the_disc_of_friction(turn: float, problem_of: Callable[..., SurfaceProblem]) -> None:
+    """In whatever direction: wrong answers never, undecided within the half per cent between the polygons."""
+    way = np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn))])
+    friction, limit = {"law": "coulomb", "mu": 0.3}, 0.3 * PRESS
+    found = {
+        share: decide(problem_of(3, (share * limit * way).tolist(), friction))
+        for share in (0.994, 0.9999, 1.0001, 1.006)
+    }
+    assert (found[0.994], found[1.006]) == (Balance.POSSIBLE, Balance.IMPOSSIBLE)
+    assert found[0.9999] is not Balance.IMPOSSIBLE
+    assert found[1.0001] is not Balance.POSSIBLE
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_balancing_tractions_balance_and_lie_in_the_cone(dim: int, problem_of: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of(dim, [0.05, 0.01][: dim - 1], {"law": "coulomb", "mu": 0.3})
+    p, surface = balancing_tractions(problem), problem.surface
+    assert p is not None
+    left = surface.R.T @ (problem.f_c - surface.forces(p))
+    assert_allclose(left, 0.0, atol=1e-7 * np.abs(problem.f_c).sum())  # the programme's own tolerance
+    assert_allclose(problem.project(p, problem.gamma), p, atol=1e-7 * np.abs(p).max())
+
+
+def test_stick_holds_any_pull_but_no_lift(problem_of: Callable[..., SurfaceProblem]) -> None:
+    assert decide(problem_of(2, [50 * PRESS], {"law": "stick"})) is Balance.POSSIBLE
+    lifted = problem_of(2, [0.0], {"law": "stick"})
+    object.__setattr__(lifted, "f_c", -lifted.f_c)
+    assert decide(lifted) is Balance.IMPOSSIBLE
+    assert balancing_tractions(lifted) is None
+
+
+def test_a_surface_that_pulls_presses_elsewhere_as_hard_as_need_be(problem_of: Callable[..., SurfaceProblem]) -> None:
+    """Bilateral contact with Coulomb friction: no pull is forbidden, for rigid bodies may be pressed and pulled."""
+    assert decide(problem_of(2, [3 * PRESS], {"law": "coulomb", "mu": 0.3}, "bilateral")) is not Balance.IMPOSSIBLE
+
+
+@pytest.mark.parametrize(("m_T", "expected"), [(2.0, Balance.IMPOSSIBLE), (1.0, Balance.UNDECIDED)])
+def test_bounds_that_are_no_lines_are_not_guessed(
+    m_T: float, expected: Balance, problem_of: Callable[..., SurfaceProblem]
+) -> None:
+    """s = c_T delta^m_T at p = 20 delta²: m_T = 2 is Coulomb's law with mu = c_T / 20."""
+    friction = {"law": "compliance", "c_T": 2.0, "m_T": m_T}
+    assert decide(problem_of(2, [0.5 * PRESS], friction, "compliance")) is expected
+
+
+def test_no_load_is_balanced_by_nothing(problem_of: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of(2, [0.01], {"law": "coulomb", "mu": 0.3})
+    object.__setattr__(problem, "f_c", 0 * problem.f_c)
+    assert decide(problem) is Balance.POSSIBLE
+    assert not balancing_tractions(problem).any()  # type: ignore[union-attr]
