@@ -59,7 +59,7 @@ def overlap(slave: Surface, master: Surface, reach: float, degree: int) -> Overl
     cells = cells[np.argsort(cells.slave_facet, kind="stable")]
     points, weights = dx.reference_rule("interval" if slave.dim == 2 else "triangle", degree)
     each = cells[np.repeat(np.arange(len(cells.areas)), len(weights))]
-    local = cells.at(points).reshape(len(each.slave_facet), -1)
+    local = cells.at(points).reshape(-1, slave.dim - 1)
     return _face(slave, master, normals, each, local, np.outer(cells.areas, weights).ravel())
 
 

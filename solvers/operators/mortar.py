@@ -71,7 +71,7 @@ def _dual(slave: Surface, facets: Ints, local: Array, weights: Array) -> tuple[A
     at = np.cumsum(np.diff(facets, prepend=-1) > 0) - 1
     low, high = np.minimum.reduceat(local, first), np.maximum.reduceat(local, first)
     box = low[:, None] + dx.reference_nodes(slave.shape, slave.degree) * (high - low)[:, None]  # (f, k, d-1)
-    T = _values(slave, box.reshape(-1, box.shape[2])).reshape(len(box), box.shape[1], -1) @ slave.change.T
+    T = _values(slave, box.reshape(-1, box.shape[2])).reshape(*box.shape[:2], box.shape[1]) @ slave.change.T
     L = _values(slave, (local - low[at]) / (high - low)[at])
     G = np.stack([np.add.reduceat(weights[:, None] * column[:, None] * L, first) for column in L.T], axis=1)
     lumped = weights[:, None] * (_values(slave, local) @ slave.change.T)
