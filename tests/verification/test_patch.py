@@ -1,13 +1,16 @@
 """Two blocks on each other: a uniform pressure goes over whatever the meshes are, by mortar, not node by node."""
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
 
+from geometry.errors import SceneError
+from solvers.simulation import prepare
 from workflows.verification import patch_case
 from workflows.verification.check import failures
-from workflows.verification.patch_case import CONTRASTS, LOADED, NODAL, PATCHES, Patch, figures, scene, solve
+from workflows.verification.patch_case import CONTRASTS, LOADED, NODAL, OVERLAPS, PATCHES, Patch, figures, scene, solve
 
 FAST = [patch for patch in PATCHES + LOADED if patch.dim == 2 or patch.ratio != "1:20"]
 SLOW = [patch for patch in PATCHES + LOADED if patch not in FAST]
@@ -33,6 +36,18 @@ def test_mortar_carries_it_over_in_space_at_a_twentieth(slave: str) -> None:
 @pytest.mark.parametrize("patch", CONTRASTS, ids=str)
 def test_block_a_million_times_stiffer_changes_nothing_on_either_side(patch: Patch) -> None:
     assert not failures(figures(patch))
+
+
+@pytest.mark.parametrize("patch", OVERLAPS, ids=str)
+def test_blocks_drawn_more_than_a_cell_inside_each_other_press_apart(patch: Patch) -> None:
+    assert not failures(figures(patch))
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_overlap_out_of_reach_is_refused_with_a_way_out(dim: Literal[2, 3]) -> None:
+    deep = scene(Patch(dim=dim, overlap=0.75))
+    with pytest.raises(SceneError, match=r"contacts.joint: nothing of upper.bottom faces .* set search_distance"):
+        prepare(replace(deep, contacts={"joint": replace(deep.contacts["joint"], search_distance=0.7)}))
 
 
 @pytest.mark.parametrize("patch", [p for p in UNFIT if p.dim == 2 or p.ratio != "1:20"], ids=str)
