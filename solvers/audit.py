@@ -6,7 +6,7 @@ Gap and slip are those that the step file holds, not recomputed from its displac
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 
 import numpy as np
@@ -54,6 +54,7 @@ class Record:
     w: Array  # (rows,) flat relative displacement [m]
     reference: Array  # (rows,) what slip is counted from [m]; the gap is recomputed
     driven: Array  # displacement of the obstacles that forces move, by `System.driven` [m]
+    searched: Mapping[str, Array]  # where sliding contacts were paired
     p_ref: float
     u_ref: float
     external_work: float  # in this run so far [J]
@@ -63,11 +64,15 @@ class Auditor:
     """A system of its own, for as many records as there are."""
 
     def __init__(self, scene: Scene, mesh: Mesh) -> None:
-        self.system: System = assemble(scene, mesh, Counters())
-        self.cone = Cone(self.system.contacts, 0.0, scene.steps.end)
+        self.start: System = assemble(scene, mesh, Counters())
+        self._tell(self.start)
+
+    def _tell(self, system: System) -> None:
+        self.system, self.cone = system, Cone(system.contacts, 0.0, system.scene.steps.end)
 
     def __call__(self, record: Record) -> Audit:
         """Audit one step; collective, `displacement` is read on every rank."""
+        self._tell(self.start.searched(record.searched) if record.searched else self.start)
         tangential = [self._tangential(place, record) for place in self.cone.places]
         normal = [self._normal(place, record) for place in self.cone.places]
         return Audit(
@@ -110,9 +115,10 @@ class Auditor:
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
         if not isinstance(law, Compliance):
             return system.contact_force(rows, p_n, t)
-        if rows.master is not None:  # UFL knows one side of a facet: the law at the rows' own points
+        if rows.master is not None or rows.name in record.searched:  # UFL knows one side, where it was at the start
             (index,) = (i for i, c in enumerate(system.contacts) if c.name == rows.name)
-            w = rows.N_n @ system.contact_displacement(u)[index].ravel()
+            motion = system.obstacle_motion(record.time, record.driven)[rows.name]
+            w = rows.N_n @ (system.contact_displacement(u)[index] - motion).ravel()
             return system.contact_force(rows, law.pressure(w - rows.gap), t)
         contact = system.scene.contacts[rows.name]
         relative = dx.fem.Function(system.space)

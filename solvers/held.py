@@ -6,10 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from solvers.constraints import AXES, rigid_fields, rigid_names
+from solvers.constraints import AXES
 from solvers.nouns.contact import Contact
 from solvers.nouns.scene import Scene
 from solvers.nouns.support import Support
+from solvers.rigid_motions import rigid_fields, rigid_names
 
 Array = NDArray[np.float64]
 

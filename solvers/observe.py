@@ -15,8 +15,9 @@ from geometry.mesh import Mesh
 from geometry.nodes import Nodes
 from solvers.certificate import iteration_error, law_error
 from solvers.operators.rows import ContactRows
+from solvers.state import State
 from solvers.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
-from solvers.stepping import Accepted, State, Stepper
+from solvers.stepping import Accepted, Stepper
 from solvers.stress import CellStress
 from solvers.system import System
 
@@ -38,8 +39,8 @@ class Observer:
         object.__setattr__(self, "probes", {name: _locate(system.mesh, x, name) for name, x in points.items()})
 
     def __call__(self, accepted: Accepted) -> StepResult:
-        system, state = self.stepper.system, accepted.state
-        contact = system.contact_forces(*self.stepper.split(state.p))
+        system, state = accepted.stepper.system, accepted.state
+        contact = system.contact_forces(*accepted.stepper.split(state.p))
         cell_stress = self.stress(state.u)
         contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
         return StepResult(
@@ -61,6 +62,7 @@ class Observer:
             w=state.w,
             reference=accepted.problem.gap,
             driven=state.driven,
+            searched=accepted.stepper.searched,
             p_ref=accepted.problem.p_ref,
             u_ref=accepted.problem.u_ref,
             history=tuple(row.as_tuple() for row in accepted.history),
@@ -68,11 +70,12 @@ class Observer:
 
     def _contact(self, index: int, c: ContactRows, accepted: Accepted) -> ContactState:
         state = accepted.state
-        p_n, t = (parts[index] for parts in self.stepper.split(state.p))
-        u_n, slip = self._motion(index, c, state)
+        stepper = accepted.stepper
+        p_n, t = (parts[index] for parts in stepper.split(state.p))
+        u_n = c.node_motion(stepper.system.contact_displacement(state.u)[index] - state.motion[c.name])[0]
         pressure, multiplier, gap = c.node_pressure(p_n), c.node_traction(t), c.node_gap - u_n
-        increment = slip - self._motion(index, c, accepted.last)[1]
-        place = self.stepper.cone.places[index]
+        slip, increment = state.slip[c.name], state.slip[c.name] - accepted.last.slip[c.name]
+        place = stepper.cone.places[index]
         bound = np.zeros_like(pressure)
         if c.friction is not None:  # at the points that carry the multipliers, then at the nodes that each stands for
             bound = c.share_t.T @ accepted.problem.cone.bound(place, p_n)
@@ -122,9 +125,6 @@ class Observer:
             axis_point = np.array(obstacle.rotation.point) if obstacle.rotation else np.zeros(system.mesh.dim)
             found[name] = (moved, force, moment - np.cross(axis_point, force))
         return found
-
-    def _motion(self, index: int, c: ContactRows, state: State) -> tuple[Array, Array]:
-        return c.node_motion(self.stepper.system.contact_displacement(state.u)[index] - state.motion[c.name])
 
     def _probe(self, where: tuple[int, Array] | None, u: Any, cell_stress: Array) -> tuple[Array, Array]:
         system = self.stepper.system

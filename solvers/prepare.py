@@ -53,3 +53,19 @@ def _driven_columns(system: System, rows: ContactRows, N: Any) -> NDArray[np.flo
         if name == against:
             columns[:, column] = -(N @ np.tile(np.eye(d)[axis], n))
     return columns
+
+
+def trial_stiffness(system: System) -> NDArray[np.float64]:
+    """E / depth of the bodies behind each row, one behind the other [Pa/m]."""
+    scale = []
+    for c in system.contacts:
+        contact, spread = system.scene.contacts[c.name], np.abs(c.frames[:, 0]).mean(axis=0)
+        sides = [contact.surface] + [contact.against] * (c.master is not None)
+        give = 0.0
+        for body in (side.split(".")[0] for side in sides):
+            low, high = system.mesh.body_box(body)
+            give += float(spread @ (high - low)) / system.scene.bodies[body].E
+        scale.append(1 / give)
+    parts = [np.full(len(c.W_n), s) for c, s in zip(system.contacts, scale, strict=True)]
+    parts += [np.full(c.free.size, s) for c, s in zip(system.contacts, scale, strict=True)]
+    return np.concatenate([np.zeros(0), *parts])

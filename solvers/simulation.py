@@ -9,11 +9,12 @@ from typing import Any
 
 from geometry.mesh import Mesh, build_mesh
 from solvers.counters import Counters
+from solvers.history import HistoryRow
 from solvers.nouns.scene import Scene
 from solvers.observe import Observer, mesh_data
 from solvers.plan import PlanRow, make_plan
 from solvers.step_result import MeshData, StepResult
-from solvers.stepping import HistoryRow, StepError, Stepper
+from solvers.stepping import StepError, Stepper
 from solvers.system import System, assemble
 
 

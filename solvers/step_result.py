@@ -70,6 +70,7 @@ class StepResult:
     w: Array  # (rows,) flat relative displacement [m]
     reference: Array  # (rows,) what the laws count w from [m]: the gap, and where this step's slip begins
     driven: Array  # (o,) motion of the obstacles that forces drive [m], for the audit
+    searched: Mapping[str, Array]  # where sliding contacts were paired, (n_all, d) [m] by contact; empty if none slides
     p_ref: float  # [Pa]
     u_ref: float  # [m]
     history: tuple[tuple[float, int, float, int, float], ...]  # time, iteration, residual, volume solves, seconds

@@ -6,6 +6,8 @@ import logging
 import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -15,13 +17,16 @@ from geometry.errors import SolverError
 from solvers.cone import Cone
 from solvers.energy import Energy
 from solvers.equilibrium import decide, unbalanced_motion
+from solvers.history import HistoryRow
 from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.solution import OnStep, Solution, Status, Step
 from solvers.methods.uzawa import Uzawa
 from solvers.motion_in_words import in_words
 from solvers.plan import method_of
-from solvers.prepare import prepare_surface
+from solvers.prepare import prepare_surface, trial_stiffness
 from solvers.regularised import Regularised
+from solvers.sliding import positions, stay, told_in
+from solvers.state import State
 from solvers.surface_problem import SurfaceProblem
 from solvers.system import System
 from solvers.volume import Volume
@@ -29,43 +34,15 @@ from solvers.volume import Volume
 Array = NDArray[np.float64]
 Method = Callable[[SurfaceProblem, Array, OnStep], Solution]
 log = logging.getLogger(__name__)
+SEARCHES = 6  # of a step whose points leave their facets
 HALVINGS = 8  # a step is cut to 1/256 before it is given up
-
-
-@dataclass(frozen=True)
-class State:
-    """An equilibrium: everything the next step needs of the past. Vectors run over all displacements."""
-
-    time: float
-    u: Any  # [m]
-    u_s: Any  # prescribed part [m]
-    load: Any  # [N]
-    residual: Any  # K u - load + B^T p [N]: what supports and periodic sides carry
-    p: Array  # (rows,) [Pa]
-    w: Array  # (rows,) relative displacement [m]
-    motion: Mapping[str, Array]  # (n, d) of each contact's obstacle; none at the start, even if it jumps at t = 0 [m]
-    driven: Array  # (o,) motion of the obstacles that forces drive, by `System.driven` [m]
-    energy: Energy
-    law_error: float = 0.0  # added up since t = 0, see `Solution` [J^(1/2)]
-
-
-@dataclass(frozen=True)
-class HistoryRow:
-    """One iteration of one attempt at a step."""
-
-    time: float
-    step: Step
-    seconds: float
-
-    def as_tuple(self) -> tuple[float, int, float, int, float]:
-        """Time, iteration, residual, volume solves, seconds."""
-        return self.time, self.step.iteration, self.step.residual, self.step.volume_solves, self.seconds
 
 
 @dataclass(frozen=True, kw_only=True)
 class Accepted:
     """A requested time, reached."""
 
+    stepper: Stepper  # whose rows the state is told in
     state: State
     before: State  # at the last requested time
     last: State  # before the last substep
@@ -93,14 +70,21 @@ class NoEquilibriumError(StepError):
 class Stepper:
     """The bodies prepared once, and the march through the requested times."""
 
-    def __init__(self, system: System) -> None:
-        """Factorise and condense; collective."""
+    def __init__(
+        self, system: System, volume: Volume | None = None, searched: Mapping[str, Array] = MappingProxyType({})
+    ) -> None:
+        """Factorise and condense, unless the volume is prepared already; collective.
+
+        Args:
+            searched: where the pairs of sliding contacts were found, (n_all, d) [m] by contact; see `positions`.
+        """
+        self.searched = searched
         self.system = system
-        self.volume = Volume(system.K_B, system.contact_dofs, system.counters)
+        self.volume = volume or Volume(system.K_B, system.contact_dofs, system.counters)
         self.surface = prepare_surface(system, self.volume)
         self.cone = Cone(system.contacts, 0.0, system.scene.steps.end)
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
-        self.gamma = _trial_stiffness(system)
+        self.gamma = trial_stiffness(system)
         self.method_after = self._method()
 
     def _method(self) -> Callable[[State], Method]:
@@ -119,7 +103,11 @@ class Stepper:
         energy = Energy(0.0, 0.0, 0.0, 0.0, np.zeros(len(self.system.contacts)))
         driven = np.zeros(len(self.system.driven))
         motion = {c.name: np.zeros_like(c.points) for c in self.system.contacts}
-        return State(0.0, vector(), vector(), vector(), vector(), zero, zero, motion, driven, energy)
+        slip = {c.name: np.zeros_like(c.surface.points) for c in self.system.contacts}
+        forces, rows = {name: np.zeros_like(m) for name, m in motion.items()}, self.system.contacts
+        return State(
+            0.0, vector(), vector(), vector(), vector(), zero, zero, motion, driven, slip, forces, rows, energy
+        )
 
     def reach(self, start: State, target: float, on_iteration: Callable[[HistoryRow], None]) -> Accepted:
         """Solve up to `target`, halving steps that fail; each retry starts from the last accepted state.
@@ -137,13 +125,14 @@ class Stepper:
         while reached is None or state.time < target:
             last = target - state.time <= size * (1 + 1e-9)
             end = target if last else state.time + size
-            solution, problem, accept = self._solve(state, end, history, on_iteration)
+            stepper, solution, problem, accept = self._follow(state, end, history, on_iteration)
             iterations += solution.iterations
             if solution.status is Status.NO_EQUILIBRIUM:
                 unbalanced = end, f"{solution.status.value}: {in_words(self.system, solution.u_c)}"
             if solution.status is Status.CONVERGED:
                 before_substep, state, substeps = state, accept(), substeps + 1
                 reached = Accepted(
+                    stepper=stepper,
                     state=state,
                     before=start,
                     last=before_substep,
@@ -165,6 +154,34 @@ class Stepper:
                 size /= 2
                 log.warning("t = %g: %s; the step is halved", end, solution.status.value)
         return reached
+
+    def _follow(
+        self, state: State, end: float, history: list[HistoryRow], on_iteration: Callable[[HistoryRow], None]
+    ) -> tuple[Stepper, Solution, SurfaceProblem, Callable[[], State]]:
+        """One attempt at a step; the pairs of sliding contacts are those of where it starts, or of where it ends."""
+        names = [c.name for c in self.system.contacts if self.system.scene.contacts[c.name].sliding]
+        if not names:
+            return self, *self._solve(state, end, history, on_iteration)
+        where = positions(self.system, state, names)
+        for _ in range(SEARCHES):
+            stepper = self._searched(where)
+            told = told_in(state, stepper.system, stepper._rows)
+            solution, problem, accept = stepper._solve(told, end, history, on_iteration)
+            if solution.status is not Status.CONVERGED:
+                break
+            new = accept()
+            accept = partial(_known, new)
+            reached = positions(stepper.system, new, names)
+            if stay(stepper.system, where, reached):
+                break
+            where = reached
+        return stepper, solution, problem, accept
+
+    def _searched(self, where: Mapping[str, Array]) -> Stepper:
+        """The same bodies with other pairs."""
+        other = Stepper(self.system.searched(where), self.volume, where)
+        other.surface.__dict__["flexibility"] = self.surface.flexibility  # the bodies' own: pairs do not matter
+        return other
 
     def _solve(
         self, state: State, end: float, history: list[HistoryRow], on_iteration: Callable[[HistoryRow], None]
@@ -248,36 +265,29 @@ class Stepper:
         p: Array,
         driven: Array,
     ) -> State:
-        system, W = self.system, self.surface.W
-        w = self._relative(u, time, driven)
-        moved = w - old.w
-        motion = system.obstacle_motion(time, driven)
-        obstacle = self._rows([motion[c.name] - old.motion[c.name] for c in system.contacts])
-        mean = W * (p + old.p) / 2
+        system, W, contacts = self.system, self.surface.W, self.system.contacts
+        w, motion = self._relative(u, time, driven), system.obstacle_motion(time, driven)
         external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
+        contact, slip = 0.0, {}
+        forces = {c.name: c.nodal_forces(*parts) for c, *parts in zip(contacts, *self.split(p), strict=True)}
+        here, there = system.contact_displacement(u), system.contact_displacement(old.u)
+        for c, v, v_old in zip(contacts, here, there, strict=True):
+            # forces of both ends of the step, each in its own rows, so that the balance of energy is exact
+            mean, pushed = (forces[c.name] + old.forces[c.name]) / 2, motion[c.name] - old.motion[c.name]
+            external -= float(np.sum(mean * pushed))
+            contact += float(np.sum(mean * (v - v_old - pushed)))
+            slip[c.name] = old.slip[c.name] + c.node_motion(v - v_old - pushed)[1]
         slipping = W * p * (w - problem.gap - self.cone.give(p))
-        dissipation = np.array([slipping[place.tangential].sum() for place in self.cone.places])
         energy = Energy(
-            external=old.energy.external + external - float(mean @ obstacle),
+            external=old.energy.external + external,
             stored=(system.K * u).dot(u) / 2,
-            contact=old.energy.contact + float(mean @ moved),
+            contact=old.energy.contact + contact,
             compliance=float(W @ self.cone.energy(p)),
-            dissipation=old.energy.dissipation + dissipation,
+            dissipation=old.energy.dissipation
+            + np.array([slipping[place.tangential].sum() for place in self.cone.places]),
         )
-        return State(time, u, u_s, load, residual, p, w, motion, driven, energy)
+        return State(time, u, u_s, load, residual, p, w, motion, driven, slip, forces, contacts, energy)
 
 
-def _trial_stiffness(system: System) -> Array:
-    """E / depth of the bodies behind each row, one behind the other [Pa/m]."""
-    scale = []
-    for c in system.contacts:
-        contact, spread = system.scene.contacts[c.name], np.abs(c.frames[:, 0]).mean(axis=0)
-        sides = [contact.surface] + [contact.against] * (c.master is not None)
-        give = 0.0
-        for body in (side.split(".")[0] for side in sides):
-            low, high = system.mesh.body_box(body)
-            give += float(spread @ (high - low)) / system.scene.bodies[body].E
-        scale.append(1 / give)
-    parts = [np.full(len(c.W_n), s) for c, s in zip(system.contacts, scale, strict=True)]
-    parts += [np.full(c.free.size, s) for c, s in zip(system.contacts, scale, strict=True)]
-    return np.concatenate([np.zeros(0), *parts])
+def _known(state: State) -> State:
+    return state

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -16,8 +17,8 @@ from geometry.amplitude import Amplitude, value_at
 from geometry.errors import SceneError
 from geometry.mesh import Mesh
 from geometry.nodes import Nodes
-from geometry.surface import gather_surface
-from solvers.constraints import AXES, Constraints, find_constraints, rigid_fields
+from geometry.surface import Surface, gather_surface
+from solvers.constraints import AXES, Constraints, find_constraints
 from solvers.counters import Counters
 from solvers.forms import WeakForms
 from solvers.nouns.contact import Contact
@@ -28,6 +29,7 @@ from solvers.operators.rigid import rigid_coupling
 from solvers.operators.rows import ContactRows
 from solvers.plan import active_effects
 from solvers.replicated import Replicated
+from solvers.rigid_motions import rigid_fields
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -116,6 +118,18 @@ class System:
         scatter.add(total, c.nodal_forces(p_n, t).ravel())
         return total
 
+    def searched(self, moved: Mapping[str, Array]) -> System:
+        """The same system with the pairs of sliding contacts found where `moved` (n_all, d) [m] has brought them."""
+        known = {c.name: c for c in self.contacts}
+        sides = {self.scene.contacts[c.name].surface: c.surface for c in self.contacts}
+        sides |= {self.scene.contacts[c.name].against: c.master for c in self.contacts if c.master}
+        rows = couple(self.scene, sides, self.constraints, REACH * self.extent, moved)
+        self.counters.searches += sum(1 for c in rows if c.master)
+        fresh = tuple(c if c.name in moved else known[c.name] for c in rows)
+        return replace(
+            self, contacts=tuple(replace(c, surface=known[c.name].surface, master=known[c.name].master) for c in fresh)
+        )
+
     def resultant_on_driven(self, c: ContactRows, force: Any) -> Array:
         """What B^T p of a contact does to the driven obstacles (o,) [N]; collective."""
         by_axis = self.mesh.comm.allreduce(force.array.reshape(-1, self.mesh.dim).sum(axis=0))
@@ -199,23 +213,33 @@ def contact_rows(
     scene: Scene, mesh: Mesh, space: Any, nodes: Nodes, constraints: Constraints
 ) -> tuple[ContactRows, ...]:
     """Rows of all contacts of the scene, their surfaces gathered on every rank; collective."""
+    sides = {s: gather_surface(mesh, space, nodes, s) for s in scene.request().contact_sides}
     low, high = mesh.box()
-    reach = REACH * float(np.max(high - low))
-    contacts = {}
+    return couple(scene, sides, constraints, REACH * float(np.max(high - low)), {})
+
+
+def couple(
+    scene: Scene, sides: Mapping[str, Surface], constraints: Constraints, reach: float, moved: Mapping[str, Array]
+) -> tuple[ContactRows, ...]:
+    """Rows of all contacts where the surfaces are; `moved` (n_all, d) by contact, relative to a rigid obstacle [m]."""
+    couplings = {}
     for name, contact in scene.contacts.items():
-        slave = gather_surface(mesh, space, nodes, contact.surface)
-        if contact.against in scene.obstacles:
-            contacts[name] = contact, rigid_coupling(slave, scene.obstacles[contact.against])
+        slave, master = sides[contact.surface], sides.get(contact.against)
+        if name in moved:
+            own, other = np.split(moved[name], [len(slave.nodes)])
+            slave = replace(slave, points=slave.points + own)
+            master = master and replace(master, points=master.points + other)
+        if master is None:
+            couplings[name] = contact, rigid_coupling(slave, scene.obstacles[contact.against])
             continue
-        master = gather_surface(mesh, space, nodes, contact.against)
-        couple = OPERATORS[contact.operator or "mortar"]
-        contacts[name] = contact, couple(slave, master, contact.search_distance or reach)
-        if not contacts[name][1].weights.any():
+        far = contact.search_distance or reach
+        couplings[name] = contact, OPERATORS[contact.operator or "mortar"](slave, master, far)
+        if not np.any(couplings[name][1].weights > 0):
             raise SceneError(
-                f"contacts.{name}: nothing of {contact.surface} faces {contact.against} within "
-                f"{contact.search_distance or reach:g} m; set search_distance, or exchange the sides"
+                f"contacts.{name}: nothing of {contact.surface} faces {contact.against} within {far:g} m; set "
+                "search_distance, or exchange the sides"
             )
-    return tuple(build_rows(contacts, constraints))
+    return tuple(build_rows(couplings, constraints, moved))
 
 
 def displacement_space(mesh: Mesh) -> Any:
@@ -234,6 +258,8 @@ def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
     for time in scene.requested_times():
         constraints.prescribed(time)  # contradictions between supports show here, before any solve
     loads = weak.loads() + [form for effect in active_effects(scene) for form in effect.loads(scene, weak)]
+    contacts = contact_rows(scene, mesh, space, nodes, constraints)
+    counters.searches += sum(1 for c in contacts if c.master)
     return System(
         scene=scene,
         mesh=mesh,
@@ -242,7 +268,7 @@ def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
         weak=weak,
         counters=counters,
         constraints=constraints,
-        contacts=contact_rows(scene, mesh, space, nodes, constraints),
+        contacts=contacts,
         K=dx.assemble_matrix(weak.compile(weak.elasticity())),
         T=constraints.transformation(mesh.comm),
         load_terms=tuple((amplitude, dx.assemble_vector(weak.compile(form))) for amplitude, form in loads),

@@ -10,10 +10,10 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from solvers.history import HistoryRow
 from solvers.plan import warnings
 from solvers.simulation import Simulation
 from solvers.step_result import StepResult
-from solvers.stepping import HistoryRow
 from workflows.mesh_report import ContactReport, MeshReport
 from workflows.results import Outcome
 from workflows.run import Watch

@@ -12,11 +12,12 @@ from typing import Any
 
 from geometry.errors import MachineError, StickslipError
 from solvers.audit import Audit, Auditor, Record
+from solvers.history import HistoryRow
 from solvers.nouns.scene import Scene
 from solvers.plan import warnings
 from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
-from solvers.stepping import HistoryRow, NoEquilibriumError, StepError
+from solvers.stepping import NoEquilibriumError, StepError
 from workflows.folder import MARK, ResultsFolder
 from workflows.interrupt import Interrupt
 from workflows.mesh_report import MeshReport, report_mesh
@@ -115,6 +116,7 @@ class Run:
                         w=stored.w,
                         reference=stored.reference,
                         driven=stored.driven,
+                        searched=stored.searched,
                         p_ref=stored.p_ref,
                         u_ref=stored.u_ref,
                         external_work=step.energy.external,

@@ -31,9 +31,14 @@ class Contact(Noun):
         float | None, Key("m", "how far apart sides may be to be paired; absent: a fifth of the bodies' extent")
     ] = None
 
+    sliding: Annotated[
+        bool, Key("-", "pairs, normals and gaps follow the motion; false: those of the start, for small slips")
+    ] = False
+
     def __post_init__(self) -> None:
         reach = self.search_distance
         require(reach is None or reach > 0, "search_distance", reach, "must be positive, in metres")
+        require(not (self.sliding and self.normal.ties), "sliding", "true", "a tied surface does not slide")
         if self.friction is not None:
             reason = "a tied surface sticks, leave it out" if self.normal.ties else self.friction.refuses(self.normal)
             if reason:

@@ -17,12 +17,19 @@ from solvers.operators.coupling import Coupling, Points
 from solvers.operators.rows import ContactRows
 
 Array = NDArray[np.float64]
+LEANS = 0.98  # cosine of the angle up to which a normal at a surface's edge is one of the plane it is held in
 
 
-def build_rows(contacts: Mapping[str, tuple[Contact, Coupling]], constraints: Constraints) -> list[ContactRows]:
-    """Rows of all contacts."""
+def build_rows(
+    contacts: Mapping[str, tuple[Contact, Coupling]], constraints: Constraints, moved: Mapping[str, Array]
+) -> list[ContactRows]:
+    """Rows of all contacts.
+
+    A gap that was measured after a motion `moved` (n_all, d) is one of displacements counted from the start once the
+    motion's own part of them is added.
+    """
     used: dict[int, Array] = {}
-    frames = {name: frames_of(coupling.normals) for name, (_, coupling) in contacts.items()}
+    frames = {name: frames_of(_held_in(coupling, constraints)) for name, (_, coupling) in contacts.items()}
     normal_carriers = {
         name: carry(coupling, frames[name][:, :1], constraints, used)
         for name, (contact, coupling) in contacts.items()
@@ -53,15 +60,33 @@ def build_rows(contacts: Mapping[str, tuple[Contact, Coupling]], constraints: Co
         else:
             carrier = _none(coupling)
         N_t, W_t = carrier.rows(coupling)
+        if name in moved:
+            gap_n = gap_n + N_n @ moved[name].ravel()
+            gap = gap + np.einsum("nd,nd->n", coupling.normals, coupling.relative @ moved[name])
         found.append(
             ContactRows(
                 name=name, surface=coupling.surface, master=coupling.master, normal=contact.normal, friction=friction,
                 frames=frames[name], node_weights=weights, node_gap=gap, relative=coupling.relative,
                 N_n=N_n, W_n=W_n, gap=gap_n, N_t=N_t, W_t=W_t,
-                free=carrier.free, psi=psi, share_t=carrier.share, dropped=dropped,
+                tangents=carrier.directions, free=carrier.free, psi=psi, share_t=carrier.share, dropped=dropped,
             )
         )  # fmt: skip
     return found
+
+
+def _held_in(coupling: Coupling, constraints: Constraints) -> Array:
+    """Normals (n, d) to a body turned into the planes that nodes are held in: symmetry planes, at the surface's edge.
+
+    There the averaged normals see one side of the edge only and lean out of the plane.
+    """
+    normals = coupling.normals.copy()
+    for j, node in enumerate(coupling.surface.nodes if coupling.master else ()):
+        basis = constraints.basis(int(node))
+        inside = basis @ (basis.T @ normals[j])
+        length = float(np.linalg.norm(inside))
+        if basis.shape[1] < len(inside) and length > LEANS:
+            normals[j] = inside / length
+    return normals
 
 
 def _none(coupling: Coupling) -> Carrier:

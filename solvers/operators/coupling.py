@@ -34,5 +34,21 @@ class Coupling:
     weights: Array  # (n,) ∫ phi~_j over the part that faces the other side; 0: nothing, below 0: little of the node's
     relative: Any  # (n, n + n_master) sparse: nodal displacements of both sides to relative displacement
     gap: Array  # (n,) [m]
-    normals: Array  # (n, d) unit, towards the other side
+    normals: Array  # (n, d) unit, towards the other side, half way between both sides' own
     points: Callable[[int], Points]  # for a quadrature degree
+
+
+def between(own: Array, other: Array, gap: Array) -> tuple[Array, Array]:
+    """Unit normals (m, d) half way between those of two sides, and the gaps (m,) along `own` as they see them.
+
+    Neither side is preferred: equal bodies pressed against each other do not shear where they touch. Where nothing
+    faces a point its `other` is 0.
+
+    >>> tilted = np.array([[0.6, -0.8]])
+    >>> normals, gap = between(tilted, np.array([[0.6, 0.8]]), np.array([0.5]))
+    >>> normals.tolist(), gap.tolist()
+    ([[0.0, -1.0]], [0.4])
+    """
+    normals = own - other
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals, gap * np.einsum("md,md->m", own, normals)

@@ -22,6 +22,7 @@ from geometry.surface import Surface
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+DUAL = 1e-3  # of a facet's weights: psi that is off by more before its refinement is given up
 SLIVER = 1e-9  # of a facet, or of a node's weight: less is not covered
 WILD = 1e6  # psi is about 10 at most on a whole facet
 
@@ -77,13 +78,14 @@ def _dual(slave: Surface, facets: Ints, local: Array, weights: Array) -> tuple[A
     f, k = box.shape[:2]
     T = _values(slave, box.reshape(f * k, local.shape[1])).reshape(f, k, k) @ slave.change.T
     L, phi = _values(slave, (local - low[at]) / (high - low)[at]), _values(slave, local) @ slave.change.T
-    C = np.linalg.pinv(_products(L, L, weights, first), hermitian=True) @ np.swapaxes(np.linalg.inv(T), 1, 2)
+    C = np.linalg.pinv(_products(L, L, weights, first), hermitian=True) @ np.swapaxes(np.linalg.pinv(T), 1, 2)
     lumped = weights[:, None] * phi
     D = np.add.reduceat(lumped, first)
     psi = _combine(L, (C * D[:, None])[at])
     left = D[:, :, None] * np.eye(k) - _products(phi, psi, weights, first)  # of rounding: one step of refinement
     psi = psi + _combine(L, (C @ left)[at])
-    wild = ~(np.maximum.reduceat(np.abs(psi).max(axis=1), first) <= WILD)
+    dual = np.abs(left).max(axis=(1, 2)) <= DUAL * np.abs(D).max(axis=1)  # not so where T is singular to rounding
+    wild = ~((np.maximum.reduceat(np.abs(psi).max(axis=1), first) <= WILD) & dual)
     mean = D[wild] / D[wild].sum(axis=1, keepdims=True)
     psi[wild[at]] = np.repeat(mean, np.bincount(at, minlength=f)[wild], axis=0)
     return psi, lumped

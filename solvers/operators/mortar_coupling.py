@@ -11,7 +11,7 @@ from scipy import sparse
 from geometry import dolfinx_versions as dx
 from geometry.overlap import overlap
 from geometry.surface import Surface
-from solvers.operators.coupling import Coupling, Points
+from solvers.operators.coupling import Coupling, Points, between
 from solvers.operators.mortar import mortar_integrals
 
 Array = NDArray[np.float64]
@@ -24,13 +24,14 @@ def mortar_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
     weights, P, gap, _ = mortar_integrals(slave, master, found)
     facing = weights != 0
     own = sparse.diags(facing.astype(float)) @ slave.transform
+    normals, gap = between(slave.node_normals(), P @ master.node_normals(), np.where(facing, gap, 0.0))
     return Coupling(
         slave,
         master,
         weights,
         sparse.hstack([own, -P], format="csr"),
-        np.where(facing, gap, 0.0),
-        slave.node_normals(),
+        gap,
+        normals,
         points=lambda degree: _points(slave, master, reach, max(degree, _degree(slave, master))),
     )
 
@@ -48,7 +49,8 @@ def _points(slave: Surface, master: Surface, reach: float, degree: int) -> Point
     own = _values(slave, found.slave_facet, found.slave_local)
     other = _values(master, found.master_facet, found.master_local)
     relative = sparse.hstack([own, -other], format="csr")
-    return Points(found.weights, relative, found.gap, found.normals, psi)
+    normals, gap = between(found.normals, other @ master.node_normals(), found.gap)
+    return Points(found.weights, relative, gap, normals, psi)
 
 
 def _values(surface: Surface, facet: Ints, local: Array) -> sparse.csr_matrix:

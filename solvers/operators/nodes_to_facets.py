@@ -12,18 +12,20 @@ from scipy import sparse
 
 from geometry.search import pair
 from geometry.surface import Surface
-from solvers.operators.coupling import Coupling, Points
+from solvers.operators.coupling import Coupling, Points, between
 
 
 def nodal_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
     """Everything lives at the slave's nodes, with their own weights; a node that meets no facet carries nothing."""
-    normals = slave.node_normals()
-    found = pair(slave.points, normals, master, reach)
+    along = slave.node_normals()
+    found = pair(slave.points, along, master, reach)
+    partners = found.weights(master)
     missed = (found.facet < 0).astype(float)
     met = abs(slave.transform) @ missed == 0  # a coefficient of phi~ may need several nodes
     weights = np.where(met, slave.node_weights(), 0.0)
-    relative = sparse.hstack([slave.transform, -(slave.transform @ found.weights(master))], format="csr")
+    relative = sparse.hstack([slave.transform, -(slave.transform @ partners)], format="csr")
     gap = np.where(met, slave.transform @ np.where(missed, 0.0, found.gap), 0.0)
+    normals, gap = between(along, partners @ master.node_normals(), gap)
 
     def points(degree: int) -> Points:
         """The nodes that meet a facet, whatever the degree."""

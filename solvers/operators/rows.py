@@ -37,6 +37,7 @@ class ContactRows:
     gap: Array  # (m_n,) [m]
     N_t: Any  # (m_t (d-1), n_all d) sparse
     W_t: Array  # (m_t,)
+    tangents: Array  # (m_t, d-1, d) at the tangential points
     free: NDArray[np.bool_]  # (m_t, d-1) tangential directions that carry a multiplier
     psi: Any  # (n, m_n) sparse: ∫ psi_j of a normal field, by node
     share_t: Any  # (m_t, n) sparse: which nodes a tangential point stands for; columns add up to 1
@@ -73,6 +74,20 @@ class ContactRows:
             return np.zeros((n, d))
         nodal_forces = self.N_t.T @ (t.reshape(len(self.W_t), d - 1) * self.W_t[:, None]).ravel()
         return self._per_weight(self.surface.forces_transform @ nodal_forces.reshape(-1, d)[:n])
+
+    def normal_of_nodes(self, pressure: Array) -> Array:
+        """Pressure at normal points (m_n,) from that of the nodes (n,): the transpose of `node_pressure`, weighted."""
+        spread = self.psi.T @ pressure
+        total = self.psi.T @ np.ones(len(pressure))
+        return np.asarray(np.divide(spread, total, out=np.zeros_like(spread), where=np.abs(total) > 0))
+
+    def tangential_of_nodes(self, traction: Array) -> Array:
+        """Multiplier t (m_t, d-1) from a Cartesian one at the nodes (n, d): each point takes its nodes' mean."""
+        d = self.surface.dim
+        if not len(self.W_t):
+            return np.zeros((0, d - 1))
+        mean = self.share_t.multiply(1 / np.maximum(self.share_t.sum(axis=1), 1e-300)) @ traction
+        return np.asarray(np.einsum("mcd,md->mc", self.tangents, mean))
 
     def _per_weight(self, values: Array) -> Array:
         weights = self.node_weights.reshape(-1, *[1] * (values.ndim - 1))

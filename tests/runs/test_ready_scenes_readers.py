@@ -21,8 +21,8 @@ def assert_shows_the_probes(solved: Solved, index: int, points: Any, displacemen
         assert distance.min() <= ROUNDING
         expected = solved.result["steps"][index]["probes"][name]["displacement"]
         scale = np.abs(displacement).max()
-        found = displacement[int(distance.argmin()), : solved.scene.dim]
-        assert_allclose(found, expected, atol=ROUNDING * scale)
+        found = displacement[distance <= ROUNDING, : solved.scene.dim]  # bodies that touch have a node each there
+        assert np.abs(found - expected).max(axis=1).min() <= ROUNDING * scale
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # meshio's own
@@ -50,8 +50,8 @@ def shown(path: Path) -> Iterator[tuple[float, Any]]:
 
 def test_vtk_reads_the_fields(solved: Solved) -> None:
     shape, dim = solved.scene.geometry, solved.scene.dim
-    (body,) = shape.bodies(dim)
-    size, measure = measures(shape, dim)[body], ("Area", "Volume")[dim - 2]
+    size = sum(measures(shape, dim)[body] for body in shape.bodies(dim))
+    measure = ("Area", "Volume")[dim - 2]
     straight = bend(shape) ** 2 / 6  # VTK cuts curved cells into straight ones
     times = []
     for index, (time, grid) in enumerate(shown(solved.folder / "fields.xdmf")):

@@ -3,9 +3,13 @@
 from math import pi
 from typing import Any
 
+from geometry.builders.assembly import Assembly, Part
+
 
 def measures(shape: Any, dim: int) -> dict[str, float]:
     """Body and sides (as body.side) -> volume and areas [m^d, m^(d-1)]."""
+    if isinstance(shape, Assembly):
+        return {name: size for body, part in shape.parts().items() for name, size in placed(body, part, dim).items()}
     return {
         "block": cuboid,
         "strip": cuboid,
@@ -13,7 +17,20 @@ def measures(shape: Any, dim: int) -> dict[str, float]:
         "half_ball": half_ball,
         "half_space": half_space,
         "ring": ring,
-    }[shape.builder](shape, dim)
+        "sector": sector,
+    }[kind(shape)](shape, dim)
+
+
+def kind(shape: Any) -> str:
+    """Its builder's name; a sector is a part of an arch only."""
+    return str(getattr(shape, "builder", "sector"))
+
+
+def placed(body: str, part: Part, dim: int) -> dict[str, float]:
+    """A part of an assembly under the names that it has there."""
+    own = measures(part.shape, dim)
+    (there,) = part.shape.bodies(dim)
+    return {body: own[there]} | {f"{body}.{side}": own[name] for side, name in part.sides(dim).items()}
 
 
 def cuboid(shape: Any, dim: int) -> dict[str, float]:
@@ -21,7 +38,7 @@ def cuboid(shape: Any, dim: int) -> dict[str, float]:
     area = {"left": width * height, "front": length * height, "bottom": length * width}
     sides = area | {"right": area["left"], "back": area["front"], "top": area["bottom"]}
     kept = [side for side in sides if dim == 3 or side not in ("front", "back")]
-    body = shape.builder
+    body = kind(shape)
     return {body: length * width * height} | {f"{body}.{side}": sides[side] for side in kept}
 
 
@@ -55,10 +72,20 @@ def ring(shape: Any, dim: int) -> dict[str, float]:
     return {name: part * value for name, value in found.items()} | (axes if shape.angle == 90 else {})
 
 
+def sector(shape: Any, dim: int) -> dict[str, float]:
+    inner, outer, turn = shape.inner_radius, shape.outer_radius, pi * (shape.end - shape.start) / 180
+    sides = {"left": outer - inner, "right": outer - inner, "inside": turn * inner, "outside": turn * outer}
+    return {"sector": turn * (outer**2 - inner**2) / 2} | {f"sector.{name}": size for name, size in sides.items()}
+
+
 def bend(shape: Any) -> float:
     """Largest angle [rad] that one cell spans on a circle of the shape: what its facets miss."""
-    radius = {"half_disc": "radius", "half_ball": "radius", "ring": "outer_radius"}.get(shape.builder)
-    if shape.builder == "half_space":
+    if isinstance(shape, Assembly):
+        return max(bend(part.shape) for part in shape.parts().values())
+    radius = {"half_disc": "radius", "half_ball": "radius", "ring": "outer_radius", "sector": "outer_radius"}.get(
+        kind(shape)
+    )
+    if kind(shape) == "half_space":
         return float(shape.fine_size / shape.contact_half_width)  # in 3D its contact part is a disc
     return float(shape.mesh_size / getattr(shape, radius)) if radius else 0.0
 

@@ -14,6 +14,7 @@ from workflows.run import run
 from workflows.scene import read
 
 COARSER = 2.5  # times the mesh sizes of the ready scenes: what is tested holds on every mesh
+SIZES = ("mesh_size", "contact_mesh_size", "lower_mesh_size", "inner_mesh_size")
 ZERO = 1e-8  # the tolerance of the ready scenes: balances hold to it, relative to their largest term
 ROUNDING = 1e-12
 Json = dict[str, Any]
@@ -52,9 +53,12 @@ class Solved:
 def coarse(name: str) -> list[str]:
     """Overrides for a coarser mesh, with a probe more, and no pictures (they have tests of their own)."""
     scene = read(name)
-    sizes = {key: getattr(scene.geometry, key, None) for key in ("mesh_size", "contact_mesh_size")}
-    surface = next(iter(scene.contacts.values())).surface
-    corner = scene.geometry.sample(surface, scene.dim)[0][0].tolist()
+    sizes = {key: getattr(scene.geometry, key, None) for key in SIZES}
+    contact, support = (next(iter(table.values()), None) for table in (scene.contacts, scene.supports))
+    assert contact is not None
+    alone = support is None or contact.against in scene.obstacles  # else another body may reach over the contact side
+    side = contact.surface if alone else support.boundary
+    corner = scene.geometry.sample(side, scene.dim)[0][0].tolist()
     return [
         *(f"geometry.{key}={COARSER * size}" for key, size in sizes.items() if size is not None),
         f"probes.seat={{point={corner}}}",

@@ -90,7 +90,7 @@ def case(scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Simula
     )
     simulation = simulation_of(scene)
     step = list(simulation.steps())[-1]
-    names = ("time", "displacement", "p", "w", "reference", "driven", "p_ref", "u_ref")
+    names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
     record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
     return Case(simulation, Auditor(scene, simulation.mesh), step, record)
 
@@ -182,7 +182,7 @@ def test_an_audit_without_contact_sees_equilibrium_only(
     scene = scene_of(supports=hold, loads={"pull": {"boundary": "block.bottom", "traction": [0.1, -0.2]}})
     simulation = simulation_of(scene)
     (step,) = simulation.steps()
-    names = ("time", "displacement", "p", "w", "reference", "driven", "p_ref", "u_ref")
+    names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
     record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
     audit = Auditor(scene, simulation.mesh)
     found = asdict(audit(record))
@@ -209,7 +209,7 @@ def test_compliance_is_audited_by_the_form_and_by_its_law(
     )  # fmt: skip
     simulation = simulation_of(scene)
     (step,) = simulation.steps()
-    names = ("time", "displacement", "p", "w", "reference", "driven", "p_ref", "u_ref")
+    names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
     record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
     audit = Auditor(scene, simulation.mesh)
     assert max(asdict(audit(record)).values()) < CLEAN
@@ -239,7 +239,7 @@ def test_an_obstacle_that_a_force_drives_is_in_equilibrium_too(
     )
     simulation = simulation_of(scene)
     (step,) = simulation.steps()
-    names = ("time", "displacement", "p", "w", "reference", "driven", "p_ref", "u_ref")
+    names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
     record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
     assert max(asdict(Auditor(scene, simulation.mesh)(record)).values()) < CLEAN
     heavier = replace(scene, obstacles={"foundation": replace(scene.obstacles["foundation"], force={"y": 0.3})})

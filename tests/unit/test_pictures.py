@@ -107,6 +107,7 @@ def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
         w=np.zeros(0),
         reference=np.zeros(0),
         driven=np.zeros(0),
+        searched={},
         obstacles={},
         p_ref=1.0,
         u_ref=1.0,

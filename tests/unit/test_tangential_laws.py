@@ -50,7 +50,7 @@ def rubbed(
 
 
 def record_of(step: StepResult) -> Record:
-    names = ("time", "displacement", "p", "w", "reference", "driven", "p_ref", "u_ref")
+    names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
     return Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
 
 

@@ -80,7 +80,7 @@ def test_tied_surface_moves_as_a_support_would_move_it(
     # both are one linear solve: rounding times the condition of K, about 1e3
     assert_allclose(step.displacement, held.displacement, atol=1e-12 * 0.02)
     assert_allclose(step.contacts["base"].force, held.supports["base"][0], atol=1e-11)
-    names = ("time", "displacement", "p", "w", "reference", "driven", "p_ref", "u_ref")
+    names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
     record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
     audit = Auditor(scene, tied.mesh)(record)
     assert max(vars(audit).values()) < 1e-10

@@ -45,6 +45,7 @@ class StoredStep:
     w: Array  # (rows,) flat relative displacement [m]
     reference: Array  # (rows,) what the laws count w from [m]
     driven: Array  # (o,) motion of the obstacles that forces drive [m]
+    searched: Mapping[str, Array]  # where sliding contacts were paired [m]
 
 
 def step_name(index: int) -> str:
@@ -79,6 +80,7 @@ def write_step(folder: Path, index: int, result: StepResult) -> Path:
         "state/w": result.w,
         "state/reference": result.reference,
         "state/driven": result.driven,
+        **{f"searched/{name}": moved for name, moved in result.searched.items()},
     }
     for name, contact in result.contacts.items():
         arrays |= {f"contacts/{name}/{key}": value for key, value in _columns(contact).items()}
@@ -123,6 +125,7 @@ def read_step(path: Path) -> StoredStep:
             w=arrays["state/w"],
             reference=arrays["state/reference"],
             driven=arrays["state/driven"],
+            searched={name.split("/")[1]: moved for name, moved in arrays.items() if name.startswith("searched/")},
         )
     except (KeyError, TypeError, ValueError) as error:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error

@@ -1,0 +1,80 @@
+"""Large sliding: a block drawn across another by five cells, whose meshes do not match."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from solvers.simulation import prepare
+from solvers.step_result import StepResult
+from workflows.scene import from_dict
+
+CELL, MU = 0.25, 0.3
+FORCE = 100.0 * 0.005 / 0.5  # E strain, on a side of 1 m: the sliding block is 1e7 times as stiff, nu = 0
+
+
+def slide(slave: str, operator: str, order: int, friction: dict[str, Any], law: dict[str, Any]) -> list[StepResult]:
+    """The upper, rigid block pressed down, then drawn in x; the results while it slides."""
+    sides = {"upper": "upper.bottom", "lower": "lower.top"}
+    other = "lower" if slave == "upper" else "upper"
+    contact = {"surface": sides[slave], "against": sides[other], "operator": operator, "sliding": True, "normal": law}
+    scene = from_dict(
+        {
+            "model": "plane strain",
+            "geometry": {
+                "builder": "two_blocks",
+                "length": 4.0,
+                "lower_length": 1.0,
+                "height": 0.5,
+                "mesh_size": CELL * 2 / 3,
+                "lower_mesh_size": CELL,
+                "offset": -1.0,
+                "order": order,
+            },
+            "bodies": {"upper": {"E": 1e9, "nu": 0.0}, "lower": {"E": 100.0, "nu": 0.0}},
+            "contacts": {"joint": contact | friction},
+            "supports": {
+                "drive": {
+                    "boundary": "upper.top",
+                    "displacement": {"x": [[0, 0], [1, 0], [2, 5 * CELL]], "y": [[0, 0], [1, -0.005]]},
+                },
+                "base": {"boundary": "lower.bottom", "displacement": {"y": 0.0}},
+                "pin": {"point": [2.0, -0.5], "displacement": {"x": 0.0}},
+            },
+            "steps": {"end": 2.0, "count": 12},
+        }
+    )
+    return [step for step in prepare(scene).steps() if step.time > 1.0]
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("slave", ["upper", "lower"])
+@pytest.mark.parametrize("friction", [{}, {"friction": {"law": "coulomb", "mu": MU}}])
+def test_force_does_not_feel_the_cells_that_pass(slave: str, order: int, friction: dict[str, Any]) -> None:
+    steps = slide(slave, "mortar", order, friction, {"law": "unilateral"})
+    forces = np.array([step.contacts["joint"].normal_force for step in steps])
+    assert len(forces) >= 6
+    assert_allclose(forces, FORCE, rtol=1e-6)  # the stiffness of the upper block: 1e-7
+    assert np.ptp(forces) <= 1e-6 * FORCE
+    for step in steps:
+        energy = step.energy
+        # 1e9 Pa moved by a metre: its forces are rounded to 1e-7 N each, in every step
+        assert_allclose(energy.external, energy.stored + energy.contact, rtol=0, atol=2e-5)
+    if friction and slave == "lower":  # all of it is covered, at every step
+        assert_allclose([s.contacts["joint"].tangential_force for s in steps], MU * forces, rtol=1e-6)
+        assert steps[-1].contacts["joint"].max_slip > 4.5 * CELL
+
+
+def test_force_of_nodes_on_segments_swings_with_the_cells() -> None:
+    steps = slide("lower", "node-to-segment", 1, {}, {"law": "unilateral"})
+    forces = np.array([step.contacts["joint"].normal_force for step in steps])
+    assert np.ptp(forces) <= 0.05 * FORCE
+
+
+@pytest.mark.parametrize("slave", ["upper", "lower"])
+def test_compliance_slides_too(slave: str) -> None:
+    steps = slide(slave, "mortar", 1, {}, {"law": "compliance", "c_n": 1e4})
+    # two springs in series: the block, 100 Pa / 0.5 m, and the surface
+    expected = 0.005 / (0.5 / 100.0 + 1e-4)
+    assert_allclose([step.contacts["joint"].normal_force for step in steps], expected, rtol=1e-6)
