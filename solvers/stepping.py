@@ -128,9 +128,11 @@ class Stepper:
             stepper, solution, problem, accept = self._follow(state, end, history, on_iteration)
             iterations += solution.iterations
             if solution.status is Status.NO_EQUILIBRIUM:
-                unbalanced = end, f"{solution.status.value}: {in_words(self.system, solution.u_c)}"
+                unbalanced = end, f"{solution.status.value}: {in_words(stepper.system, solution.u_c)}"
             if solution.status is Status.CONVERGED:
                 before_substep, state, substeps = state, accept(), substeps + 1
+                if stepper is not self:
+                    unbalanced = None  # it was known for the pairs of another place
                 reached = Accepted(
                     stepper=stepper,
                     state=state,
