@@ -10,10 +10,10 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
-from geometry.editing import write_msh
 from geometry.errors import GeometryError, SceneError
 from geometry.gmsh_session import gmsh_session
 from geometry.mesh import Mesh, build_mesh
+from geometry.msh_file import write_msh
 from geometry.quality import worst_quality
 from geometry.user_files.parts import find_parts
 from geometry.user_files.system_calls import parameter_names
