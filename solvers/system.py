@@ -33,7 +33,8 @@ from solvers.rigid_motions import rigid_fields
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-REACH = 0.2  # of the bodies' extent: as far as contact is looked for where the scene does not say
+REACH = 0.2  # of the sides' extent: as far as contact is looked for where the scene does not say
+SLACK = 1 + 1e-6  # a gap may be as wide as the reach to rounding
 
 
 @dataclass(frozen=True)
@@ -123,7 +124,7 @@ class System:
         known = {c.name: c for c in self.contacts}
         sides = {self.scene.contacts[c.name].surface: c.surface for c in self.contacts}
         sides |= {self.scene.contacts[c.name].against: c.master for c in self.contacts if c.master}
-        rows = couple(self.scene, sides, self.constraints, REACH * self.extent, moved)
+        rows = couple(self.scene, sides, self.constraints, moved)
         self.counters.searches += sum(1 for c in rows if c.master)
         fresh = tuple(c if c.name in moved else known[c.name] for c in rows)
         return replace(
@@ -214,12 +215,11 @@ def contact_rows(
 ) -> tuple[ContactRows, ...]:
     """Rows of all contacts of the scene, their surfaces gathered on every rank; collective."""
     sides = {s: gather_surface(mesh, space, nodes, s) for s in scene.request().contact_sides}
-    low, high = mesh.box()
-    return couple(scene, sides, constraints, REACH * float(np.max(high - low)), {})
+    return couple(scene, sides, constraints, {})
 
 
 def couple(
-    scene: Scene, sides: Mapping[str, Surface], constraints: Constraints, reach: float, moved: Mapping[str, Array]
+    scene: Scene, sides: Mapping[str, Surface], constraints: Constraints, moved: Mapping[str, Array]
 ) -> tuple[ContactRows, ...]:
     """Rows of all contacts where the surfaces are; `moved` (n_all, d) by contact, relative to a rigid obstacle [m]."""
     couplings = {}
@@ -232,14 +232,21 @@ def couple(
         if master is None:
             couplings[name] = contact, rigid_coupling(slave, scene.obstacles[contact.against])
             continue
-        far = contact.search_distance or reach
-        couplings[name] = contact, OPERATORS[contact.operator or "mortar"](slave, master, far)
+        # of the start, and the same for a scene that is turned as a whole
+        far = contact.search_distance or REACH * _spread(sides[contact.surface], sides[contact.against])
+        couplings[name] = contact, OPERATORS[contact.operator or "mortar"](slave, master, far * SLACK)
         if not np.any(couplings[name][1].weights > 0):
             raise SceneError(
                 f"contacts.{name}: nothing of {contact.surface} faces {contact.against} within {far:g} m; set "
                 "search_distance, or exchange the sides"
             )
     return tuple(build_rows(couplings, constraints, moved))
+
+
+def _spread(*sides: Surface) -> float:
+    """Diameter of the sphere about the middle of the sides' nodes [m]."""
+    points = np.concatenate([side.points for side in sides])
+    return 2 * float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
 
 
 def displacement_space(mesh: Mesh) -> Any:

@@ -28,7 +28,7 @@ class Contact(Noun):
         Key("-", "between bodies; absent: mortar"),
     ] = None
     search_distance: Annotated[
-        float | None, Key("m", "how far apart sides may be to be paired; absent: a fifth of the bodies' extent")
+        float | None, Key("m", "how far apart sides may be to be paired; absent: a fifth of the sides' extent")
     ] = None
 
     sliding: Annotated[

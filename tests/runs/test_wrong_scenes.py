@@ -60,7 +60,7 @@ WRONG = {
     ),
     "unknown obstacle": (
         ["contacts.base.against='foundatoin'"],
-        r"contacts\.base\.against = foundatoin: no such obstacle; did you mean foundation\?",
+        r"contacts\.base\.against = foundatoin: no such obstacle or side; did you mean foundation\?",
     ),
     "name in capitals": (
         ["contacts.Base={surface='block.left',against='foundation'}"],

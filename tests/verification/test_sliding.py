@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.simulation import prepare
+from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
 from workflows.scene import from_dict
 
@@ -14,8 +14,8 @@ CELL, MU = 0.25, 0.3
 FORCE = 100.0 * 0.005 / 0.5  # E strain, on a side of 1 m: the sliding block is 1e7 times as stiff, nu = 0
 
 
-def slide(slave: str, operator: str, order: int, friction: dict[str, Any], law: dict[str, Any]) -> list[StepResult]:
-    """The upper, rigid block pressed down, then drawn in x; the results while it slides."""
+def drawn(slave: str, operator: str, order: int, friction: dict[str, Any], law: dict[str, Any]) -> Simulation:
+    """The upper, rigid block pressed down, then drawn in x."""
     sides = {"upper": "upper.bottom", "lower": "lower.top"}
     other = "lower" if slave == "upper" else "upper"
     contact = {"surface": sides[slave], "against": sides[other], "operator": operator, "sliding": True, "normal": law}
@@ -45,7 +45,12 @@ def slide(slave: str, operator: str, order: int, friction: dict[str, Any], law: 
             "steps": {"end": 2.0, "count": 12},
         }
     )
-    return [step for step in prepare(scene).steps() if step.time > 1.0]
+    return prepare(scene)
+
+
+def slide(slave: str, operator: str, order: int, friction: dict[str, Any], law: dict[str, Any]) -> list[StepResult]:
+    """Results while it slides."""
+    return [step for step in drawn(slave, operator, order, friction, law).steps() if step.time > 1.0]
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -78,3 +83,10 @@ def test_compliance_slides_too(slave: str) -> None:
     # two springs in series: the block, 100 Pa / 0.5 m, and the surface
     expected = 0.005 / (0.5 / 100.0 + 1e-4)
     assert_allclose([step.contacts["joint"].normal_force for step in steps], expected, rtol=1e-6)
+
+
+def test_pairs_are_searched_again_but_bodies_not_prepared_again() -> None:
+    simulation = drawn("lower", "mortar", 1, {}, {"law": "unilateral"})
+    steps = list(simulation.steps())
+    assert simulation.counters.searches > len(steps)
+    assert simulation.counters.factorisations == 1
