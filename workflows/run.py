@@ -180,7 +180,7 @@ def run(scene: Scene, folder: str | Path, watch: Watch | None = None) -> tuple[O
                 watch.on_prepared(simulation)
             going = Run(simulation, work, began, interrupt)
             status, sentence = going.march(watch)
-            doubts = too_large(scene, going.steps) if comm.rank == 0 else ()
+            doubts = too_large(simulation.data, going.steps) if comm.rank == 0 else ()
             for warning in doubts:
                 log.warning("%s", warning)
             content = going.finish(status)
