@@ -10,7 +10,7 @@ from scipy import sparse
 
 from geometry.surface import Surface
 from solvers.constraints import Constraints
-from solvers.operators.coupling import Coupling
+from solvers.operators.coupling import LITTLE, Coupling
 
 Array = NDArray[np.float64]
 SMALL = 1e-6  # sine of the angle below which directions count as parallel
@@ -65,13 +65,14 @@ def carry(coupling: Coupling, directions: Array, constraints: Constraints, used:
         used: root node -> directions (r, k) of its free basis that multipliers against rigid obstacles already hold.
     """
     surface, facing = coupling.surface, coupling.weights != 0
+    little = LITTLE * surface.node_weights()  # too little to tell the gap at the node from that of what faces it
     n, c, _ = directions.shape
     point_of_root: dict[int, int] = {}
     owner = np.full(n, -1)
     kept_directions: list[Array] = []
     kept_free: list[NDArray[np.bool_]] = []
     for j, node in enumerate(surface.nodes):
-        if coupling.weights[j] <= 0:  # below 0: a quadratic node of which little faces the master
+        if coupling.weights[j] <= little[j]:
             continue
         root = constraints.root.get(int(node), int(node))
         if root in point_of_root:  # a periodic image: one multiplier for both

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from geometry.surface import Surface
 
 Array = NDArray[np.float64]
+LITTLE = 0.01  # of a node's weight: less faces the other side (of a quadratic node even less than nothing)
 
 
 @dataclass(frozen=True)

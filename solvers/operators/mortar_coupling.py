@@ -11,7 +11,7 @@ from scipy import sparse
 from geometry import dolfinx_versions as dx
 from geometry.overlap import overlap
 from geometry.surface import Surface
-from solvers.operators.coupling import Coupling, Points, between
+from solvers.operators.coupling import LITTLE, Coupling, Points, between
 from solvers.operators.mortar import mortar_integrals
 
 Array = NDArray[np.float64]
@@ -24,7 +24,12 @@ def mortar_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
     weights, P, gap, _ = mortar_integrals(slave, master, found)
     facing = weights != 0
     own = sparse.diags(facing.astype(float)) @ slave.transform
-    normals, gap = between(slave.node_normals(), P @ master.node_normals(), np.where(facing, gap, 0.0))
+    gap = np.where(facing, gap, 0.0)
+    other = P @ master.node_normals()
+    little = facing & (weights <= LITTLE * slave.node_weights())  # what they see is a far extrapolation
+    if little.any():
+        gap[little], other[little] = np.clip(gap[little], found.gap.min(), found.gap.max()), 0.0
+    normals, gap = between(slave.node_normals(), other, gap)
     return Coupling(
         slave,
         master,

@@ -10,8 +10,9 @@ from numpy.testing import assert_allclose
 from geometry.mesh import build_mesh
 from solvers.counters import Counters
 from solvers.operators.rows import ContactRows
+from solvers.simulation import prepare
 from solvers.system import assemble
-from workflows.scene import from_dict
+from workflows.scene import from_dict, read
 
 LAWS: dict[str, dict[str, Any]] = {"unilateral": {"law": "unilateral"}, "compliance": {"law": "compliance", "c_n": 9.0}}
 
@@ -107,3 +108,17 @@ def quarter() -> ContactRows:
     scene = from_dict(data)
     (found,) = assemble(scene, build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters()).contacts
     return found
+
+
+def test_a_node_of_which_little_faces_the_master_presses_nothing() -> None:
+    # at the rim of what faces the other ball its gap is extrapolated: it pressed a million times as hard as the pole
+    sizes = ["geometry.mesh_size=0.75", "geometry.lower_mesh_size=0.9", "geometry.contact_mesh_size=0.075"]
+    simulation = prepare(read("spheres", sizes))
+    (rows,) = simulation.system.contacts
+    assert rows.node_gap[rows.node_weights > 0].min() > -1e-12
+    *_, step = simulation.steps()
+    pole = step.contacts["pole"]
+    far = np.linalg.norm(rows.surface.points[:, :2], axis=1) > 0.4
+    assert far.any()
+    assert not pole.pressure[far].any()
+    assert 0.001 < pole.normal_force < 0.01
