@@ -115,7 +115,7 @@ def test_a_node_of_which_little_faces_the_master_presses_nothing() -> None:
     sizes = ["geometry.mesh_size=0.75", "geometry.lower_mesh_size=0.9", "geometry.contact_mesh_size=0.075"]
     simulation = prepare(read("spheres", sizes))
     (rows,) = simulation.system.contacts
-    assert rows.node_gap[rows.node_weights > 0].min() > -1e-12
+    assert rows.node_gap[rows.node_weights > 0].min() > -1e-3  # straight facets of .075 m cut the balls by h^2 / 8 R
     *_, step = simulation.steps()
     pole = step.contacts["pole"]
     far = np.linalg.norm(rows.surface.points[:, :2], axis=1) > 0.4
