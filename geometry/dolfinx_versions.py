@@ -64,13 +64,6 @@ def vector_space(domain: Any, degree: int) -> Any:
     return fem.VectorFunctionSpace(stable(domain), ("Lagrange", degree))
 
 
-def cellwise_space(domain: Any) -> Any:
-    """One number a cell (DG0)."""
-    if hasattr(fem, "functionspace"):
-        return fem.functionspace(domain, ("DG", 0))
-    return fem.FunctionSpace(stable(domain), ("DG", 0))
-
-
 def petsc_vector(function: Any) -> Any:
     """PETSc vector that shares the function's memory."""
     return function.x.petsc_vec if hasattr(function.x, "petsc_vec") else function.vector

@@ -80,6 +80,11 @@ def _refuse_laws(scene: Scene, method: str) -> None:
     """Laws that the method does not know."""
     table = METHODS[method]
     for name, contact in scene.contacts.items():
+        if contact.sliding and not table.multibody:
+            raise SceneError(
+                f"contacts.{name}.sliding = true: solver.method = {method} finds contact where the bodies are at the "
+                "start; use condensed-newton"
+            )
         if contact.against not in scene.obstacles and not table.multibody:
             raise SceneError(
                 f"contacts.{name}.against = {contact.against}: solver.method = {method} knows rigid obstacles alone; "

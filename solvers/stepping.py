@@ -177,6 +177,8 @@ class Stepper:
             if stay(stepper.system, where, reached):
                 break
             where = reached
+        else:
+            log.warning("t = %g: pairs still change after %d searches; the last ones stand", end, SEARCHES)
         return stepper, solution, problem, accept
 
     def _searched(self, where: Mapping[str, Array]) -> Stepper:

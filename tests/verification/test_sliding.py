@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from geometry.errors import SceneError
+from solvers.plan import make_plan
 from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
 from workflows.scene import from_dict
@@ -90,3 +92,24 @@ def test_pairs_are_searched_again_but_bodies_not_prepared_again() -> None:
     steps = list(simulation.steps())
     assert simulation.counters.searches > len(steps)
     assert simulation.counters.factorisations == 1
+
+
+def test_a_rigid_roller_presses_as_hard_wherever_it_is_drawn() -> None:
+    roller = {"shape": "cylinder", "point": [2.0, 2.0], "radius": 1.0}
+    roller["displacement"] = {"x": [[0, 0], [1, 0], [2, 1.0]], "y": [[0, 0], [1, -0.02]]}
+    contact = {"surface": "block.top", "against": "roller", "sliding": True}
+    data = {
+        "model": "plane strain",
+        "geometry": {"builder": "block", "length": 5.0, "height": 1.0, "mesh_size": 0.1, "contact_mesh_size": 0.05},
+        "bodies": {"block": {"E": 1.0, "nu": 0.3}},
+        "obstacles": {"roller": roller},
+        "contacts": {"track": contact},
+        "supports": {"base": {"boundary": "block.bottom", "displacement": {"x": 0.0, "y": 0.0}}},
+        "steps": {"end": 2.0, "count": 2},
+    }
+    pressed, moved = prepare(from_dict(data)).steps()
+    force = pressed.contacts["track"].normal_force
+    assert force > 0
+    assert_allclose(moved.contacts["track"].normal_force, force, rtol=0.02)  # 10 cells touch, 20 passed; ends 1.5 m off
+    with pytest.raises(SceneError, match=r"contacts\.track\.sliding = true"):
+        make_plan(from_dict(data | {"solver": {"method": "regularised"}}))
