@@ -1,6 +1,8 @@
 """Supports and periodic sides: u = T q + u_s(t), with q the free displacements.
 
-All that is prescribed is known on every rank (O(N^(2/3)) data), so the free numbers need no communication.
+All that is prescribed is known on every rank (O(N^(2/3)) data), so the free numbers need no communication. A node has
+d numbers whatever is prescribed there, its free ones first: multigrid then sees the blocks of elasticity. Numbers that
+are not free are the eliminated ones: zero columns of T.
 """
 
 from __future__ import annotations
@@ -71,25 +73,24 @@ class Constraints:
         """Free directions (d, r) of a node, those of its root if it is periodic."""
         return self.free_basis.get(self.root.get(node, node), np.eye(self.dim))
 
-    @cached_property
-    def _eliminated(self) -> tuple[Ints, Ints]:
-        gone = {node: self.dim - b.shape[1] for node, b in self.free_basis.items()} | {s: self.dim for s in self.root}
-        nodes = np.array(sorted(gone), np.int64)
-        return nodes, np.concatenate([[0], np.cumsum([gone[int(n)] for n in nodes])]).astype(np.int64)
+    def eliminated(self) -> Ints:
+        """Numbers, of all nodes, that are not free; increasing."""
+        gone = [self.dim * n + np.arange(b.shape[1], self.dim) for n, b in self.free_basis.items()]
+        gone += [self.dim * n + np.arange(self.dim) for n in self.root]
+        return np.sort(np.concatenate([np.zeros(0, np.int64), *gone]))
 
     def free_start(self, nodes: Ints) -> Ints:
         """Number of the first free displacement of each node (of its root if periodic)."""
         if self.root:
             nodes = np.array([self.root.get(int(n), int(n)) for n in np.atleast_1d(nodes)], np.int64)
-        special, before = self._eliminated
-        return np.asarray(self.dim * nodes - before[np.searchsorted(special, nodes)])
+        return np.asarray(self.dim * nodes)
 
-    @property
+    @cached_property
     def free_total(self) -> int:
-        return int(self.dim * self.nodes.total - self._eliminated[1][-1])
+        return int(self.dim * self.nodes.total - len(self.eliminated()))
 
     def transformation(self, comm: Any) -> Any:
-        """T as a PETSc matrix, (d n) x (free)."""
+        """T as a PETSc matrix, (d n, d n)."""
         d, low, high = self.dim, self.nodes.offset, self.nodes.offset + self.nodes.owned
         numbers = np.arange(low, high)
         start = self.free_start(numbers)
@@ -103,20 +104,14 @@ class Constraints:
             i, j = np.nonzero(basis)
             parts.append((d * node + i, first + j, basis[i, j]))
         i, j, v = (np.concatenate(part) for part in zip(*parts, strict=True))
-        own_free = int(self._free_before(high) - self._free_before(low))
-        matrix = PETSc.Mat().createAIJ(
-            ((d * len(numbers), d * self.nodes.total), (own_free, self.free_total)), nnz=(d, d), comm=comm
-        )
+        size = (d * len(numbers), d * self.nodes.total)
+        matrix = PETSc.Mat().createAIJ((size, size), bsize=d, nnz=(d, d), comm=comm)
         order = np.lexsort((j, i))
         i, j, v = i[order], j[order], v[order]
         pointer = np.searchsorted(i - d * low, np.arange(d * len(numbers) + 1)).astype(PETSc.IntType)
         matrix.setValuesCSR(pointer, j.astype(PETSc.IntType), v)
         matrix.assemble()
         return matrix
-
-    def _free_before(self, node: int) -> int:
-        special, before = self._eliminated
-        return int(self.dim * node - before[np.searchsorted(special, node)])
 
     @cached_property
     def prescribed_nodes(self) -> Ints:

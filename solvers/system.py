@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from petsc4py import PETSc
 from scipy import sparse
 
 from geometry import dolfinx_versions as dx
@@ -50,13 +51,23 @@ class System:
     constraints: Constraints
     contacts: tuple[ContactRows, ...]
     K: Any  # all displacements, PETSc [N/m]
-    T: Any  # (all, free)
+    T: Any  # (all, all), columns of eliminated numbers are zero
     load_terms: tuple[tuple[Amplitude, Any], ...]  # amplitude, PETSc vector at amplitude 1 [N]
 
     @cached_property
     def K_B(self) -> Any:
-        """Stiffness of the free displacements, T^T K T."""
-        return self.K.PtAP(self.T)
+        """Stiffness of the free displacements, T^T K T, and their mean stiffness alone at eliminated numbers."""
+        stiffness = self.K.PtAP(self.T)
+        low, high = stiffness.getOwnershipRange()
+        gone = self.constraints.eliminated()
+        own = gone[(gone >= low) & (gone < high)].astype(PETSc.IntType)
+        mean = stiffness.getDiagonal().sum() / self.constraints.free_total
+        diagonal = PETSc.Mat().createAIJ(stiffness.getSizes(), bsize=self.mesh.dim, nnz=(1, 0), comm=stiffness.comm)
+        pointer = np.searchsorted(own, np.arange(low, high + 1)).astype(PETSc.IntType)
+        diagonal.setValuesCSR(pointer, own, np.full(len(own), mean))
+        diagonal.assemble()
+        stiffness.axpy(1.0, diagonal, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        return stiffness
 
     def load(self, time: float) -> Any:
         """External forces without reactions, over all displacements [N]."""

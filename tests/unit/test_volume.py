@@ -113,6 +113,7 @@ def test_a_body_without_contact_is_solved_directly(
     system = simulation.system
     (step,) = simulation.steps()
     T, K = dense(system.T), dense(system.K)
+    T = T[:, T.any(axis=0)]  # of the free numbers
     u_s = system.prescribed(1.0).array
     u = T @ np.linalg.solve(T.T @ K @ T, T.T @ (system.load(1.0).array - K @ u_s)) + u_s
     assert_allclose(simulation.stepper.start().u.norm(), 0.0)
