@@ -102,9 +102,9 @@ class _Programme:
     def of(cls, problem: SurfaceProblem, outer: bool) -> _Programme | None:
         """None if no load is there to be balanced."""
         surface, n, cone = problem.surface, problem.surface.normal_rows, problem.cone
-        load, size = surface.R.T @ problem.f_c, np.sqrt(len(surface.R))
+        load, size = problem.load.resultant, np.sqrt(len(surface.R))
         force = size * float(np.linalg.norm(load))
-        rounding = size * ROUNDING * float(np.abs(problem.f_c).sum())
+        rounding = size * ROUNDING * float(np.abs(problem.load.f_c).sum())
         if force <= rounding:
             return None
         bounds = [_bounds(problem, place, outer, force) for place in cone.with_friction()]

@@ -82,6 +82,7 @@ def prepare(scene: Scene, comm: Any = None) -> Simulation:
     mesh = build_mesh(scene.geometry, scene.request(), comm or MPI.COMM_WORLD)
     meshed = clock.perf_counter()
     system = assemble(scene, mesh, counters)
+    _ = system.K_B  # assembled too
     assembled = clock.perf_counter()
     stepper = Stepper(system)
     seconds.mesh, seconds.assemble = meshed - began, assembled - meshed

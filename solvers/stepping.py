@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.errors import SolverError
+from solvers.bodies import Load
 from solvers.cone import Cone
 from solvers.energy import Energy
 from solvers.equilibrium import decide, unbalanced_motion
@@ -184,7 +185,7 @@ class Stepper:
     def _searched(self, where: Mapping[str, Array]) -> Stepper:
         """The same bodies with other pairs."""
         other = Stepper(self.system.searched(where), self.volume, where)
-        other.surface.__dict__["flexibility"] = self.surface.flexibility  # the bodies' own: pairs do not matter
+        other.surface.adopt(self.surface)
         return other
 
     def _solve(
@@ -196,8 +197,8 @@ class Stepper:
         f_q = system.T.createVecRight()
         system.T.multTranspose(load - system.K * u_s, f_q)
         driving = system.driving_force(end)
-        f_c = np.concatenate([self.volume.condense(f_q), driving])
-        problem = self._problem(state, end, u_s, f_c, load.norm(0) + float(np.abs(driving).sum()))
+        pull = self.surface.load(f_q, driving)
+        problem = self._problem(state, end, u_s, pull, load.norm(0) + float(np.abs(driving).sum()))
 
         def record(step: Step) -> None:
             row = HistoryRow(end, step, clock.perf_counter() - began)
@@ -213,9 +214,8 @@ class Stepper:
             solution = Solution(start, state.w, motion, Status.NO_EQUILIBRIUM, np.inf, ())
 
         def accept() -> State:
-            own, driven = np.split(solution.u_c, [len(solution.u_c) - len(driving)])
-            q = self.volume.expand(f_q - self._forces(solution.p, f_q), own)
-            u = system.T * q + u_s
+            driven = solution.u_c[len(solution.u_c) - len(driving) :]
+            u = system.T * self.surface.recover(pull, solution.p, solution.u_c) + u_s
             residual = system.K * u - load + system.contact_forces(*self.split(solution.p))
             new = self._with_energy(state, problem, end, u, u_s, load, residual, solution.p, driven)
             return replace(new, law_error=state.law_error + solution.law_error)
@@ -227,18 +227,12 @@ class Stepper:
         places = self.cone.places
         return [p[s.normal] for s in places], [p[s.tangential].reshape(-1, s.components) for s in places]
 
-    def _forces(self, p: Array, like: Any) -> Any:
-        total = like.duplicate()
-        forces = self.surface.forces(p)
-        self.volume.contact.write(total, forces[: len(forces) - self.surface.driven])
-        return total
-
-    def _problem(self, state: State, time: float, u_s: Any, f_c: Array, force: float) -> SurfaceProblem:
+    def _problem(self, state: State, time: float, u_s: Any, load: Load, force: float) -> SurfaceProblem:
         system, n = self.system, self.surface.normal_rows
         return SurfaceProblem(
             surface=self.surface,
             cone=self.cone.at(time),
-            f_c=f_c,
+            load=load,
             offset=self._relative(u_s, time, np.zeros(self.surface.driven)),
             gap=np.concatenate([self.gap, (state.w - self.cone.give(state.p))[n:]]),
             gamma=self.gamma,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.condensed import CondensedSurface
+from solvers.bodies import Bodies, Load
 from solvers.cone import Cone
 
 Array = NDArray[np.float64]
@@ -22,9 +22,9 @@ class SurfaceProblem:
     Flat arrays (rows,): normal rows of all contacts, then tangential rows in the local frames.
     """
 
-    surface: CondensedSurface
+    surface: Bodies
     cone: Cone
-    f_c: Array  # (c,) load condensed onto the contact dofs [N]
+    load: Load
     offset: Array  # (rows,) prescribed part of the relative displacement [m]
     gap: Array  # (rows,) [m] initial gap; tangential: where slip is counted from, w - t/k_T of the last accepted step
     gamma: Array  # (rows,) E / depth of the body [Pa/m], the scale of Newton's trial tractions
@@ -38,7 +38,7 @@ class SurfaceProblem:
         area = sum(float(c.node_weights.sum()) for c in self.cone.contacts)
         pressure = self.force / area if area else 0.0
         # without contact; a floating body is then held by the augmentation, which is stiffer than contact
-        w = self.relative_displacement(self.surface.displacement(self.f_c))
+        w = self.relative_displacement(self.load.free)
         # a long slide is no reason for a large pressure: tangential motion counts only where nothing is closed
         closing, motion = max(self._closing(w[:n]), self._closing((w - self.gap)[:n])), np.abs(w).max(initial=0.0)
         if closing <= ROUNDING * motion:
@@ -60,9 +60,13 @@ class SurfaceProblem:
     def volume_solves(self) -> int:
         return self.surface.counters.volume_solves
 
-    def contact_displacement(self, p: Array) -> Array:
-        """u_c = K_B^-1 (f - B^T p) at the contact dofs (c,) [m]: one volume solve. Not for floating bodies."""
-        return self.surface.displacement(self.f_c - self.surface.forces(p))
+    def contact_displacement(self, p: Array, residual: float = 0.0) -> Array:
+        """u_c = K_B^-1 (f - B^T p) at the contact dofs (c,) [m]: one volume solve. Not for floating bodies.
+
+        Args:
+            residual: how far an iterative volume solve may put the natural residual off.
+        """
+        return self.surface.under(self.load, p, residual * self.u_ref)
 
     def relative_displacement(self, u_c: Array) -> Array:
         """w = N u_c + offset (rows,) [m]."""

@@ -96,7 +96,7 @@ def _starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     room to move, closing everything pulls more than its load presses: it starts from tractions that hold rigid bodies.
     """
     normal = problem.surface.normal_rows
-    nowhere = np.zeros(len(problem.f_c))
+    nowhere = np.zeros(problem.surface.size)
     if problem.surface.floating and problem.p_ref == 0:  # no load, no motion: nothing happens
         yield Start(np.zeros_like(p), nowhere, np.zeros_like(p), 1.0, True)
         return

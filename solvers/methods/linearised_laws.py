@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import cho_solve
 
+from solvers.condensed import CondensedSurface
 from solvers.surface_problem import SurfaceProblem
 
 Array = NDArray[np.float64]
@@ -40,13 +41,14 @@ class LinearisedLaws:
             LinAlgError: the carried rows do not hold the bodies.
         """
         problem, surface = self.problem, self.problem.surface
+        assert isinstance(surface, CondensedSurface)
         N, W, R, rho = surface.N, surface.W, surface.R, surface.rho
         # p = p_0 + k (N u + offset - gap) + E p_c, E the columns of the carried rows
         p_fixed = self.p_0 + self.k * (problem.offset - problem.gap)
         B_c = N[self.carried].multiply(W[self.carried][:, None]).T.tocsc()  # (c, carried)
         A_u = (self.A_w + self.A_p @ sparse.diags(self.k)) @ N  # (carried, c)
         rhs = self.rhs - self.A_p @ p_fixed - self.A_w @ problem.offset
-        load = problem.f_c - N.T @ (W * p_fixed)
+        load = problem.load.f_c - N.T @ (W * p_fixed)
         columns = np.column_stack([B_c.toarray(), rho * R, load])
         if self.k.any():
             tangent = (N.T @ sparse.diags(W * self.k) @ N).toarray()
@@ -64,8 +66,8 @@ class LinearisedLaws:
         p = p_fixed + self.k * (N @ u_c)
         p[self.carried] = found[:m]
         held = surface.forces(p)
-        unbalanced = R.T @ (problem.f_c - held)
-        allowed = BALANCE * (np.abs(problem.f_c).sum() + np.abs(held).sum())
+        unbalanced = R.T @ (problem.load.f_c - held)
+        allowed = BALANCE * (np.abs(problem.load.f_c).sum() + np.abs(held).sum())
         carried_along = np.abs(problem.offset - problem.gap).max(initial=0.0)
         allowed += ROUNDING * float(np.abs(surface.S).sum() * carried_along)  # as a whole, there is no force
         if np.abs(unbalanced).sum() > allowed:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from geometry.errors import require
 from geometry.keys import Key, Noun
@@ -26,6 +26,10 @@ class Solver(Noun):
     """The method, and the residual at which a step counts as solved."""
 
     method: Annotated[str, Key("-", "solution method")] = "auto"
+    surface: Annotated[
+        Literal["auto", "condensed", "matrix-free"],
+        Key("-", "how contact feels the bodies: an exact dense stiffness of its dofs, or iterative solves"),
+    ] = "auto"
     tolerance: Annotated[float, Key("-", "on the natural residual, relative to p_ref")] = 1e-8
     max_iterations: Annotated[int, Key("-", "per step")] = 10000
 

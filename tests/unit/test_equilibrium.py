@@ -1,12 +1,14 @@
 """The linear programme proves what it says: bounds from outside forbid, bounds from inside allow."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from solvers.bodies import Load
 from solvers.equilibrium import Balance, balancing_tractions, decide, unbalanced_motion
 from solvers.nouns.scene import Scene
 from solvers.simulation import Simulation
@@ -85,15 +87,15 @@ def test_balancing_tractions_balance_and_lie_in_the_cone(dim: int, problem_of: C
     problem = problem_of(dim, [0.05, 0.01][: dim - 1], {"law": "coulomb", "mu": 0.3})
     p, surface = balancing_tractions(problem), problem.surface
     assert p is not None
-    left = surface.R.T @ (problem.f_c - surface.forces(p))
-    assert_allclose(left, 0.0, atol=1e-7 * np.abs(problem.f_c).sum())  # the programme's own tolerance
+    left = surface.R.T @ (problem.load.f_c - surface.forces(p))
+    assert_allclose(left, 0.0, atol=1e-7 * np.abs(problem.load.f_c).sum())  # the programme's own tolerance
     assert_allclose(problem.project(p, problem.gamma), p, atol=1e-7 * np.abs(p).max())
 
 
 def test_stick_holds_any_pull_but_no_lift(problem_of: Callable[..., SurfaceProblem]) -> None:
     assert decide(problem_of(2, [50 * PRESS], {"law": "stick"})) is Balance.POSSIBLE
     lifted = problem_of(2, [0.0], {"law": "stick"})
-    object.__setattr__(lifted, "f_c", -lifted.f_c)
+    object.__setattr__(lifted, "load", scaled(lifted.load, -1.0))
     assert decide(lifted) is Balance.IMPOSSIBLE
     assert balancing_tractions(lifted) is None
 
@@ -101,6 +103,10 @@ def test_stick_holds_any_pull_but_no_lift(problem_of: Callable[..., SurfaceProbl
 def test_a_surface_that_pulls_presses_elsewhere_as_hard_as_need_be(problem_of: Callable[..., SurfaceProblem]) -> None:
     """Bilateral contact with Coulomb friction: no pull is forbidden, for rigid bodies may be pressed and pulled."""
     assert decide(problem_of(2, [3 * PRESS], {"law": "coulomb", "mu": 0.3}, "bilateral")) is not Balance.IMPOSSIBLE
+
+
+def scaled(load: Load, factor: float) -> Load:
+    return replace(load, f_c=factor * load.f_c, resultant=factor * load.resultant, free=factor * load.free)
 
 
 @pytest.mark.parametrize(("m_T", "expected"), [(2.0, Balance.IMPOSSIBLE), (1.0, Balance.UNDECIDED)])
@@ -114,6 +120,6 @@ def test_bounds_that_are_no_lines_are_not_guessed(
 
 def test_no_load_is_balanced_by_nothing(problem_of: Callable[..., SurfaceProblem]) -> None:
     problem = problem_of(2, [0.01], {"law": "coulomb", "mu": 0.3})
-    object.__setattr__(problem, "f_c", 0 * problem.f_c)
+    object.__setattr__(problem, "load", scaled(problem.load, 0.0))
     assert decide(problem) is Balance.POSSIBLE
     assert not balancing_tractions(problem).any()  # type: ignore[union-attr]

@@ -143,7 +143,7 @@ def test_the_condensed_system_is_solved_with_its_laws(dim: int, scene_of: SceneO
     M, r = as_one_system(laws, len(p))
     size = np.abs(M).max() * max(np.abs(p).max(), np.abs(w).max())
     assert_allclose(M @ np.concatenate([p, w]), r, atol=1e-11 * size)
-    balance = surface.S @ u_c + surface.forces(p) - problem.f_c
+    balance = surface.S @ u_c + surface.forces(p) - problem.load.f_c
     assert_allclose(balance, 0.0, atol=1e-11 * np.abs(surface.S @ u_c).max())
 
 

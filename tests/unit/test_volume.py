@@ -185,4 +185,4 @@ def test_a_floating_body_does_not_feel_its_augmentation(
     assert_allclose(p, q, atol=1e-9 * np.abs(p).max())  # rounding, rho over a factor of 200
     assert_allclose(u, v, atol=1e-9 * np.abs(u).max())
     # and the contact carries the loads: R^T (f - B^T p) = 0
-    assert_allclose(surface.R.T @ (accepted.problem.f_c - surface.forces(p)), 0.0, atol=1e-12)
+    assert_allclose(surface.R.T @ (accepted.problem.load.f_c - surface.forces(p)), 0.0, atol=1e-12)
