@@ -16,7 +16,6 @@ from geometry.dolfinx_versions import DOLFINX
 from geometry.user_files.user_file import UserFile
 from solvers.audit import Audit
 from solvers.nouns.scene import Scene
-from solvers.plan import method_of
 from solvers.simulation import Simulation
 from solvers.step_result import ContactState, StepResult
 from workflows import VERSION
@@ -49,7 +48,7 @@ def summary(
 ) -> dict[str, Any]:
     """The content of result.json."""
     scene, counters = simulation.scene, simulation.counters
-    contacts = simulation.system.contacts
+    contacts, attempts = simulation.system.contacts, simulation.stepper.attempts
     resolved = to_dict(scene)
     return {
         "format": 1,
@@ -58,7 +57,9 @@ def summary(
         "version": VERSION,
         "dolfinx": DOLFINX,
         "ranks": simulation.mesh.comm.size,
-        "method": method_of(scene),
+        "method": attempts.stage.method,
+        "choice": {**asdict(attempts.stage), "because": attempts.choice.because},
+        "switches": [asdict(switch) for switch in attempts.switches],
         "dofs": simulation.system.constraints.free_total,
         "contact_points": sum(len(c.W_n) for c in contacts),
         "plan": [{"effect": row.effect, "on": row.on, "because": row.because} for row in simulation.plan],
