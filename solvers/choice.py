@@ -5,9 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from geometry.errors import MachineError
+from solvers.memory import available
+from solvers.nouns.stepping import Solver
 from solvers.system import System
 
 Form = Literal["condensed", "matrix-free"]
+ITERATIONS = 100  # of conjugate gradients that a frictional problem of two steps takes, measured 60 to 130
+PER_ENTRY = 1.5e-8  # [s] of one of them, for each entry of K_B: products and one multigrid cycle
+PLANE, SPACE = 1.2e-8, 6e-9  # [s] a factorisation with its Schur complement takes, times N^1.5 and N^2
+DENSE = 1e-10  # [s] for each cube of a contact dof
+COPIES = 5  # of the dense stiffness that are alive together
+FACTOR = {2: 40.0, 3: 60.0}  # numbers a factor holds, times N log2 N / 16 and N^(4/3)
+SHARE = 0.7  # of the available memory that the condensed form may take
 
 
 @dataclass(frozen=True)
@@ -16,9 +26,43 @@ class Stage:
 
     method: str
     surface: Form
+    safe: bool = False  # with a metric that errs to the side of small steps
 
     def __str__(self) -> str:
-        return f"{self.method} ({self.surface})"
+        return f"{self.method} ({self.surface}{', safer metric' if self.safe else ''})"
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large a problem is."""
+
+    dim: int
+    dofs: int
+    entries: float  # of K_B
+    contact_dofs: int
+
+    @staticmethod
+    def of(system: System) -> Size:
+        """Collective."""
+        from petsc4py import PETSc
+
+        entries = system.K_B.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
+        return Size(system.mesh.dim, system.constraints.free_total, entries, len(system.contact_dofs))
+
+    @property
+    def seconds(self) -> dict[Form, float]:
+        """Of one core, predicted."""
+        factor = PLANE * self.dofs**1.5 if self.dim == 2 else SPACE * self.dofs**2
+        return {
+            "condensed": factor + DENSE * self.contact_dofs**3,
+            "matrix-free": ITERATIONS * PER_ENTRY * self.entries,
+        }
+
+    @property
+    def dense_bytes(self) -> float:
+        """Memory of the condensed form, predicted."""
+        factor = self.dofs * (self.dofs ** (1 / 3) * FACTOR[3] if self.dim == 3 else FACTOR[2])
+        return 8.0 * (COPIES * self.contact_dofs**2 + factor)
 
 
 @dataclass(frozen=True)
@@ -28,9 +72,48 @@ class Choice:
     stages: tuple[Stage, ...]
     because: str
 
+    @property
+    def nested(self) -> bool:
+        """Whether a coarser mesh is worth its while: beside iterative solves, not beside a factorisation."""
+        return self.stages[0].surface == "matrix-free"
+
 
 def choose(system: System) -> Choice:
-    """What a scene's `solver.method` and `solver.surface` come to at the size it has."""
-    solver = system.scene.solver
-    method = "condensed-newton" if solver.method == "auto" else solver.method
-    return Choice((Stage(method, "condensed"),), f"solver.method = {solver.method}")
+    """What a scene's `solver.method` and `solver.surface` come to at the size it has.
+
+    Raises:
+        MachineError: they ask for a dense stiffness that does not fit in memory.
+    """
+    size, solver = Size.of(system), system.scene.solver
+    return chosen(size, solver, min(system.mesh.comm.allgather(available())))
+
+
+def chosen(size: Size, solver: Solver, memory: float) -> Choice:
+    """The same for a known size and memory [bytes]."""
+    form, because = _form(size, solver, size.dense_bytes < SHARE * memory)
+    if solver.method != "auto":
+        return Choice((Stage(solver.method, form),), because)
+    uzawa = (Stage("surface-uzawa", "matrix-free"), Stage("surface-uzawa", "matrix-free", safe=True))
+    newton = Stage("condensed-newton", "condensed")
+    if form == "condensed":
+        return Choice((newton,), because)
+    return Choice((*uzawa, newton) if size.dense_bytes < SHARE * memory else uzawa, because)
+
+
+def _form(size: Size, solver: Solver, fits: bool) -> tuple[Form, str]:
+    wanted = "condensed" if solver.method in ("condensed-newton", "regularised") else solver.surface
+    if wanted == "matrix-free":
+        return "matrix-free", "solver.surface = matrix-free"
+    needs = f"{size.dense_bytes / 1e9:.2g} GB for {size.contact_dofs} contact dofs of {size.dofs} dofs in all"
+    if wanted == "condensed":
+        if not fits:
+            raise MachineError(
+                f"solver.method = {solver.method}, surface = {solver.surface}: the condensed form needs about {needs}, "
+                "more than this machine has free; use solver.method = surface-uzawa, surface = matrix-free"
+            )
+        return "condensed", f"solver.method = {solver.method}, surface = {solver.surface}"
+    if not fits:
+        return "matrix-free", f"the condensed form needs about {needs}, more than this machine has free"
+    seconds = size.seconds
+    form: Form = "condensed" if seconds["condensed"] <= seconds["matrix-free"] else "matrix-free"
+    return form, f"{size.dofs} dofs in {size.dim}D: {form} is the cheaper form"

@@ -1,0 +1,121 @@
+"""The page of the price benchmark: pictures and tables in one HTML file."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import matplotlib
+
+matplotlib.use("Agg")
+from matplotlib.figure import Figure
+
+from workflows.benchmarks.price_run import REFERENCE
+from workflows.writers.aside import write_aside
+
+Run = dict[str, Any]
+COLOURS = {
+    "auto": "black", "condensed-newton": "tab:blue", "surface-uzawa": "tab:red", "uzawa": "tab:orange",
+    "regularised": "tab:green",
+}  # fmt: skip
+LINES = {1e-4: "--", 1e-8: "-"}
+BARS = {(2, 1e-8): ((64, 256), 1.5), (3, 1e-4): ((24, 64), 3.0), (3, 1e-8): ((24, 64), 6.0)}  # what is aimed at
+PAGE = jinja2.Template(
+    """<!doctype html><html lang="en"><meta charset="utf-8"><title>The price of friction</title>
+<style>body{font:15px sans-serif;max-width:75em;margin:2em auto}table{border-collapse:collapse;margin:1em 0}
+td,th{border:1px solid #bbb;padding:.2em .6em;text-align:right}img{max-width:100%}</style>
+<h1>The price of friction</h1>
+<p>A block (2D) and a cube (3D) with n cells over the height, pressed onto a rigid plane (mu = 0.3) and shifted.
+Price: seconds of preparation and of both steps over those of one linear elastic solve of the same mesh with the contact
+surface fixed, set-up and solution by the fastest of MUMPS, CG + BoomerAMG and CG + GAMG to 1e-8, in the same process. One
+core. Memory: the process's peak over that of a process that assembles and solves the linear problem alone.</p>
+<img src="data:image/png;base64,{{ picture }}" alt="price, volume solves, linear iterations and memory against n">
+{% for dim, runs in tables.items() %}<h2>{{ dim }}D</h2><table>
+<tr><th>n<th>dofs<th>method<th>form<th>tolerance<th>price<th>further step<th>seconds<th>reference [s]<th>iterations<th>volume solves<th>linear iterations
+<th>memory<th>residual</tr>{% for r in runs %}
+<tr><td>{{ r.n }}<td>{{ r.dofs }}<td>{{ r.method }}<td>{{ r.surface }}<td>{{ "%g"|format(r.tolerance) }}
+{% if r.price %}<td>{{ "%.2f"|format(r.price) }}<td>{{ "%.2f"|format(r.further) }}<td>{{ "%.3g"|format(r.seconds) }}
+<td>{{ "%.3g"|format(r.reference) }}<td>{{ r.iterations }}<td>{{ r.volume_solves }}<td>{{ r.linear_iterations }}
+<td>{{ "%.2f"|format(r.memory) if r.memory else "" }}<td>{{ "%.1e"|format(r.residual) }}
+{% else %}<td colspan="9" style="text-align:left">{{ r.status }}{% endif %}</tr>{% endfor %}</table>{% endfor %}</html>
+"""
+)
+
+
+def write_page(folder: Path, runs: list[Run]) -> Path:
+    """Write DIR/price.html and DIR/price.png; the path of the page."""
+    rows = [_row(run, runs) for run in runs if run["case"]["method"] != REFERENCE]
+    png = io.BytesIO()
+    picture(rows).savefig(png, dpi=110)
+    write_aside(folder / "price.png", png.getvalue())
+    tables = {dim: [row for row in rows if row["dim"] == dim] for dim in (2, 3)}
+    page = PAGE.render(picture=base64.b64encode(png.getvalue()).decode(), tables=tables)
+    write_aside(folder / "price.html", page.encode())
+    return folder / "price.html"
+
+
+def _row(run: Run, runs: list[Run]) -> Run:
+    """A line of the table; without a price if the run has none."""
+    case = run["case"]
+    row = dict(case) | {"status": run["status"], "dofs": run.get("dofs", ""), "price": None}
+    if run.get("two_steps") is None:
+        return row
+    reference, steps = run["reference"]["seconds"], run["steps"][:2]
+    alone = [
+        r["memory"]
+        for r in runs
+        if r["case"]["method"] == REFERENCE and "memory" in r and all(r["case"][k] == case[k] for k in ("dim", "n"))
+    ]
+    return row | {
+        "price": run["two_steps"] / reference,
+        "further": run["further"] / reference,
+        "seconds": run["two_steps"],
+        "reference": reference,
+        "memory": run["memory"] / alone[0] if alone else None,
+        "residual": max(step["residual"] for step in steps),
+        **{key: sum(step[key] for step in steps) for key in ("iterations", "volume_solves", "linear_iterations")},
+    }
+
+
+def picture(rows: list[Run]) -> Figure:
+    """Price, further step, volume solves, linear iterations and memory against n, log-log; 2D above, 3D below."""
+    figure = Figure(figsize=(17, 8), layout="constrained")
+    kinds: tuple[tuple[str, Callable[[Run], Any]], ...] = (
+        ("price of two steps", lambda r: r["price"]),
+        ("price of a further step", lambda r: r["further"]),
+        ("volume solves", lambda r: r["volume_solves"]),
+        ("linear iterations", lambda r: r["linear_iterations"] or None),
+        ("memory", lambda r: r["memory"]),
+    )
+    axes = figure.subplots(2, len(kinds))
+    for line, dim in zip(axes, (2, 3), strict=True):
+        for axis, (title, value) in zip(line, kinds, strict=True):
+            for method, colour in COLOURS.items():
+                for tolerance, style in LINES.items():
+                    chosen = [
+                        (r["n"], value(r))
+                        for r in rows
+                        if (r["dim"], r["method"], r["tolerance"]) == (dim, method, tolerance) and r["price"]
+                    ]
+                    chosen = [(n, v) for n, v in chosen if v]
+                    if chosen:
+                        wide = 2.5 if method == "auto" else 1.5
+                        axis.loglog(
+                            *zip(*chosen, strict=True), style, marker="o", ms=4, lw=wide, color=colour,
+                            label=f"{method}, {tolerance:g}",
+                        )  # fmt: skip
+            for (of, tolerance), (reach, bar) in BARS.items():
+                if of == dim and title == "price of two steps":
+                    axis.plot(reach, [bar, bar], LINES[tolerance], color="grey", lw=6, alpha=0.4)
+            sizes = sorted({r["n"] for r in rows if r["dim"] == dim})
+            axis.set(title=f"{dim}D: {title}", xlabel="n, cells over the height")
+            axis.set_xticks(sizes, [str(n) for n in sizes])
+            axis.minorticks_off()
+            axis.grid(alpha=0.3)
+    handles, labels = axes[1][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=6)
+    return figure
