@@ -21,6 +21,7 @@ from solvers.equilibrium import decide, unbalanced_motion
 from solvers.history import HistoryRow
 from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.solution import OnStep, Solution, Status, Step
+from solvers.methods.surface_uzawa import SurfaceUzawa
 from solvers.methods.uzawa import Uzawa
 from solvers.motion_in_words import in_words
 from solvers.plan import method_of
@@ -28,6 +29,7 @@ from solvers.prepare import prepare_surface, trial_stiffness
 from solvers.regularised import Regularised
 from solvers.sliding import positions, stay, told_in
 from solvers.state import State
+from solvers.surface_metric import surface_metric
 from solvers.surface_problem import SurfaceProblem
 from solvers.system import System
 from solvers.volume import Volume
@@ -94,6 +96,9 @@ class Stepper:
         if name == "regularised":
             regularised = Regularised(self.system, self.volume, self.surface)
             return lambda state: regularised.after(state.u, state.motion)
+        if name == "surface-uzawa":
+            learning = SurfaceUzawa(metric=surface_metric(self.system), rtol=solver.tolerance, max_it=solver.max_iterations)
+            return lambda state: learning
         kind = Uzawa if name == "uzawa" else CondensedNewton
         method = kind(rtol=solver.tolerance, max_it=solver.max_iterations)
         return lambda state: method
@@ -186,6 +191,7 @@ class Stepper:
         """The same bodies with other pairs."""
         other = Stepper(self.system.searched(where), self.volume, where)
         other.surface.adopt(self.surface)
+        other.method_after = self.method_after  # what it has learnt is about the bodies, not about pairs
         return other
 
     def _solve(
