@@ -14,14 +14,17 @@ from solvers.choice import Choice, Stage, choose
 from solvers.condensed import CondensedSurface
 from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.solution import OnStep, Solution
+from solvers.methods.surface_uzawa import SurfaceUzawa
 from solvers.methods.uzawa import Uzawa
 from solvers.regularised import Regularised
 from solvers.state import State
+from solvers.surface_metric import surface_metric
 from solvers.surface_problem import SurfaceProblem
 from solvers.system import System
 from solvers.volume import Volume
 
 Method = Callable[[SurfaceProblem, NDArray[np.float64], OnStep], Solution]
+SAFE = 4.0  # how much a safe metric gives way more than bodies do
 log = logging.getLogger(__name__)
 
 
@@ -45,6 +48,7 @@ class Attempts:
         self.at = 0
         self.switches: list[Switch] = []
         self.volume = _prepare(system, self.stage)
+        self._methods: dict[Stage, Callable[[State], Method]] = {}
 
     @property
     def stage(self) -> Stage:
@@ -63,12 +67,25 @@ class Attempts:
         return True
 
     def method(self, system: System, surface: Bodies) -> Callable[[State], Method]:
-        """The method for the step that follows a state; those that see the surface only are the same for all."""
+        """The method for the step that follows a state. What it has learnt of the bodies, it keeps."""
+        if self.stage not in self._methods:
+            self._methods[self.stage] = self._make(system, surface)
+        return self._methods[self.stage]
+
+    def _make(self, system: System, surface: Bodies) -> Callable[[State], Method]:
         solver = system.scene.solver
         if self.stage.method == "regularised":
             assert isinstance(surface, CondensedSurface)
             regularised = Regularised(system, self.volume, surface)
             return lambda state: regularised.after(state.u, state.motion)
+        if self.stage.method == "surface-uzawa":
+            learning = SurfaceUzawa(
+                metric=surface_metric(system),
+                rtol=solver.tolerance,
+                max_it=solver.max_iterations,
+                safety=SAFE if self.stage.safe else 1.0,
+            )
+            return lambda state: learning
         kind = {"uzawa": Uzawa, "condensed-newton": CondensedNewton}[self.stage.method]
         method = kind(rtol=solver.tolerance, max_it=solver.max_iterations)
         return lambda state: method

@@ -21,6 +21,9 @@ class Applicability:
 METHODS: Mapping[str, Applicability] = {
     "auto": Applicability(floating=True, use="condensed-newton"),
     "condensed-newton": Applicability(floating=True, use="the default: few iterations, hard to break"),
+    "surface-uzawa": Applicability(
+        floating=True, use="few volume solves at any mesh size: for bodies too large to condense"
+    ),
     "uzawa": Applicability(floating=False, use="the classical iteration: simple, many cheap iterations"),
     "regularised": Applicability(
         floating=False,
