@@ -5,12 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from geometry.errors import MachineError
+from geometry.mesh import Mesh
+from solvers.constraints import Constraints
 from solvers.memory import available
 from solvers.nouns.stepping import Solver
+from solvers.operators.rows import ContactRows
 from solvers.system import System
 
 Form = Literal["condensed", "matrix-free"]
+ENTRIES = {  # of a row of K_B, inside a regular mesh
+    ("triangle", 1): 14, ("triangle", 2): 23, ("quadrilateral", 1): 18, ("quadrilateral", 2): 32,
+    ("tetrahedron", 1): 44, ("tetrahedron", 2): 84, ("hexahedron", 1): 81, ("hexahedron", 2): 192,
+}  # fmt: skip
 ITERATIONS = 100  # of conjugate gradients that a frictional problem of two steps takes, measured 60 to 130
 PER_ENTRY = 1.5e-8  # [s] of one of them, for each entry of K_B: products and one multigrid cycle
 PLANE, SPACE = 1.2e-8, 6e-9  # [s] a factorisation with its Schur complement takes, times N^1.5 and N^2
@@ -38,16 +47,16 @@ class Size:
 
     dim: int
     dofs: int
-    entries: float  # of K_B
+    entries: float  # of K_B, about
     contact_dofs: int
 
     @staticmethod
-    def of(system: System) -> Size:
-        """Collective."""
-        from petsc4py import PETSc
-
-        entries = system.K_B.getInfo(PETSc.Mat.InfoType.GLOBAL_SUM)["nz_used"]
-        return Size(system.mesh.dim, system.constraints.free_total, entries, len(system.contact_dofs))
+    def of(mesh: Mesh, constraints: Constraints, contacts: tuple[ContactRows, ...]) -> Size:
+        """Known before anything is assembled."""
+        dofs = constraints.free_total
+        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in contacts)]))
+        kind = mesh.domain.topology.cell_type.name, mesh.degree
+        return Size(mesh.dim, dofs, dofs * ENTRIES[kind], mesh.dim * len(nodes))
 
     @property
     def seconds(self) -> dict[Form, float]:
@@ -84,8 +93,8 @@ def choose(system: System) -> Choice:
     Raises:
         MachineError: they ask for a dense stiffness that does not fit in memory.
     """
-    size, solver = Size.of(system), system.scene.solver
-    return chosen(size, solver, min(system.mesh.comm.allgather(available())))
+    size = Size.of(system.mesh, system.constraints, system.contacts)
+    return chosen(size, system.scene.solver, min(system.mesh.comm.allgather(available())))
 
 
 def chosen(size: Size, solver: Solver, memory: float) -> Choice:

@@ -25,33 +25,43 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 COARSER = 2.0  # in edge length
+TOLERANCE = 1e-3  # of its steps: less than what the meshes differ by
 log = logging.getLogger(__name__)
 
 
 class NestedStart:
     """Marches beside the fine run; where it cannot go, the fine run starts as if it were not there."""
 
-    def __init__(self, system: System, stepper_of: Callable[[System], Stepper]) -> None:
-        """Mesh, assemble and prepare the coarse scene; collective.
-
-        Raises:
-            StickslipError: there is no coarser mesh.
-        """
-        geometry = system.scene.geometry
-        sizes = {key: getattr(geometry, key, None) for key in ("mesh_size", "contact_mesh_size")}
-        if sizes["mesh_size"] is None:
-            raise StickslipError("the geometry has no mesh_size: there is no coarser mesh to start from")
-        coarser = replace(geometry, **{key: COARSER * size for key, size in sizes.items() if size is not None})
-        scene = replace(system.scene, geometry=coarser)
-        self.counters = Counters()
-        mesh = build_mesh(coarser, scene.request(), system.mesh.comm)
-        self.stepper = stepper_of(assemble(scene, mesh, self.counters))
-        self.fine = system
+    def __init__(self, fine: System, coarse: Stepper) -> None:
+        self.fine, self.stepper = fine, coarse
         self.spread = {
-            c.name: _interpolation(c.surface, coarse.surface)
-            for c, coarse in zip(system.contacts, self.stepper.system.contacts, strict=True)
+            c.name: _interpolation(c.surface, other.surface)
+            for c, other in zip(fine.contacts, coarse.system.contacts, strict=True)
         }
         self.states = {0.0: self.stepper.start()}
+
+    @staticmethod
+    def beside(system: System, stepper_of: Callable[[System], Stepper]) -> NestedStart | None:
+        """Mesh, assemble and prepare the coarse scene, if there is one; collective."""
+        scene, geometry = system.scene, system.scene.geometry
+        sizes = {key: getattr(geometry, key, None) for key in ("mesh_size", "contact_mesh_size")}
+        if sizes["mesh_size"] is None or any(contact.sliding for contact in scene.contacts.values()):
+            return None
+        coarser = replace(geometry, **{key: COARSER * size for key, size in sizes.items() if size is not None})
+        solver = replace(scene.solver, method="auto", surface="auto", tolerance=max(TOLERANCE, scene.solver.tolerance))
+        coarse = replace(scene, geometry=coarser, solver=solver)
+        try:
+            mesh = build_mesh(coarser, coarse.request(), system.mesh.comm)
+            return NestedStart(system, stepper_of(assemble(coarse, mesh, Counters())))
+        except StickslipError as error:
+            log.info("no start from a coarser mesh: %s", error)
+            return None
+
+    @property
+    def counters(self) -> list[Counters]:
+        """Of this mesh, and of those that it starts from in turn."""
+        deeper = self.stepper.nested.counters if self.stepper.nested else []
+        return [self.stepper.system.counters, *deeper]
 
     def change(self, before: float, time: float) -> Array | None:
         """What the coarse tractions change by from one time to another, in the fine rows (rows,) [Pa]; collective.

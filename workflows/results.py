@@ -49,7 +49,8 @@ def summary(
     """The content of result.json."""
     scene, counters = simulation.scene, simulation.counters
     contacts, attempts = simulation.system.contacts, simulation.stepper.attempts
-    resolved = to_dict(scene)
+    nested = simulation.stepper.nested
+    coarser, resolved = nested.counters if nested else [], to_dict(scene)
     return {
         "format": 1,
         "status": status,
@@ -78,6 +79,10 @@ def summary(
             "volume_solves": counters.volume_solves,
             "linear_iterations": counters.linear_iterations,
             "lanczos_applications": counters.lanczos_applications,
+            "coarser_meshes": [
+                {key: getattr(c, key) for key in ("factorisations", "volume_solves", "linear_iterations")}
+                for c in coarser
+            ],
         },
         "audit": Audit.worst(audits),
         "error": {

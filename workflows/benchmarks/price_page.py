@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import base64
+import html
 import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import matplotlib
 
 matplotlib.use("Agg")
@@ -24,26 +24,19 @@ COLOURS = {
 }  # fmt: skip
 LINES = {1e-4: "--", 1e-8: "-"}
 BARS = {(2, 1e-8): ((64, 256), 1.5), (3, 1e-4): ((24, 64), 3.0), (3, 1e-8): ((24, 64), 6.0)}  # what is aimed at
-PAGE = jinja2.Template(
-    """<!doctype html><html lang="en"><meta charset="utf-8"><title>The price of friction</title>
-<style>body{font:15px sans-serif;max-width:75em;margin:2em auto}table{border-collapse:collapse;margin:1em 0}
-td,th{border:1px solid #bbb;padding:.2em .6em;text-align:right}img{max-width:100%}</style>
-<h1>The price of friction</h1>
-<p>A block (2D) and a cube (3D) with n cells over the height, pressed onto a rigid plane (mu = 0.3) and shifted.
-Price: seconds of preparation and of both steps over those of one linear elastic solve of the same mesh with the contact
-surface fixed, set-up and solution by the fastest of MUMPS, CG + BoomerAMG and CG + GAMG to 1e-8, in the same process. One
-core. Memory: the process's peak over that of a process that assembles and solves the linear problem alone.</p>
-<img src="data:image/png;base64,{{ picture }}" alt="price, volume solves, linear iterations and memory against n">
-{% for dim, runs in tables.items() %}<h2>{{ dim }}D</h2><table>
-<tr><th>n<th>dofs<th>method<th>form<th>tolerance<th>price<th>further step<th>seconds<th>reference [s]<th>iterations<th>volume solves<th>linear iterations
-<th>memory<th>residual</tr>{% for r in runs %}
-<tr><td>{{ r.n }}<td>{{ r.dofs }}<td>{{ r.method }}<td>{{ r.surface }}<td>{{ "%g"|format(r.tolerance) }}
-{% if r.price %}<td>{{ "%.2f"|format(r.price) }}<td>{{ "%.2f"|format(r.further) }}<td>{{ "%.3g"|format(r.seconds) }}
-<td>{{ "%.3g"|format(r.reference) }}<td>{{ r.iterations }}<td>{{ r.volume_solves }}<td>{{ r.linear_iterations }}
-<td>{{ "%.2f"|format(r.memory) if r.memory else "" }}<td>{{ "%.1e"|format(r.residual) }}
-{% else %}<td colspan="9" style="text-align:left">{{ r.status }}{% endif %}</tr>{% endfor %}</table>{% endfor %}</html>
+STYLE = "body{font:15px sans-serif;max-width:75em;margin:2em auto} img{max-width:100%} table{border-collapse:collapse} "
+STYLE += "td,th{border:1px solid #bbb;padding:.2em .6em;text-align:right}"
+INTRODUCTION = """
+A block (2D) and a cube (3D) with n cells over the height, pressed onto a rigid plane (mu = 0.3) and shifted. Price:
+seconds of preparation and of both steps over those of one linear elastic solve of the same mesh with the contact surface
+fixed, set-up and solution by the fastest of MUMPS, CG + BoomerAMG and CG + GAMG to 1e-8, in the same process. One core.
+Memory: the process's peak over that of a process that assembles and solves the linear problem alone. Grey: the aim.
 """
-)
+COLUMNS = {
+    "n": "d", "dofs": "", "method": "", "surface": "", "tolerance": "g", "price": ".2f", "further": ".2f",
+    "seconds": ".3g", "reference": ".3g", "iterations": "d", "volume_solves": "d", "linear_iterations": "d",
+    "memory": ".2f", "residual": ".1e",
+}  # fmt: skip
 
 
 def write_page(folder: Path, runs: list[Run]) -> Path:
@@ -52,10 +45,24 @@ def write_page(folder: Path, runs: list[Run]) -> Path:
     png = io.BytesIO()
     picture(rows).savefig(png, dpi=110)
     write_aside(folder / "price.png", png.getvalue())
-    tables = {dim: [row for row in rows if row["dim"] == dim] for dim in (2, 3)}
-    page = PAGE.render(picture=base64.b64encode(png.getvalue()).decode(), tables=tables)
+    tables = "".join(f"<h2>{dim}D</h2>{_table([row for row in rows if row['dim'] == dim])}" for dim in (2, 3))
+    shown = f'<img alt="prices against n" src="data:image/png;base64,{base64.b64encode(png.getvalue()).decode()}">'
+    title = "The price of friction"
+    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
+    page = f"{head}<h1>{title}</h1><p>{INTRODUCTION}</p>{shown}{tables}</html>"
     write_aside(folder / "price.html", page.encode())
     return folder / "price.html"
+
+
+def _table(rows: list[Run]) -> str:
+    """Rows without a price say why."""
+    lines = ["<tr>" + "".join(f"<th>{key.replace('_', ' ')}" for key in COLUMNS) + "</tr>"]
+    for row in rows:
+        known = {key: row.get(key) for key in COLUMNS}
+        cells = "".join(f"<td>{'' if v is None else format(v, COLUMNS[k])}" for k, v in known.items())
+        because = "" if row["price"] else f"<td>{html.escape(row['status'])}"
+        lines.append(f"<tr>{cells}{because}</tr>")
+    return f"<table>{''.join(lines)}</table>"
 
 
 def _row(run: Run, runs: list[Run]) -> Run:

@@ -91,7 +91,8 @@ def _prices(found: dict[str, Any]) -> tuple[float, float]:
 
 
 def _solve(case: Case) -> dict[str, Any]:
-    scene, counters, steps, status = case.scene(), Counters(), [], "converged"
+    scene, counters, status = case.scene(), Counters(), "converged"
+    steps: list[dict[str, Any]] = []
     if case.method == REFERENCE:
         mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_WORLD)
         system, prepared = assemble(scene, mesh, counters), 0.0
@@ -118,7 +119,8 @@ def _solve(case: Case) -> dict[str, Any]:
 
 def _march(simulation: Simulation) -> tuple[list[dict[str, Any]], str]:
     """What each step took, and how the march ended; without results, for the price is that of the solution alone."""
-    state, found, counters = simulation.stepper.start(), [], simulation.counters
+    found: list[dict[str, Any]] = []
+    state, counters = simulation.stepper.start(), simulation.counters
     for time in simulation.scene.requested_times():
         began, linear = clock.perf_counter(), counters.linear_iterations
         try:
