@@ -75,7 +75,7 @@ class SurfaceUzawa:
             u_new, forces_new = problem.contact_displacement(p, accuracy), surface.forces(p)
             flexibility.learn(forces - forces_new, u_new - u_c)
             u_c, forces = u_new, forces_new
-            motion = surface.R @ found.b
+            motion = motion + surface.R @ found.b
             w = problem.relative_displacement(u_c + motion)
         return Solution(p, w, u_c + motion, status, residual, tuple(history))
 
