@@ -34,8 +34,9 @@ class SurfaceMetric:
             compliance: C (c,) [1/Pa].
         """
         scale = sparse.diags(1 / np.sqrt(mass))
-        self._outer = np.sqrt(compliance / mass)
-        self._root = InverseRoot(scale @ L @ scale + sparse.diags(depth**-2), float(np.min(depth**-2, initial=np.inf)))
+        self.compliance, self._outer = compliance, np.sqrt(compliance / mass)
+        self._A = sparse.csr_matrix(scale @ L @ scale + sparse.diags(depth**-2))
+        self._root = InverseRoot(self._A, float(np.min(depth**-2, initial=np.inf)))
 
     @property
     def size(self) -> int:
@@ -46,6 +47,15 @@ class SurfaceMetric:
         """Displacement [m] under forces (c,) or (c, k) [N]."""
         outer = self._outer.reshape(-1, *[1] * (force.ndim - 1))
         return np.asarray(outer * self._root(outer * force))
+
+    @property
+    def diagonal(self) -> Array:
+        """About that of F (c,) [m/N]."""
+        return np.asarray(self._outer**2 / np.sqrt(self._A.diagonal()))
+
+    def stiffness(self, displacement: Array) -> Array:
+        """Forces (c,) [N] that cause it: F^-1."""
+        return np.asarray(self._A @ self._root(displacement / self._outer) / self._outer)
 
 
 def surface_metric(system: System) -> SurfaceMetric:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from solvers.equilibrium import balancing_tractions
 from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
-from solvers.methods.surface_model import SurfaceModel
+from solvers.methods.surface_model import Found, SurfaceModel
+from solvers.methods.surface_system import Flexibility
 from solvers.secants import Secants
 from solvers.surface_metric import SurfaceMetric
 from solvers.surface_problem import SurfaceProblem
@@ -62,17 +65,17 @@ class SurfaceUzawa:
                 break
             if k == self.max_it:
                 break
-            found = self._step(problem, flexibility, p, w, max(self.rtol, residual))
+            found = self._step(problem, flexibility, p, w, residual)
             if found is None:
                 status = Status.NO_HOLD
                 break
-            p, b = found
+            p = found.p
             balanced = True
             accuracy = INNER * max(self.rtol, DROP * min(residual, 1.0))
             u_new, forces_new = problem.contact_displacement(p, accuracy), surface.forces(p)
             flexibility.learn(forces - forces_new, u_new - u_c)
             u_c, forces = u_new, forces_new
-            motion = surface.R @ b
+            motion = motion + surface.R @ found.b
             w = problem.relative_displacement(u_c + motion)
         return Solution(p, w, u_c + motion, status, residual, tuple(history))
 
@@ -92,28 +95,30 @@ class SurfaceUzawa:
         return self.learnt["F"]
 
     def _step(
-        self, problem: SurfaceProblem, flexibility: Secants, p: Array, w: Array, residual: float
-    ) -> tuple[Array, Array] | None:
-        N, W = problem.surface.N, problem.surface.W
-        G = N @ flexibility(N.T.toarray() * W)
-        model = SurfaceModel(problem, G, p, w)
-        best = None
-        for start, factor in self._starts(problem, p, w, residual):
-            gamma = factor * problem.gamma
-            found = model.solve(
-                start + gamma * (w - problem.gap) if factor else start, gamma, INNER * min(residual, 1.0)
-            )
-            if found is not None and (best is None or found[2] < best[2]):
+        self, problem: SurfaceProblem, F: Secants, p: Array, w: Array, residual: float
+    ) -> Found | None:
+        model = SurfaceModel(problem, Flexibility(problem.surface, F, self.metric), p, w)
+        enough = INNER * min(residual, 1.0)
+        best: Found | None = None
+        for start, factor in _starts(problem, p, w, residual):
+            found = model.solve(start, factor * problem.gamma, enough)
+            if found is not None and (best is None or found.residual < best.residual):
                 best = found
-            if best is not None and best[2] <= INNER * min(residual, 1.0):
+            if best is not None and best.residual <= enough:
                 break
-        return best and best[:2]
+        return best
 
-    def _starts(self, problem, p, w, residual):
-        if np.isfinite(residual):
-            yield p, 1.0
-            yield p, 10.0
-            yield p, 0.1
-        n = problem.surface.normal_rows
-        closed = np.concatenate([np.full(n, problem.p_ref), np.zeros(len(p) - n)])
-        yield closed, 1.0
+
+def _starts(problem: SurfaceProblem, p: Array, w: Array, residual: float) -> Iterator[tuple[Array, float]]:
+    """Trial tractions, and the factor of gamma that belongs to them: from where we are, then from all closed."""
+    n = problem.surface.normal_rows
+    if np.isfinite(residual):
+        for factor in (1.0, 10.0, 0.1):
+            yield p + factor * problem.gamma * (w - problem.gap), factor
+    elif p.any():
+        yield p, 1.0
+    yield np.concatenate([np.full(n, problem.p_ref), np.zeros(len(p) - n)]), 1.0
+    if problem.surface.floating:
+        rigid = balancing_tractions(problem)
+        if rigid is not None:
+            yield rigid, 1.0
