@@ -45,6 +45,10 @@ def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
     _refuse_unheld(scene)
     method = method_of(scene)
     _refuse_laws(scene, method)
+    if scene.solver.surface == "matrix-free" and not METHODS[method].matrix_free:
+        raise SceneError(
+            f"solver.surface = matrix-free: solver.method = {method} needs the condensed stiffness; use uzawa"
+        )
     if not METHODS[method].floating:
         if free_motions(scene, with_contacts=False)[0].shape[1]:
             raise SceneError(

@@ -19,12 +19,13 @@ from solvers.cone import Cone
 from solvers.energy import Energy
 from solvers.equilibrium import decide, unbalanced_motion
 from solvers.history import HistoryRow
+from solvers.iterative_volume import IterativeVolume
 from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.solution import OnStep, Solution, Status, Step
 from solvers.methods.uzawa import Uzawa
 from solvers.motion_in_words import in_words
 from solvers.plan import method_of
-from solvers.prepare import prepare_surface, trial_stiffness
+from solvers.prepare import prepare_surface, prepare_volume, trial_stiffness
 from solvers.regularised import Regularised
 from solvers.sliding import positions, stay, told_in
 from solvers.state import State
@@ -72,7 +73,10 @@ class Stepper:
     """The bodies prepared once, and the march through the requested times."""
 
     def __init__(
-        self, system: System, volume: Volume | None = None, searched: Mapping[str, Array] = MappingProxyType({})
+        self,
+        system: System,
+        volume: Volume | IterativeVolume | None = None,
+        searched: Mapping[str, Array] = MappingProxyType({}),
     ) -> None:
         """Factorise and condense, unless the volume is prepared already; collective.
 
@@ -81,7 +85,7 @@ class Stepper:
         """
         self.searched = searched
         self.system = system
-        self.volume = volume or Volume(system.K_B, system.contact_dofs, system.counters)
+        self.volume = volume or prepare_volume(system)
         self.surface = prepare_surface(system, self.volume)
         self.cone = Cone(system.contacts, 0.0, system.scene.steps.end)
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])

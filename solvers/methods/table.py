@@ -14,13 +14,16 @@ class Applicability:
     use: str
     normal: tuple[str, ...] | None = None  # names of the normal laws that it can do; None: all
     friction: tuple[str, ...] | None = None  # of the friction laws
+    matrix_free: bool = True  # works without a dense stiffness of the contact dofs
     k_T: bool = True  # tangential stiffness before slip
     multibody: bool = True  # contact between deformable surfaces
 
 
 METHODS: Mapping[str, Applicability] = {
-    "auto": Applicability(floating=True, use="condensed-newton"),
-    "condensed-newton": Applicability(floating=True, use="the default: few iterations, hard to break"),
+    "auto": Applicability(floating=True, use="condensed-newton", matrix_free=False),
+    "condensed-newton": Applicability(
+        floating=True, use="the default: few iterations, hard to break", matrix_free=False
+    ),
     "uzawa": Applicability(floating=False, use="the classical iteration: simple, many cheap iterations"),
     "regularised": Applicability(
         floating=False,
