@@ -16,12 +16,12 @@ from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.solution import OnStep, Solution
 from solvers.methods.surface_uzawa import SurfaceUzawa
 from solvers.methods.uzawa import Uzawa
+from solvers.prepare import prepare_volume
 from solvers.regularised import Regularised
 from solvers.state import State
 from solvers.surface_metric import surface_metric
 from solvers.surface_problem import SurfaceProblem
 from solvers.system import System
-from solvers.volume import Volume
 
 Method = Callable[[SurfaceProblem, NDArray[np.float64], OnStep], Solution]
 SAFE = 4.0  # how much a safe metric gives way more than bodies do
@@ -47,7 +47,7 @@ class Attempts:
         self.choice: Choice = choose(system)
         self.at = 0
         self.switches: list[Switch] = []
-        self.volume = _prepare(system, self.stage)
+        self.volume = prepare_volume(system, self.stage.surface)
         self._methods: dict[Stage, Callable[[State], Method]] = {}
 
     @property
@@ -63,7 +63,7 @@ class Attempts:
         self.switches.append(switch)
         log.warning("t = %g: %s: %s; goes on with %s", time, switch.before, switch.because, switch.after)
         if self.stage.surface != before.surface:
-            self.volume = _prepare(system, self.stage)
+            self.volume = prepare_volume(system, self.stage.surface)
         return True
 
     def method(self, system: System, surface: Bodies) -> Callable[[State], Method]:
@@ -89,7 +89,3 @@ class Attempts:
         kind = {"uzawa": Uzawa, "condensed-newton": CondensedNewton}[self.stage.method]
         method = kind(rtol=solver.tolerance, max_it=solver.max_iterations)
         return lambda state: method
-
-
-def _prepare(system: System, stage: Stage) -> Volume:
-    return Volume(system.K_B, system.contact_dofs, system.counters)

@@ -94,9 +94,7 @@ class SurfaceUzawa:
             self.learnt["F"] = Secants(guess, surface.R, surface.R / surface.rho)
         return self.learnt["F"]
 
-    def _step(
-        self, problem: SurfaceProblem, F: Secants, p: Array, w: Array, residual: float
-    ) -> Found | None:
+    def _step(self, problem: SurfaceProblem, F: Secants, p: Array, w: Array, residual: float) -> Found | None:
         model = SurfaceModel(problem, Flexibility(problem.surface, F, self.metric), p, w)
         enough = INNER * min(residual, 1.0)
         best: Found | None = None
