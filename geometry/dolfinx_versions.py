@@ -95,11 +95,9 @@ def facet_cells(domain: Any, facets: Ints) -> Ints:
     domain.topology.create_connectivity(dim - 1, dim)
     domain.topology.create_connectivity(dim, dim - 1)
     to_cell, to_facet = domain.topology.connectivity(dim - 1, dim), domain.topology.connectivity(dim, dim - 1)
-    rows = []
-    for facet in facets:
-        cell = to_cell.links(facet)[0]
-        rows.append((cell, int(np.flatnonzero(to_facet.links(cell) == facet)[0])))
-    return np.array(rows, np.int64).reshape(-1, 2)
+    cells = np.asarray(to_cell.array, np.int64)[np.asarray(to_cell.offsets)[facets]]
+    around = np.asarray(to_facet.array).reshape(to_facet.num_nodes, -1)[cells]
+    return np.stack([cells, np.argmax(around == np.reshape(facets, (-1, 1)), axis=1)], axis=1)
 
 
 def compile_form(form: Any) -> Any:

@@ -9,8 +9,8 @@ from mpi4py import MPI
 
 from geometry.mesh import build_mesh
 from geometry.nodes import Nodes
-from solvers.constraints import find_constraints
 from solvers.nouns.scene import Scene
+from solvers.supports import find_constraints
 from solvers.system import contact_rows, displacement_space
 from workflows.mesh_report import MeshReport, report_mesh
 
