@@ -94,7 +94,7 @@ class Stepper:
 
     def start(self) -> State:
         """Nothing has happened yet."""
-        zero, vector = np.zeros(self.cone.size), self.system.K.createVecRight
+        zero, vector = np.zeros(self.cone.size), self.system.vector
         energy = Energy(0.0, 0.0, 0.0, 0.0, np.zeros(len(self.system.contacts)))
         driven = np.zeros(len(self.system.driven))
         motion = {c.name: np.zeros_like(c.points) for c in self.system.contacts}
