@@ -26,6 +26,11 @@ class Load:
     resultant: Array  # (r,) R^T f
     free: Array  # (c,) displacement of the contact dofs under it, without contact [m]
 
+    @property
+    def magnitude(self) -> float:
+        """Sum of the magnitudes of all forces [N]; collective."""
+        return float(self.f_q.norm(PETSc.NormType.NORM_1) + np.abs(self.driving).sum())
+
 
 class Bodies(ABC):
     """K_B^-1, seen on the c contact dofs; `rows` contact rows measure relative displacement there.

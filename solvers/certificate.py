@@ -6,6 +6,8 @@ import numpy as np
 
 from solvers.stepping import Accepted
 
+ROUGH = 0.1  # error of the displacement beside its size, as a share of the defect's
+
 
 def iteration_error(accepted: Accepted) -> float:
     """Energy norm of the displacement that the tractions' defect would cause, relative to that of the step.
@@ -17,7 +19,8 @@ def iteration_error(accepted: Accepted) -> float:
         return 0.0
     defect = problem.cone.natural_residual(state.p, state.w - problem.gap, problem.p_ref / problem.u_ref)
     force = problem.surface.forces(defect)
-    energy = float(force @ problem.surface.displacement(force))
+    small = ROUGH * float(np.abs(defect).max(initial=0.0)) / problem.p_ref * problem.u_ref
+    energy = float(force @ problem.surface.displacement(force, small))
     return float(np.sqrt(max(energy, 0.0) / (2 * state.energy.stored)))
 
 

@@ -104,7 +104,7 @@ class _Programme:
         surface, n, cone = problem.surface, problem.surface.normal_rows, problem.cone
         load, size = problem.load.resultant, np.sqrt(len(surface.R))
         force = size * float(np.linalg.norm(load))
-        rounding = size * ROUNDING * float(np.abs(problem.load.f_c).sum())
+        rounding = size * ROUNDING * problem.load.magnitude
         if force <= rounding:
             return None
         bounds = [_bounds(problem, place, outer, force) for place in cone.with_friction()]

@@ -1,4 +1,4 @@
-"""From the assembled system to the condensed surface: rows, weights and rigid modes on the contact dofs.
+"""From the assembled system to the surface, condensed or not: rows, weights and rigid modes on the contact dofs.
 
 A motion that a force drives an obstacle by is one more dof, without stiffness: contact alone holds it, as it holds a
 floating body.
@@ -6,20 +6,37 @@ floating body.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import block_diag
 
+from solvers.bodies import Bodies
+from solvers.choice import Form
 from solvers.condensed import CondensedSurface
+from solvers.iterative_volume import IterativeVolume
+from solvers.matrix_free import MatrixFreeSurface
 from solvers.operators.rows import ContactRows
 from solvers.system import System
 from solvers.volume import Volume
 
 
-def prepare_surface(system: System, volume: Volume) -> CondensedSurface:
+def prepare_volume(system: System, form: Form) -> Volume | IterativeVolume:
+    """The bodies in that form; collective."""
+    if form == "matrix-free":
+        return IterativeVolume(system)
+    return Volume(system.K_B, system.contact_dofs, system.counters)
+
+
+@overload
+def prepare_surface(system: System, volume: Volume) -> CondensedSurface: ...
+@overload
+def prepare_surface(system: System, volume: IterativeVolume) -> MatrixFreeSurface: ...
+@overload
+def prepare_surface(system: System, volume: Volume | IterativeVolume) -> Bodies: ...
+def prepare_surface(system: System, volume: Volume | IterativeVolume) -> Bodies:
     """Stack all contacts: normal rows first, then tangential rows."""
     contacts, c = system.contacts, len(system.contact_dofs)
     traces = [system.trace(rows) for rows in contacts]
@@ -29,7 +46,8 @@ def prepare_surface(system: System, volume: Volume) -> CondensedSurface:
     pull = [_driven_columns(system, rows, rows.N_n) for rows in contacts]
     pull += [_driven_columns(system, rows, rows.N_t) for rows in contacts]
     weights = [rows.W_n for rows in contacts] + [np.repeat(rows.W_t, rows.free.shape[1]) for rows in contacts]
-    return CondensedSurface(
+    kind: Any = CondensedSurface if isinstance(volume, Volume) else MatrixFreeSurface
+    surface: Bodies = kind(
         volume,
         N=sparse.hstack(
             [
@@ -43,6 +61,7 @@ def prepare_surface(system: System, volume: Volume) -> CondensedSurface:
         driven=count,
         normal_rows=sum(block.shape[0] for block in normal),
     )
+    return surface
 
 
 def _driven_columns(system: System, rows: ContactRows, N: Any) -> NDArray[np.float64]:

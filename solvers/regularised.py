@@ -16,8 +16,9 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from solvers.condensed import CondensedSurface
+from solvers.bodies import Bodies
 from solvers.effects.compliance import Compliance
+from solvers.iterative_volume import IterativeVolume
 from solvers.methods.solution import OnStep, Solution, Status, Step, ignore
 from solvers.smoothed_forces import SmoothedForces
 from solvers.surface_problem import SurfaceProblem
@@ -47,7 +48,7 @@ class Regularised:
     are added up.
     """
 
-    def __init__(self, system: System, volume: Volume, surface: CondensedSurface) -> None:
+    def __init__(self, system: System, volume: Volume | IterativeVolume, surface: Bodies) -> None:
         """Compile the forms; collective."""
         self.system, self.volume = system, volume
         self.contact = SmoothedForces(system)
@@ -176,7 +177,7 @@ class VolumeNewton:
 class _Recovery:
     """Tractions whose B^T p is a given force on the contact dofs."""
 
-    def __init__(self, system: System, surface: CondensedSurface) -> None:
+    def __init__(self, system: System, surface: Bodies) -> None:
         self.surface = surface
         self.compliant: list[tuple[slice, Compliance]] = []
         start = 0

@@ -16,7 +16,6 @@ from geometry.dolfinx_versions import DOLFINX
 from geometry.user_files.user_file import UserFile
 from solvers.audit import Audit
 from solvers.nouns.scene import Scene
-from solvers.plan import method_of
 from solvers.simulation import Simulation
 from solvers.step_result import ContactState, StepResult
 from workflows import VERSION
@@ -49,8 +48,9 @@ def summary(
 ) -> dict[str, Any]:
     """The content of result.json."""
     scene, counters = simulation.scene, simulation.counters
-    contacts = simulation.system.contacts
-    resolved = to_dict(scene)
+    contacts, attempts = simulation.system.contacts, simulation.stepper.attempts
+    nested = simulation.stepper.nested
+    coarser, resolved = nested.counters if nested else [], to_dict(scene)
     return {
         "format": 1,
         "status": status,
@@ -58,7 +58,9 @@ def summary(
         "version": VERSION,
         "dolfinx": DOLFINX,
         "ranks": simulation.mesh.comm.size,
-        "method": method_of(scene),
+        "method": attempts.stage.method,
+        "choice": {**asdict(attempts.stage), "because": attempts.choice.because},
+        "switches": [asdict(switch) for switch in attempts.switches],
         "dofs": simulation.system.constraints.free_total,
         "contact_points": sum(len(c.W_n) for c in contacts),
         "plan": [{"effect": row.effect, "on": row.on, "because": row.because} for row in simulation.plan],
@@ -77,6 +79,10 @@ def summary(
             "volume_solves": counters.volume_solves,
             "linear_iterations": counters.linear_iterations,
             "lanczos_applications": counters.lanczos_applications,
+            "coarser_meshes": [
+                {key: getattr(c, key) for key in ("factorisations", "volume_solves", "linear_iterations")}
+                for c in coarser
+            ],
         },
         "audit": Audit.worst(audits),
         "error": {

@@ -1,0 +1,63 @@
+"""The bodies, prepared for iterations: multigrid for K_B is set up once, solves remember each other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.conjugate_gradients import ConjugateGradients
+from solvers.multigrid import boomeramg
+from solvers.replicated import Replicated
+from solvers.stopping import ContactError, EnergyError, Goal
+from solvers.system import System
+from solvers.volume_motions import FloatingMotions
+
+Array = NDArray[np.float64]
+SOFT = 1e-2  # of the stiffness of a contact dof: a bed for bodies that float, felt by multigrid alone
+
+
+class IterativeVolume:
+    """K_B v = f by conjugate gradients. A body that floats is balanced first, and pinned: R^T v_c = 0."""
+
+    def __init__(self, system: System) -> None:
+        self.counters, self.K = system.counters, system.K_B
+        K = self.K
+        self.contact = Replicated(K.createVecRight(), system.contact_dofs)
+        self.floating = FloatingMotions(system, self.contact, system.rigid_modes())
+        diagonal = self.contact.read(K.getDiagonal())
+        self.stiffness = float(diagonal.mean()) if len(diagonal) else 1.0
+        self.tolerance = system.scene.solver.tolerance
+        self._multigrid = boomeramg(self._bedded(K), "volume_")
+        self._cg = ConjugateGradients(K, self._precondition, self.counters)
+
+    def solve_contact(self, f: Any, v: Any, error: float, relative: float) -> None:
+        """Improve v until its contact dofs are right within `error` [m], or `relative` to the largest; collective."""
+        self._solve(f, v, ContactError(self._cg.comm, self.contact.local, error, relative))
+
+    def solve_energy(self, f: Any, v: Any, relative: float) -> float:
+        """Improve v until its relative error in energy norm is small; that error, estimated; collective."""
+        goal = EnergyError(self._cg.comm, f.array, relative)
+        self._solve(f, v, goal)
+        return goal.reached
+
+    def _solve(self, f: Any, v: Any, goal: Goal) -> None:
+        forces = f.array.copy()
+        self.floating.balance(forces)
+        self._cg.solve(forces, v.array, goal)
+        self.floating.pin(v.array)
+        self.counters.volume_solves += 1
+
+    def _precondition(self, r: Any, z: Any) -> None:
+        self._multigrid.apply(r, z)
+        self.floating.pin(z.array)
+
+    def _bedded(self, K: Any) -> Any:
+        """K_B; if bodies float, a copy with springs at the contact dofs."""
+        if not self.floating.R.shape[1]:
+            return K
+        springs, bedded = K.createVecRight(), K.copy()
+        springs.array[self.contact.local] = SOFT * self.stiffness
+        bedded.setDiagonal(bedded.getDiagonal() + springs)
+        return bedded

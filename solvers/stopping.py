@@ -1,0 +1,75 @@
+"""When an iterative solve is exact enough: as seen by the contact dofs, or in the energy norm."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+SAFETY = 2.0  # of the estimated error
+UNKNOWN = 0.5  # contraction of an iteration, before two of them tell it
+SLOWEST, FASTEST = 0.95, 0.2  # contraction that is believed
+
+
+class Goal(Protocol):
+    """What a solve is asked for. Arrays are this rank's part; both questions are collective."""
+
+    def met(self, x: Array, z: Array, energy: float) -> bool:
+        """Before a step: z is the preconditioned residual, about the error, and `energy` its square in energy norm."""
+
+    def moved(self, x: Array, change: Array) -> bool:
+        """After a step from x - change to x."""
+
+
+class ContactError:
+    """The largest error of the contact dofs is below `error` [m], or below `relative` beside the largest of them.
+
+    What is left after a step is that step times q / (1 - q), q the contraction seen over the last two steps.
+    """
+
+    def __init__(self, comm: Any, local: NDArray[np.int64], error: float, relative: float) -> None:
+        self.comm, self.local, self.error, self.relative = comm, local, error, relative
+        self.steps: list[float] = []
+
+    def met(self, x: Array, z: Array, energy: float) -> bool:
+        if energy <= 0.0:  # nothing is left
+            return True
+        return not self.steps and self._small(x, z, 1.0)
+
+    def moved(self, x: Array, change: Array) -> bool:
+        return self._small(x, change, None)
+
+    def _small(self, x: Array, change: Array, share: float | None) -> bool:
+        own = [float(np.abs(v[self.local]).max(initial=0.0)) for v in (change, x)]
+        step, size = self.comm.allreduce(np.array(own), op=MPI.MAX)
+        if share is None:
+            self.steps.append(float(step))
+            rate = self._rate()
+            share = rate / (1 - rate)
+        return bool(SAFETY * share * step <= max(self.error, self.relative * size))
+
+    def _rate(self) -> float:
+        """Contraction an iteration."""
+        last = self.steps[-3:]
+        if len(last) < 2 or not last[0]:
+            return UNKNOWN
+        return float(np.clip((last[-1] / last[0]) ** (1 / (len(last) - 1)), FASTEST, SLOWEST))
+
+
+class EnergyError:
+    """The error is below `relative` beside the solution, both in the energy norm; `reached` is what it came to."""
+
+    def __init__(self, comm: Any, f: Array, relative: float) -> None:
+        self.comm, self.f, self.relative = comm, f, relative
+        self.reached = 0.0
+
+    def met(self, x: Array, z: Array, energy: float) -> bool:
+        stored = self.comm.allreduce(float(self.f @ x))  # x . A x, but for the residual
+        self.reached = float(np.sqrt(energy / stored)) if energy > 0.0 < stored else float(energy > 0.0)
+        return self.reached <= self.relative
+
+    def moved(self, x: Array, change: Array) -> bool:
+        return False
