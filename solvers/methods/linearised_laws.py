@@ -21,17 +21,22 @@ Mask = NDArray[np.bool_]
 class LinearisedLaws:
     """One Newton system over all rows: A_p p + A_w w = rhs.
 
-    held: w = gap (closed, stick). Springs (compliance, stick with k_T): p = p_0 + k (w - gap). Mixed (slip in 3D): both
-    occur. All others give p: 0 where open, from the pressures of normal rows where they slip; diagonal of A_p 1.
+    Held rows (closed, stick): w = gap. Springs (compliance, stick with k_T): p = p_0 + k (w - gap). Slip: p follows the
+    pressures of normal rows, in 3D w as well. All others: p = 0. The diagonal of A_p is 1 on rows without A_w.
     """
 
     problem: SurfaceProblem
     k: Array  # (rows,) spring stiffness [Pa/m], 0 where there is none
     held: Mask  # (rows,)
-    mixed: Mask  # (rows,)
+    slip: Mask  # (rows,)
     A_p: sparse.csr_matrix  # (rows, rows)
     A_w: sparse.csr_matrix  # (rows, rows)
     rhs: Array  # (rows,)
+
+    @property
+    def given(self) -> Mask:
+        """Rows whose p follows from that of others, or is 0, whatever w is."""
+        return np.asarray(np.diff(self.A_w.indptr) == 0)
 
 
 class _Rows:
@@ -39,7 +44,7 @@ class _Rows:
 
     def __init__(self, cone: Cone, gap: Array, gamma: Array) -> None:
         self.cone, self.gap, self.gamma, self.rows = cone, gap, gamma, len(gap)
-        self.k, self.held, self.mixed = np.zeros(self.rows), np.zeros(self.rows, bool), np.zeros(self.rows, bool)
+        self.k, self.held, self.slips = np.zeros(self.rows), np.zeros(self.rows, bool), np.zeros(self.rows, bool)
         self.rhs = np.zeros(self.rows)
         self.on_p: list[tuple[Array, Ints, Ints]] = []  # entries besides the diagonals
         self.on_w: list[tuple[Array, Ints, Ints]] = []
@@ -65,6 +70,7 @@ class _Rows:
             slope: ds/dp_n, sparse (m, m_n), at p_n (m_n,).
             normal: rows of p_n.
         """
+        self.slips[at] = free
         c = trial.shape[1]
         length = np.linalg.norm(trial, axis=1)
         e = trial / length[:, None]
@@ -76,21 +82,20 @@ class _Rows:
             return
         J = (s / length)[:, None, None] * (np.eye(c) - e[:, :, None] * e[:, None, :])
         J *= free[:, :, None] & free[:, None, :]
-        self.mixed[at] = free
         self.rhs[at] -= np.einsum("mab,mb->ma", J, self.gamma[at] * self.gap[at] + trial)
         i, j = (np.broadcast_to(x, J.shape).ravel() for x in (at[:, :, None], at[:, None, :]))
         self.on_p.append((-J.ravel(), i, j))
         self.on_w.append(((-J * self.gamma[at][:, None, :]).ravel(), i, j))
 
     def matrix(self, diagonal: Array, entries: list[tuple[Array, Ints, Ints]]) -> sparse.csr_matrix:
-        every = np.arange(self.rows)
-        data, i, j = (np.concatenate(x) for x in zip((diagonal, every, every), *entries, strict=True))
+        own = np.flatnonzero(diagonal)
+        data, i, j = (np.concatenate(x) for x in zip((diagonal[own], own, own), *entries, strict=True))
         return sparse.csr_matrix((data, (i, j)), shape=(self.rows, self.rows))
 
     def laws(self, problem: SurfaceProblem) -> LinearisedLaws:
         A_p = self.matrix(np.where(self.held, 0.0, 1.0), self.on_p)
         A_w = self.matrix(np.where(self.held, self.gamma, -self.k), self.on_w)
-        return LinearisedLaws(problem, self.k, self.held, self.mixed, A_p, A_w, self.rhs)
+        return LinearisedLaws(problem, self.k, self.held, self.slips, A_p, A_w, self.rhs)
 
 
 def linearise(problem: SurfaceProblem, p_hat: Array, gamma: Array) -> LinearisedLaws:

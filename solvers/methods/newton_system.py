@@ -26,7 +26,7 @@ def solve(laws: LinearisedLaws) -> tuple[Array, Array]:
     problem, surface = laws.problem, laws.problem.surface
     assert isinstance(surface, CondensedSurface)
     bodies = surface.row_stiffness(problem.cone.carrying)
-    few = not laws.k.any() and (laws.held | laws.mixed).sum() < FEW * (~laws.held).sum()
+    few = not laws.k.any() and (~laws.given).sum() < FEW * (~laws.held).sum()
     p, u_c = by_tractions(laws, surface) if bodies is None or few else by_motion(laws, bodies)
     load, held = problem.load.f_c, surface.forces(p)
     allowed = BALANCE * (np.abs(load).sum() + np.abs(held).sum())
@@ -52,7 +52,7 @@ def by_motion(laws: LinearisedLaws, bodies: RowStiffness) -> tuple[Array, Array]
     w[moving] = np.linalg.solve(A_w[:, moving].toarray() - per_force @ H, right)
     p = np.zeros(len(laws.rhs))
     p[index] = (force - H @ w[moving]) / W
-    given = ~(laws.held | laws.mixed | (laws.k > 0))
+    given = laws.given
     p[given] = 0.0  # to the last digit: the diagonal of A_p is 1 there
     p[given] = (laws.rhs - laws.A_p @ p)[given]
     return p, bodies.displacement(w - offset)
@@ -65,9 +65,8 @@ def by_tractions(laws: LinearisedLaws, surface: CondensedSurface) -> tuple[Array
     """
     problem, N, W, R, k = laws.problem, surface.N, surface.W, surface.R, laws.k
     rows, spring = len(k), k > 0
-    unknown = laws.held | laws.mixed
     on_springs = laws.A_p @ spring.astype(float) != 0  # slip whose pressure is that of a spring
-    unknown |= on_springs & ~spring
+    unknown = (~laws.given | on_springs) & ~spring
     x = np.flatnonzero(unknown)
     follow = sparse.diags((~unknown & ~spring).astype(float)) @ (sparse.eye(rows, format="csr") - laws.A_p)
     E = (follow + sparse.eye(rows, format="csr"))[:, x]
