@@ -8,11 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.linalg.lapack import dpotri
 
 from solvers.bodies import Bodies, Load
+from solvers.remembered import Remembered
+from solvers.row_stiffness import RowStiffness
 from solvers.volume import Volume
 
 Array = NDArray[np.float64]
+PAYS = 16  # an inverse is cheaper than two triangular solves for each of c / PAYS forces
 
 
 class CondensedSurface(Bodies):
@@ -23,26 +27,52 @@ class CondensedSurface(Bodies):
         self.volume = volume
         self.S = block_diag(volume.S, np.zeros((driven, driven))) if driven else volume.S
         self.rho = float(np.trace(self.S) / max(len(self.S), 1))
+        self._condensed = Remembered(volume.condense, len(volume.S))
+        self._forces = 0  # that were asked about
+        self._row_stiffness: dict[bytes, RowStiffness | None] = {}
+
+    @cached_property
+    def held(self) -> Any:
+        """Cholesky factor of S + rho R R^T."""
+        return self.factor(None)
+
+    @cached_property
+    def total(self) -> float:
+        """Sum of all magnitudes in S [N/m]: force beside which less is rounding, once the bodies move by 1 m."""
+        return float(np.abs(self.S).sum())
 
     @cached_property
     def flexibility(self) -> Array:
         """(S + rho R R^T)^-1 (c, c) [m/N]."""
         if not len(self.S):  # no contact in the scene
             return self.S
-        inverse = cho_solve(self.factor(np.zeros_like(self.S)), np.eye(len(self.S)))
-        return np.asarray((inverse + inverse.T) / 2)
+        inverse, _ = dpotri(self.held[0], lower=True)
+        return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)
 
-    def factor(self, tangent: Array) -> Any:
+    def factor(self, tangent: Array | None) -> Any:
         """Cholesky factor of S + tangent + rho R R^T."""
-        return cho_factor(self.S + tangent + self.rho * self.R @ self.R.T)
+        total = self.S + self.rho * self.R @ self.R.T if self.floating else self.S
+        return cho_factor(total if tangent is None else total + tangent, lower=True)
+
+    def row_stiffness(self, carrying: NDArray[np.bool_]) -> RowStiffness | None:
+        """The bodies in terms of these rows (rows,), if they measure every contact dof once; see `RowStiffness`."""
+        key = carrying.tobytes()
+        if key not in self._row_stiffness:
+            self._row_stiffness[key] = RowStiffness.of(self.N, self.S, carrying)
+        return self._row_stiffness[key]
 
     def load(self, f_q: Any, driving: Array, error: float = 0.0) -> Load:
-        f_c = np.concatenate([self.volume.condense(f_q), driving])
+        f_c = np.concatenate([self._condensed(f_q), driving])
         return Load(f_q, driving, f_c, self.R.T @ f_c, self.displacement(f_c))
 
     def displacement(self, force: Array, error: float = 0.0) -> Array:
-        self.counters.volume_solves += len(force) > 0
-        return np.asarray(self.flexibility @ force)
+        if not len(force):
+            return force
+        self.counters.volume_solves += 1
+        self._forces += 1
+        if "flexibility" in self.__dict__ or PAYS * self._forces > len(force):
+            return np.asarray(self.flexibility @ force)
+        return np.asarray(cho_solve(self.held, force))
 
     def under(self, load: Load, p: Array, error: float = 0.0) -> Array:
         return self.displacement(load.f_c - self.forces(p))
@@ -54,4 +84,5 @@ class CondensedSurface(Bodies):
 
     def adopt(self, other: Bodies) -> None:
         assert isinstance(other, CondensedSurface)
-        self.__dict__["flexibility"] = other.flexibility
+        self._condensed = other._condensed
+        self.__dict__.update({name: other.__dict__[name] for name in ("held", "flexibility") if name in other.__dict__})

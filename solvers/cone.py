@@ -61,6 +61,14 @@ class Cone:
             found[place.tangential] = place.rows.friction.softness  # type: ignore[union-attr]
         return found
 
+    @cached_property
+    def carrying(self) -> NDArray[np.bool_]:
+        """Which rows may carry a traction: supports make some directions of friction redundant."""
+        found = np.ones(self.size, bool)
+        for place in self.places:
+            found[place.tangential] = place.rows.free.ravel()
+        return found
+
     @property
     def size(self) -> int:
         return sum(len(c.W_n) + c.free.size for c in self.contacts)
@@ -68,7 +76,7 @@ class Cone:
     def at(self, time: float) -> Cone:
         """The same laws at another time."""
         other = Cone(self.contacts, time, self.end)
-        other.__dict__.update(places=self.places, softness=self.softness)
+        other.__dict__.update(places=self.places, softness=self.softness, carrying=self.carrying)
         return other
 
     def bound(self, place: Place, p_n: Array) -> Array:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solvers.equilibrium import balancing_tractions
+from solvers.methods import newton_system
 from solvers.methods.linearised_laws import linearise
 from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
 from solvers.surface_problem import SurfaceProblem
@@ -123,7 +124,7 @@ def _solve(problem: SurfaceProblem, p_hat: Array, held: Array, gamma: Array) -> 
     """
     for _ in range(RETREATS):
         try:
-            return *linearise(problem, p_hat, gamma).solve(), p_hat
+            return *newton_system.solve(linearise(problem, p_hat, gamma)), p_hat
         except np.linalg.LinAlgError:
             p_hat = (p_hat + held) / 2
     return None

@@ -68,15 +68,12 @@ class SurfaceSystem:
         """
         self.problem, self.flexibility = laws.problem, flexibility
         surface = self.problem.surface
-        springs = np.flatnonzero(laws.k)  # p / k - (w - gap) = p_0 / k, times gamma: rows of one unit, Pa
-        self.rows = np.concatenate([np.flatnonzero(laws.carried), springs])
-        every = np.arange(len(w_0))
-        soft, give = gamma[springs] / laws.k[springs], gamma[springs]
-        entries = np.arange(len(springs)), every[springs]
-        shape = len(springs), len(w_0)
-        self.A_p = sparse.vstack([laws.A_p, sparse.csr_matrix((soft, entries), shape=shape)]).tocsr()[:, self.rows]
-        self.A_w = sparse.vstack([laws.A_w, sparse.csr_matrix((-give, entries), shape=shape)]).tocsr()
-        rhs = np.concatenate([laws.rhs, soft * laws.p_0[springs] - give * self.problem.gap[springs]])
+        self.rows = np.flatnonzero(laws.held | laws.slip | (laws.k > 0))
+        k = laws.k[self.rows]
+        scale = np.where(k > 0, gamma[self.rows] / np.where(k > 0, k, 1.0), 1.0)  # of springs: rows of one unit, Pa
+        self.A_p = (sparse.diags(scale) @ laws.A_p[self.rows])[:, self.rows].tocsr()
+        self.A_w = (sparse.diags(scale) @ laws.A_w[self.rows]).tocsr()
+        rhs = scale * laws.rhs[self.rows]
         NR = surface.N @ surface.R
         self.C = np.asarray(self.A_w @ NR)  # (m, r)
         self.H = NR[self.rows].T * surface.W[self.rows]  # (r, m)
