@@ -11,6 +11,7 @@ from workflows.cost.run_record import Run
 from workflows.cost.rung import Rung
 from workflows.cost.sentence import seconds
 
+MORE = 1.1  # times the time that was not enough, for another try
 Measure = Callable[[Rung, float], Run | None]
 
 
@@ -59,7 +60,7 @@ def retry(runs: Sequence[Run], budget: Budget) -> list[Run]:
     """The runs without those that ran out of time and would have more of it now."""
     others = [run for run in runs if run.status != "out_of_time"]
     late = [run for run in runs if run.status == "out_of_time"]
-    return others + [run for run in late if run.spent + late[0].spent * 0.1 >= budget.left(others)]
+    return others + [run for run in late if budget.left(others) <= MORE * run.spent]
 
 
 def _left_out(rung: Rung, cost: float, left: float, small: bool) -> str:

@@ -23,6 +23,7 @@ from workflows.cost.table import summary, write_csv, write_summary
 from workflows.cost.truth import truth_of
 from workflows.interrupt import Interrupt
 
+BUSY = 0.9  # share of a core below which seconds are not those of the runs alone
 OF_MEMORY = 0.8  # of what the machine has free, for one run
 MESHES = 2  # of one order and method, that a comparison needs at least
 
@@ -69,7 +70,9 @@ def cost(scene: Scene, target: Path, budget: float, asked: Sequence[str], resume
             teller.note(note)
         if not runs:
             kept.abandon()
-            return _ending(whole, runs, "no run fits into the budget")
+            if not whole:
+                raise KeyboardInterrupt
+            return Answer(3, "No run fits into the budget.", "give it a larger --budget")
         studies = judge(scene, runs, asked, ladder.tolerance)
         write_csv(kept.path / "cost.csv", runs, studies)
         status = "complete" if whole else "interrupted"
@@ -77,6 +80,11 @@ def cost(scene: Scene, target: Path, budget: float, asked: Sequence[str], resume
         if scene.output.pictures:
             _draw(kept.path, scene, studies)
         place = kept.finish()
+    share = core_share(runs)
+    if share < BUSY:
+        teller.note(
+            f"warning: the machine was busy, the runs got {100 * share:.0f} % of a core: read seconds with care"
+        )
     teller.table(studies)
     teller.note(f"results in {place}: cost.csv, cost.json, a picture of each quantity")
     return _ending(whole, runs, headline(studies))
@@ -89,6 +97,12 @@ def judge(scene: Scene, runs: Sequence[Run], asked: Sequence[str], tolerance: fl
         return []
     truths = [truth_of(name, runs, scene.exact, tolerance) for name in chosen(asked, scene, runs)]
     return [Study(truth, converged, tolerance) for truth in truths if truth is not None]
+
+
+def core_share(runs: Sequence[Run]) -> float:
+    """Computing time over elapsed time; one if nothing else ran."""
+    elapsed = sum(run.seconds for run in runs)
+    return sum(run.cpu for run in runs if run.phases) / elapsed if elapsed else 1.0
 
 
 def free_memory() -> float:
@@ -105,6 +119,8 @@ def _ending(whole: bool, runs: Sequence[Run], said: str) -> Answer:
     if not whole:
         return Answer(130, said, "interrupted; the finished runs are kept, go on with --resume")
     if max((len(levels) for levels in meshes.values()), default=0) < MESHES:
+        if not meshes and runs:
+            return Answer(3, said, f"no run converged; the first one: {runs[0].sentence}")
         return Answer(3, said, f"fewer than {MESHES} meshes of one method were solved; give it a larger --budget")
     return Answer(0, said)
 

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 Array = NDArray[np.float64]
-WINDOW = 5  # meshes, the finest: coarse ones do not follow the power yet
+WINDOW = 4  # meshes, the finest: coarse ones do not follow the power yet
 SLOWEST, FASTEST = 0.25, 6.0  # powers
 SETTLED = 0.01  # relative spread of a sequence that is as good as constant
-SCATTER = 2.0  # root mean squares of what the fit leaves
+SAFETY = 1.5  # on the uncertainty, for the power may still change
+TRUSTED = 0.2  # share of the step from the finest mesh to the limit that two powers at once can get wrong
 
 
 @dataclass(frozen=True)
@@ -29,8 +30,9 @@ class Limit:
 def limit(h: Sequence[float], q: Sequence[float], floor: float = 0.0) -> Limit:
     """The limit for h -> 0.
 
-    With four meshes or more the uncertainty is how far the limit moved with the finest mesh, or the scatter about the
-    power, if that is larger; with three or less, how far the finest mesh is from it.
+    With four meshes or more the uncertainty is how far apart the limits are that the finest three, the finest four and
+    those before the finest one lead to, or the scatter about the power, or a fifth of the step from the finest mesh to
+    the limit, whatever is largest; with three or less, that whole step.
 
     Args:
         h: mesh sizes (n,), any order, n >= 1.
@@ -56,13 +58,15 @@ def limit(h: Sequence[float], q: Sequence[float], floor: float = 0.0) -> Limit:
         if len(set(np.sign(np.diff(y)))) == 1 and spread > SETTLED * abs(y[-1]):
             return Limit(float(y[-1]), float("inf"), rate, converges=False)
         return Limit(float(y[-1]), max(floor, spread), None)
-    moved = abs(value - (y[-1] if len(x) == 3 else _fit(x[:-1], y[:-1])[0]))
-    return Limit(value, max(floor, float(moved), SCATTER * scatter), rate)
+    step = abs(value - float(y[-1]))
+    others = [] if len(x) == 3 else [_fit(x[:-1], y[:-1])[0], _fit(x[1:], y[1:])[0]]
+    apart = max([TRUSTED * step if others else step, *(abs(value - other) for other in others)])
+    return Limit(value, max(floor, SAFETY * max(apart, scatter)), rate)
 
 
 def rate_of(h: Sequence[float], error: Sequence[float]) -> float | None:
     """Slope of log error over log h on the finest meshes; None for less than two."""
-    order = np.argsort(h)[-1::-1][-WINDOW + 1 :]
+    order = np.argsort(h)[::-1][-WINDOW:]
     if len(order) < 2:
         return None
     return float(np.polyfit(np.log(np.asarray(h)[order]), np.log(np.asarray(error)[order]), 1)[0])

@@ -18,6 +18,8 @@ from workflows.writers.sheet import INK, PALE, Sheet
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d31", "#7f7f7f")
 MARKERS = {1: "^", 2: "s"}  # by order
 BAND = "#ececec"
+LETTERS = 118  # of nine points, bold, that fit into a line
+WIDE, APART = 1.8, 1.7  # triangle of the observed power: its width, and how far from the points, as factors
 LINES: dict[int, Any] = {1: (0, (4, 2)), 2: "-"}
 
 
@@ -58,7 +60,8 @@ def draw(folder: Path, title: str, study: Study) -> Path:
     _legend(sheet, work, study, methods, colours)
     source = f"{study.truth.name} = {study.truth.value:.6g} ({study.truth.source})"
     sheet.head(title or study.truth.name, source, 0.85)
-    sheet.write(0.85, 0.16, sentence(study), fontsize=9, fontweight="bold")
+    said = sentence(study)
+    sheet.write(0.85, 0.16, said, fontsize=min(9.0, 9.0 * LETTERS / len(said)), fontweight="bold")
     return sheet.save(folder / f"cost_{study.truth.name.replace('.', '_')}.png")
 
 
@@ -90,18 +93,24 @@ def _front(axes: Any, study: Study) -> None:
 
 
 def _slopes(axes: Any, study: Study, known: Sequence[Run]) -> None:
-    """A triangle under the finest runs of each order with the observed power of h."""
-    for order in dict.fromkeys(order for order, _ in study.rates):
-        chain = next(chain for chain in study.rates if chain[0] == order)
-        rate = study.rates[chain]
+    """Beside the finest runs of each order a triangle with the observed power of h: outside of the others."""
+    finest: dict[int, tuple[Run, float]] = {}
+    for chain, rate in study.rates.items():
         tight = [r for r in known if r.rung.chain == chain and r.rung.tolerance == study.tolerance]
-        finest = min(tight, key=lambda run: run.h)
-        h, error = finest.h, study.errors[finest.rung]
-        wide, low = 1.8 * h, error / 2.2
-        axes.plot([h, wide, wide, h], [low, low, low * 1.8**rate, low], color=PALE, linewidth=0.8, zorder=1)
-        text = f"order {order}: h$^{{{rate:.1f}}}$"
-        axes.annotate(text, (np.sqrt(h * wide), low), (0, -3), textcoords="offset points", ha="center", va="top",
-                      fontsize=8, color=INK)  # fmt: skip
+        run = min(tight, key=lambda r: r.h)
+        if chain[0] not in finest or run.h < finest[chain[0]][0].h:
+            finest[chain[0]] = run, rate
+    for order, (run, rate) in finest.items():
+        other = [study.errors[r.rung] / r.h for o, (r, _) in finest.items() if o != order]
+        above = any(study.errors[run.rung] / run.h > each for each in other)
+        h, wide, rise = run.h, WIDE * run.h, WIDE**rate
+        level = study.errors[run.rung] * (rise * APART if above else 1 / APART)
+        x, y = ([h, wide, h, h], [level, level, level / rise, level]) if above else (
+            [h, wide, wide, h], [level, level, level * rise, level])  # fmt: skip
+        axes.plot(x, y, color=PALE, linewidth=0.8, zorder=1)
+        text, place = f"order {order}: h$^{{{rate:.1f}}}$", (np.sqrt(h * wide), level)
+        axes.annotate(text, place, (0, 3 if above else -3), textcoords="offset points", ha="center",
+                      va="bottom" if above else "top", fontsize=8, color=INK)  # fmt: skip
 
 
 def _limits(work: Any, mesh: Any, study: Study, known: Sequence[Run]) -> None:

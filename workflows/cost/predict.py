@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -15,19 +15,19 @@ START = 2.0  # seconds in which a process starts and compiles nothing
 ANOTHER = 1.5  # times as long as the same mesh with another method or a lower order, at a guess
 
 
-def power_law(levels: Sequence[int], values: Sequence[float], at: int, least: float, most: float) -> float:
+def power_law(values: Mapping[int, float], at: int, least: float, most: float) -> float:
     """The value at a level, by a power of the cell size between `least` and `most` through the finest of all.
 
     A single value says nothing of the power: it is twice the least.
 
-    >>> round(power_law([0, 2, 4], [1.0, 4.0, 16.0], 6, 1.0, 9.0), 9)  # twice as fine every two levels: power 2
+    >>> round(power_law({0: 1.0, 2: 4.0, 4: 16.0}, 6, 1.0, 9.0), 9)  # twice as fine every two levels: power 2
     64.0
-    >>> round(power_law([0], [1.0], 2, 1.5, 9.0), 9)
+    >>> round(power_law({0: 1.0}, 2, 1.5, 9.0), 9)
     8.0
     """
-    x, y = (np.asarray(values)[np.argsort(levels)][-WINDOW:] for values in (levels, np.log(values)))
-    x = x * np.log(RATIO)
-    power = np.polyfit(x, y, 1)[0] if len(x) > 1 else 2 * least
+    levels = sorted(values)[-WINDOW:]
+    x, y = np.array(levels) * np.log(RATIO), np.log([values[level] for level in levels])
+    power = np.polyfit(x, y, 1)[0] if len(levels) > 1 else 2 * least
     return float(np.exp(y[-1] + np.clip(power, least, most) * (at * np.log(RATIO) - x[-1])))
 
 
@@ -47,7 +47,7 @@ def memory(rung: Rung, runs: Sequence[Run], dim: int) -> float:
     mine = [run for run in runs if run.rung.chain == rung.chain and run.memory]
     if not mine:
         return 0.0
-    return power_law([r.rung.level for r in mine], [r.memory for r in mine], rung.level, 0.0, 2.0 * dim)
+    return power_law(_by_level(mine, lambda run: run.memory), rung.level, 0.0, 2.0 * dim)
 
 
 def _phases(rung: Rung, runs: Sequence[Run], dim: int) -> float:
@@ -57,7 +57,14 @@ def _phases(rung: Rung, runs: Sequence[Run], dim: int) -> float:
         return max(same)
     tight = [run for run in mine if run.rung.tolerance <= rung.tolerance]
     if tight:
-        levels = [run.rung.level for run in tight]
-        return power_law(levels, [run.seconds for run in tight], rung.level, dim / 2, 3.0 * dim)
+        return power_law(_by_level(tight, lambda run: run.seconds), rung.level, dim / 2, 3.0 * dim)
     near = [run for run in runs if run.rung.level == rung.level]
     return max((ANOTHER * run.seconds for run in near), default=UNTRIED)
+
+
+def _by_level(runs: Sequence[Run], number: Callable[[Run], float]) -> dict[int, float]:
+    """The largest of the runs on each level."""
+    found: dict[int, float] = {}
+    for run in runs:
+        found[run.rung.level] = max(number(run), found.get(run.rung.level, 0.0))
+    return found

@@ -24,7 +24,7 @@ class Run:
     spent: float = 0.0  # of the budget: start of the process and compiling of forms included [s]
     h: float = 0.0  # edge length where bodies touch [m]
     phases: Mapping[str, float] = field(default_factory=dict)  # wall time [s]
-    cpu: float = 0.0  # of the process, its start included [s]
+    cpu: float = 0.0  # in those phases [s]; less than their sum: others used the core too
     memory: float = 0.0  # peak of the process [bytes]
     dofs: int = 0
     contact_points: int = 0
