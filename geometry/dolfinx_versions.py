@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from functools import reduce
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 _flags = sys.getdlopenflags()
 import dolfinx  # noqa: E402
 import dolfinx.fem.petsc  # noqa: E402
+import dolfinx.jit  # noqa: E402
 
 sys.setdlopenflags(_flags)  # 0.5.2 leaves RTLD_GLOBAL on for every later import
 
@@ -105,6 +107,12 @@ def compile_form(form: Any) -> Any:
     """Compile or load from the cache; the lock waits long enough for tests that run side by side."""
     options = {"timeout": 600}
     return fem.form(form, jit_params=options) if OLD else fem.form(form, jit_options=options)
+
+
+def form_cache() -> Path:
+    """Folder of the compiled forms."""
+    jit = dolfinx.jit
+    return Path((jit.get_parameters() if hasattr(jit, "get_parameters") else jit.get_options())["cache_dir"])
 
 
 def assemble_matrix(form: Any) -> Any:

@@ -16,17 +16,12 @@ from geometry.dolfinx_versions import DOLFINX
 from geometry.user_files.user_file import UserFile
 from solvers.audit import Audit
 from solvers.nouns.scene import Scene
+from solvers.quantities import CONTACT_NUMBERS, STRESSES
 from solvers.simulation import Simulation
 from solvers.step_result import ContactState, StepResult
 from workflows import VERSION
 from workflows.scene import to_dict
 from workflows.writers.aside import write_aside
-from workflows.writers.tables import STRESSES
-
-CONTACT_NUMBERS = (
-    "normal_force", "tangential_force", "max_pressure", "contact_area", "stick_area", "slip_area", "max_penetration",
-    "max_slip", "dissipation", "dissipation_total",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -105,9 +100,14 @@ def scene_hash(scene: Scene) -> str:
 
 
 def write_result(folder: Path, content: dict[str, Any]) -> None:
-    """Write result.json; a number that is not finite becomes null."""
+    """Write result.json."""
+    write_json(folder / "result.json", content)
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write a JSON file whole; a number that is not finite becomes null."""
     text = json.dumps(_finite(content), indent=1, ensure_ascii=False, allow_nan=False)
-    write_aside(folder / "result.json", (text + "\n").encode())
+    write_aside(path, (text + "\n").encode())
 
 
 def _step(step: StepResult, audit: Audit) -> dict[str, Any]:
