@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-MOST = 80  # directions; one costs two vectors of memory and two inner products an iteration
+MOST = 40  # directions: 80 saved no more iterations; one costs two vectors of memory, and two products with each new one
 
 
 class SearchDirections:

@@ -74,6 +74,7 @@ class StepResult:
     p_ref: float  # [Pa]
     u_ref: float  # [m]
     history: tuple[tuple[float, int, float, int, float], ...]  # time, iteration, residual, volume solves, seconds
+    linear_error: float = 0.0  # relative, energy norm: what an iterative volume solve leaves
 
     @property
     def von_mises(self) -> Array:

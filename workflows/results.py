@@ -15,6 +15,7 @@ import numpy as np
 from geometry.dolfinx_versions import DOLFINX
 from geometry.user_files.user_file import UserFile
 from solvers.audit import Audit
+from solvers.linear_reference import LinearReference
 from solvers.nouns.scene import Scene
 from solvers.plan import method_of
 from solvers.simulation import Simulation
@@ -45,7 +46,12 @@ class Outcome:
 
 
 def summary(
-    simulation: Simulation, status: str, steps: Sequence[StepResult], audits: Sequence[Audit], total: float
+    simulation: Simulation,
+    status: str,
+    steps: Sequence[StepResult],
+    audits: Sequence[Audit],
+    total: float,
+    reference: LinearReference | None = None,
 ) -> dict[str, Any]:
     """The content of result.json."""
     scene, counters = simulation.scene, simulation.counters
@@ -83,10 +89,11 @@ def summary(
             "discretisation": None,
             "law": max((step.law_error for step in steps), default=None),
             "iteration": max((step.iteration_error for step in steps), default=None),
-            "linear_solver": None,
+            "linear_solver": max((step.linear_error for step in steps), default=None),
             "what": "relative, energy norm",
         },
-        "seconds": asdict(simulation.seconds) | {"total": total, "linear_reference": None},
+        "seconds": asdict(simulation.seconds) | {"total": total, "linear_reference": reference and reference.seconds},
+        "linear_reference": reference and _reference(reference),
     }
 
 
@@ -130,6 +137,13 @@ def _step(step: StepResult, audit: Audit) -> dict[str, Any]:
             "time_remainder": energy.time_remainder,
         },
         "audit": asdict(audit),
+    }
+
+
+def _reference(reference: LinearReference) -> dict[str, Any]:
+    return {
+        "fastest": reference.fastest,
+        "solvers": {name: asdict(timing) for name, timing in reference.solvers.items()},
     }
 
 
