@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from solvers.methods.solution import Step
 
+HistoryTuple = tuple[float, int, float, int, float, str]
+
 
 @dataclass(frozen=True)
 class HistoryRow:
@@ -14,7 +16,8 @@ class HistoryRow:
     time: float
     step: Step
     seconds: float
+    method: str
 
-    def as_tuple(self) -> tuple[float, int, float, int, float]:
-        """Time, iteration, residual, volume solves, seconds."""
-        return self.time, self.step.iteration, self.step.residual, self.step.volume_solves, self.seconds
+    def as_tuple(self) -> HistoryTuple:
+        """Time, iteration, residual, volume solves, seconds, method."""
+        return self.time, self.step.iteration, self.step.residual, self.step.volume_solves, self.seconds, self.method

@@ -45,22 +45,21 @@ class Timing:
 
 @dataclass(frozen=True)
 class LinearReference:
-    """Wall times of the solvers by name."""
+    """Wall times by solver, and the least of them."""
 
+    fastest: str
+    seconds: float
     solvers: dict[str, Timing]
 
-    @property
-    def fastest(self) -> str:
-        return min(self.solvers, key=lambda name: self.solvers[name].seconds)
-
-    @property
-    def seconds(self) -> float:
-        return self.solvers[self.fastest].seconds
+    @staticmethod
+    def of(solvers: dict[str, Timing]) -> LinearReference:
+        fastest = min(solvers, key=lambda name: solvers[name].seconds)
+        return LinearReference(fastest, solvers[fastest].seconds, solvers)
 
 
-def linear_reference(system: System, time: float) -> LinearReference:
-    """Solve the bodies under the loads and supports of `time` with each solver; collective."""
-    K, f = _fixed(system, time)
+def linear_reference(system: System) -> LinearReference:
+    """Solve the bodies under the last step's loads and supports with each solver; collective."""
+    K, f = _fixed(system)
     motions = near_nullspace(system)
     found = {
         "cg+boomeramg": _timed(K, f, lambda ksp: ksp.setPC(boomeramg(K, PREFIX))),
@@ -75,12 +74,12 @@ def linear_reference(system: System, time: float) -> LinearReference:
         found["mumps"] = _timed(K, f, _cholesky)
     for name, timing in found.items():
         log.info("linear reference: %s %.3f s %s", name, timing.seconds, timing.note)
-    return LinearReference(found)
+    return LinearReference.of(found)
 
 
-def _fixed(system: System, time: float) -> tuple[Any, Any]:
+def _fixed(system: System) -> tuple[Any, Any]:
     """Stiffness and load with the contact dofs held; a load that is none is replaced by one everywhere."""
-    K = system.K_B.copy()
+    K, time = system.K_B.copy(), system.scene.requested_times()[-1]
     f = K.createVecRight()
     system.T.multTranspose(system.load(time) - system.K * system.prescribed(time), f)
     if not f.norm():

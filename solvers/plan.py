@@ -43,12 +43,8 @@ def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
     _refuse_on_axis(scene)
     _refuse_reversed(scene)
     _refuse_unheld(scene)
-    method = method_of(scene)
+    method = scene.solver.method
     _refuse_laws(scene, method)
-    if scene.solver.surface == "matrix-free" and not METHODS[method].matrix_free:
-        raise SceneError(
-            f"solver.surface = matrix-free: solver.method = {method} needs the condensed stiffness; use uzawa"
-        )
     if not METHODS[method].floating:
         if free_motions(scene, with_contacts=False)[0].shape[1]:
             raise SceneError(
@@ -75,14 +71,14 @@ def warnings(scene: Scene) -> tuple[str, ...]:
     )
 
 
-def method_of(scene: Scene) -> str:
-    """The method that runs: `auto` is condensed-newton."""
-    return "condensed-newton" if scene.solver.method == "auto" else scene.solver.method
-
-
 def _refuse_laws(scene: Scene, method: str) -> None:
     """Laws that the method does not know."""
     table = METHODS[method]
+    if scene.solver.surface == "matrix-free" and not table.matrix_free:
+        raise SceneError(
+            f"solver.surface = matrix-free: solver.method = {method} needs the condensed form of the bodies; use "
+            "surface-uzawa"
+        )
     for name, contact in scene.contacts.items():
         if contact.sliding and not table.multibody:
             raise SceneError(

@@ -14,6 +14,7 @@ from scipy import sparse
 from scipy.linalg import block_diag
 
 from solvers.bodies import Bodies
+from solvers.choice import Form
 from solvers.condensed import CondensedSurface
 from solvers.iterative_volume import IterativeVolume
 from solvers.matrix_free import MatrixFreeSurface
@@ -22,9 +23,9 @@ from solvers.system import System
 from solvers.volume import Volume
 
 
-def prepare_volume(system: System) -> Volume | IterativeVolume:
-    """The bodies, condensed onto their contact dofs unless the scene forbids it."""
-    if system.scene.solver.surface == "matrix-free":
+def prepare_volume(system: System, form: Form) -> Volume | IterativeVolume:
+    """The bodies in that form; collective."""
+    if form == "matrix-free":
         return IterativeVolume(system)
     return Volume(system.K_B, system.contact_dofs, system.counters)
 

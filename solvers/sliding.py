@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solvers.accept import stack
 from solvers.cone import Cone
 from solvers.state import State
 from solvers.system import System
@@ -22,7 +23,7 @@ def positions(system: System, state: State, names: Iterable[str]) -> dict[str, A
     return {c.name: v - state.motion[c.name] for c, v in pairs if c.name in names}
 
 
-def told_in(state: State, system: System, rows: Callable[[list[Array]], Array]) -> State:
+def told_in(state: State, system: System) -> State:
     """The state in the rows of `system`: tractions are carried by the slave's nodes and turned with their frames."""
     places = Cone(state.rows, state.time, 1.0).places
     normal, tangential = [], []
@@ -32,7 +33,7 @@ def told_in(state: State, system: System, rows: Callable[[list[Array]], Array]) 
         tangential.append(c.tangential_of_nodes(old.node_traction(t)).ravel())
     moved = positions(system, state, [c.name for c in system.contacts])
     p = np.concatenate([np.zeros(0), *normal, *tangential])
-    return replace(state, p=p, w=rows([moved[c.name] for c in system.contacts]), rows=system.contacts)
+    return replace(state, p=p, w=stack(system.contacts, [moved[c.name] for c in system.contacts]), rows=system.contacts)
 
 
 def stay(system: System, before: Mapping[str, Array], after: Mapping[str, Array]) -> bool:

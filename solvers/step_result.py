@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.energy import Energy
+from solvers.history import HistoryTuple
 
 Array = NDArray[np.float64]
 OPEN, SLIP, STICK = 0, 1, 2
@@ -73,7 +74,7 @@ class StepResult:
     searched: Mapping[str, Array]  # where sliding contacts were paired, (n_all, d) [m] by contact; empty if none slides
     p_ref: float  # [Pa]
     u_ref: float  # [m]
-    history: tuple[tuple[float, int, float, int, float], ...]  # time, iteration, residual, volume solves, seconds
+    history: tuple[HistoryTuple, ...]  # see `HistoryRow`
     linear_error: float = 0.0  # relative, energy norm: what an iterative volume solve leaves
 
     @property

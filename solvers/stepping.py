@@ -14,27 +14,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.errors import SolverError
+from solvers.accept import new_state, relative_displacement, split
+from solvers.attempts import Attempts
 from solvers.bodies import Load
 from solvers.cone import Cone
 from solvers.energy import Energy
 from solvers.equilibrium import decide, unbalanced_motion
 from solvers.history import HistoryRow
-from solvers.iterative_volume import IterativeVolume
-from solvers.methods.condensed_newton import CondensedNewton
-from solvers.methods.solution import OnStep, Solution, Status, Step
-from solvers.methods.uzawa import Uzawa
+from solvers.methods.solution import Solution, Status, Step
 from solvers.motion_in_words import in_words
-from solvers.plan import method_of
-from solvers.prepare import prepare_surface, prepare_volume, trial_stiffness
-from solvers.regularised import Regularised
+from solvers.nested import NestedStart
+from solvers.prepare import prepare_surface, trial_stiffness
 from solvers.sliding import positions, stay, told_in
 from solvers.state import State
 from solvers.surface_problem import SurfaceProblem
 from solvers.system import System
-from solvers.volume import Volume
 
 Array = NDArray[np.float64]
-Method = Callable[[SurfaceProblem, Array, OnStep], Solution]
 log = logging.getLogger(__name__)
 SEARCHES = 6  # of a step whose points leave their facets
 HALVINGS = 8  # a step is cut to 1/256 before it is given up
@@ -74,34 +70,28 @@ class Stepper:
     """The bodies prepared once, and the march through the requested times."""
 
     def __init__(
-        self,
-        system: System,
-        volume: Volume | IterativeVolume | None = None,
-        searched: Mapping[str, Array] = MappingProxyType({}),
+        self, system: System, attempts: Attempts | None = None, searched: Mapping[str, Array] = MappingProxyType({})
     ) -> None:
-        """Factorise and condense, unless the volume is prepared already; collective.
+        """Prepare the bodies, unless `attempts` brings them; collective.
 
         Args:
             searched: where the pairs of sliding contacts were found, (n_all, d) [m] by contact; see `positions`.
         """
         self.searched = searched
         self.system = system
-        self.volume = volume or prepare_volume(system)
-        self.surface = prepare_surface(system, self.volume)
+        self.attempts = attempts or Attempts(system)
+        beside = attempts is None and self.attempts.choice.nested
+        self.nested = NestedStart.beside(system, Stepper) if beside else None
         self.cone = Cone(system.contacts, 0.0, system.scene.steps.end)
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma = trial_stiffness(system)
-        self.method_after = self._method()
+        self._meet_bodies()
 
-    def _method(self) -> Callable[[State], Method]:
-        """The method for the step that follows a state; those that see the surface only are the same for all."""
-        name, solver = method_of(self.system.scene), self.system.scene.solver
-        if name == "regularised":
-            regularised = Regularised(self.system, self.volume, self.surface)
-            return lambda state: regularised.after(state.u, state.motion)
-        kind = Uzawa if name == "uzawa" else CondensedNewton
-        method = kind(rtol=solver.tolerance, max_it=solver.max_iterations)
-        return lambda state: method
+    def _meet_bodies(self) -> None:
+        """The surface as the method in turn sees it."""
+        self.stage = self.attempts.stage
+        self.surface = prepare_surface(self.system, self.attempts.volume)
+        self.method_after = self.attempts.method(self.system, self.surface)
 
     def start(self) -> State:
         """Nothing has happened yet."""
@@ -174,7 +164,7 @@ class Stepper:
         where = positions(self.system, state, names)
         for _ in range(SEARCHES):
             stepper = self._searched(where)
-            told = told_in(state, stepper.system, stepper._rows)
+            told = told_in(state, stepper.system)
             solution, problem, accept = stepper._solve(told, end, history, on_iteration)
             if solution.status is not Status.CONVERGED:
                 break
@@ -190,8 +180,9 @@ class Stepper:
 
     def _searched(self, where: Mapping[str, Array]) -> Stepper:
         """The same bodies with other pairs."""
-        other = Stepper(self.system.searched(where), self.volume, where)
-        other.surface.adopt(self.surface)
+        other = Stepper(self.system.searched(where), self.attempts, where)
+        if other.stage.surface == self.stage.surface:
+            other.surface.adopt(self.surface)
         return other
 
     def _solve(
@@ -203,35 +194,45 @@ class Stepper:
         f_q = system.T.createVecRight()
         system.T.multTranspose(load - system.K * u_s, f_q)
         driving = system.driving_force(end)
-        pull = self.surface.load(f_q, driving)
-        problem = self._problem(state, end, u_s, pull, load.norm(0) + float(np.abs(driving).sum()))
+        force = load.norm(0) + float(np.abs(driving).sum())
 
         def record(step: Step) -> None:
-            row = HistoryRow(end, step, clock.perf_counter() - began)
+            row = HistoryRow(end, step, clock.perf_counter() - began, self.stage.method)
             history.append(row)
             log.info("t = %g  iteration %d  residual %.2e", row.time, step.iteration, step.residual)
             on_iteration(row)
 
-        start = state.p if problem.p_ref > 0 else np.zeros_like(state.p)  # no load, no motion: no traction
-        motion = unbalanced_motion(problem) if self.surface.floating else None
-        if motion is None:
+        while True:
+            if self.stage is not self.attempts.stage:
+                self._meet_bodies()
+            problem = self._problem(state, end, u_s, self.surface.load(f_q, driving), force)
+            start = self._start(state, problem)
+            motion = unbalanced_motion(problem) if self.surface.floating else None
+            if motion is not None:
+                solution = Solution(start, state.w, motion, Status.NO_EQUILIBRIUM, np.inf, ())
+                break
             solution = self.method_after(state)(problem, start, record)
-        else:
-            solution = Solution(start, state.w, motion, Status.NO_EQUILIBRIUM, np.inf, ())
+            if solution.status is Status.CONVERGED or not self.attempts.advance(system, end, solution):
+                break
 
         def accept() -> State:
             driven = solution.u_c[len(solution.u_c) - len(driving) :]
-            u = system.T * self.surface.recover(pull, solution.p, solution.u_c) + u_s
-            residual = system.K * u - load + system.contact_forces(*self.split(solution.p))
-            new = self._with_energy(state, problem, end, u, u_s, load, residual, solution.p, driven)
+            u = system.T * problem.surface.recover(problem.load, solution.p, solution.u_c) + u_s
+            new = new_state(system, state, problem, u, u_s, load, solution.p, driven)
             return replace(new, law_error=state.law_error + solution.law_error)
 
         return solution, problem, accept
 
+    def _start(self, state: State, problem: SurfaceProblem) -> Array:
+        """Tractions to begin with: the last ones, and the change that a coarser mesh has seen."""
+        if problem.p_ref == 0:  # no load, no motion: no traction
+            return np.zeros_like(state.p)
+        change = self.nested.change(state.time, problem.cone.time) if self.nested else None
+        return state.p if change is None else problem.project(state.p + change, 0.0)
+
     def split(self, p: Array) -> tuple[list[Array], list[Array]]:
         """Flat tractions to normal (m_n,) and tangential (m_t, d-1) ones of each contact."""
-        places = self.cone.places
-        return [p[s.normal] for s in places], [p[s.tangential].reshape(-1, s.components) for s in places]
+        return split(self.cone, p)
 
     def _problem(self, state: State, time: float, u_s: Any, load: Load, force: float) -> SurfaceProblem:
         system, n = self.system, self.surface.normal_rows
@@ -239,58 +240,12 @@ class Stepper:
             surface=self.surface,
             cone=self.cone.at(time),
             load=load,
-            offset=self._relative(u_s, time, np.zeros(self.surface.driven)),
+            offset=relative_displacement(system, u_s, time, np.zeros(self.surface.driven)),
             gap=np.concatenate([self.gap, (state.w - self.cone.give(state.p))[n:]]),
             gamma=self.gamma,
             force=force,
             stiffness=min(m.E for m in system.scene.bodies.values()) / system.extent,
         )
-
-    def _relative(self, u: Any, time: float, driven: Array) -> Array:
-        """Rows (rows,) [m] of a displacement, the obstacles' motion taken off."""
-        motion = self.system.obstacle_motion(time, driven)
-        surfaces = self.system.contact_displacement(u)
-        return self._rows([v - motion[c.name] for c, v in zip(self.system.contacts, surfaces, strict=True)])
-
-    def _rows(self, relative: list[Array]) -> Array:
-        pairs = list(zip(self.system.contacts, relative, strict=True))
-        blocks = [c.N_n @ v.ravel() for c, v in pairs] + [c.N_t @ v.ravel() for c, v in pairs]
-        return np.concatenate([np.zeros(0), *blocks])
-
-    def _with_energy(
-        self,
-        old: State,
-        problem: SurfaceProblem,
-        time: float,
-        u: Any,
-        u_s: Any,
-        load: Any,
-        residual: Any,
-        p: Array,
-        driven: Array,
-    ) -> State:
-        system, W, contacts = self.system, self.surface.W, self.system.contacts
-        w, motion = self._relative(u, time, driven), system.obstacle_motion(time, driven)
-        external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
-        contact, slip = 0.0, {}
-        forces = {c.name: c.nodal_forces(*parts) for c, *parts in zip(contacts, *self.split(p), strict=True)}
-        here, there = system.contact_displacement(u), system.contact_displacement(old.u)
-        for c, v, v_old in zip(contacts, here, there, strict=True):
-            # forces of both ends of the step, each in its own rows, so that the balance of energy is exact
-            mean, pushed = (forces[c.name] + old.forces[c.name]) / 2, motion[c.name] - old.motion[c.name]
-            external -= float(np.sum(mean * pushed))
-            contact += float(np.sum(mean * (v - v_old - pushed)))
-            slip[c.name] = old.slip[c.name] + c.node_motion(v - v_old - pushed)[1]
-        slipping = W * p * (w - problem.gap - self.cone.give(p))
-        energy = Energy(
-            external=old.energy.external + external,
-            stored=(system.K * u).dot(u) / 2,
-            contact=old.energy.contact + contact,
-            compliance=float(W @ self.cone.energy(p)),
-            dissipation=old.energy.dissipation
-            + np.array([slipping[place.tangential].sum() for place in self.cone.places]),
-        )
-        return State(time, u, u_s, load, residual, p, w, motion, driven, slip, forces, contacts, energy)
 
 
 def _known(state: State) -> State:

@@ -59,7 +59,7 @@ def plan_command(
     as_json: Annotated[bool, typer.Option("--json", help="for scripts")] = False,
 ) -> None:
     """Say which effects a scene switches on, and why, without solving."""
-    from solvers.plan import make_plan, method_of, warnings
+    from solvers.plan import make_plan, warnings
     from workflows.report import print_plan
     from workflows.scene import named, read
 
@@ -69,7 +69,7 @@ def plan_command(
     content: dict[str, Any] = {
         "title": loaded.title,
         "model": loaded.model,
-        "method": method_of(loaded),
+        "method": loaded.solver.method,
         "times": list(loaded.requested_times()),
         "effects": [asdict(row) for row in rows],
         "warnings": list(warnings(loaded)),

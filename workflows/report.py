@@ -161,7 +161,9 @@ def print_plan(content: Content) -> None:
         out.print(f"warning: {warning}")
     if "mesh" in content:
         mesh = content["mesh"]
+        choice = mesh["choice"]
         out.print(f"{mesh['displacement_unknowns']} unknown displacements")
+        out.print(f"{choice['method']}, {choice['surface']}: {choice['because']}")
         for name, c in mesh["contacts"].items():
             if c["dropped_multipliers"]:
                 out.print(f"contact {name}: {c['dropped_multipliers']} multipliers dropped")

@@ -17,7 +17,6 @@ from geometry.user_files.user_file import UserFile
 from solvers.audit import Audit
 from solvers.linear_reference import LinearReference
 from solvers.nouns.scene import Scene
-from solvers.plan import method_of
 from solvers.simulation import Simulation
 from solvers.step_result import ContactState, StepResult
 from workflows import VERSION
@@ -55,8 +54,9 @@ def summary(
 ) -> dict[str, Any]:
     """The content of result.json."""
     scene, counters = simulation.scene, simulation.counters
-    contacts = simulation.system.contacts
-    resolved = to_dict(scene)
+    contacts, attempts = simulation.system.contacts, simulation.stepper.attempts
+    nested = simulation.stepper.nested
+    coarser, resolved = nested.counters if nested else [], to_dict(scene)
     return {
         "format": 1,
         "status": status,
@@ -64,7 +64,9 @@ def summary(
         "version": VERSION,
         "dolfinx": DOLFINX,
         "ranks": simulation.mesh.comm.size,
-        "method": method_of(scene),
+        "method": attempts.stage.method,
+        "choice": {**asdict(attempts.stage), "because": attempts.choice.because},
+        "switches": [asdict(switch) for switch in attempts.switches],
         "dofs": simulation.system.constraints.free_total,
         "contact_points": sum(len(c.W_n) for c in contacts),
         "plan": [{"effect": row.effect, "on": row.on, "because": row.because} for row in simulation.plan],
@@ -83,6 +85,10 @@ def summary(
             "volume_solves": counters.volume_solves,
             "linear_iterations": counters.linear_iterations,
             "lanczos_applications": counters.lanczos_applications,
+            "coarser_meshes": [
+                {key: getattr(c, key) for key in ("factorisations", "volume_solves", "linear_iterations")}
+                for c in coarser
+            ],
         },
         "audit": Audit.worst(audits),
         "error": {
@@ -93,7 +99,7 @@ def summary(
             "what": "relative, energy norm",
         },
         "seconds": asdict(simulation.seconds) | {"total": total, "linear_reference": reference and reference.seconds},
-        "linear_reference": reference and _reference(reference),
+        "linear_reference": reference and asdict(reference),
     }
 
 
@@ -137,13 +143,6 @@ def _step(step: StepResult, audit: Audit) -> dict[str, Any]:
             "time_remainder": energy.time_remainder,
         },
         "audit": asdict(audit),
-    }
-
-
-def _reference(reference: LinearReference) -> dict[str, Any]:
-    return {
-        "fastest": reference.fastest,
-        "solvers": {name: asdict(timing) for name, timing in reference.solvers.items()},
     }
 
 

@@ -143,7 +143,7 @@ class Run:
             self.on_rank_0(lambda: _draw(self.folder, self.simulation, self.steps[-1]))
         seconds.output += clock.perf_counter() - began
         if scene.output.linear_reference and status != "interrupted":
-            reference = linear_reference(self.simulation.system, scene.requested_times()[-1])
+            reference = linear_reference(self.simulation.system)
         final = content()
         self.on_rank_0(lambda: write_result(self.folder, final))
         return final

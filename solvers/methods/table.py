@@ -14,15 +14,18 @@ class Applicability:
     use: str
     normal: tuple[str, ...] | None = None  # names of the normal laws that it can do; None: all
     friction: tuple[str, ...] | None = None  # of the friction laws
-    matrix_free: bool = True  # works without a dense stiffness of the contact dofs
     k_T: bool = True  # tangential stiffness before slip
     multibody: bool = True  # contact between deformable surfaces
+    matrix_free: bool = True  # meets the bodies through iterative solves too
 
 
 METHODS: Mapping[str, Applicability] = {
-    "auto": Applicability(floating=True, use="condensed-newton", matrix_free=False),
-    "condensed-newton": Applicability(
-        floating=True, use="the default: few iterations, hard to break", matrix_free=False
+    "auto": Applicability(
+        floating=True, use="the default: condensed-newton, or surface-uzawa where iterative solves are cheaper"
+    ),
+    "condensed-newton": Applicability(floating=True, use="few iterations, hard to break", matrix_free=False),
+    "surface-uzawa": Applicability(
+        floating=True, use="few volume solves at any mesh size: for bodies too large to condense"
     ),
     "uzawa": Applicability(floating=False, use="the classical iteration: simple, many cheap iterations"),
     "regularised": Applicability(
@@ -32,5 +35,6 @@ METHODS: Mapping[str, Applicability] = {
         friction=("coulomb", "tresca"),
         k_T=False,
         multibody=False,
+        matrix_free=False,
     ),
 }

@@ -49,7 +49,7 @@ def test_elements_across_are_counted_over_the_narrow_way(n: int) -> None:
 def test_the_report_names_counts_quality_gaps_and_overlap(call: Call) -> None:
     code, out, err = call("mesh", "block", "--set", "obstacles.foundation.point=[0.0, 0.25]", *COARSE)
     assert (code, err) == (0, "")
-    report, _ = look(read("block", ["obstacles.foundation.point=[0.0, 0.25]", *(c.split("=", 1)[1] for c in COARSE)]))
+    report, *_ = look(read("block", ["obstacles.foundation.point=[0.0, 0.25]", *(c.split("=", 1)[1] for c in COARSE)]))
     base = report.contacts["base"]
     assert f"{report.cells} cells, {report.nodes} nodes, worst quality {report.worst_quality:.2f}" in out
     assert base.smallest_gap == base.largest_gap == -0.25
@@ -184,7 +184,7 @@ def test_the_cad_part_is_pressed_and_dragged(call: Call, folder: Path) -> None:
 
 
 def test_cells_behind_curved_faces_keep_their_shape() -> None:
-    report, _ = look(read("cad_part", ["geometry.order=2"]))
+    report, *_ = look(read("cad_part", ["geometry.order=2"]))
     assert report.worst_quality > 0.02  # 0.0005 as the curved faces leave them
 
 

@@ -56,8 +56,8 @@ class Case:
         u_s, load = system.prescribed(self.record.time), system.load(self.record.time)
         f_q = system.T.createVecRight()
         system.T.multTranspose(load - system.K * u_s - system.contact_forces(*stepper.split(p)), f_q)
-        u_c = stepper.surface.displacement(stepper.volume.condense(f_q))
-        u = system.T * stepper.volume.expand(f_q, u_c) + u_s
+        u_c = stepper.surface.displacement(stepper.attempts.volume.condense(f_q))
+        u = system.T * stepper.attempts.volume.expand(f_q, u_c) + u_s
         return replace(self.record, p=p, displacement=gather_nodes(system.mesh, system.nodes, u.array.reshape(-1, 2)))
 
     def defects(self, record: Record) -> dict[str, float]:

@@ -56,14 +56,15 @@ def test_tables_read_back_to_the_same_bits(tmp_path: Path, shape: str) -> None:
         "residual": "1e-09",
         "volume_solves": "3",
         "seconds": repr(0.1 + 0.7),
+        "method": "uzawa",
     }
 
 
 def test_numbers_of_numpy_are_written_like_those_of_python(tmp_path: Path) -> None:
     mesh = mesh_of("triangle")
-    counted: Any = ((np.float64(0.1), np.int64(2), np.float32(0.5), np.int64(3), 0.1),)
+    counted: Any = ((np.float64(0.1), np.int64(2), np.float32(0.5), np.int64(3), 0.1, "uzawa"),)
     write_tables(tmp_path, 1, mesh, dataclasses.replace(result_of(mesh), history=counted))
-    assert (tmp_path / "history.csv").read_text().splitlines()[1] == "1,0.1,2,0.5,3,0.1"
+    assert (tmp_path / "history.csv").read_text().splitlines()[1] == "1,0.1,2,0.5,3,0.1,uzawa"
 
 
 def test_tables_are_cut_back_to_the_last_good_step(tmp_path: Path) -> None:

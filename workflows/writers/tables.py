@@ -15,12 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from geometry.errors import MachineError
+from solvers.history import HistoryTuple
 from solvers.step_result import OPEN, SLIP, STICK, Array, ContactState, MeshData, StepResult
 from workflows.writers.aside import disk_errors, make_folder, write_aside
 
 STATUS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
 STRESSES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
-HISTORY = ("step", "time", "iteration", "residual", "volume_solves", "seconds")
+HISTORY = ("step", "time", "iteration", "residual", "volume_solves", "seconds", "method")
 Row = Sequence[object]
 
 
@@ -40,11 +41,11 @@ def write_tables(folder: Path, index: int, mesh: MeshData, result: StepResult) -
     write_history(folder, index, result.history)
 
 
-def write_history(folder: Path, index: int, history: Iterable[tuple[float, int, float, int, float]]) -> None:
+def write_history(folder: Path, index: int, history: Iterable[HistoryTuple]) -> None:
     """Append iterations to history.csv; those of a step that failed too.
 
     Args:
-        history: time, iteration, residual, volume solves, seconds.
+        history: see `HistoryRow`.
     """
     _append(folder / "history.csv", HISTORY, [(int(index), *_plain(row)) for row in history])
 
@@ -115,6 +116,6 @@ def _text(rows: Iterable[Row]) -> str:
     return text.getvalue()
 
 
-def _plain(numbers: Iterable[float]) -> list[float | int]:
+def _plain(numbers: Iterable[object]) -> list[object]:
     """numpy's numbers as Python's, whose repr is the shortest that reads back the same."""
     return [n.item() if isinstance(n, np.generic) else n for n in numbers]

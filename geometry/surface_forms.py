@@ -1,0 +1,39 @@
+"""Stiffness and mass of a scalar field on a side: the Laplace-Beltrami operator, by quadrature."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from geometry import dolfinx_versions as dx
+from geometry.surface import Surface
+
+Array = NDArray[np.float64]
+
+
+def surface_stiffness(surface: Surface) -> Any:
+    """∫ grad phi_i . grad phi_j ds (n, n) sparse [m^(d-3)], grad along the surface, of the nodal basis phi."""
+    degree = 2 * surface.degree
+    weights, _ = surface.quadrature(degree)
+    points, _ = dx.reference_rule(surface.shape, degree)
+    gradient = dx.reference_basis(surface.shape, surface.degree, points)[1]
+    tangents = np.einsum("aqk,fki->fqai", gradient, surface.points[surface.facets])
+    inverse = np.linalg.inv(tangents @ tangents.swapaxes(2, 3))  # of the first fundamental form
+    local = np.einsum("fq,aqi,fqab,bqj->fij", weights, gradient, inverse, gradient, optimize=True)
+    i = np.broadcast_to(surface.facets[:, :, None], local.shape)
+    j = np.broadcast_to(surface.facets[:, None, :], local.shape)
+    n = len(surface.nodes)
+    return sparse.csr_matrix((local.ravel(), (i.ravel(), j.ravel())), shape=(n, n))
+
+
+def surface_mass(surface: Surface) -> Array:
+    """Lumped mass (n,) [m^(d-1)] of the nodal basis, all positive: each facet shares its own as ∫ phi_i² ds does.
+
+    Source: Hinton, Rock & Zienkiewicz, Earthquake Eng. Struct. Dyn. 4 (1976).
+    """
+    weights, basis = surface.quadrature(2 * surface.degree + surface.axisymmetric)
+    share = weights @ basis**2
+    return surface.scatter(share * (weights.sum(axis=1) / share.sum(axis=1))[:, None])

@@ -1,0 +1,91 @@
+"""The methods that a step is tried with, one after the other, and the bodies in the form that each needs."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from solvers.bodies import Bodies
+from solvers.choice import Choice, Stage, choose
+from solvers.condensed import CondensedSurface
+from solvers.methods.condensed_newton import CondensedNewton
+from solvers.methods.solution import OnStep, Solution
+from solvers.methods.surface_uzawa import SurfaceUzawa
+from solvers.methods.uzawa import Uzawa
+from solvers.prepare import prepare_volume
+from solvers.regularised import Regularised
+from solvers.state import State
+from solvers.surface_metric import surface_metric
+from solvers.surface_problem import SurfaceProblem
+from solvers.system import System
+
+Method = Callable[[SurfaceProblem, NDArray[np.float64], OnStep], Solution]
+SAFE = 4.0  # how much a safe metric gives way more than bodies do
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Switch:
+    """The run went on with another method."""
+
+    time: float  # that the step in question leads to
+    iteration: int  # after which
+    before: str
+    after: str
+    because: str
+
+
+class Attempts:
+    """Where a run stands in its chain of methods. A switch holds: what failed would fail again."""
+
+    def __init__(self, system: System) -> None:
+        """Prepare the bodies for the first method; collective."""
+        self.choice: Choice = choose(system)
+        self.at = 0
+        self.switches: list[Switch] = []
+        self.volume = prepare_volume(system, self.stage.surface)
+        self._methods: dict[Stage, Callable[[State], Method]] = {}
+
+    @property
+    def stage(self) -> Stage:
+        return self.choice.stages[self.at]
+
+    def advance(self, system: System, time: float, solution: Solution) -> bool:
+        """Go on to the next method, if there is one; collective."""
+        if self.at + 1 == len(self.choice.stages):
+            return False
+        before, self.at = self.stage, self.at + 1
+        switch = Switch(time, solution.iterations, str(before), str(self.stage), solution.status.value)
+        self.switches.append(switch)
+        log.warning("t = %g: %s: %s; goes on with %s", time, switch.before, switch.because, switch.after)
+        if self.stage.surface != before.surface:
+            self.volume = prepare_volume(system, self.stage.surface)
+        return True
+
+    def method(self, system: System, surface: Bodies) -> Callable[[State], Method]:
+        """The method for the step that follows a state. What it has learnt of the bodies, it keeps."""
+        if self.stage not in self._methods:
+            self._methods[self.stage] = self._make(system, surface)
+        return self._methods[self.stage]
+
+    def _make(self, system: System, surface: Bodies) -> Callable[[State], Method]:
+        solver = system.scene.solver
+        if self.stage.method == "regularised":
+            assert isinstance(surface, CondensedSurface)
+            regularised = Regularised(system, self.volume, surface)
+            return lambda state: regularised.after(state.u, state.motion)
+        if self.stage.method == "surface-uzawa":
+            learning = SurfaceUzawa(
+                metric=surface_metric(system),
+                rtol=solver.tolerance,
+                max_it=solver.max_iterations,
+                safety=SAFE if self.stage.safe else 1.0,
+            )
+            return lambda state: learning
+        kind = {"uzawa": Uzawa, "condensed-newton": CondensedNewton}[self.stage.method]
+        method = kind(rtol=solver.tolerance, max_it=solver.max_iterations)
+        return lambda state: method

@@ -1,0 +1,157 @@
+"""One Newton system on the surface: linearised laws with a guess of the flexibility, dense or by GMRES."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from solvers.bodies import Bodies
+from solvers.methods.gmres import gmres
+from solvers.methods.linearised_laws import LinearisedLaws
+from solvers.secants import Secants
+from solvers.surface_metric import SurfaceMetric
+
+Array = NDArray[np.float64]
+DENSE = 200  # unknowns up to which a dense matrix is factorised
+BALANCE = 1e-8  # force out of balance, relative, at which a solution of the linear system is none
+FAILED = 0.5  # of the residual: GMRES that leaves more found nothing
+
+
+@dataclass(frozen=True)
+class Flexibility:
+    """G = N F N^T W: tractions (rows,) [Pa] to relative displacement [m], F what is known of the bodies."""
+
+    surface: Bodies
+    F: Secants
+    metric: SurfaceMetric
+
+    def __call__(self, p: Array) -> Array:
+        return np.asarray(self.surface.N @ self.F(self.surface.forces(p)))
+
+    @cached_property
+    def matrix(self) -> Array:
+        """G (rows, rows)."""
+        return np.asarray(self.surface.N @ self.F(self.surface.N.T.toarray() * self.surface.W))
+
+    @cached_property
+    def _share(self) -> Any:
+        """(rows, c) what each contact dof gives of a row's relative displacement, harmonic over the bodies."""
+        N = self.surface.N[:, : self.metric.size]
+        give = N.multiply(N) @ self.metric.compliance
+        return sparse.diags(1 / give) @ N @ sparse.diags(self.metric.compliance)
+
+    def inverse(self, w: Array) -> Array:
+        """About what tractions cause w: G^-1 within constants, for nodal rows."""
+        return np.asarray(self._share @ self.metric.stiffness(self._share.T @ w) / self.surface.W)
+
+    @cached_property
+    def diagonal(self) -> Array:
+        """About that of G (rows,)."""
+        N = self.surface.N[:, : self.metric.size]
+        return np.asarray(N.multiply(N) @ self.metric.diagonal * self.surface.W)
+
+
+class SurfaceSystem:
+    """A_p p + A_w (w_0 - G p + N R b) = rhs on the rows that carry traction, R^T B^T p = R^T f."""
+
+    def __init__(self, laws: LinearisedLaws, gamma: Array, flexibility: Flexibility, w_0: Array) -> None:
+        """
+        Args:
+            w_0: relative displacement (rows,) without tractions and rigid motions.
+        """
+        self.problem, self.flexibility = laws.problem, flexibility
+        surface = self.problem.surface
+        springs = np.flatnonzero(laws.k)  # p / k - (w - gap) = p_0 / k, times gamma: rows of one unit, Pa
+        self.rows = np.concatenate([np.flatnonzero(laws.carried), springs])
+        every = np.arange(len(w_0))
+        soft, give = gamma[springs] / laws.k[springs], gamma[springs]
+        entries = np.arange(len(springs)), every[springs]
+        shape = len(springs), len(w_0)
+        self.A_p = sparse.vstack([laws.A_p, sparse.csr_matrix((soft, entries), shape=shape)]).tocsr()[:, self.rows]
+        self.A_w = sparse.vstack([laws.A_w, sparse.csr_matrix((-give, entries), shape=shape)]).tocsr()
+        rhs = np.concatenate([laws.rhs, soft * laws.p_0[springs] - give * self.problem.gap[springs]])
+        NR = surface.N @ surface.R
+        self.C = np.asarray(self.A_w @ NR)  # (m, r)
+        self.H = NR[self.rows].T * surface.W[self.rows]  # (r, m)
+        self.right = np.concatenate([rhs - self.A_w @ w_0, self.problem.load.resultant])
+
+    def solve(self, p: Array, b: Array, leave: float) -> tuple[Array, Array]:
+        """Tractions (rows,) and rigid motions (r,).
+
+        Args:
+            p, b: where GMRES starts.
+            leave: 2-norm of the residual [Pa] at which it stops.
+
+        Raises:
+            LinAlgError: the rows do not hold the bodies.
+        """
+        m = len(self.rows)
+        found = self._dense() if m <= DENSE else self._iterate(np.concatenate([p[self.rows], b]), leave)
+        full = np.zeros(len(p))
+        full[self.rows] = found[:m]
+        surface, load = self.problem.surface, self.problem.load.resultant
+        forces = surface.forces(full)
+        if np.abs(load - surface.R.T @ forces).sum() > BALANCE * (np.abs(forces).sum() + np.abs(load).sum()):
+            raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
+        return full, found[m:]
+
+    def _dense(self) -> Array:
+        nothing = np.zeros((len(self.H), len(self.H)))
+        inner = self.A_p.toarray() - self.A_w @ self.flexibility.matrix[:, self.rows]
+        return np.asarray(np.linalg.solve(np.block([[inner, self.C], [self.H, nothing]]), self.right))
+
+    def _iterate(self, x: Array, leave: float) -> Array:
+        m = len(self.rows)
+        approximate = self._preconditioner()
+        out_of_balance = np.concatenate([np.zeros(m), self.right[m:] - self.H @ x[:m]])
+        if len(self.H):
+            x = x + approximate(out_of_balance)  # from here on every iterate is in balance
+        began = float(np.linalg.norm(self.right - self._apply(x)))
+        x, left = gmres(self._apply, self.right, x, approximate, leave)
+        if left > max(leave, FAILED * began):
+            raise np.linalg.LinAlgError("GMRES does not converge: some rigid motion is hardly held")
+        return x
+
+    def _apply(self, x: Array) -> Array:
+        m = len(self.rows)
+        p = np.zeros(len(self.problem.gap))
+        p[self.rows] = x[:m]
+        carried = self.A_p @ x[:m] - self.A_w @ self.flexibility(p) + self.C @ x[m:]
+        return np.concatenate([carried, self.H @ x[:m]])
+
+    def _preconditioner(self) -> Callable[[Array], Array]:
+        """Rows of w alone by the inverse metric, then all others with G's diagonal; rigid motions exactly."""
+        m, flexibility = len(self.rows), self.flexibility
+        pure = np.diff(self.A_p.indptr) == 0
+        mixed = np.flatnonzero(~pure)
+        scale = self.A_w[:, self.rows].diagonal()
+        local = (self.A_p - self.A_w[:, self.rows] @ sparse.diags(flexibility.diagonal[self.rows]))[mixed]
+        others = splu(sparse.csc_matrix(local[:, mixed])) if len(mixed) else None
+        follow = self.A_p[mixed]
+
+        def inner(r: Array) -> Array:
+            w = np.zeros(len(self.problem.gap))
+            w[self.rows[pure]] = -r[pure] / scale[pure]
+            p = np.where(pure, flexibility.inverse(w)[self.rows], 0.0)
+            if others is not None:
+                p[mixed] = others.solve(r[mixed] - follow @ p)
+            return p
+
+        if not len(self.H):
+            return inner
+        moved = np.column_stack([inner(column) for column in self.C.T])
+        schur = self.H @ moved
+
+        def balanced(r: Array) -> Array:
+            p = inner(r[:m])
+            b = np.linalg.solve(schur, self.H @ p - r[m:])
+            return np.concatenate([p - moved @ b, b])
+
+        return balanced

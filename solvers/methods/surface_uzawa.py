@@ -1,0 +1,122 @@
+"""Uzawa in the metric of the boundary: a step is the contact problem with a guess of what the bodies give."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from solvers.equilibrium import balancing_tractions
+from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
+from solvers.methods.surface_model import Found, SurfaceModel
+from solvers.methods.surface_system import Flexibility
+from solvers.secants import Secants
+from solvers.surface_metric import SurfaceMetric
+from solvers.surface_problem import SurfaceProblem
+
+STALL_WINDOW = 25  # iterations in which the least residual must halve
+INNER = 0.1  # of the residual, how exact the volume and the surface are solved
+DROP = 0.1  # what one iteration makes of the residual at best
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceUzawa:
+    """p <- argmin over the cone in the metric B F B^T, F a guess of K_B^-1 on the contact dofs that learns.
+
+    The number of iterations does not depend on the mesh: F is equivalent to K_B^-1 there. Each iteration solves the
+    bodies once, and what they gave is what F gives from then on, over all load steps.
+
+    Source: Uzawa's method with a variable preconditioner: Bramble, Pasciak & Vassilev, SIAM J. Numer. Anal. 34 (1997).
+    """
+
+    metric: SurfaceMetric
+    rtol: float = 1e-8
+    max_it: int = 10000
+    safety: float = 1.0  # F is taken this much too large: shorter steps; what was learnt is then left out
+    learnt: dict[str, Secants] = field(default_factory=dict, repr=False)
+
+    def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
+        surface, flexibility = problem.surface, self._flexibility(problem)
+        history: list[Step] = []
+        status = Status.MAX_IT
+        u_c, accuracy = problem.load.free, 0.0
+        if p.any():
+            accuracy = INNER
+            u_c = problem.contact_displacement(p, accuracy)
+        w, forces = problem.relative_displacement(u_c), surface.forces(p)
+        motion = np.zeros_like(u_c)
+        balanced = not surface.floating or problem.p_ref == 0
+        least, found_at = np.inf, 0
+        for k in range(self.max_it + 1):
+            residual = problem.natural_residual(p, w) if balanced else np.inf  # until w belongs to p
+            history.append(Step(k, residual, problem.volume_solves))
+            on_step(history[-1])
+            if np.isnan(residual):
+                status = Status.NOT_FINITE
+                break
+            if residual + accuracy <= self.rtol or residual == 0:
+                status = Status.CONVERGED
+                break
+            if residual < least / 2:
+                least, found_at = residual, k
+            elif k - found_at > STALL_WINDOW:
+                status = Status.STALLED
+                break
+            if k == self.max_it:
+                break
+            found = self._step(problem, flexibility, p, w, residual)
+            if found is None:
+                status = Status.NO_HOLD
+                break
+            p = found.p
+            balanced = True
+            accuracy = INNER * max(self.rtol, DROP * min(residual, 1.0))
+            u_new, forces_new = problem.contact_displacement(p, accuracy), surface.forces(p)
+            flexibility.learn(forces - forces_new, u_new - u_c)
+            u_c, forces = u_new, forces_new
+            motion = motion + surface.R @ found.b
+            w = problem.relative_displacement(u_c + motion)
+        return Solution(p, w, u_c + motion, status, residual, tuple(history))
+
+    def _flexibility(self, problem: SurfaceProblem) -> Secants:
+        """F, which knows what forces that move bodies as rigid ones do: (K_B + rho R R^T)^-1 R = R / rho."""
+        surface = problem.surface
+        own = surface.size - surface.driven
+
+        def guess(force: Array) -> Array:
+            found = self.safety * self.metric(force[:own])
+            return np.concatenate([found, force[own:] / surface.rho])
+
+        if self.safety != 1:
+            return Secants(guess, surface.R, surface.R / surface.rho)
+        if "F" not in self.learnt:
+            self.learnt["F"] = Secants(guess, surface.R, surface.R / surface.rho)
+        return self.learnt["F"]
+
+    def _step(self, problem: SurfaceProblem, F: Secants, p: Array, w: Array, residual: float) -> Found | None:
+        model = SurfaceModel(problem, Flexibility(problem.surface, F, self.metric), p, w)
+        enough = INNER * min(residual, 1.0)
+        best: Found | None = None
+        for start, factor in _starts(problem, p, w, residual):
+            found = model.solve(start, factor * problem.gamma, enough)
+            if found is not None and (best is None or found.residual < best.residual):
+                best = found
+            if best is not None and best.residual <= enough:
+                break
+        return best
+
+
+def _starts(problem: SurfaceProblem, p: Array, w: Array, residual: float) -> Iterator[tuple[Array, float]]:
+    """Trial tractions, and the factor of gamma that belongs to them: from where we are, then from all closed."""
+    n = problem.surface.normal_rows
+    if np.isfinite(residual):
+        for factor in (1.0, 10.0, 0.1):
+            yield p + factor * problem.gamma * (w - problem.gap), factor
+    elif p.any():
+        yield p, 1.0
+    yield np.concatenate([np.full(n, problem.p_ref), np.zeros(len(p) - n)]), 1.0
+    if problem.surface.floating:
+        rigid = balancing_tractions(problem)
+        if rigid is not None:
+            yield rigid, 1.0

@@ -1,0 +1,108 @@
+"""What friction costs beside one linear solve: `python -m workflows.benchmarks.price [-o DIR]` writes DIR/price.html.
+
+One core, threads fixed. Every measurement is a process of its own, which also measures the linear reference: prices
+are ratios within one process. A measurement that is there already is not repeated; remove DIR to begin anew.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.progress import Progress
+
+from workflows.benchmarks.price_page import write_page
+from workflows.benchmarks.price_run import REFERENCE, Case
+from workflows.writers.aside import write_aside
+
+PLANE = (16, 32, 64, 128, 256, 512)
+SPACE = (8, 12, 16, 24, 32, 48, 64)
+TOLERANCES = (1e-4, 1e-8)
+METHODS = (  # the last column: how its seconds grow with n in 2D and 3D, to tell what will not fit
+    ("auto", "auto", 2.5, 4.0),
+    ("condensed-newton", "condensed", 2.5, 6.0),
+    ("surface-uzawa", "matrix-free", 2.2, 3.3),
+    ("uzawa", "auto", 3.0, 4.5),
+    ("regularised", "auto", 3.0, 6.0),
+)
+
+
+def cases(plane: tuple[int, ...], space: tuple[int, ...]) -> Iterator[Case]:
+    """Cheapest first."""
+    for dim, sizes in ((2, plane), (3, space)):
+        for n in sizes:
+            yield Case(dim, n, REFERENCE)
+            for method, surface, *_ in METHODS:
+                for tolerance in TOLERANCES if method != "regularised" else TOLERANCES[1:]:
+                    yield Case(dim, n, method, surface, tolerance)
+
+
+def expected(case: Case, known: list[dict[str, Any]]) -> float:
+    """Seconds that a case will take, from the largest one of its kind that is known; 0 if none is.
+
+    >>> done = {"case": asdict(Case(2, 16)), "status": "converged", "two_steps": 1.0, "further": 0.5}
+    >>> expected(Case(2, 32), [done]) == 1.5 * 2**2.5
+    True
+    """
+    kind = (case.dim, case.method, case.surface, case.tolerance, case.cells)
+    growth = {method: (plane, space) for method, _, plane, space in METHODS}.get(case.method, (0.0, 0.0))
+    for run in reversed(known):
+        other = Case(**run["case"])
+        if (other.dim, other.method, other.surface, other.tolerance, other.cells) == kind:
+            if run["status"] != "converged" or run["two_steps"] is None:
+                return float("inf")
+            return float(run["two_steps"] + run["further"]) * float((case.n / other.n) ** growth[case.dim - 2])
+    return 0.0
+
+
+def run(case: Case, limit: float) -> dict[str, Any]:
+    """Measure in a child process; a run that fails or takes more than ten times the limit says so."""
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, "-m", "workflows.benchmarks.price_run", json.dumps(asdict(case))]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=10 * limit, check=False)
+    except subprocess.TimeoutExpired:
+        return {"case": asdict(case), "status": f"took more than {10 * limit:g} s"}
+    if done.returncode:
+        return {"case": asdict(case), "status": (done.stderr.strip().splitlines() or ["no message"])[-1]}
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def main(
+    output: Annotated[Path, typer.Option("-o", "--output", help="where the page goes")] = Path("results/price"),
+    limit: Annotated[float, typer.Option(help="seconds that a single run may be expected to take")] = 300.0,
+    plane: Annotated[str, typer.Option(help="cells over the height of the block")] = ",".join(map(str, PLANE)),
+    space: Annotated[str, typer.Option(help="cells over the height of the cube")] = ",".join(map(str, SPACE)),
+) -> None:
+    """Measure whatever is missing, then write the page."""
+    folder, known = output / "runs", list[dict[str, Any]]()
+    folder.mkdir(parents=True, exist_ok=True)
+    sizes = [tuple(int(n) for n in text.split(",") if n) for text in (plane, space)]
+    todo = list(cases(sizes[0], sizes[1]))
+    with Progress() as progress:
+        task = progress.add_task("measuring", total=len(todo))
+        for case in todo:
+            progress.update(task, description=case.name)
+            path = folder / f"{case.name}.json"
+            if path.exists():
+                found = json.loads(path.read_text())
+            elif (seconds := expected(case, known)) > limit:
+                found = {"case": asdict(case), "status": f"not run: {seconds:.0f} s expected"}
+            else:
+                found = run(case, limit)
+                write_aside(path, json.dumps(found, indent=1).encode())
+            known.append(found)
+            progress.advance(task)
+    print(write_page(output, known))
+
+
+if __name__ == "__main__":
+    typer.run(main)

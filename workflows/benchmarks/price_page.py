@@ -1,0 +1,128 @@
+"""The page of the price benchmark: pictures and tables in one HTML file."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+from matplotlib.figure import Figure
+
+from workflows.benchmarks.price_run import REFERENCE
+from workflows.writers.aside import write_aside
+
+Run = dict[str, Any]
+COLOURS = {
+    "auto": "black", "condensed-newton": "tab:blue", "surface-uzawa": "tab:red", "uzawa": "tab:orange",
+    "regularised": "tab:green",
+}  # fmt: skip
+LINES = {1e-4: "--", 1e-8: "-"}
+BARS = {(2, 1e-8): ((64, 256), 1.5), (3, 1e-4): ((24, 64), 3.0), (3, 1e-8): ((24, 64), 6.0)}  # what is aimed at
+STYLE = "body{font:15px sans-serif;max-width:75em;margin:2em auto} img{max-width:100%} table{border-collapse:collapse} "
+STYLE += "td,th{border:1px solid #bbb;padding:.2em .6em;text-align:right}"
+INTRODUCTION = """
+A block (2D) and a cube (3D) with n cells over the height, pressed onto a rigid plane (mu = 0.3) and shifted. Price:
+seconds of preparation and of both steps over those of one linear elastic solve of the same mesh with the contact
+surface fixed, set-up and solution by the fastest of MUMPS, CG + BoomerAMG and CG + GAMG to 1e-8, in the same process. One core.
+Memory: the process's peak over that of a process that assembles and solves the linear problem alone. Grey: the aim.
+"""
+COLUMNS = {
+    "n": "d", "dofs": "", "method": "", "surface": "", "tolerance": "g", "price": ".2f", "further": ".2f",
+    "seconds": ".3g", "reference": ".3g", "iterations": "d", "volume_solves": "d", "linear_iterations": "d",
+    "memory": ".2f", "residual": ".1e",
+}  # fmt: skip
+
+
+def write_page(folder: Path, runs: list[Run]) -> Path:
+    """Write DIR/price.html and DIR/price.png; the path of the page."""
+    rows = [_row(run, runs) for run in runs if run["case"]["method"] != REFERENCE]
+    png = io.BytesIO()
+    picture(rows).savefig(png, dpi=110)
+    write_aside(folder / "price.png", png.getvalue())
+    tables = "".join(f"<h2>{dim}D</h2>{_table([row for row in rows if row['dim'] == dim])}" for dim in (2, 3))
+    shown = f'<img alt="prices against n" src="data:image/png;base64,{base64.b64encode(png.getvalue()).decode()}">'
+    title = "The price of friction"
+    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
+    page = f"{head}<h1>{title}</h1><p>{INTRODUCTION}</p>{shown}{tables}</html>"
+    write_aside(folder / "price.html", page.encode())
+    return folder / "price.html"
+
+
+def _table(rows: list[Run]) -> str:
+    """Rows without a price say why."""
+    lines = ["<tr>" + "".join(f"<th>{key.replace('_', ' ')}" for key in COLUMNS) + "</tr>"]
+    for row in rows:
+        known = {key: row.get(key) for key in COLUMNS}
+        cells = "".join(f"<td>{'' if v is None else format(v, COLUMNS[k])}" for k, v in known.items())
+        because = "" if row["price"] else f"<td>{html.escape(row['status'])}"
+        lines.append(f"<tr>{cells}{because}</tr>")
+    return f"<table>{''.join(lines)}</table>"
+
+
+def _row(run: Run, runs: list[Run]) -> Run:
+    """A line of the table; without a price if the run has none."""
+    case = run["case"]
+    row = dict(case) | {"status": run["status"], "dofs": run.get("dofs", ""), "price": None}
+    if run.get("two_steps") is None:
+        return row
+    reference, steps = run["reference"]["seconds"], run["steps"][:2]
+    alone = [
+        r["memory"]
+        for r in runs
+        if r["case"]["method"] == REFERENCE and "memory" in r and all(r["case"][k] == case[k] for k in ("dim", "n"))
+    ]
+    return row | {
+        "price": run["two_steps"] / reference,
+        "further": run["further"] / reference,
+        "seconds": run["two_steps"],
+        "reference": reference,
+        "memory": run["memory"] / alone[0] if alone else None,
+        "residual": max(step["residual"] for step in steps),
+        **{key: sum(step[key] for step in steps) for key in ("iterations", "volume_solves", "linear_iterations")},
+    }
+
+
+def picture(rows: list[Run]) -> Figure:
+    """Price, further step, volume solves, linear iterations and memory against n, log-log; 2D above, 3D below."""
+    figure = Figure(figsize=(17, 8), layout="constrained")
+    kinds: tuple[tuple[str, Callable[[Run], Any]], ...] = (
+        ("price of two steps", lambda r: r["price"]),
+        ("price of a further step", lambda r: r["further"]),
+        ("volume solves", lambda r: r["volume_solves"]),
+        ("linear iterations", lambda r: r["linear_iterations"] or None),
+        ("memory", lambda r: r["memory"]),
+    )
+    axes = figure.subplots(2, len(kinds))
+    for line, dim in zip(axes, (2, 3), strict=True):
+        for axis, (title, value) in zip(line, kinds, strict=True):
+            for method, colour in COLOURS.items():
+                for tolerance, style in LINES.items():
+                    chosen = [
+                        (r["n"], value(r))
+                        for r in rows
+                        if (r["dim"], r["method"], r["tolerance"]) == (dim, method, tolerance) and r["price"]
+                    ]
+                    chosen = [(n, v) for n, v in chosen if v]
+                    if chosen:
+                        wide = 2.5 if method == "auto" else 1.5
+                        axis.loglog(
+                            *zip(*chosen, strict=True), style, marker="o", ms=4, lw=wide, color=colour,
+                            label=f"{method}, {tolerance:g}",
+                        )  # fmt: skip
+            for (of, tolerance), (reach, bar) in BARS.items():
+                if of == dim and title == "price of two steps":
+                    axis.plot(reach, [bar, bar], LINES[tolerance], color="grey", lw=6, alpha=0.4)
+            sizes = sorted({r["n"] for r in rows if r["dim"] == dim})
+            axis.set(title=f"{dim}D: {title}", xlabel="n, cells over the height")
+            axis.set_xticks(sizes, [str(n) for n in sizes])
+            axis.minorticks_off()
+            axis.grid(alpha=0.3)
+    handles, labels = axes[1][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=6)
+    return figure

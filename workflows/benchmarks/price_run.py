@@ -1,0 +1,149 @@
+"""One measurement of the price of friction: `python -m workflows.benchmarks.price_run CASE`, CASE in JSON."""
+
+from __future__ import annotations
+
+import os
+
+for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[threads] = "1"  # before numpy starts them
+
+import json  # noqa: E402
+import resource  # noqa: E402
+import statistics  # noqa: E402
+import sys  # noqa: E402
+import time as clock  # noqa: E402
+from dataclasses import asdict, dataclass  # noqa: E402
+from typing import Any  # noqa: E402
+
+from mpi4py import MPI  # noqa: E402
+
+from geometry.errors import StickslipError  # noqa: E402
+from geometry.mesh import build_mesh  # noqa: E402
+from solvers.counters import Counters  # noqa: E402
+from solvers.linear_reference import linear_reference  # noqa: E402
+from solvers.nouns.scene import Scene  # noqa: E402
+from solvers.simulation import Simulation, prepare  # noqa: E402
+from solvers.system import assemble  # noqa: E402
+from workflows.scene import read  # noqa: E402
+
+REFERENCE = "linear reference"  # the method that solves no contact at all
+GIGABYTE = 1e6  # in the units of ru_maxrss
+LEAST = 2.0  # [s] that repetitions may fill
+
+
+@dataclass(frozen=True)
+class Case:
+    """Press, shift, and a further shift of a block (dim 2) or a cube (dim 3), n cells over the height."""
+
+    dim: int
+    n: int
+    method: str = "auto"
+    surface: str = "auto"
+    tolerance: float = 1e-8
+    cells: str = "tensor"
+
+    @property
+    def name(self) -> str:
+        return f"{self.dim}d_{self.n:03d}_{self.method}_{self.surface}_{self.tolerance:g}_{self.cells}".replace(
+            " ", "_"
+        )
+
+    def scene(self) -> Scene:
+        """The ready scene `block` or `cube` with a third step."""
+        size = (2.0 if self.dim == 2 else 1.0) / self.n
+        tables = {
+            2: "{ x = [[0, 0], [1, 0], [2, 0.05], [3, 0.06]], y = [[0, 0], [1, -0.1]] }",
+            3: "{ x = [[0, 0], [1, 0], [2, 0.02], [3, 0.024]], y = [[0, 0], [1, 0], [2, 0.01], [3, 0.012]], "
+            "z = [[0, 0], [1, -0.05]] }",
+        }
+        method = "auto" if self.method == REFERENCE else self.method
+        settings = [
+            f"geometry.mesh_size={size!r}",
+            f'geometry.cells="{self.cells}"',
+            f"supports.top.displacement={tables[self.dim]}",
+            "steps={ end = 3.0, count = 3 }",
+            f'solver={{ method = "{method}", surface = "{self.surface}", tolerance = {self.tolerance!r} }}',
+        ]
+        if self.dim == 2:
+            settings.append(f"geometry.contact_mesh_size={size!r}")
+        return read("block" if self.dim == 2 else "cube", settings)
+
+
+def measure(case: Case) -> dict[str, Any]:
+    """Seconds by phase and step, counters, residuals, peak memory; the linear reference in the same process."""
+    found = _solve(case)
+    prices = [_prices(found)]
+    while case.method != REFERENCE and found["status"] == "converged" and sum(p[0] for p in prices) < LEAST:
+        prices.append(_prices(_solve(case)))
+    two_steps, further = (statistics.median(values) for values in zip(*prices, strict=True))
+    done = found["status"] == "converged" and case.method != REFERENCE
+    return found | {
+        "two_steps": two_steps if done else None,
+        "further": further if done else None,
+        "repeated": len(prices),
+    }
+
+
+def _prices(found: dict[str, Any]) -> tuple[float, float]:
+    """Seconds of the two-step problem, and of a further step."""
+    seconds = [step["seconds"] for step in found["steps"]]
+    return found["prepare"] + sum(seconds[:2]), sum(seconds[2:])
+
+
+def _solve(case: Case) -> dict[str, Any]:
+    scene, counters, status = case.scene(), Counters(), "converged"
+    steps: list[dict[str, Any]] = []
+    if case.method == REFERENCE:
+        mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_WORLD)
+        system, prepared = assemble(scene, mesh, counters), 0.0
+    else:
+        simulation = prepare(scene)
+        system, prepared, counters = simulation.system, simulation.seconds.prepare, simulation.counters
+        steps, status = _march(simulation)
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / GIGABYTE  # before the reference
+    reference = linear_reference(system)
+    if case.method == REFERENCE:
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / GIGABYTE
+    return {
+        "case": asdict(case),
+        "status": status,
+        "dofs": system.constraints.free_total,
+        "contact_dofs": len(system.contact_dofs),
+        "prepare": prepared,
+        "steps": steps,
+        "memory": memory,
+        "reference": asdict(reference),
+        "counters": asdict(counters),
+    }
+
+
+def _march(simulation: Simulation) -> tuple[list[dict[str, Any]], str]:
+    """What each step took, and how the march ended; without results, for the price is that of the solution alone."""
+    found: list[dict[str, Any]] = []
+    state, counters = simulation.stepper.start(), simulation.counters
+    for time in simulation.scene.requested_times():
+        began, linear = clock.perf_counter(), counters.linear_iterations
+        try:
+            accepted = simulation.stepper.reach(state, time, lambda row: None)
+        except StickslipError as error:
+            return found, str(error)
+        found.append(
+            {
+                "seconds": clock.perf_counter() - began,
+                "iterations": accepted.iterations,
+                "volume_solves": accepted.volume_solves,
+                "linear_iterations": counters.linear_iterations - linear,
+                "residual": accepted.residual,
+            }
+        )
+        state = accepted.state
+    return found, "converged"
+
+
+def main() -> None:
+    """Measure the case that the first argument describes in JSON, and print the result."""
+    print(json.dumps(measure(Case(**json.loads(sys.argv[1])))))
+
+
+if __name__ == "__main__":
+    main()
