@@ -19,7 +19,7 @@ class SearchDirections:
     Source: Erhel & Guyomarc'h, SIAM J. Matrix Anal. Appl. 21 (2000), 1279-1299 (augmented conjugate gradients).
     """
 
-    def __init__(self, comm: Any, owned: int, most: int = MOST) -> None:
+    def __init__(self, comm: Any, owned: int, most: int) -> None:
         """
         Args:
             comm: mpi4py communicator.
