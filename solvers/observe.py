@@ -62,6 +62,7 @@ class Observer:
             energy=state.energy,
             iteration_error=iteration_error(accepted),
             law_error=law_error(accepted),
+            linear_error=accepted.linear_error,
             p=state.p,
             w=state.w,
             reference=accepted.problem.gap,

@@ -75,6 +75,7 @@ class StepResult:
     p_ref: float  # [Pa]
     u_ref: float  # [m]
     history: tuple[HistoryTuple, ...]  # see `HistoryRow`
+    linear_error: float = 0.0  # relative, energy norm: what an iterative volume solve leaves
 
     def without_fields(self) -> StepResult:
         """What is known besides displacement and stress: they take memory that grows with the mesh."""

@@ -50,6 +50,7 @@ class Accepted:
     volume_solves: int
     residual: float
     slack: float  # of the friction bound, see `Solution`
+    linear_error: float  # of the last substep, see `Bodies`
     history: tuple[HistoryRow, ...]
 
 
@@ -139,6 +140,7 @@ class Stepper:
                     volume_solves=self.system.counters.volume_solves - solves,
                     residual=solution.residual,
                     slack=solution.slack,
+                    linear_error=stepper.surface.linear_error,
                     history=tuple(history),
                 )
             elif size <= smallest * (1 + 1e-9):

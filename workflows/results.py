@@ -15,6 +15,7 @@ import numpy as np
 from geometry.dolfinx_versions import DOLFINX
 from geometry.user_files.user_file import UserFile
 from solvers.audit import Audit
+from solvers.linear_reference import LinearReference
 from solvers.nouns.scene import Scene
 from solvers.quantities import CONTACT_NUMBERS, STRESSES
 from solvers.simulation import Simulation
@@ -39,7 +40,12 @@ class Outcome:
 
 
 def summary(
-    simulation: Simulation, status: str, steps: Sequence[StepResult], audits: Sequence[Audit], total: float
+    simulation: Simulation,
+    status: str,
+    steps: Sequence[StepResult],
+    audits: Sequence[Audit],
+    total: float,
+    reference: LinearReference | None = None,
 ) -> dict[str, Any]:
     """The content of result.json."""
     scene, counters = simulation.scene, simulation.counters
@@ -84,10 +90,11 @@ def summary(
             "discretisation": None,
             "law": max((step.law_error for step in steps), default=None),
             "iteration": max((step.iteration_error for step in steps), default=None),
-            "linear_solver": None,
+            "linear_solver": max((step.linear_error for step in steps), default=None),
             "what": "relative, energy norm",
         },
-        "seconds": asdict(simulation.seconds) | {"total": total, "linear_reference": None},
+        "seconds": asdict(simulation.seconds) | {"total": total, "linear_reference": reference and reference.seconds},
+        "linear_reference": reference and asdict(reference),
     }
 
 

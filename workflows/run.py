@@ -13,6 +13,7 @@ from typing import Any
 from geometry.errors import MachineError, StickslipError
 from solvers.audit import Audit, Auditor, Record
 from solvers.history import HistoryRow
+from solvers.linear_reference import LinearReference, linear_reference
 from solvers.nouns.scene import Scene
 from solvers.plan import warnings
 from solvers.simulation import Simulation, prepare
@@ -138,15 +139,19 @@ class Run:
         """Audit, result.json, pictures."""
         audits, began = self.audit(), clock.perf_counter()
         seconds, scene = self.simulation.seconds, self.simulation.scene
+        reference: LinearReference | None = None
 
         def content() -> dict[str, Any]:
-            return summary(self.simulation, status, self.steps, audits, clock.perf_counter() - self.began)
+            total = clock.perf_counter() - self.began
+            return summary(self.simulation, status, self.steps, audits, total, reference)
 
         self.on_rank_0(lambda: write_result(self.folder, content()))  # before the pictures: they can fail
         self.on_rank_0(lambda: self._show(ended=True))
         if scene.output.pictures and self.steps:
             self.on_rank_0(lambda: _draw(self.folder, self.simulation, self.steps[-1]))
         seconds.output += clock.perf_counter() - began
+        if scene.output.linear_reference and status != "interrupted":
+            reference = linear_reference(self.simulation.system)
         final = content()
         self.on_rank_0(lambda: write_result(self.folder, final))
         return final
