@@ -1,4 +1,4 @@
-"""The bodies with the laws linearised: solved for the fewer of tractions of the rows that hold, motion of the others."""
+"""The bodies with the laws linearised: solved for tractions that hold or for the other motions, the fewer of them."""
 
 from __future__ import annotations
 
