@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from solvers.methods.solution import Step
-
-HistoryTuple = tuple[float, int, float, int, float, str]
+from solvers.step_result import HistoryTuple
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,19 +20,27 @@ from solvers.counters import Counters
 from solvers.state import State
 from solvers.system import System, assemble
 
-if TYPE_CHECKING:
-    from solvers.stepping import Stepper
-
 Array = NDArray[np.float64]
 COARSER = 2.0  # in edge length
 TOLERANCE = 1e-3  # of its steps: less than what the meshes differ by
 log = logging.getLogger(__name__)
 
 
+class March(Protocol):
+    """What is needed of a stepper."""
+
+    system: System
+    nested: NestedStart | None
+
+    def start(self) -> State: ...
+    def reach(self, start: State, target: float, on_iteration: Callable[[Any], None]) -> Any: ...
+    def split(self, p: Array) -> tuple[list[Array], list[Array]]: ...
+
+
 class NestedStart:
     """Marches beside the fine run; where it cannot go, the fine run starts as if it were not there."""
 
-    def __init__(self, fine: System, coarse: Stepper) -> None:
+    def __init__(self, fine: System, coarse: March) -> None:
         self.fine, self.stepper = fine, coarse
         self.spread = {
             c.name: _interpolation(c.surface, other.surface)
@@ -41,7 +49,7 @@ class NestedStart:
         self.states = {0.0: self.stepper.start()}
 
     @staticmethod
-    def beside(system: System, stepper_of: Callable[[System], Stepper]) -> NestedStart | None:
+    def beside(system: System, stepper_of: Callable[[System], March]) -> NestedStart | None:
         """Mesh, assemble and prepare the coarse scene, if there is one; collective."""
         scene, geometry = system.scene, system.scene.geometry
         sizes = {key: getattr(geometry, key, None) for key in ("mesh_size", "contact_mesh_size")}
@@ -72,7 +80,7 @@ class NestedStart:
         if old is None:
             return None
         try:
-            new = self.stepper.reach(old, time, lambda row: None).state
+            new: State = self.stepper.reach(old, time, lambda row: None).state
         except StickslipError as error:
             log.info("t = %g: no start from the coarser mesh: %s", time, error)
             return None

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.energy import Energy
-from solvers.history import HistoryTuple
 
 Array = NDArray[np.float64]
 OPEN, SLIP, STICK = 0, 1, 2
+HistoryTuple = tuple[float, int, float, int, float, str]  # see `HistoryRow`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ class StepResult:
     searched: Mapping[str, Array]  # where sliding contacts were paired, (n_all, d) [m] by contact; empty if none slides
     p_ref: float  # [Pa]
     u_ref: float  # [m]
-    history: tuple[HistoryTuple, ...]  # see `HistoryRow`
+    history: tuple[HistoryTuple, ...]
     linear_error: float = 0.0  # relative, energy norm: what an iterative volume solve leaves
 
     def without_fields(self) -> StepResult:

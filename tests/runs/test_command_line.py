@@ -17,7 +17,7 @@ def test_help_names_what_is_built_and_each_command_explains_itself(call: Call) -
     code, out, err = call("--help")
     assert (code, err) == (0, "")
     listed = re.findall(r"^  ([a-z]+) +\w", out.partition("Commands:")[2], re.MULTILINE)
-    assert set(listed) == BUILT  # `mesh`, `cost` and --resume are announced in DESIGN, not built yet
+    assert set(listed) == BUILT  # --resume of `run` is announced in DESIGN, not built yet
     for name in listed:
         code, out, err = call(name, "--help")
         assert (code, err) == (0, "")

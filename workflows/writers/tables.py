@@ -15,9 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from geometry.errors import MachineError
-from solvers.history import HistoryTuple
 from solvers.quantities import STRESSES
-from solvers.step_result import OPEN, SLIP, STICK, Array, ContactState, MeshData, StepResult
+from solvers.step_result import OPEN, SLIP, STICK, Array, ContactState, HistoryTuple, MeshData, StepResult
 from workflows.writers.aside import disk_errors, make_folder, write_aside
 
 STATUS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
