@@ -126,8 +126,14 @@ def test_fields_are_rewritten_while_a_run_goes_on(tmp_path: Path) -> None:
         with meshio.xdmf.TimeSeriesReader(tmp_path / "fields.xdmf") as reader:
             assert reader.num_steps == index
     assert (tmp_path / "fields.h5").stat().st_ino == before.st_ino  # the same mesh is not written again
+    files = FieldFiles(tmp_path, mesh)
+    for _ in range(2):
+        files.write([])
+        assert (tmp_path / "fields.h5").stat().st_ino == before.st_ino
     FieldFiles(tmp_path, mesh_of("quadrilateral")).write([])
     assert (tmp_path / "fields.h5").stat().st_ino != before.st_ino
+    files.write([])  # what it has written once is not what stands there now
+    assert (tmp_path / "fields.h5").stat().st_size == before.st_size
 
 
 # tables

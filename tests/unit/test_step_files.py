@@ -39,6 +39,17 @@ def test_a_step_reads_back_to_the_same_bits(tmp_path: Path, shape: str) -> None:
     assert sorted(p.name for p in path.parent.iterdir()) == ["000012.h5"]
 
 
+def test_a_step_without_its_fields_keeps_all_else_and_none_of_their_memory() -> None:
+    result = result_of(mesh_of("hexahedron"))
+    left = result.without_fields()
+    for name in vars(result):
+        if name in ("displacement", "stress"):
+            assert getattr(left, name).size == 0
+            assert getattr(left, name).base is None  # no view of the whole
+        else:
+            assert getattr(left, name) is getattr(result, name)
+
+
 def test_the_checksum_can_be_recomputed_by_others(tmp_path: Path) -> None:
     path = write_step(tmp_path, 3, result_of(mesh_of("triangle")))
     arrays: dict[str, Any] = {}
