@@ -11,7 +11,7 @@ from scipy.linalg import cholesky, solve_triangular
 Array = NDArray[np.float64]
 KEPT = 100  # pairs
 EXACT = 1e-12  # part of a pair's work that must be new where volume solves are exact
-NOISE = 10.0  # times the asymmetry of measured work that the new part must exceed
+NOISE = 3.0  # times the asymmetry of measured work that the new part must exceed
 
 
 class Secants:
@@ -41,12 +41,12 @@ class Secants:
 
     def learn(self, force: Array, displacement: Array) -> None:
         """Take up a pair (c,) of a force and the displacement that a volume solve gave."""
-        work = float(force @ displacement)
-        if not work > 0:  # none, or less than the error of the solve
+        size = np.sqrt(max(float(force @ displacement), 0.0))
+        if not size > 0:  # no work, or less than the error of the solve
             return
         if self.count == self._sure + KEPT:
             self._keep(np.delete(np.arange(self.count), self._sure))
-        force, displacement = force / np.sqrt(work), displacement / np.sqrt(work)
+        force, displacement = force / size, displacement / size
         self._S = np.column_stack([self._S, force])
         self._Y = np.column_stack([self._Y, displacement])
         self._guessed = np.column_stack([self._guessed, self.guess(force)])

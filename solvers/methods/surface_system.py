@@ -19,7 +19,7 @@ from solvers.secants import Secants
 from solvers.surface_metric import SurfaceMetric
 
 Array = NDArray[np.float64]
-DENSE = 200  # unknowns up to which a dense matrix is factorised
+DENSE = 200  # contact rows up to which a dense matrix is factorised
 BALANCE = 1e-8  # force out of balance, relative, at which a solution of the linear system is none
 FAILED = 0.5  # of the residual: GMRES that leaves more found nothing
 
@@ -90,7 +90,7 @@ class SurfaceSystem:
             LinAlgError: the rows do not hold the bodies.
         """
         m = len(self.rows)
-        found = self._dense() if m <= DENSE else self._iterate(np.concatenate([p[self.rows], b]), leave)
+        found = self._dense() if len(p) <= DENSE else self._iterate(np.concatenate([p[self.rows], b]), leave)
         full = np.zeros(len(p))
         full[self.rows] = found[:m]
         surface, load = self.problem.surface, self.problem.load.resultant

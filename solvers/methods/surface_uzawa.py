@@ -17,7 +17,7 @@ from solvers.surface_problem import SurfaceProblem
 
 STALL_WINDOW = 25  # iterations in which the least residual must halve
 INNER = 0.1  # of the residual, how exact the volume and the surface are solved
-DROP = 0.1  # what one iteration makes of the residual at best
+DROP = 0.3  # what one iteration makes of the residual, about
 
 
 @dataclass(frozen=True, kw_only=True)
