@@ -129,6 +129,12 @@ def test_a_method_that_solves_other_laws_does_not_define_the_truth() -> None:
     assert_allclose(study_of(other + converging(1)).truth.value, 2.0, rtol=1e-6)
 
 
+def test_one_mesh_of_an_order_says_nothing_beside_a_sequence_of_the_other() -> None:
+    """The sequence grows for ever: a single number of order 1 must not look surer."""
+    grows = [made_up(Rung(2, "newton", level, TIGHT), 1.0 + 0.2 * level) for level in range(6)]
+    assert not study_of([made_up(Rung(1, "newton", -4, TIGHT), 1.0), *grows]).truth.converges
+
+
 def test_errors_below_the_uncertainty_are_not_known() -> None:
     exact = Exact(values={"base.max_pressure": 2.0}, accuracy=0.04)
     runs = converging(2)
