@@ -79,6 +79,15 @@ def test_the_uncertainty_covers_noise() -> None:
     assert abs(found.value - 1.0) <= found.uncertainty < 0.02
 
 
+@pytest.mark.parametrize("astray", [0, 2, 5])
+def test_a_mesh_on_which_something_went_wrong_does_not_count(astray: int) -> None:
+    h = 0.2 * RATIO ** -np.arange(6.0)
+    q = 1 + h**2
+    q[astray] = 20.0
+    found = limit(h.tolist(), q.tolist())
+    assert abs(found.value - 1.0) <= found.uncertainty < 1e-3
+
+
 @pytest.mark.parametrize("power", [-0.3, 0.0])
 def test_a_quantity_that_grows_for_ever_has_no_limit(power: float) -> None:
     h = 0.2 * RATIO ** -np.arange(6.0)
@@ -101,7 +110,7 @@ def test_a_quantity_that_is_exact_on_every_mesh_needs_no_extrapolation() -> None
 def test_rate_is_the_slope_of_the_finest_meshes() -> None:
     h = [0.8, 0.4, 0.2, 0.1, 0.05]
     assert rate_of(h, [9.0, *(size**2 for size in h[1:])]) == pytest.approx(2.0)  # the coarsest does not count
-    assert rate_of([0.1], [0.1]) is None
+    assert rate_of([0.2, 0.1], [0.2, 0.1]) is None  # two meshes always lie on a line
 
 
 # --- truth
