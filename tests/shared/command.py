@@ -10,7 +10,7 @@ from workflows.scene import READY
 
 Spoken = tuple[int, str, str]
 Call = Callable[..., Spoken]
-BUILT = {"cost", "run", "plan", "mesh", "verify", "scenes", "new"}
+BUILT = {"run", "plan", "mesh", "cost", "verify", "scenes", "new"}
 READY_NAMES = sorted(path.stem for path in READY.glob("*.toml"))
 COARSE = [
     "--set=geometry.mesh_size=1.0",

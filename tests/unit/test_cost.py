@@ -79,6 +79,15 @@ def test_the_uncertainty_covers_noise() -> None:
     assert abs(found.value - 1.0) <= found.uncertainty < 0.02
 
 
+@pytest.mark.parametrize("astray", [0, 2, 5])
+def test_a_mesh_on_which_something_went_wrong_does_not_count(astray: int) -> None:
+    h = 0.2 * RATIO ** -np.arange(6.0)
+    q = 1 + h**2
+    q[astray] = 20.0
+    found = limit(h.tolist(), q.tolist())
+    assert abs(found.value - 1.0) <= found.uncertainty < 1e-3
+
+
 @pytest.mark.parametrize("power", [-0.3, 0.0])
 def test_a_quantity_that_grows_for_ever_has_no_limit(power: float) -> None:
     h = 0.2 * RATIO ** -np.arange(6.0)
@@ -101,7 +110,7 @@ def test_a_quantity_that_is_exact_on_every_mesh_needs_no_extrapolation() -> None
 def test_rate_is_the_slope_of_the_finest_meshes() -> None:
     h = [0.8, 0.4, 0.2, 0.1, 0.05]
     assert rate_of(h, [9.0, *(size**2 for size in h[1:])]) == pytest.approx(2.0)  # the coarsest does not count
-    assert rate_of([0.1], [0.1]) is None
+    assert rate_of([0.2, 0.1], [0.2, 0.1]) is None  # two meshes always lie on a line
 
 
 # --- truth
@@ -127,6 +136,12 @@ def test_what_the_scene_knows_exactly_is_not_extrapolated() -> None:
 def test_a_method_that_solves_other_laws_does_not_define_the_truth() -> None:
     other = [replace(run, law_error=1e-3) for run in converging(1, "regularised", limit=3.0)]
     assert_allclose(study_of(other + converging(1)).truth.value, 2.0, rtol=1e-6)
+
+
+def test_one_mesh_of_an_order_says_nothing_beside_a_sequence_of_the_other() -> None:
+    """The sequence grows for ever: a single number of order 1 must not look surer."""
+    grows = [made_up(Rung(2, "newton", level, TIGHT), 1.0 + 0.2 * level) for level in range(6)]
+    assert not study_of([made_up(Rung(1, "newton", -4, TIGHT), 1.0), *grows]).truth.converges
 
 
 def test_errors_below_the_uncertainty_are_not_known() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from workflows.cost import predict
 from workflows.cost.ladder import Ladder
@@ -52,8 +52,8 @@ def climb(
         run = measure(min(fits, key=lambda rung: (costs[rung], rung)), left)
         if run is None:
             return False, []
-        runs.append(run)
-        keep(run)
+        runs.append(replace(run, number=1 + max((each.number for each in runs), default=0)))
+        keep(runs[-1])
 
 
 def retry(runs: Sequence[Run], budget: Budget) -> list[Run]:

@@ -20,6 +20,7 @@ class Run:
 
     rung: Rung
     status: str  # converged, not_converged, no_equilibrium, refused, out_of_memory, out_of_time, failed
+    number: int = 0  # by the order in which they were made
     sentence: str = ""  # what went wrong
     spent: float = 0.0  # of the budget: start of the process and compiling of forms included [s]
     h: float = 0.0  # edge length where bodies touch [m]
@@ -60,8 +61,9 @@ def store(run: Run, folder: Path) -> None:
 
 
 def load(folder: Path) -> list[Run]:
-    """All runs of a folder."""
-    return [from_plain(json.loads(path.read_text(encoding="utf-8"))) for path in sorted(folder.glob("order*.json"))]
+    """All runs of a folder, in the order in which they were made."""
+    found = [from_plain(json.loads(path.read_text(encoding="utf-8"))) for path in folder.glob("order*.json")]
+    return sorted(found, key=lambda run: run.number)
 
 
 def from_plain(content: Mapping[str, Any]) -> Run:

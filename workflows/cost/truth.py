@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from solvers.nouns.exact import Exact
@@ -35,8 +35,10 @@ def truth_of(name: str, runs: Sequence[Run], exact: Exact, tolerance: float) -> 
         return Truth(name, value, max(exact.accuracy, NOISE * tolerance), source, scale) if scale else None
     if not any(found):
         return None
-    limits = {order: _limit(name, order, runs, tolerance) for order in sorted({run.rung.order for run in runs})}
-    sure = {order: each for order, each in limits.items() if each is not None}
+    orders = sorted({run.rung.order for run in runs})
+    points = {order: _sequence(name, order, runs, tolerance) for order in orders}
+    most = min(2, max(len(sequence) for sequence in points.values()))  # one mesh says nothing if there are two
+    sure = {order: _limit(sequence, tolerance) for order, sequence in points.items() if len(sequence) >= max(1, most)}
     if not sure:
         return None
     order = min(sure, key=lambda k: sure[k].uncertainty)
@@ -50,9 +52,12 @@ def truth_of(name: str, runs: Sequence[Run], exact: Exact, tolerance: float) -> 
     return Truth(name, best.value, doubt / scale, source, scale, best.converges)
 
 
-def _limit(name: str, order: int, runs: Sequence[Run], tolerance: float) -> Limit | None:
-    """Of one order at the tightest tolerance: methods that solve the scene's own laws agree on every mesh."""
-    points = {
+def _sequence(name: str, order: int, runs: Sequence[Run], tolerance: float) -> dict[float, float]:
+    """Values by mesh size, of one order at the tightest tolerance.
+
+    Methods that solve the scene's own laws agree on every mesh.
+    """
+    return {
         run.h: run.quantities[name]
         for run in runs
         if run.converged
@@ -60,7 +65,8 @@ def _limit(name: str, order: int, runs: Sequence[Run], tolerance: float) -> Limi
         and run.rung.tolerance == tolerance
         and (run.law_error or 0.0) <= LAW_ERROR
     }
-    if not points:
-        return None
+
+
+def _limit(points: Mapping[float, float], tolerance: float) -> Limit:
     floor = NOISE * tolerance * max(abs(value) for value in points.values())
     return limit(list(points), list(points.values()), floor)
