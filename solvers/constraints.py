@@ -180,7 +180,8 @@ class Constraints:
             blocks.append(np.array([row.direction for row in rows]) @ field(node))
         for slave, master in self.root.items():
             blocks.append(field(slave) - field(master))
-        return np.asarray(null_space(np.concatenate(blocks), rcond=1e-9))
+        small = np.linalg.qr(np.concatenate(blocks), mode="r")  # the same null space, without a square of all nodes
+        return np.asarray(null_space(small, rcond=1e-9))
 
 
 def find_constraints(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes) -> Constraints:

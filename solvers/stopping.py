@@ -45,7 +45,7 @@ class ContactError:
 
     def _small(self, x: Array, change: Array, share: float | None) -> bool:
         own = [float(np.abs(v[self.local]).max(initial=0.0)) for v in (change, x)]
-        step, size = self.comm.allreduce(np.array(own), op=MPI.MAX)
+        step, size = (self.comm.allreduce(value, op=MPI.MAX) for value in own)
         if share is None:
             self.steps.append(float(step))
             rate = self._rate()
