@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 SAFETY = 2.0  # of the estimated error
-UNKNOWN = 0.5  # contraction of an iteration, before two of them tell it
+UNKNOWN = 0.5  # contraction of an iteration, at least, before two of them tell it
 SLOWEST, FASTEST = 0.95, 0.3  # contraction that is believed
 MULTIGRID = 2.0  # the error over what one multigrid cycle makes of the residual
 
@@ -45,7 +45,7 @@ class ContactError:
 
     def _small(self, x: Array, change: Array, share: float | None) -> bool:
         own = [float(np.abs(v[self.local]).max(initial=0.0)) for v in (change, x)]
-        step, size = self.comm.allreduce(np.array(own), op=MPI.MAX)
+        step, size = (self.comm.allreduce(value, op=MPI.MAX) for value in own)
         if share is None:
             self.steps.append(float(step))
             rate = self._rate()
@@ -57,7 +57,8 @@ class ContactError:
         last = self.steps[-3:]
         if len(last) < 2 or not last[0]:
             return UNKNOWN
-        return float(np.clip((last[-1] / last[0]) ** (1 / (len(last) - 1)), FASTEST, SLOWEST))
+        seen = (last[-1] / last[0]) ** (1 / (len(last) - 1))
+        return float(np.clip(seen, FASTEST if len(last) == 3 else UNKNOWN, SLOWEST))
 
 
 class EnergyError:

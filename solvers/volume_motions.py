@@ -25,6 +25,9 @@ class FloatingMotions:
 
     def __init__(self, system: System, contact: Replicated, R: Array) -> None:
         self.R, self.contact, self.comm = R, contact, system.mesh.comm
+        if not R.shape[1]:
+            self.Z = np.zeros((system.K_B.getLocalSize()[0], 0))
+            return
         motions = system.constraints.rigid_motions(*system.mesh.box())
         parts = system.mesh.part_count
         own = motions.reshape(parts, len(motions) // parts, R.shape[1])[system.nodes.part[: system.nodes.owned]]

@@ -224,3 +224,25 @@ def test_regularised_finds_on_two_ranks_what_it_finds_on_one(tmp_path: Path) -> 
         forces = [step["contacts"]["base"]["force"] for step in (mine, other)]
         assert_allclose(forces[1], forces[0], atol=SAME * np.abs(forces[0]).max())
         assert other["iterations"] == mine["iterations"]
+
+
+@pytest.mark.parametrize("name", ["cube", "stack"])
+def test_iterative_solves_give_on_every_number_of_ranks_what_the_condensed_bodies_give(
+    name: str, tmp_path: Path
+) -> None:
+    size = ["geometry.mesh_size=0.25"] if name == "cube" else []
+    words = [*size, *ALWAYS, "solver.tolerance=1e-9", "output.linear_reference=true"]
+    run(read(name, [*words, "solver.method=condensed-newton"]), tmp_path / "exact")
+    iterative = [*words, "solver.method=surface-uzawa", "solver.surface=matrix-free"]
+    exact = json.loads((tmp_path / "exact" / "result.json").read_text())
+    for ranks in (1, 2, 3):
+        done = mpirun(ranks, ["run", name, "-q", "-o", f"on_{ranks}", *options(iterative)], tmp_path)
+        assert (done.returncode, done.stderr) == (0, "")
+        found = json.loads((tmp_path / f"on_{ranks}" / "result.json").read_text())
+        assert found["counters"]["linear_iterations"] > 0
+        assert found["error"]["linear_solver"] < 1e-9
+        assert found["seconds"]["linear_reference"] > 0
+        for one, other in zip(exact["steps"], found["steps"], strict=True):
+            for contact, state in one["contacts"].items():
+                forces = state["force"], other["contacts"][contact]["force"]
+                assert_allclose(forces[1], forces[0], atol=1e-6 * np.abs(forces[0]).max())  # tolerance times condition
