@@ -24,7 +24,6 @@ from geometry.mesh import Mesh
 from geometry.nodes import Nodes
 from geometry.surface import gather_surface
 from solvers.nouns.scene import Scene
-from solvers.rigid_motions import rigid_fields, rigid_names
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -39,6 +38,18 @@ class Row:
     direction: Array  # (d,) unit
     amplitude: Amplitude
     support: str
+
+
+@dataclass(frozen=True)
+class Alike:
+    """Nodes that the same supports prescribe in the same directions."""
+
+    index: Ints  # (n,) where they stand in `Constraints.rows`
+    part: Ints  # (n,) of the mesh
+    points: Array  # (n, d) [m]
+    rows: tuple[Row, ...]  # of each
+    matrix: Array  # (r, d) their directions
+    inverse: Array  # (d, r) its pseudo-inverse
 
 
 @dataclass(frozen=True)
@@ -85,38 +96,70 @@ class Constraints:
             nodes = np.array([self.root.get(int(n), int(n)) for n in np.atleast_1d(nodes)], np.int64)
         return np.asarray(self.dim * nodes)
 
+    def entries(self, nodes: Ints) -> tuple[Ints, Ints, Array]:
+        """T at the displacements of these nodes (m, d), flattened: row, free number and value of each entry."""
+        d, start = self.dim, self.free_start(nodes)
+        special = np.isin(nodes, np.array([*self.rows, *self.root], np.int64))
+        plain = np.flatnonzero(~special)
+        every = np.arange(d)
+        parts = [((d * plain[:, None] + every).ravel(), (start[plain, None] + every).ravel(), np.ones(d * len(plain)))]
+        for k in np.flatnonzero(special):
+            basis = self.basis(int(nodes[k]))
+            a, b = np.nonzero(basis)
+            parts.append((d * k + a, start[k] + b, basis[a, b]))
+        i, j, v = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return i, j, v
+
     @cached_property
     def free_total(self) -> int:
         return int(self.dim * self.nodes.total - len(self.eliminated()))
 
     def transformation(self, comm: Any) -> Any:
         """T as a PETSc matrix, (d n, d n)."""
-        d, low, high = self.dim, self.nodes.offset, self.nodes.offset + self.nodes.owned
-        numbers = np.arange(low, high)
-        start = self.free_start(numbers)
-        columns = (start[:, None] + np.arange(d)).ravel()
-        rows, values = np.arange(d * low, d * high), np.ones(d * len(numbers))
-        special = np.array([n for n in {*self.rows, *self.root} if low <= n < high], np.int64)
-        plain = ~np.isin(np.repeat(numbers, d), special)
-        parts = [(rows[plain], columns[plain], values[plain])]
-        for node in special:
-            basis, first = self.basis(int(node)), int(self.free_start(np.array([node]))[0])
-            i, j = np.nonzero(basis)
-            parts.append((d * node + i, first + j, basis[i, j]))
-        i, j, v = (np.concatenate(part) for part in zip(*parts, strict=True))
+        d, numbers = self.dim, self.nodes.offset + np.arange(self.nodes.owned)
         size = (d * len(numbers), d * self.nodes.total)
+        i, j, v = self.entries(numbers)
         matrix = PETSc.Mat().createAIJ((size, size), bsize=d, nnz=(d, d), comm=comm)
         order = np.lexsort((j, i))
         i, j, v = i[order], j[order], v[order]
-        pointer = np.searchsorted(i - d * low, np.arange(d * len(numbers) + 1)).astype(PETSc.IntType)
+        pointer = np.searchsorted(i, np.arange(size[0] + 1)).astype(PETSc.IntType)
         matrix.setValuesCSR(pointer, j.astype(PETSc.IntType), v)
         matrix.assemble()
         return matrix
 
     @cached_property
+    def alike(self) -> tuple[Alike, ...]:
+        """All of `rows`, the equal ones together."""
+        groups: dict[tuple[object, ...], list[int]] = {}
+        nodes, every = list(self.rows), list(self.rows.values())
+        for i, rows in enumerate(every):
+            key = tuple((row.direction.tobytes(), row.support, id(row.amplitude)) for row in rows)
+            groups.setdefault(key, []).append(i)
+        found = []
+        for index in groups.values():
+            rows = every[index[0]]
+            matrix = np.array([row.direction for row in rows])
+            inverse = matrix.T if len(rows) == 1 else np.linalg.pinv(matrix, rcond=1e-10)
+            part, points = (np.array([of[nodes[i]] for i in index]) for of in (self.part, self.points))
+            found.append(Alike(np.array(index), part, points, rows, matrix, inverse))
+        return tuple(found)
+
+    @cached_property
+    def _row_of_prescribed(self) -> Ints:
+        """(k,) where each of `prescribed_nodes`, or the node that it follows, stands in `rows`."""
+        where = {node: i for i, node in enumerate(self.rows)}
+        return np.array([where[self.root.get(int(n), int(n))] for n in self.prescribed_nodes], np.int64)
+
+    @cached_property
     def prescribed_nodes(self) -> Ints:
         """Global numbers of all nodes with a prescribed component, followers of prescribed roots included."""
         return np.array(sorted({*self.rows, *(s for s, r in self.root.items() if r in self.rows)}), np.int64)
+
+    def wanted(self, time: float) -> list[Array]:
+        """What each row (r,) of `alike` prescribes [m]."""
+        known = {id(r.amplitude): r.amplitude for same in self.alike for r in same.rows}
+        values = {key: value_at(amplitude, time, self.end) for key, amplitude in known.items()}
+        return [np.array([values[id(r.amplitude)] for r in same.rows]) for same in self.alike]
 
     def prescribed(self, time: float) -> Array:
         """u_s (k, d) [m] at `prescribed_nodes`.
@@ -124,63 +167,37 @@ class Constraints:
         Raises:
             SceneError: two supports ask different things of one node.
         """
-        values = {}
-        amplitudes: dict[int, float] = {}
-        for node, rows in self.rows.items():
-            matrix = np.array([row.direction for row in rows])
-            wanted = np.array(
-                [amplitudes.setdefault(id(r.amplitude), value_at(r.amplitude, time, self.end)) for r in rows]
-            )
-            found = np.linalg.lstsq(matrix, wanted, rcond=None)[0] if len(rows) > 1 else matrix[0] * wanted[0]
-            if np.any(np.abs(matrix @ found - wanted) > 1e-9 * np.abs(wanted).max(initial=0)):
-                names = sorted({row.support if row.support == AXIS else f"supports.{row.support}" for row in rows})
-                point = ", ".join(f"{x:.6g}" for x in self.points[node])
+        values = np.zeros((len(self.rows), self.dim))
+        for same, wanted in zip(self.alike, self.wanted(time), strict=True):
+            found = same.inverse @ wanted
+            if np.any(np.abs(same.matrix @ found - wanted) > 1e-9 * np.abs(wanted).max(initial=0)):
+                names = sorted({r.support if r.support == AXIS else f"supports.{r.support}" for r in same.rows})
+                point = ", ".join(f"{x:.6g}" for x in same.points[0])
                 raise SceneError(f"{' and '.join(names)}: contradict each other at the point ({point}) at t = {time:g}")
-            values[node] = found
-        stacked = [values[self.root.get(int(n), int(n))] for n in self.prescribed_nodes]
-        return np.array(stacked).reshape(-1, self.dim)
+            values[same.index] = found
+        return values[self._row_of_prescribed]
 
     def reactions(self, forces: Array) -> dict[str, tuple[Array, Array]]:
         """Share nodal forces (k, d) at `prescribed_nodes` among supports: force (d,) and moment about the origin.
 
         A force is split along the prescribed directions; supports that overlap share it in the least-squares sense.
         """
-        at: dict[int, Array] = {}
-        for node, force in zip(self.prescribed_nodes, forces, strict=True):
-            root = self.root.get(int(node), int(node))
-            at[root] = at.get(root, np.zeros(self.dim)) + force
+        at = np.zeros((len(self.rows), self.dim))
+        np.add.at(at, self._row_of_prescribed, forces)
         moments = 1 if self.dim == 2 else 3
         total: dict[str, tuple[Array, Array]] = {}
-        for node, rows in self.rows.items():
-            matrix = np.array([row.direction for row in rows])
-            share = np.linalg.lstsq(matrix.T, at[node], rcond=None)[0]
-            for row, size in zip(rows, share, strict=True):
+        for same in self.alike:
+            shares = at[same.index] @ same.inverse  # (n, r)
+            for row, sizes in zip(same.rows, shares.T, strict=True):
                 if row.support == AXIS:
                     continue
                 force, moment = total.setdefault(row.support, (np.zeros(self.dim), np.zeros(moments)))
-                force += size * row.direction
-                moment += np.atleast_1d(np.cross(self.points[node], size * row.direction))
+                pushed = sizes[:, None] * row.direction
+                force += pushed.sum(axis=0)
+                moment += np.cross(same.points, pushed).reshape(-1, moments).sum(axis=0)
         if self.axisymmetric:  # over the full circle the radial parts balance
             return {name: (force * [0, 1], 0 * moment) for name, (force, moment) in total.items()}
         return total
-
-    def rigid_motions(self, low: Array, high: Array) -> Array:
-        """Coefficients (parts k, r) of the rigid motions that nothing prescribed resists; see `rigid_fields`."""
-        centre, size = (low + high) / 2, float(np.max(high - low))
-        count = len(rigid_names(self.dim, self.axisymmetric))
-        blocks = [np.zeros((1, self.parts * count))]
-
-        def field(node: int) -> Array:
-            own = self.part[node] * count + np.arange(count)
-            of_all = np.zeros((self.dim, self.parts * count))
-            of_all[:, own] = rigid_fields(self.points[node][None], centre, size, self.axisymmetric)[0]
-            return of_all
-
-        for node, rows in self.rows.items():
-            blocks.append(np.array([row.direction for row in rows]) @ field(node))
-        for slave, master in self.root.items():
-            blocks.append(field(slave) - field(master))
-        return np.asarray(null_space(np.concatenate(blocks), rcond=1e-9))
 
 
 def find_constraints(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes) -> Constraints:

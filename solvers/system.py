@@ -22,6 +22,7 @@ from geometry.surface import Surface, gather_surface
 from solvers.constraints import AXES, Constraints, find_constraints
 from solvers.counters import Counters
 from solvers.forms import WeakForms
+from solvers.lifting import Lifting
 from solvers.nouns.contact import Contact
 from solvers.nouns.scene import Scene
 from solvers.operators import OPERATORS
@@ -30,7 +31,6 @@ from solvers.operators.rigid import rigid_coupling
 from solvers.operators.rows import ContactRows
 from solvers.plan import active_effects
 from solvers.replicated import Replicated
-from solvers.rigid_motions import rigid_fields
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -77,10 +77,25 @@ class System:
         return total
 
     def prescribed(self, time: float) -> Any:
-        """u_s(t) over all displacements [m]."""
-        total = self.K.createVecRight()
-        self._prescribed.write(total, self.constraints.prescribed(time).ravel())
+        """u_s(t) over all displacements [m]: a rigid motion where that is all that is prescribed, else 0 elsewhere."""
+        total, motion = self.K.createVecRight(), self.lifting.followed(time)
+        if motion is None:
+            self._prescribed.write(total, self.constraints.prescribed(time).ravel())
+        else:
+            nodes, own = self.nodes, slice(self.nodes.owned)
+            total.array[:] = self.lifting.displacement(motion, nodes.points[own], nodes.part[own]).ravel()
         return total
+
+    def pull(self, time: float, load: Any, u_s: Any) -> Any:
+        """T^T (load - K u_s) over the free numbers [N]; of a rigid motion u_s not even rounding is left."""
+        found = self.T.createVecRight()
+        resisted = self.lifting.followed(time) is None
+        self.T.multTranspose(load - self.K * u_s if resisted else load, found)
+        return found
+
+    @cached_property
+    def lifting(self) -> Lifting:
+        return Lifting(self.constraints, *self.mesh.box())
 
     @cached_property
     def driven(self) -> tuple[tuple[str, int], ...]:
@@ -158,39 +173,23 @@ class System:
     @cached_property
     def contact_dofs(self) -> Ints:
         """Free numbers (c,) that the contact rows touch, increasing; the same on every rank."""
-        found: list[Ints] = [np.zeros(0, np.int64)]
-        for c in self.contacts:
-            starts = self.constraints.free_start(c.nodes)
-            sizes = np.array([self.constraints.basis(int(n)).shape[1] for n in c.nodes])
-            found += [np.arange(s, s + k) for s, k in zip(starts, sizes, strict=True)]
-        return np.unique(np.concatenate(found)).astype(np.int64)
+        numbers = [self.constraints.entries(c.nodes)[1] for c in self.contacts]
+        return np.asarray(np.unique(np.concatenate([np.zeros(0, np.int64), *numbers])), np.int64)
 
     def trace(self, c: ContactRows) -> Any:
         """Contact dofs (c,) to the displacement of a contact's nodes (n_all d,), sparse."""
-        d, rows, columns, values = self.mesh.dim, [], [], []
-        starts = self.constraints.free_start(c.nodes)
-        for j, (node, start) in enumerate(zip(c.nodes, starts, strict=True)):
-            basis = self.constraints.basis(int(node))
-            a, b = np.nonzero(basis)
-            rows.append(d * j + a)
-            columns.append(np.searchsorted(self.contact_dofs, start + b))
-            values.append(basis[a, b])
-        entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-        return sparse.csr_matrix(entries, shape=(d * len(c.nodes), len(self.contact_dofs)))
+        i, j, values = self.constraints.entries(c.nodes)
+        entries = (values, (i, np.searchsorted(self.contact_dofs, j)))
+        return sparse.csr_matrix(entries, shape=(self.mesh.dim * len(c.nodes), len(self.contact_dofs)))
 
     def rigid_modes(self) -> Array:
         """Rigid motions that no support resists, on the contact dofs (c, r), orthonormal."""
-        low, high = self.mesh.box()
-        centre, size = (low + high) / 2, float(np.max(high - low))
-        motions = self.constraints.rigid_motions(low, high)
-        count = self.mesh.part_count
+        motions, count = self.lifting.unresisted, self.mesh.part_count
         of_part = motions.reshape(count, len(motions) // count, motions.shape[1])
         values = np.zeros((len(self.contact_dofs), motions.shape[1]))
         if motions.shape[1]:
             for c in self.contacts:
-                fields = (
-                    rigid_fields(c.points, centre, size, self.mesh.axisymmetric) @ of_part[self.mesh.parts[c.input]]
-                )
+                fields = self.lifting.fields(c.points) @ of_part[self.mesh.parts[c.input]]
                 starts = self.constraints.free_start(c.nodes)
                 for node, start, field in zip(c.nodes, starts, fields, strict=True):
                     basis = self.constraints.basis(int(node))

@@ -1,4 +1,4 @@
-"""The bodies with the laws linearised: solved for the fewer of tractions of the rows that hold, motion of the others."""
+"""One Newton system on the condensed bodies, solved for tractions of rows that hold or for motions of the others."""
 
 from __future__ import annotations
 
