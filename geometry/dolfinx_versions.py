@@ -6,6 +6,8 @@ Import this instead of dolfinx, and before anything that loads a shared library 
 from __future__ import annotations
 
 import sys
+from functools import reduce
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 _flags = sys.getdlopenflags()
 import dolfinx  # noqa: E402
 import dolfinx.fem.petsc  # noqa: E402
+import dolfinx.jit  # noqa: E402
 
 sys.setdlopenflags(_flags)  # 0.5.2 leaves RTLD_GLOBAL on for every later import
 
@@ -95,17 +98,21 @@ def facet_cells(domain: Any, facets: Ints) -> Ints:
     domain.topology.create_connectivity(dim - 1, dim)
     domain.topology.create_connectivity(dim, dim - 1)
     to_cell, to_facet = domain.topology.connectivity(dim - 1, dim), domain.topology.connectivity(dim, dim - 1)
-    rows = []
-    for facet in facets:
-        cell = to_cell.links(facet)[0]
-        rows.append((cell, int(np.flatnonzero(to_facet.links(cell) == facet)[0])))
-    return np.array(rows, np.int64).reshape(-1, 2)
+    cells = np.asarray(to_cell.array, np.int64)[np.asarray(to_cell.offsets)[facets]]
+    around = np.asarray(to_facet.array).reshape(to_facet.num_nodes, -1)[cells]
+    return np.stack([cells, np.argmax(around == np.reshape(facets, (-1, 1)), axis=1)], axis=1)
 
 
 def compile_form(form: Any) -> Any:
     """Compile or load from the cache; the lock waits long enough for tests that run side by side."""
     options = {"timeout": 600}
     return fem.form(form, jit_params=options) if OLD else fem.form(form, jit_options=options)
+
+
+def form_cache() -> Path:
+    """Folder of the compiled forms."""
+    jit = dolfinx.jit
+    return Path((jit.get_parameters() if hasattr(jit, "get_parameters") else jit.get_options())["cache_dir"])
 
 
 def assemble_matrix(form: Any) -> Any:
@@ -150,16 +157,17 @@ def find_cell(domain: Any, degree: int, point: Array, slack: float) -> tuple[int
     """
     dim = domain.topology.dim
     owned = domain.topology.index_map(dim).size_local
-    x = domain.geometry.x[:, :dim][cell_nodes(domain)[:owned]]
-    low, high = x.min(axis=1), x.max(axis=1)
+    cells, nodes = cell_nodes(domain)[:owned], domain.geometry.x[:, :dim]
+    low, high = (reduce(extreme, (nodes[column] for column in cells.T)) for extreme in (np.minimum, np.maximum))
     reach = slack + (0.1 * (high - low) if degree > 1 else 0.0)  # curved edges bulge out of the box of their nodes
     near = np.all((low - reach <= point) & (high + reach >= point), axis=1)
     found = []
     for cell in np.flatnonzero(near):
-        local = _pull_back(domain.topology.cell_type.name, degree, x[cell], point)
+        x = nodes[cells[cell]]
+        local = _pull_back(domain.topology.cell_type.name, degree, x, point)
         basis = reference_basis(domain.topology.cell_type.name, degree, local[None])[0][0]
         corners = reference_basis(domain.topology.cell_type.name, 1, local[None])[0][0]
-        if np.linalg.norm(basis @ x[cell] - point) <= slack and corners.min() >= -1e-9:
+        if np.linalg.norm(basis @ x - point) <= slack and corners.min() >= -1e-9:
             found.append((int(domain.topology.original_cell_index[cell]), int(cell), basis))
     return min(found, key=lambda entry: entry[0])[1:] if found else None
 

@@ -57,7 +57,9 @@ class Mesh:
     def body_box(self, body: str) -> NDArray[np.float64]:
         """The same of one body."""
         cells = self.cell_tags.indices[self.cell_tags.values == self.bodies[body]]
-        return self._box_of(self.domain.geometry.x[dx.cell_nodes(self.domain)[cells].ravel(), : self.dim])
+        inside = np.zeros(len(self.domain.geometry.x), bool)
+        inside[dx.cell_nodes(self.domain)[cells]] = True
+        return self._box_of(self.domain.geometry.x[inside, : self.dim])
 
     def _box_of(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)

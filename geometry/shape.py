@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +53,14 @@ class Shape:
         """Points (k, d) [m] of a side (as body.side), with the unit outward normals there (k, d).
 
         Corners and extremes of the side are among them; opposite periodic sides list them in the same order.
+        """
+        raise NotImplementedError
+
+    def refined(self, factor: float) -> Self:
+        """The same shape with cells `factor` times as long.
+
+        Raises:
+            SceneError: the scene says no size that could be changed.
         """
         raise NotImplementedError
 

@@ -125,13 +125,12 @@ class Surface:
         np.add.at(total, self.facets, normals)
         return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
 
-    def neighbours(self) -> dict[int, set[int]]:
-        """Nodes that share a facet with each node."""
-        found: dict[int, set[int]] = {j: set() for j in range(len(self.nodes))}
-        for facet in self.facets:
-            for j in facet:
-                found[int(j)] |= set(facet.tolist()) - {int(j)}
-        return found
+    def neighbours(self) -> Any:
+        """(n, n) sparse, 1 for nodes that share a facet."""
+        n, k = len(self.nodes), self.facets.shape[1]
+        pairs = np.repeat(self.facets, k, axis=1).ravel(), np.tile(self.facets, k).ravel()
+        matrix = sparse.csr_matrix((pairs[0] != pairs[1], pairs), shape=(n, n))  # of booleans: repeated pairs stay 1
+        return matrix.astype(float)
 
     def scatter(self, values: Array) -> Array:
         """Add facet values (f, k) up at the nodes (n,)."""

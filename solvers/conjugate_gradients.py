@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from geometry.errors import SolverError
 from solvers.counters import Counters
-from solvers.search_directions import SearchDirections
+from solvers.search_directions import MOST, SearchDirections
 from solvers.stopping import Goal
 
 Array = NDArray[np.float64]
@@ -29,7 +29,11 @@ class ConjugateGradients:
         self.A, self.precondition, self.counters = A, precondition, counters
         self.comm = A.comm.tompi4py()
         self._in, self._out = A.createVecRight(), A.createVecLeft()
-        self.directions = SearchDirections(self.comm, self._in.getLocalSize())
+        self.remember(MOST)
+
+    def remember(self, most: int) -> None:
+        """Start anew with so many search directions to keep, at least one."""
+        self.directions = SearchDirections(self.comm, self._in.getLocalSize(), most)
 
     def solve(self, b: Array, x: Array, goal: Goal) -> None:
         """Improve x (owned,) until the goal is reached.

@@ -1,8 +1,8 @@
 """Supports and periodic sides: u = T q + u_s(t), with q the free displacements.
 
 All that is prescribed is known on every rank (O(N^(2/3)) data), so the free numbers need no communication. A node has
-d numbers whatever is prescribed there, its free ones first: multigrid then sees the blocks of elasticity. Numbers that
-are not free are the eliminated ones: zero columns of T.
+d numbers whatever is prescribed there: multigrid then sees the blocks of elasticity. Numbers that are not free are the
+eliminated ones: zero columns of T. Where supports lie along the axes a free number keeps its place, and T selects.
 """
 
 from __future__ import annotations
@@ -16,19 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.linalg import null_space
-from scipy.spatial import cKDTree
 
 from geometry.amplitude import Amplitude, value_at
-from geometry.errors import GeometryError, SceneError
-from geometry.mesh import Mesh
+from geometry.errors import SceneError
 from geometry.nodes import Nodes
-from geometry.surface import gather_surface
-from solvers.nouns.scene import Scene
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 AXES = {"x": 0, "y": 1, "z": 2}
 AXIS = "axis of symmetry"
+SMALL = 1e-10  # sine of the angle below which directions are the same
 
 
 @dataclass(frozen=True)
@@ -42,14 +40,13 @@ class Row:
 
 @dataclass(frozen=True)
 class Alike:
-    """Nodes that the same supports prescribe in the same directions."""
+    """k nodes of which r components each are prescribed."""
 
-    index: Ints  # (n,) where they stand in `Constraints.rows`
-    part: Ints  # (n,) of the mesh
-    points: Array  # (n, d) [m]
-    rows: tuple[Row, ...]  # of each
-    matrix: Array  # (r, d) their directions
-    inverse: Array  # (d, r) its pseudo-inverse
+    at: Ints  # (k,) places in `Constraints.held`
+    directions: Array  # (k, r, d)
+    inverse: Array  # (k, d, r) pseudo-inverse of the directions
+    amplitudes: Ints  # (k, r) which amplitude
+    supports: Ints  # (k, r) which support
 
 
 @dataclass(frozen=True)
@@ -67,48 +64,62 @@ class Constraints:
     axisymmetric: bool
 
     @cached_property
-    def free_basis(self) -> dict[int, Array]:
-        """Free directions (d, r) of the prescribed nodes; all others are free."""
-        known: dict[bytes, Array] = {}
-        found = {}
-        for node, rows in self.rows.items():
-            matrix = np.array([row.direction for row in rows])
-            key = matrix.tobytes()
-            if key not in known:
-                aligned = np.all(np.count_nonzero(matrix, axis=1) == 1)
-                known[key] = np.eye(self.dim)[:, ~matrix.any(axis=0)] if aligned else null_space(matrix, rcond=1e-10)
-            found[node] = known[key]
+    def held(self) -> Ints:
+        """Nodes with rows, increasing."""
+        return np.array(sorted(self.rows), np.int64)
+
+    @cached_property
+    def followers(self) -> Ints:
+        """Eliminated periodic nodes, increasing."""
+        return np.array(sorted(self.root), np.int64)
+
+    def roots(self, nodes: Ints) -> Ints:
+        """The nodes themselves, or those that they follow."""
+        found = np.array(nodes, np.int64)
+        follows, at = _places(self.followers, found)
+        leaders = np.array([self.root[int(n)] for n in self.followers], np.int64)
+        found[follows] = leaders[at]
         return found
 
-    def basis(self, node: int) -> Array:
-        """Free directions (d, r) of a node, those of its root if it is periodic."""
-        return self.free_basis.get(self.root.get(node, node), np.eye(self.dim))
+    @cached_property
+    def _bases(self) -> tuple[Array, Bools]:
+        """Free directions of the held nodes, see `bases`."""
+        known: dict[bytes, tuple[Array, Bools]] = {}
+        shape = (len(self.held), self.dim, self.dim)
+        columns, free = np.zeros(shape), np.zeros(shape[:2], bool)
+        for alike in self.alike:
+            for place, matrix in zip(alike.at, alike.directions, strict=True):
+                key = matrix.tobytes()
+                if key not in known:
+                    known[key] = _free_basis(matrix)
+                columns[place], free[place] = known[key]
+        return columns, free
+
+    def bases(self, nodes: Ints) -> tuple[Array, Bools]:
+        """Free directions of nodes, those of their roots if they are periodic.
+
+        Returns:
+            (n, d, d), a column for each of the node's d numbers, 0 if it is eliminated; and (n, d) which are free.
+        """
+        columns, free = np.tile(np.eye(self.dim), (len(nodes), 1, 1)), np.ones((len(nodes), self.dim), bool)
+        held, at = _places(self.held, self.roots(nodes))
+        columns[held], free[held] = self._bases[0][at], self._bases[1][at]
+        return columns, free
 
     def eliminated(self) -> Ints:
         """Numbers, of all nodes, that are not free; increasing."""
-        gone = [self.dim * n + np.arange(b.shape[1], self.dim) for n, b in self.free_basis.items()]
-        gone += [self.dim * n + np.arange(self.dim) for n in self.root]
-        return np.sort(np.concatenate([np.zeros(0, np.int64), *gone]))
+        numbers = self.dim * self.held[:, None] + np.arange(self.dim)
+        followers = self.dim * self.followers[:, None] + np.arange(self.dim)
+        return np.sort(np.concatenate([numbers[~self._bases[1]], followers.ravel()]))
 
-    def free_start(self, nodes: Ints) -> Ints:
-        """Number of the first free displacement of each node (of its root if periodic)."""
-        if self.root:
-            nodes = np.array([self.root.get(int(n), int(n)) for n in np.atleast_1d(nodes)], np.int64)
-        return np.asarray(self.dim * nodes)
+    @cached_property
+    def selects(self) -> bool:
+        """Whether T picks displacements, each in its own place."""
+        return not self.root and bool(np.all(self._bases[0] == self._bases[1][:, None] * np.eye(self.dim)))
 
-    def entries(self, nodes: Ints) -> tuple[Ints, Ints, Array]:
-        """T at the displacements of these nodes (m, d), flattened: row, free number and value of each entry."""
-        d, start = self.dim, self.free_start(nodes)
-        special = np.isin(nodes, np.array([*self.rows, *self.root], np.int64))
-        plain = np.flatnonzero(~special)
-        every = np.arange(d)
-        parts = [((d * plain[:, None] + every).ravel(), (start[plain, None] + every).ravel(), np.ones(d * len(plain)))]
-        for k in np.flatnonzero(special):
-            basis = self.basis(int(nodes[k]))
-            a, b = np.nonzero(basis)
-            parts.append((d * k + a, start[k] + b, basis[a, b]))
-        i, j, v = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return i, j, v
+    def numbers(self, nodes: Ints) -> Ints:
+        """The d numbers of each node (n, d), of its root if it is periodic; some may be eliminated."""
+        return np.asarray(self.dim * self.roots(nodes)[:, None] + np.arange(self.dim))
 
     @cached_property
     def free_total(self) -> int:
@@ -116,50 +127,64 @@ class Constraints:
 
     def transformation(self, comm: Any) -> Any:
         """T as a PETSc matrix, (d n, d n)."""
-        d, numbers = self.dim, self.nodes.offset + np.arange(self.nodes.owned)
-        size = (d * len(numbers), d * self.nodes.total)
-        i, j, v = self.entries(numbers)
-        matrix = PETSc.Mat().createAIJ((size, size), bsize=d, nnz=(d, d), comm=comm)
-        order = np.lexsort((j, i))
-        i, j, v = i[order], j[order], v[order]
-        pointer = np.searchsorted(i, np.arange(size[0] + 1)).astype(PETSc.IntType)
-        matrix.setValuesCSR(pointer, j.astype(PETSc.IntType), v)
+        d, low = self.dim, self.nodes.offset
+        own = np.arange(low, low + self.nodes.owned)
+        bases, numbers = self.bases(own)[0], self.numbers(own)
+        node, i, j = np.nonzero(bases)
+        pointer = np.searchsorted(d * node + i, np.arange(d * len(own) + 1)).astype(PETSc.IntType)
+        size = (d * len(own), d * self.nodes.total)
+        rows = (pointer, numbers[node, j].astype(PETSc.IntType), bases[node, i, j])
+        matrix = PETSc.Mat().createAIJ((size, size), bsize=d, csr=rows, comm=comm)
         matrix.assemble()
         return matrix
 
     @cached_property
-    def alike(self) -> tuple[Alike, ...]:
-        """All of `rows`, the equal ones together."""
-        groups: dict[tuple[object, ...], list[int]] = {}
-        nodes, every = list(self.rows), list(self.rows.values())
-        for i, rows in enumerate(every):
-            key = tuple((row.direction.tobytes(), row.support, id(row.amplitude)) for row in rows)
-            groups.setdefault(key, []).append(i)
-        found = []
-        for index in groups.values():
-            rows = every[index[0]]
-            matrix = np.array([row.direction for row in rows])
-            inverse = matrix.T if len(rows) == 1 else np.linalg.pinv(matrix, rcond=1e-10)
-            part, points = (np.array([of[nodes[i]] for i in index]) for of in (self.part, self.points))
-            found.append(Alike(np.array(index), part, points, rows, matrix, inverse))
-        return tuple(found)
-
-    @cached_property
-    def _row_of_prescribed(self) -> Ints:
-        """(k,) where each of `prescribed_nodes`, or the node that it follows, stands in `rows`."""
-        where = {node: i for i, node in enumerate(self.rows)}
-        return np.array([where[self.root.get(int(n), int(n))] for n in self.prescribed_nodes], np.int64)
-
-    @cached_property
     def prescribed_nodes(self) -> Ints:
         """Global numbers of all nodes with a prescribed component, followers of prescribed roots included."""
-        return np.array(sorted({*self.rows, *(s for s, r in self.root.items() if r in self.rows)}), np.int64)
+        follow = _places(self.held, self.roots(self.followers))[0]
+        return np.sort(np.concatenate([np.setdiff1d(self.held, self.followers), self.followers[follow]]))
+
+    @cached_property
+    def _of_prescribed(self) -> Ints:
+        """Where the rows of `prescribed_nodes` stand in `held`."""
+        return _places(self.held, self.roots(self.prescribed_nodes))[1]
+
+    @cached_property
+    def _amplitudes(self) -> dict[int, tuple[int, Amplitude]]:
+        """Number of each amplitude object and itself, by identity."""
+        every = {id(row.amplitude): row.amplitude for rows in self.rows.values() for row in rows}
+        return {key: (number, amplitude) for number, (key, amplitude) in enumerate(every.items())}
+
+    @cached_property
+    def _supports(self) -> dict[str, int]:
+        """Number of each support."""
+        return {name: i for i, name in enumerate(dict.fromkeys(r.support for n in self.rows.values() for r in n))}
+
+    @cached_property
+    def alike(self) -> tuple[Alike, ...]:
+        """The held nodes by how many rows they have."""
+        by_count: dict[int, list[int]] = {}
+        for place, node in enumerate(self.held.tolist()):
+            by_count.setdefault(len(self.rows[node]), []).append(place)
+        found = []
+        for count, places in by_count.items():
+            rows = [row for place in places for row in self.rows[int(self.held[place])]]
+            directions = np.array([row.direction for row in rows]).reshape(-1, count, self.dim)
+            found.append(
+                Alike(
+                    at=np.array(places),
+                    directions=directions,
+                    inverse=np.linalg.pinv(directions, rcond=SMALL) if count > 1 else np.swapaxes(directions, 1, 2),
+                    amplitudes=np.array([self._amplitudes[id(r.amplitude)][0] for r in rows]).reshape(-1, count),
+                    supports=np.array([self._supports[r.support] for r in rows]).reshape(-1, count),
+                )
+            )
+        return tuple(found)
 
     def wanted(self, time: float) -> list[Array]:
-        """What each row (r,) of `alike` prescribes [m]."""
-        known = {id(r.amplitude): r.amplitude for same in self.alike for r in same.rows}
-        values = {key: value_at(amplitude, time, self.end) for key, amplitude in known.items()}
-        return [np.array([values[id(r.amplitude)] for r in same.rows]) for same in self.alike]
+        """What each row of `alike` asks for, (k, r) [m]."""
+        values = np.array([value_at(amplitude, time, self.end) for _, amplitude in self._amplitudes.values()])
+        return [values[alike.amplitudes] for alike in self.alike]
 
     def prescribed(self, time: float) -> Array:
         """u_s (k, d) [m] at `prescribed_nodes`.
@@ -167,120 +192,59 @@ class Constraints:
         Raises:
             SceneError: two supports ask different things of one node.
         """
-        values = np.zeros((len(self.rows), self.dim))
-        for same, wanted in zip(self.alike, self.wanted(time), strict=True):
-            found = same.inverse @ wanted
-            if np.any(np.abs(same.matrix @ found - wanted) > 1e-9 * np.abs(wanted).max(initial=0)):
-                names = sorted({r.support if r.support == AXIS else f"supports.{r.support}" for r in same.rows})
-                point = ", ".join(f"{x:.6g}" for x in same.points[0])
-                raise SceneError(f"{' and '.join(names)}: contradict each other at the point ({point}) at t = {time:g}")
-            values[same.index] = found
-        return values[self._row_of_prescribed]
+        found, wrong = np.zeros((len(self.held), self.dim)), [np.zeros(0, np.int64)]
+        for alike, wanted in zip(self.alike, self.wanted(time), strict=True):
+            found[alike.at] = np.einsum("kdr,kr->kd", alike.inverse, wanted)
+            off = np.abs(np.einsum("krd,kd->kr", alike.directions, found[alike.at]) - wanted)
+            wrong.append(alike.at[np.any(off > 1e-9 * np.abs(wanted).max(axis=1, keepdims=True), axis=1)])
+        if np.concatenate(wrong).size:
+            self._refuse(int(self.held[np.concatenate(wrong).min()]), time)
+        return found[self._of_prescribed]
+
+    def _refuse(self, node: int, time: float) -> None:
+        names = {row.support if row.support == AXIS else f"supports.{row.support}" for row in self.rows[node]}
+        point = ", ".join(f"{x:.6g}" for x in self.points[node])
+        raise SceneError(f"{' and '.join(sorted(names))}: contradict each other at the point ({point}) at t = {time:g}")
 
     def reactions(self, forces: Array) -> dict[str, tuple[Array, Array]]:
         """Share nodal forces (k, d) at `prescribed_nodes` among supports: force (d,) and moment about the origin.
 
         A force is split along the prescribed directions; supports that overlap share it in the least-squares sense.
         """
-        at = np.zeros((len(self.rows), self.dim))
-        np.add.at(at, self._row_of_prescribed, forces)
-        moments = 1 if self.dim == 2 else 3
-        total: dict[str, tuple[Array, Array]] = {}
-        for same in self.alike:
-            shares = at[same.index] @ same.inverse  # (n, r)
-            for row, sizes in zip(same.rows, shares.T, strict=True):
-                if row.support == AXIS:
-                    continue
-                force, moment = total.setdefault(row.support, (np.zeros(self.dim), np.zeros(moments)))
-                pushed = sizes[:, None] * row.direction
-                force += pushed.sum(axis=0)
-                moment += np.cross(same.points, pushed).reshape(-1, moments).sum(axis=0)
+        at = np.zeros((len(self.held), self.dim))
+        np.add.at(at, self._of_prescribed, forces)
+        points = self.points_of(self.held)
+        force = np.zeros((len(self._supports), self.dim))
+        moment = np.zeros((len(self._supports), 1 if self.dim == 2 else 3))
+        for alike in self.alike:
+            share = np.einsum("kdr,kd->kr", alike.inverse, at[alike.at])
+            pull = share[:, :, None] * alike.directions
+            turn = np.cross(points[alike.at][:, None], pull).reshape(*share.shape, moment.shape[1])
+            np.add.at(force, alike.supports, pull)
+            np.add.at(moment, alike.supports, turn)
         if self.axisymmetric:  # over the full circle the radial parts balance
-            return {name: (force * [0, 1], 0 * moment) for name, (force, moment) in total.items()}
-        return total
+            force, moment = force * [0, 1], 0 * moment
+        return {name: (force[i], moment[i]) for name, i in self._supports.items() if name != AXIS}
+
+    def points_of(self, nodes: Ints) -> Array:
+        """Coordinates (n, d) [m] of nodes with rows, of followers and of their roots."""
+        return np.array([self.points[int(n)] for n in nodes]).reshape(-1, self.dim)
 
 
-def find_constraints(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes) -> Constraints:
-    """Collect supports and periodic sides from all ranks."""
-    rows: dict[int, list[Row]] = {}
-    points: dict[int, Array] = {}
-    part: dict[int, int] = {}
-    root = _periodic_roots(scene, mesh, space, nodes, points, part)
-    for name, support in scene.supports.items():
-        if support.boundary is not None:
-            side = gather_surface(mesh, space, nodes, support.boundary)
-            where, x, of = side.nodes, side.points, mesh.parts[side.input]
-            normals = side.node_normals() if "normal" in support.displacement else np.zeros_like(x)
-        else:
-            where, x, of = _vertex_at(mesh, nodes, np.array(support.point), f"supports.{name}.point")
-            normals = np.zeros_like(x)
-        for axis, amplitude in support.displacement.items():
-            for i, node in enumerate(where):
-                direction = normals[i] if axis == "normal" else np.eye(mesh.dim)[AXES[axis]]
-                direction = np.where(np.abs(direction) < 1e-12, 0.0, direction)
-                rows.setdefault(root.get(int(node), int(node)), []).append(Row(direction, amplitude, name))
-                points[int(node)], part[int(node)] = x[i], int(of[i])
-    if mesh.axisymmetric:
-        for node, x, its_part in _on_axis(mesh, nodes):
-            rows.setdefault(root.get(node, node), []).append(Row(np.array([1.0, 0.0]), 0.0, AXIS))
-            points[node], part[node] = x, its_part
-    ordered = {n: tuple(r) for n, r in sorted(rows.items())}
-    return Constraints(
-        nodes, mesh.dim, scene.steps.end, ordered, root, points, part, mesh.part_count, mesh.axisymmetric
-    )
+def _free_basis(directions: Array) -> tuple[Array, Bools]:
+    """Free directions (d, d) across prescribed ones (r, d), in the columns (d,) that are free."""
+    d = directions.shape[1]
+    if np.all(np.count_nonzero(directions, axis=1) == 1):
+        free = ~directions.any(axis=0)
+        return np.diag(free.astype(float)), free
+    basis = null_space(directions, rcond=SMALL)
+    return np.pad(basis, ((0, 0), (0, d - basis.shape[1]))), np.arange(d) < basis.shape[1]
 
 
-def _on_axis(mesh: Mesh, nodes: Nodes) -> list[tuple[int, Array, int]]:
-    """Nodes on the axis of symmetry: u_r = 0 there, whatever the scene says."""
-    low, high = mesh.box()
-    slack = 1e-9 * float(np.max(high - low))
-    if low[0] < -slack:
-        raise GeometryError(f"geometry: reaches to x = {low[0]:g}; an axisymmetric model lies in x >= 0")
-    own = np.flatnonzero(nodes.points[: nodes.owned, 0] <= slack)
-    found = mesh.comm.allgather([(int(nodes.number[i]), nodes.points[i], int(nodes.part[i])) for i in own])
-    return [pair for part in found for pair in part]
-
-
-def _vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, Array, Ints]:
-    own = nodes.points[: nodes.owned]
-    distance = np.linalg.norm(own - point, axis=1)
-    best = int(np.argmin(distance)) if len(own) else -1
-    offers = mesh.comm.allgather(
-        (distance[best], int(nodes.number[best]), own[best], int(nodes.part[best]))
-        if len(own)
-        else (np.inf, -1, point, -1)
-    )
-    nearest, number, x, found = min(offers, key=lambda offer: offer[0])
-    low, high = mesh.box()
-    if nearest > 1e-6 * float(np.max(high - low)):
-        at = ", ".join(f"{c:.6g}" for c in x)
-        raise SceneError(f"{key} = {point.tolist()}: no mesh vertex there; the nearest is ({at})")
-    return np.array([number]), np.array([x]), np.array([found])
-
-
-def _periodic_roots(
-    scene: Scene, mesh: Mesh, space: Any, nodes: Nodes, points: dict[int, Array], part: dict[int, int]
-) -> dict[int, int]:
-    follows: dict[int, int] = {}
-    for slave_side, master_side in scene.request().periodic:
-        slave, master = (gather_surface(mesh, space, nodes, side) for side in (slave_side, master_side))
-        shift = master.points.mean(axis=0) - slave.points.mean(axis=0)
-        distance, match = cKDTree(master.points).query(slave.points + shift)
-        size = float(np.ptp(master.points, axis=0).max())
-        if len(slave.nodes) != len(master.nodes) or distance.max() > 1e-6 * size:
-            raise GeometryError(f"periodic sides {slave_side} and {master_side}: their meshes do not match")
-        of, of_other = mesh.parts[slave.input], mesh.parts[master.input[match]]
-        part |= dict(zip(slave.nodes.tolist(), of.tolist(), strict=True))
-        part |= dict(zip(master.nodes[match].tolist(), of_other.tolist(), strict=True))
-        for node, other, x, y in zip(slave.nodes, master.nodes[match], slave.points, master.points[match], strict=True):
-            points[int(node)], points[int(other)] = x, y
-            own, others = _end_of(follows, int(node)), _end_of(follows, int(other))
-            if own != others:  # an edge of two periodic pairs in 3D is met twice: the second time says nothing new
-                follows[own] = others
-    return {node: _end_of(follows, node) for node in follows}
-
-
-def _end_of(follows: dict[int, int], node: int) -> int:
-    while node in follows:
-        node = follows[node]
-    return node
+def _places(among: Ints, nodes: Ints) -> tuple[Bools, Ints]:
+    """Which of the nodes are `among` the increasing others, and the places there of those that are."""
+    at = np.searchsorted(among, nodes)
+    found = np.zeros(len(nodes), bool)
+    inside = at < len(among)
+    found[inside] = among[at[inside]] == nodes[inside]
+    return found, at[found]

@@ -85,10 +85,10 @@ class WeakForms:
         strain = self.strain(u)
         return 2 * mu * strain + lame_lambda * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0])
 
-    def elasticity(self) -> Any:
-        """a(u, v) = sum over bodies of ∫ sigma(u) : eps(v) dx."""
-        strain = self.strain(self.v)
-        return sum(ufl.inner(self.stress(self.u, b), strain) * self.volume(b) for b in self.scene.bodies)
+    def elasticity(self, u: Any = None) -> Any:
+        """a(u, v) = sum over bodies of ∫ sigma(u) : eps(v) dx; the inner forces of a displacement Function u."""
+        strain, u = self.strain(self.v), self.u if u is None else u
+        return sum(ufl.inner(self.stress(u, b), strain) * self.volume(b) for b in self.scene.bodies)
 
     def loads(self) -> list[LoadForm]:
         """The scene's surface loads; effects add theirs."""

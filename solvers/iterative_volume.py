@@ -32,6 +32,10 @@ class IterativeVolume:
         self._multigrid = boomeramg(self._bedded(K), "volume_")
         self._cg = ConjugateGradients(K, self._precondition, self.counters)
 
+    def remember(self, most: int) -> None:
+        """Keep that many search directions, instead of what is known to pay."""
+        self._cg.remember(most)
+
     def solve_contact(self, f: Any, v: Any, error: float, relative: float) -> None:
         """Improve v until its contact dofs are right within `error` [m], or `relative` to the largest; collective."""
         self._solve(f, v, ContactError(self._cg.comm, self.contact.local, error, relative))

@@ -36,25 +36,20 @@ class Lifting:
     @cached_property
     def resisted(self) -> Array:
         """(rows, parts k): by how much each motion moves along what is prescribed, and periodic sides apart."""
-        at, kinds = self.constraints, len(rigid_names(self.constraints.dim, self.constraints.axisymmetric))
-        blocks = [np.zeros((1, at.parts * kinds))]
-        for same in at.alike:
-            along = np.einsum("rd,ndk->nrk", same.matrix, self.fields(same.points))
-            blocks.append(self._of_parts(along, same.part).reshape(-1, at.parts * kinds))
-        for slave, master in at.root.items():
-            slave_field, master_field = (
-                self._of_parts(self.fields(at.points[node][None]), np.array([at.part[node]]))[0]
-                for node in (slave, master)
-            )
-            blocks.append((slave_field - master_field).reshape(-1, at.parts * kinds))
-        return np.concatenate(blocks)
+        of, kinds = self.constraints, len(rigid_names(self.constraints.dim, self.constraints.axisymmetric))
+        held = self._of_nodes(of.held)
+        blocks = [np.einsum("krd,kdc->krc", alike.directions, held[alike.at]) for alike in of.alike]
+        blocks.append(self._of_nodes(of.followers) - self._of_nodes(of.roots(of.followers)))
+        nothing = np.zeros((1, of.parts * kinds))
+        return np.concatenate([nothing, *(block.reshape(-1, of.parts * kinds) for block in blocks)])
 
-    def _of_parts(self, fields: Array, part: Ints) -> Array:
-        """(n, r, k) to (n, r, parts, k), zero but in one's own part."""
-        n, r, k = fields.shape
-        found = np.zeros((n, r, self.constraints.parts, k))
-        found[np.arange(n), :, part] = fields
-        return found
+    def _of_nodes(self, nodes: Ints) -> Array:
+        """(n, d, parts k): zero but in a node's own part."""
+        fields = self.fields(self.constraints.points_of(nodes))
+        found = np.zeros((*fields.shape[:2], self.constraints.parts, fields.shape[2]))
+        part = np.array([self.constraints.part[int(n)] for n in nodes], np.int64)
+        found[np.arange(len(nodes)), :, part] = fields
+        return found.reshape(*fields.shape[:2], self.constraints.parts * fields.shape[2])
 
     @cached_property
     def unresisted(self) -> Array:
@@ -67,8 +62,7 @@ class Lifting:
 
     def followed(self, time: float) -> Array | None:
         """Coefficients (parts, k) [m] of a rigid motion that is all that is prescribed; None if there is none."""
-        rows = zip(self.constraints.alike, self.constraints.wanted(time), strict=True)
-        wanted = np.concatenate([np.zeros(1), *(np.tile(values, len(same.index)) for same, values in rows)])
+        wanted = np.concatenate([np.zeros(1), *(rows.ravel() for rows in self.constraints.wanted(time))])
         wanted = np.pad(wanted, (0, len(self.resisted) - len(wanted)))
         found, rounding = self._inverse @ wanted, ROUNDING * np.abs(wanted).max()
         found[np.abs(found) <= rounding] = 0.0  # periodic sides move alike to the last digit

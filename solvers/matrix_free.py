@@ -26,7 +26,6 @@ class MatrixFreeSurface(Bodies):
         super().__init__(N, W, R, normal_rows, driven, volume.counters)
         self.volume = volume
         self.rho = volume.stiffness
-        self.linear_error = 0.0
         self._last = volume.K.createVecRight()  # deformation under the last load and tractions
 
     def load(self, f_q: Any, driving: Array, error: float = 0.0) -> Load:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from geometry import dolfinx_versions as dx
 from geometry.errors import SceneError
 from geometry.mesh import Mesh
-from geometry.nodes import Nodes
 from solvers.certificate import iteration_error, law_error
+from solvers.gathered import Gathered, cells_of, nodes_of
 from solvers.operators.rows import ContactRows
 from solvers.state import State
 from solvers.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
@@ -30,11 +30,15 @@ class Observer:
 
     stepper: Stepper
     stress: CellStress = field(init=False)
+    by_node: Gathered = field(init=False)
+    by_cell: Gathered = field(init=False)
     probes: dict[str, tuple[int, Array] | None] = field(init=False)  # cell and reference basis, where this rank has it
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "stress", CellStress(self.stepper.system))
         system = self.stepper.system
+        object.__setattr__(self, "by_node", nodes_of(system.mesh, system.nodes))
+        object.__setattr__(self, "by_cell", cells_of(system.mesh))
         points = {name: np.array(probe.point) for name, probe in system.scene.probes.items()}
         object.__setattr__(self, "probes", {name: _locate(system.mesh, x, name) for name, x in points.items()})
 
@@ -49,8 +53,8 @@ class Observer:
             iterations=accepted.iterations,
             volume_solves=accepted.volume_solves,
             residual=accepted.residual,
-            displacement=gather_nodes(system.mesh, system.nodes, state.u.array.reshape(-1, system.mesh.dim)),
-            stress=gather_cells(system.mesh, cell_stress),
+            displacement=self.by_node(state.u.array.reshape(-1, system.mesh.dim)),
+            stress=self.by_cell(cell_stress),
             contacts=contacts,
             obstacles=self._obstacles(accepted.state, contacts),
             supports=system.reactions(state.u, state.load, contact),
@@ -58,6 +62,7 @@ class Observer:
             energy=state.energy,
             iteration_error=iteration_error(accepted),
             law_error=law_error(accepted),
+            linear_error=accepted.linear_error,
             p=state.p,
             w=state.w,
             reference=accepted.problem.gap,
@@ -163,41 +168,22 @@ def _locate(mesh: Mesh, point: Array, name: str) -> tuple[int, Array] | None:
     return found if best[1] == mesh.comm.rank else None
 
 
-def gather_nodes(mesh: Mesh, nodes: Nodes, values: Any) -> NDArray[Any]:
-    """Values at owned nodes (own, ...) to rank 0 in the order of the gmsh model; empty elsewhere."""
-    return _in_order(mesh, nodes.input[: nodes.owned], values)
-
-
-def gather_cells(mesh: Mesh, values: Any) -> NDArray[Any]:
-    """Values at owned cells to rank 0 in the order of the gmsh model; empty elsewhere."""
-    return _in_order(mesh, np.asarray(mesh.domain.topology.original_cell_index)[: len(values)], values)
-
-
-def _in_order(mesh: Mesh, numbers: NDArray[np.int64], values: Any) -> NDArray[Any]:
-    parts = mesh.comm.gather((numbers, values))
-    if parts is None:
-        return np.asarray(values[:0])
-    order = np.argsort(np.concatenate([part[0] for part in parts]))
-    return np.asarray(np.concatenate([part[1] for part in parts])[order])
-
-
 def mesh_data(system: System) -> MeshData:
     """The mesh and its contact surfaces as plain arrays; collective."""
     mesh, nodes = system.mesh, system.nodes
+    by_node, by_cell = nodes_of(mesh, nodes), cells_of(mesh)
     own = mesh.domain.topology.index_map(mesh.dim).size_local
-    names = tuple(mesh.bodies)
     body = np.zeros(own, np.int64)
-    mine = mesh.cell_tags.indices < own
-    tag_of = {tag: names.index(name) for name, tag in mesh.bodies.items()}
-    body[mesh.cell_tags.indices[mine]] = [tag_of[int(tag)] for tag in mesh.cell_tags.values[mine]]
-    inputs = gather_cells(mesh, nodes.input[dx.cell_dofs(system.space)[:own]])
-    known = gather_nodes(mesh, nodes, nodes.input[: nodes.owned])
+    for index, tag in enumerate(mesh.bodies.values()):
+        members = mesh.cell_tags.indices[mesh.cell_tags.values == tag]
+        body[members[members < own]] = index
+    known = by_node(nodes.input[: nodes.owned])
     return MeshData(
-        points=gather_nodes(mesh, nodes, nodes.points[: nodes.owned]),
-        cells=np.searchsorted(known, inputs),
+        points=by_node(nodes.points[: nodes.owned]),
+        cells=np.searchsorted(known, by_cell(nodes.input[dx.cell_dofs(system.space)[:own]])),
         shape=mesh.domain.topology.cell_type.name,
-        body=gather_cells(mesh, body),
-        bodies=names,
+        body=by_cell(body),
+        bodies=tuple(mesh.bodies),
         surfaces={c.name: (c.surface.points, c.surface.facets, c.surface.shape) for c in system.contacts},
         gaps={c.name: c.node_gap for c in system.contacts if c.master},
     )

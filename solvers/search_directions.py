@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-MOST = 80  # directions; one costs two vectors of memory and two inner products an iteration
+MOST = (
+    40  # directions: 80 saved no more iterations; one costs two vectors of memory, and two products with each new one
+)
 
 
 class SearchDirections:
@@ -17,7 +19,7 @@ class SearchDirections:
     Source: Erhel & Guyomarc'h, SIAM J. Matrix Anal. Appl. 21 (2000), 1279-1299 (augmented conjugate gradients).
     """
 
-    def __init__(self, comm: Any, owned: int, most: int = MOST) -> None:
+    def __init__(self, comm: Any, owned: int, most: int) -> None:
         """
         Args:
             comm: mpi4py communicator.

@@ -79,11 +79,11 @@ class Nodal:
         self.forms = SmoothedContact(weak, contact, widths, self.bound)
         self.S = _transformation(system, rows)  # displacements to coefficients of phi~
         self.P = self.S.matMult(system.T) if self.S else system.T
-        self.nodes = Replicated(system.K.createVecRight(), _components(rows, system.mesh.dim))
+        self.nodes = Replicated(system.vector(), _components(rows, system.mesh.dim))
         sampled = self.nodes.read(dx.assemble_vector(weak.compile(self.forms.sampled())))
         _fill(self.forms.share, self._spread(np.repeat(rows.node_weights, system.mesh.dim) / sampled))
         _fill(self.forms.normal, self._spread(rows.frames[:, 0].ravel()))
-        self.relative_shift, self.motion_shift = system.K.createVecRight(), system.K.createVecRight()
+        self.relative_shift, self.motion_shift = system.vector(), system.vector()
 
     def parts(self) -> list[Part]:
         """The forms, compiled."""
@@ -120,7 +120,7 @@ class Nodal:
 
     def _spread(self, values: Array) -> Any:
         """Values (n d,) at the surface's nodes over all displacements, zero elsewhere."""
-        vector = self.system.K.createVecRight()
+        vector = self.system.vector()
         self.nodes.write(vector, values)
         return vector
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,11 @@ class StepResult:
     p_ref: float  # [Pa]
     u_ref: float  # [m]
     history: tuple[HistoryTuple, ...]  # see `HistoryRow`
+    linear_error: float = 0.0  # relative, energy norm: what an iterative volume solve leaves
+
+    def without_fields(self) -> StepResult:
+        """What is known besides displacement and stress: they take memory that grows with the mesh."""
+        return replace(self, displacement=np.zeros((0, 0)), stress=np.zeros((0, 3, 3)))
 
     @property
     def von_mises(self) -> Array:

@@ -50,6 +50,7 @@ class Accepted:
     volume_solves: int
     residual: float
     slack: float  # of the friction bound, see `Solution`
+    linear_error: float  # of the last substep, see `Bodies`
     history: tuple[HistoryRow, ...]
 
 
@@ -94,7 +95,7 @@ class Stepper:
 
     def start(self) -> State:
         """Nothing has happened yet."""
-        zero, vector = np.zeros(self.cone.size), self.system.K.createVecRight
+        zero, vector = np.zeros(self.cone.size), self.system.vector
         energy = Energy(0.0, 0.0, 0.0, 0.0, np.zeros(len(self.system.contacts)))
         driven = np.zeros(len(self.system.driven))
         motion = {c.name: np.zeros_like(c.points) for c in self.system.contacts}
@@ -139,6 +140,7 @@ class Stepper:
                     volume_solves=self.system.counters.volume_solves - solves,
                     residual=solution.residual,
                     slack=solution.slack,
+                    linear_error=stepper.surface.linear_error,
                     history=tuple(history),
                 )
             elif size <= smallest * (1 + 1e-9):

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 SAFETY = 2.0  # of the estimated error
 UNKNOWN = 0.5  # contraction of an iteration, before two of them tell it
-SLOWEST, FASTEST = 0.95, 0.2  # contraction that is believed
+SLOWEST, FASTEST = 0.95, 0.3  # contraction that is believed
+MULTIGRID = 2.0  # the error over what one multigrid cycle makes of the residual
 
 
 class Goal(Protocol):
@@ -37,7 +38,7 @@ class ContactError:
     def met(self, x: Array, z: Array, energy: float) -> bool:
         if energy <= 0.0:  # nothing is left
             return True
-        return not self.steps and self._small(x, z, 1.0)
+        return not self.steps and self._small(x, z, MULTIGRID)
 
     def moved(self, x: Array, change: Array) -> bool:
         return self._small(x, change, None)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from petsc4py import PETSc
 from scipy import sparse
 
 from geometry import dolfinx_versions as dx
@@ -19,9 +18,10 @@ from geometry.errors import SceneError
 from geometry.mesh import Mesh
 from geometry.nodes import Nodes
 from geometry.surface import Surface, gather_surface
-from solvers.constraints import AXES, Constraints, find_constraints
+from solvers.constraints import AXES, Constraints
 from solvers.counters import Counters
 from solvers.forms import WeakForms
+from solvers.free_stiffness import free_stiffness
 from solvers.lifting import Lifting
 from solvers.nouns.contact import Contact
 from solvers.nouns.scene import Scene
@@ -31,6 +31,7 @@ from solvers.operators.rigid import rigid_coupling
 from solvers.operators.rows import ContactRows
 from solvers.plan import active_effects
 from solvers.replicated import Replicated
+from solvers.supports import find_constraints
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -50,35 +51,34 @@ class System:
     counters: Counters
     constraints: Constraints
     contacts: tuple[ContactRows, ...]
-    K: Any  # all displacements, PETSc [N/m]
+    assembled: Callable[[], Any]  # makes K once
     T: Any  # (all, all), columns of eliminated numbers are zero
     load_terms: tuple[tuple[Amplitude, Any], ...]  # amplitude, PETSc vector at amplitude 1 [N]
+
+    @property
+    def K(self) -> Any:
+        """Stiffness of all displacements, PETSc [N/m]; assembled when it is first asked for."""
+        return self.assembled()
 
     @cached_property
     def K_B(self) -> Any:
         """Stiffness of the free displacements, T^T K T, and their mean stiffness alone at eliminated numbers."""
-        stiffness = self.K.PtAP(self.T)
-        low, high = stiffness.getOwnershipRange()
-        gone = self.constraints.eliminated()
-        own = gone[(gone >= low) & (gone < high)].astype(PETSc.IntType)
-        mean = stiffness.getDiagonal().sum() / self.constraints.free_total
-        diagonal = PETSc.Mat().createAIJ(stiffness.getSizes(), bsize=self.mesh.dim, nnz=(1, 0), comm=stiffness.comm)
-        pointer = np.searchsorted(own, np.arange(low, high + 1)).astype(PETSc.IntType)
-        diagonal.setValuesCSR(pointer, own, np.full(len(own), mean))
-        diagonal.assemble()
-        stiffness.axpy(1.0, diagonal, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        return stiffness
+        return free_stiffness(self.K, self.T, self.constraints)
+
+    def vector(self) -> Any:
+        """A PETSc vector of zeros over all displacements."""
+        return self.T.createVecLeft()
 
     def load(self, time: float) -> Any:
         """External forces without reactions, over all displacements [N]."""
-        total = self.K.createVecLeft()
+        total = self.vector()
         for amplitude, vector in self.load_terms:
             total.axpy(value_at(amplitude, time, self.scene.steps.end), vector)
         return total
 
     def prescribed(self, time: float) -> Any:
         """u_s(t) over all displacements [m]: a rigid motion where that is all that is prescribed, else 0 elsewhere."""
-        total, motion = self.K.createVecRight(), self.lifting.followed(time)
+        total, motion = self.vector(), self.lifting.followed(time)
         if motion is None:
             self._prescribed.write(total, self.constraints.prescribed(time).ravel())
         else:
@@ -133,14 +133,14 @@ class System:
 
     def contact_forces(self, p_n: list[Array], t: list[Array]) -> Any:
         """B^T p over all displacements [N]."""
-        total = self.K.createVecRight()
+        total = self.vector()
         for c, pressure, tangential in zip(self.contacts, p_n, t, strict=True):
             total += self.contact_force(c, pressure, tangential)
         return total
 
     def contact_force(self, c: ContactRows, p_n: Array, t: Array) -> Any:
         """B^T p of one contact over all displacements [N]."""
-        total = self.K.createVecRight()
+        total = self.vector()
         scatter = Replicated(total, _components(c.nodes, self.mesh.dim))
         scatter.add(total, c.nodal_forces(p_n, t).ravel())
         return total
@@ -173,28 +173,28 @@ class System:
     @cached_property
     def contact_dofs(self) -> Ints:
         """Free numbers (c,) that the contact rows touch, increasing; the same on every rank."""
-        numbers = [self.constraints.entries(c.nodes)[1] for c in self.contacts]
-        return np.asarray(np.unique(np.concatenate([np.zeros(0, np.int64), *numbers])), np.int64)
+        found: list[Ints] = [np.zeros(0, np.int64)]
+        found += [self.constraints.numbers(c.nodes)[self.constraints.bases(c.nodes)[1]] for c in self.contacts]
+        return np.unique(np.concatenate(found))
 
     def trace(self, c: ContactRows) -> Any:
         """Contact dofs (c,) to the displacement of a contact's nodes (n_all d,), sparse."""
-        i, j, values = self.constraints.entries(c.nodes)
-        entries = (values, (i, np.searchsorted(self.contact_dofs, j)))
-        return sparse.csr_matrix(entries, shape=(self.mesh.dim * len(c.nodes), len(self.contact_dofs)))
+        bases, numbers = self.constraints.bases(c.nodes)[0], self.constraints.numbers(c.nodes)
+        node, i, j = np.nonzero(bases)
+        columns = np.searchsorted(self.contact_dofs, numbers[node, j])
+        shape = (self.mesh.dim * len(c.nodes), len(self.contact_dofs))
+        return sparse.csr_matrix((bases[node, i, j], (self.mesh.dim * node + i, columns)), shape=shape)
 
     def rigid_modes(self) -> Array:
         """Rigid motions that no support resists, on the contact dofs (c, r), orthonormal."""
         motions, count = self.lifting.unresisted, self.mesh.part_count
         of_part = motions.reshape(count, len(motions) // count, motions.shape[1])
         values = np.zeros((len(self.contact_dofs), motions.shape[1]))
-        if motions.shape[1]:
-            for c in self.contacts:
-                fields = self.lifting.fields(c.points) @ of_part[self.mesh.parts[c.input]]
-                starts = self.constraints.free_start(c.nodes)
-                for node, start, field in zip(c.nodes, starts, fields, strict=True):
-                    basis = self.constraints.basis(int(node))
-                    at = np.searchsorted(self.contact_dofs, start)
-                    values[at : at + basis.shape[1]] = basis.T @ field
+        for c in self.contacts if motions.shape[1] else ():
+            fields = self.lifting.fields(c.points) @ of_part[self.mesh.parts[c.input]]
+            bases, free = self.constraints.bases(c.nodes)
+            at = np.searchsorted(self.contact_dofs, self.constraints.numbers(c.nodes)[free])
+            values[at] = (np.swapaxes(bases, 1, 2) @ fields)[free]
         if motions.shape[1] and np.linalg.matrix_rank(values) < motions.shape[1]:
             raise SceneError("supports: a part of the mesh that no contact touches can move as a whole; hold it")
         return np.asarray(np.linalg.qr(values)[0])
@@ -208,12 +208,12 @@ class System:
     @cached_property
     def _prescribed(self) -> Replicated:
         nodes = self.constraints.prescribed_nodes
-        return Replicated(self.K.createVecRight(), _components(nodes, self.mesh.dim))
+        return Replicated(self.vector(), _components(nodes, self.mesh.dim))
 
     @cached_property
     def _surface(self) -> Replicated:
         nodes = np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in self.contacts)])
-        return Replicated(self.K.createVecRight(), _components(nodes, self.mesh.dim))
+        return Replicated(self.vector(), _components(nodes, self.mesh.dim))
 
 
 def _components(nodes: Ints, dim: int) -> Ints:
@@ -286,7 +286,7 @@ def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
         counters=counters,
         constraints=constraints,
         contacts=contacts,
-        K=dx.assemble_matrix(weak.compile(weak.elasticity())),
+        assembled=cache(lambda: dx.assemble_matrix(weak.compile(weak.elasticity()))),
         T=constraints.transformation(mesh.comm),
         load_terms=tuple((amplitude, dx.assemble_vector(weak.compile(form))) for amplitude, form in loads),
     )

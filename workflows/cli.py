@@ -1,4 +1,4 @@
-"""The command line: stickslip run | plan | mesh | verify | scenes | new."""
+"""The command line: stickslip run | plan | mesh | cost | verify | scenes | new."""
 
 from __future__ import annotations
 
@@ -106,6 +106,33 @@ def mesh_command(
         loaded = read(scene, override or ())
         with named(scene):
             report(loaded, output)
+
+
+@app.command("cost")
+def cost_command(
+    scene: SceneArgument,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="results folder [results/NAME_cost]")] = None,
+    budget: Annotated[float, typer.Option("--budget", metavar="SECONDS", help="for all runs together")] = 300.0,
+    quantity: Annotated[
+        list[str] | None, typer.Option("--quantity", metavar="NAME", help="e.g. base.normal_force, energy.stored")
+    ] = None,
+    override: SetOption = None,
+    resume: Annotated[bool, typer.Option("--resume", help="go on with the runs of an earlier study")] = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="say nothing but the sentence")] = False,
+) -> None:
+    """Show what accuracy costs in time: mesh sizes, orders, methods, tolerances."""
+    from workflows.cost.command import cost
+    from workflows.cost.progress import Teller
+    from workflows.scene import find, named, read
+
+    loaded = read(scene, override or ())
+    folder = output or Path("results") / f"{find(scene).stem}_cost"
+    with named(scene):
+        answer = cost(loaded, folder, budget, quantity or (), resume, Teller(budget, quiet))
+    typer.echo(answer.sentence)
+    if answer.complaint:
+        typer.echo(f"stickslip: {answer.complaint}", err=True)
+    raise typer.Exit(answer.exit_code)
 
 
 @app.command("verify")

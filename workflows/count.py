@@ -10,9 +10,9 @@ from mpi4py import MPI
 from geometry.mesh import build_mesh
 from geometry.nodes import Nodes
 from solvers.choice import Choice, Size, chosen
-from solvers.constraints import find_constraints
 from solvers.memory import available
 from solvers.nouns.scene import Scene
+from solvers.supports import find_constraints
 from solvers.system import contact_rows, displacement_space
 from workflows.mesh_report import MeshReport, report_mesh
 

@@ -31,11 +31,16 @@ class Interrupt:
         if self._presses >= IMPATIENT:
             signal.default_int_handler(number, frame)
 
+    @property
+    def pressed(self) -> bool:
+        """Whether Ctrl-C was pressed on this rank."""
+        return self._presses > 0
+
     def check(self, comm: Any) -> None:
         """Stop here if Ctrl-C was pressed on any rank; collective.
 
         Raises:
             KeyboardInterrupt: on every rank.
         """
-        if any(comm.allgather(self._presses > 0)):
+        if any(comm.allgather(self.pressed)):
             raise KeyboardInterrupt

@@ -15,18 +15,14 @@ import numpy as np
 from geometry.dolfinx_versions import DOLFINX
 from geometry.user_files.user_file import UserFile
 from solvers.audit import Audit
+from solvers.linear_reference import LinearReference
 from solvers.nouns.scene import Scene
+from solvers.quantities import CONTACT_NUMBERS, STRESSES
 from solvers.simulation import Simulation
 from solvers.step_result import ContactState, StepResult
 from workflows import VERSION
 from workflows.scene import to_dict
 from workflows.writers.aside import write_aside
-from workflows.writers.tables import STRESSES
-
-CONTACT_NUMBERS = (
-    "normal_force", "tangential_force", "max_pressure", "contact_area", "stick_area", "slip_area", "max_penetration",
-    "max_slip", "dissipation", "dissipation_total",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -44,7 +40,12 @@ class Outcome:
 
 
 def summary(
-    simulation: Simulation, status: str, steps: Sequence[StepResult], audits: Sequence[Audit], total: float
+    simulation: Simulation,
+    status: str,
+    steps: Sequence[StepResult],
+    audits: Sequence[Audit],
+    total: float,
+    reference: LinearReference | None = None,
 ) -> dict[str, Any]:
     """The content of result.json."""
     scene, counters = simulation.scene, simulation.counters
@@ -89,10 +90,11 @@ def summary(
             "discretisation": None,
             "law": max((step.law_error for step in steps), default=None),
             "iteration": max((step.iteration_error for step in steps), default=None),
-            "linear_solver": None,
+            "linear_solver": max((step.linear_error for step in steps), default=None),
             "what": "relative, energy norm",
         },
-        "seconds": asdict(simulation.seconds) | {"total": total, "linear_reference": None},
+        "seconds": asdict(simulation.seconds) | {"total": total, "linear_reference": reference and reference.seconds},
+        "linear_reference": reference and asdict(reference),
     }
 
 
@@ -105,9 +107,14 @@ def scene_hash(scene: Scene) -> str:
 
 
 def write_result(folder: Path, content: dict[str, Any]) -> None:
-    """Write result.json; a number that is not finite becomes null."""
+    """Write result.json."""
+    write_json(folder / "result.json", content)
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write a JSON file whole; a number that is not finite becomes null."""
     text = json.dumps(_finite(content), indent=1, ensure_ascii=False, allow_nan=False)
-    write_aside(folder / "result.json", (text + "\n").encode())
+    write_aside(path, (text + "\n").encode())
 
 
 def _step(step: StepResult, audit: Audit) -> dict[str, Any]:

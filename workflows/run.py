@@ -13,6 +13,7 @@ from typing import Any
 from geometry.errors import MachineError, StickslipError
 from solvers.audit import Audit, Auditor, Record
 from solvers.history import HistoryRow
+from solvers.linear_reference import LinearReference, linear_reference
 from solvers.nouns.scene import Scene
 from solvers.plan import warnings
 from solvers.simulation import Simulation, prepare
@@ -22,10 +23,10 @@ from workflows.folder import MARK, ResultsFolder
 from workflows.interrupt import Interrupt
 from workflows.mesh_report import MeshReport, report_mesh
 from workflows.results import Outcome, summary, write_result
-from workflows.small import too_large
+from workflows.small import Smallness
 from workflows.writers.steps import read_step, step_name, write_step
 from workflows.writers.tables import write_history, write_tables
-from workflows.writers.xdmf import write_fields
+from workflows.writers.xdmf import FieldFiles
 
 log = logging.getLogger(__name__)
 LOGGERS = ("geometry", "solvers", "workflows")
@@ -49,7 +50,14 @@ class Run:
     folder: Path
     began: float
     interrupt: Interrupt
-    steps: list[StepResult] = field(default_factory=list)
+    steps: list[StepResult] = field(default_factory=list)  # the last one with its fields, the others without
+    fields: FieldFiles = field(init=False)
+    smallness: Smallness = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.fields = FieldFiles(self.folder, self.simulation.data)
+        if self.rank == 0:
+            self.smallness = Smallness(self.simulation.data)
 
     @property
     def rank(self) -> int:
@@ -66,7 +74,7 @@ class Run:
         try:
             for index, step in enumerate(self.simulation.steps(on_iteration), start=1):
                 began = clock.perf_counter()
-                self.steps.append(step)
+                self.steps = [*(s.without_fields() for s in self.steps), step]
                 self._write(index, step)
                 tell.on_step(step)
                 self.simulation.seconds.output += clock.perf_counter() - began
@@ -87,6 +95,7 @@ class Run:
             write_tables(self.folder, index, self.simulation.data, step)
             write_step(self.folder, index, step)
             self._show(ended=False)
+            self.smallness.see(step)
 
         self.on_rank_0(write)
 
@@ -95,7 +104,7 @@ class Run:
         every = self.simulation.scene.output.every
         last = len(self.steps) if ended else 0
         shown = [(i, s.time) for i, s in enumerate(self.steps, start=1) if i % every == 0 or i == last]
-        write_fields(self.folder, self.simulation.data, shown)
+        self.fields.write(shown)
 
     def audit(self) -> list[Audit]:
         """Every step against equilibrium and the laws, from its file."""
@@ -130,15 +139,19 @@ class Run:
         """Audit, result.json, pictures."""
         audits, began = self.audit(), clock.perf_counter()
         seconds, scene = self.simulation.seconds, self.simulation.scene
+        reference: LinearReference | None = None
 
         def content() -> dict[str, Any]:
-            return summary(self.simulation, status, self.steps, audits, clock.perf_counter() - self.began)
+            total = clock.perf_counter() - self.began
+            return summary(self.simulation, status, self.steps, audits, total, reference)
 
         self.on_rank_0(lambda: write_result(self.folder, content()))  # before the pictures: they can fail
         self.on_rank_0(lambda: self._show(ended=True))
         if scene.output.pictures and self.steps:
             self.on_rank_0(lambda: _draw(self.folder, self.simulation, self.steps[-1]))
         seconds.output += clock.perf_counter() - began
+        if scene.output.linear_reference and status != "interrupted":
+            reference = linear_reference(self.simulation.system)
         final = content()
         self.on_rank_0(lambda: write_result(self.folder, final))
         return final
@@ -180,7 +193,7 @@ def run(scene: Scene, folder: str | Path, watch: Watch | None = None) -> tuple[O
                 watch.on_prepared(simulation)
             going = Run(simulation, work, began, interrupt)
             status, sentence = going.march(watch)
-            doubts = too_large(simulation.data, going.steps) if comm.rank == 0 else ()
+            doubts = going.smallness.warnings() if comm.rank == 0 else ()
             for warning in doubts:
                 log.warning("%s", warning)
             content = going.finish(status)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -52,6 +52,10 @@ class Builder(Choice, Shape):
         """The same shape and mesh in another unit of length [m]: by division, so that m and mm give one mesh."""
         found = {key: getattr(self, key) for key in self._all_lengths()}
         return replace(self, **{key: value / unit for key, value in found.items() if value is not None})
+
+    def refined(self, factor: float) -> Self:
+        sizes = {f.name: getattr(self, f.name) for f in fields(self) if f.name.endswith("mesh_size")}
+        return replace(self, **{key: factor * size for key, size in sizes.items() if size is not None})
 
     def put(self, gmsh: Any, request: Request) -> float:
         unit = float(np.max(np.ptp(self.box(request.dim), axis=0)))  # gmsh has absolute tolerances

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from geometry.builders.cuboid import Cuboid, grid
 from geometry.errors import SceneError, require
@@ -26,6 +26,9 @@ class Strip(Cuboid):
         require(self.height <= self.length, "height", self.height, "must not exceed length")
         if self.contact_mesh_size is not None:
             raise SceneError(f"contact_mesh_size = {self.contact_mesh_size}: a strip's cells are alike; use mesh_size")
+
+    def refined(self, factor: float) -> Self:
+        return replace(super().refined(factor), layers=max(1, round(self.layers / factor)))
 
     def check_model(self, model: Model) -> None:
         super().check_model(model)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 
-from geometry.errors import nearest, require
+from geometry.errors import SceneError, nearest, require
 from geometry.keys import Key, Noun
 from geometry.shape import Array, Model, Request, Shape
 from geometry.user_files.asking import ask
@@ -126,6 +126,13 @@ class UserFile(Noun, Shape):
     def outline(self, dim: int) -> Outline:
         """What the file says without a volume mesh; read once as long as the file stays the same."""
         return _outline(self._key(dim))
+
+    def refined(self, factor: float) -> Self:
+        size, fine = self.mesh_size, self.contact_mesh_size
+        own = "a .msh file has its own mesh" if kind_of(Path(self.file)) == "msh" else "missing; name one, in metres"
+        if size is None:
+            raise SceneError(f"mesh_size: there is none to refine, {own}")
+        return replace(self, mesh_size=factor * size, contact_mesh_size=None if fine is None else factor * fine)
 
     def put(self, gmsh: Any, request: Request) -> float:
         unit = self.unit

@@ -1,4 +1,4 @@
-"""One Newton system on the condensed bodies, solved for tractions of rows that hold or for motions of the others."""
+"""The bodies with the laws linearised: solved for tractions that hold or for the other motions, the fewer of them."""
 
 from __future__ import annotations
 

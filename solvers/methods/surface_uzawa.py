@@ -40,10 +40,8 @@ class SurfaceUzawa:
         surface, flexibility = problem.surface, self._flexibility(problem)
         history: list[Step] = []
         status = Status.MAX_IT
-        u_c, accuracy = problem.load.free, 0.0
-        if p.any():
-            accuracy = INNER
-            u_c = problem.contact_displacement(p, accuracy)
+        accuracy = INNER if problem.p_ref else 0.0  # no load, no motion: nothing happens
+        u_c = problem.contact_displacement(p, accuracy) if p.any() else problem.load.free
         w, forces = problem.relative_displacement(u_c), surface.forces(p)
         motion = np.zeros_like(u_c)
         balanced = not surface.floating or problem.p_ref == 0
@@ -55,7 +53,7 @@ class SurfaceUzawa:
             if np.isnan(residual):
                 status = Status.NOT_FINITE
                 break
-            if residual + accuracy <= self.rtol or residual == 0:
+            if residual + accuracy <= self.rtol:
                 status = Status.CONVERGED
                 break
             if residual < least / 2:
@@ -65,7 +63,7 @@ class SurfaceUzawa:
                 break
             if k == self.max_it:
                 break
-            found = self._step(problem, flexibility, p, w, residual)
+            found = self._step(problem, flexibility, p, w, max(residual, self.rtol))
             if found is None:
                 status = Status.NO_HOLD
                 break

@@ -19,10 +19,12 @@ from geometry.user_files.user_file import UserFile
 from solvers.effects import EFFECTS
 from solvers.methods.table import METHODS
 from solvers.nouns.contact import Contact
+from solvers.nouns.exact import Exact
 from solvers.nouns.load import Load
 from solvers.nouns.material import Material
 from solvers.nouns.stepping import Output, Probe, Solver, Steps
 from solvers.nouns.support import Support
+from solvers.quantities import names
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 
@@ -43,6 +45,7 @@ class Scene(Noun):
     steps: Steps = Steps()
     solver: Solver = Solver()
     output: Output = Output()
+    exact: Exact = Exact()
     sections: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -52,6 +55,7 @@ class Scene(Noun):
         require(
             self.solver.method in METHODS, "solver.method", self.solver.method, nearest(self.solver.method, METHODS)
         )
+        self.exact.check(self.quantities())
         for effect in EFFECTS:
             if effect.name in self.sections:
                 effect.check(self)
@@ -83,6 +87,10 @@ class Scene(Noun):
     def require_side(self, side: str, key: str) -> None:
         """Refuse a side that the geometry does not have."""
         require(side in self.sides(), key, side, f"no such side; {nearest(side, self.sides())}")
+
+    def quantities(self) -> tuple[str, ...]:
+        """Names of the numbers that every step of this scene has."""
+        return names(self.dim, self.contacts, self.supports, self.obstacles, self.probes)
 
     def requested_times(self) -> tuple[float, ...]:
         """Equal steps and every time of a table up to the end; t = 0 only if a load or motion starts from a value."""

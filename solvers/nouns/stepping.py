@@ -44,6 +44,7 @@ class Output(Noun):
 
     every: Annotated[int, Key("-", "keep the fields of every n-th reported step, and of the last")] = 1
     pictures: Annotated[bool, Key("-", "draw PNG pictures of the last step")] = True
+    linear_reference: Annotated[bool, Key("-", "after the run, time one linear solve of the same mesh")] = False
 
     def __post_init__(self) -> None:
         require(self.every >= 1, "every", self.every, "must be at least 1")

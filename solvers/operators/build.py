@@ -79,13 +79,14 @@ def _held_in(coupling: Coupling, constraints: Constraints) -> Array:
 
     There the averaged normals see one side of the edge only and lean out of the plane.
     """
+    if not coupling.master:
+        return coupling.normals
+    bases, free = constraints.bases(coupling.surface.nodes)
+    inside = np.einsum("nik,njk,nj->ni", bases, bases, coupling.normals)
+    length = np.linalg.norm(inside, axis=1)
+    turned = ~free.all(axis=1) & (length > LEANS)
     normals = coupling.normals.copy()
-    for j, node in enumerate(coupling.surface.nodes if coupling.master else ()):
-        basis = constraints.basis(int(node))
-        inside = basis @ (basis.T @ normals[j])
-        length = float(np.linalg.norm(inside))
-        if basis.shape[1] < len(inside) and length > LEANS:
-            normals[j] = inside / length
+    normals[turned] = inside[turned] / length[turned, None]
     return normals
 
 

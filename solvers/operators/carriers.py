@@ -62,66 +62,52 @@ def carry(coupling: Coupling, directions: Array, constraints: Constraints, used:
     """Give each node a multiplier in `directions` (n, c, d), as far as its motion there is free and not yet held.
 
     Args:
-        used: root node -> directions (r, k) of its free basis that multipliers against rigid obstacles already hold.
+        used: root node -> projector (d, d) onto motions of its numbers that multipliers against rigid obstacles hold.
     """
     surface, facing = coupling.surface, coupling.weights != 0
     little = LITTLE * surface.node_weights()  # too little to tell the gap at the node from that of what faces it
-    n, c, _ = directions.shape
-    point_of_root: dict[int, int] = {}
-    owner = np.full(n, -1)
-    kept_directions: list[Array] = []
-    kept_free: list[NDArray[np.bool_]] = []
-    for j, node in enumerate(surface.nodes):
-        if coupling.weights[j] <= little[j]:
-            continue
-        root = constraints.root.get(int(node), int(node))
-        if root in point_of_root:  # a periodic image: one multiplier for both
-            owner[j] = point_of_root[root]
-            continue
-        basis = constraints.basis(int(node))
-        held = np.zeros((basis.shape[1], 0)) if coupling.master else used.get(root, np.zeros((basis.shape[1], 0)))
-        own, free, held = _independent(directions[j], basis, held)
-        if free.any():
-            owner[j] = point_of_root[root] = len(kept_directions)
-            kept_directions.append(own)
-            kept_free.append(free)
-            if coupling.master is None:
-                used[root] = held
-    share = _take_over(surface, owner, facing, len(kept_directions))
-    d = surface.dim
-    return Carrier(share, np.array(kept_directions).reshape(-1, c, d), np.array(kept_free, bool).reshape(-1, c))
+    tried = np.flatnonzero(coupling.weights > little)
+    roots, bases = constraints.roots(surface.nodes[tried]), constraints.bases(surface.nodes[tried])[0]
+    rigid, nothing = coupling.master is None, np.zeros((surface.dim, surface.dim))
+    held = np.array([used.get(root, nothing) if rigid else nothing for root in roots.tolist()])
+    turned, free, held = _independent(directions[tried], bases, held.reshape(-1, *nothing.shape))
+    able = np.flatnonzero(free.any(axis=1))
+    first = able[np.sort(np.unique(roots[able], return_index=True)[1])]  # periodic images: one multiplier for both
+    number = {root: k for k, root in enumerate(roots[first].tolist())}
+    owner = np.full(len(surface.nodes), -1)
+    owner[tried] = [number.get(root, -1) for root in roots.tolist()]
+    if rigid:
+        used |= dict(zip(number, held[first], strict=True))
+    return Carrier(_take_over(surface, owner, facing, len(first)), turned[first], free[first])
 
 
-def _independent(directions: Array, basis: Array, held: Array) -> tuple[Array, NDArray[np.bool_], Array]:
-    """Turn directions (c, d) so that those with free motion, independent of what is held, come first."""
-    motion = directions @ basis  # (c, r): free motion seen in each direction
-    if held.shape[1]:
-        inside = np.linalg.qr(held)[0]
-        motion = motion - (motion @ inside) @ inside.T
-    left, size, _ = np.linalg.svd(motion)
-    rank = int(np.sum(size > SMALL))
-    if rank == len(directions):
-        left = np.eye(rank)
-    free = np.arange(len(directions)) < rank
-    turned = left.T @ directions
-    return turned, free, np.concatenate([held, (turned[free] @ basis).T], axis=1)
+def _independent(directions: Array, bases: Array, held: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+    """Turn directions (n, c, d) so that those with free motion, independent of what is `held`, come first.
+
+    Returns:
+        Directions, which of them are free (n, c), and the projectors onto all that is held then (n, d, d).
+    """
+    motion = directions @ bases  # (n, c, d): free motion seen in each direction
+    left, size, _ = np.linalg.svd(motion - motion @ held)
+    free = size > SMALL
+    left[free.all(axis=1)] = np.eye(directions.shape[1])
+    turned = np.swapaxes(left, 1, 2) @ directions
+    every = np.concatenate([held, free[:, :, None] * (turned @ bases)], axis=1)
+    return turned, free, np.linalg.pinv(every, rcond=SMALL**1.5) @ every
 
 
 def _take_over(surface: Surface, owner: NDArray[np.int64], facing: NDArray[np.bool_], count: int) -> sparse.csr_matrix:
     """Shares (count, n): a node without a multiplier is divided among its nearest neighbours that have one."""
-    n = len(owner)
-    share = sparse.lil_matrix((count, n))
-    for j in np.flatnonzero(owner >= 0):
-        share[owner[j], j] = 1.0
-    missing = set(np.flatnonzero((owner < 0) & facing).tolist())
-    neighbours = surface.neighbours() if missing else {}
-    while missing:
-        reached = {j: [k for k in neighbours[j] if k not in missing and facing[k]] for j in missing}
-        layer = {j: near for j, near in reached.items() if near}
-        if not layer:
+    own = np.flatnonzero(owner >= 0)
+    share = sparse.csr_matrix((np.ones(len(own)), (own, owner[own])), shape=(len(owner), count))
+    missing = (owner < 0) & facing
+    neighbours = surface.neighbours() if missing.any() else None
+    while missing.any():
+        near = neighbours @ sparse.diags((~missing & facing).astype(float))
+        total = np.asarray(near.sum(axis=1)).ravel()
+        layer = missing & (total > 0)
+        if not layer.any():
             break
-        columns = {j: sum(share[:, k] for k in near) / len(near) for j, near in layer.items()}
-        for j, column in columns.items():
-            share[:, j] = column
-        missing -= set(layer)
-    return share.tocsr()
+        share = share + sparse.diags(layer / np.maximum(total, 1)) @ (near @ share)
+        missing &= ~layer
+    return share.T.tocsr()

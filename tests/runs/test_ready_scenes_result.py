@@ -81,7 +81,7 @@ FORMAT_1: Json = {
         "discretisation": is_null,  # not computed yet
         "law": lambda value: value == 0,  # the laws themselves are solved, not smoothed ones
         "iteration": is_number,
-        "linear_solver": is_null,
+        "linear_solver": is_number,
         "what": lambda value: value == "relative, energy norm",
     },
     "seconds": {

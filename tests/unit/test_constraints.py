@@ -105,6 +105,27 @@ def test_every_free_displacement_fulfils_what_is_prescribed(case: str, scene_of:
             assert_array_equal(u[slave.nodes], u[master.nodes[distance.argmin(axis=1)]])
 
 
+def test_stiffness_of_the_free_displacements_is_selected_or_transformed_alike(
+    scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    selecting = {case: system_of(scene_of(dim, **tables)) for case, (dim, tables) in CASES.items()}
+    ends = (Row(np.array([0.6, 0.8]), 0.3, "a"),)
+    free = selecting["free"]
+    selecting["inclined"] = replace(free, constraints=replace(free.constraints, rows={4: ends, 9: ends}))
+    selecting["inclined"] = replace(
+        selecting["inclined"], T=selecting["inclined"].constraints.transformation(free.mesh.comm)
+    )
+    for case, system in selecting.items():
+        assert system.constraints.selects == ("periodic" not in case and case != "inclined"), case
+        T, gone = dense(system.T), system.constraints.eliminated()
+        expected = T.T @ dense(system.K) @ T
+        assert not expected[gone].any()
+        assert not expected[:, gone].any()
+        expected[gone, gone] = expected.trace() / system.constraints.free_total
+        assert_allclose(dense(system.K_B), expected, atol=1e-14 * np.abs(expected).max(), err_msg=case)
+        assert system.K_B.getBlockSize() == system.mesh.dim
+
+
 def test_nothing_more_than_what_is_prescribed_is_held(scene_of: SceneOf, system_of: SystemOf) -> None:
     # 9 x 5 nodes, 9 of them on top: x and y there, and the periodic image of the lower four on the right
     everywhere = 2 * 9 * 5

@@ -16,7 +16,7 @@ from shared.synthetic import FACET, MESHES, SIZE, mesh_of, padded, reference_nod
 from solvers.step_result import MeshData, StepResult
 from workflows.writers.shapes import SHAPES
 from workflows.writers.steps import write_step
-from workflows.writers.xdmf import write_fields
+from workflows.writers.xdmf import FieldFiles
 
 
 @pytest.mark.parametrize(("name", "nodes"), SHAPES)
@@ -33,7 +33,7 @@ def written(folder: Path, shape: str, order: int) -> tuple[MeshData, list[StepRe
     results = [result_of(mesh, time, seed) for seed, time in enumerate((0.5, 1.0))]
     for index, result in enumerate(results, start=1):
         write_step(folder, index, result)
-    write_fields(folder, mesh, [(index, result.time) for index, result in enumerate(results, start=1)])
+    FieldFiles(folder, mesh).write([(index, result.time) for index, result in enumerate(results, start=1)])
     return mesh, results
 
 
@@ -117,16 +117,16 @@ def test_vtk_reads_a_contact_surface(tmp_path: Path, shape: str, order: int) -> 
 
 def test_fields_are_rewritten_while_a_run_goes_on(tmp_path: Path) -> None:
     mesh = mesh_of("triangle")
-    write_fields(tmp_path, mesh, [])
+    FieldFiles(tmp_path, mesh).write([])
     assert [p.name for p in tmp_path.iterdir()] == ["fields.h5"]
     before = (tmp_path / "fields.h5").stat()
     for index in (1, 2, 3):
         write_step(tmp_path, index, result_of(mesh, float(index)))
-        write_fields(tmp_path, mesh, [(k, float(k)) for k in range(1, index + 1)])
+        FieldFiles(tmp_path, mesh).write([(k, float(k)) for k in range(1, index + 1)])
         with meshio.xdmf.TimeSeriesReader(tmp_path / "fields.xdmf") as reader:
             assert reader.num_steps == index
     assert (tmp_path / "fields.h5").stat().st_ino == before.st_ino  # the same mesh is not written again
-    write_fields(tmp_path, mesh_of("quadrilateral"), [])
+    FieldFiles(tmp_path, mesh_of("quadrilateral")).write([])
     assert (tmp_path / "fields.h5").stat().st_ino != before.st_ino
 
 

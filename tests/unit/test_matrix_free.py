@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
+from geometry.errors import SolverError
 from solvers.condensed import CondensedSurface
 from solvers.counters import Counters
 from solvers.iterative_volume import IterativeVolume
@@ -64,8 +65,9 @@ def both(request: pytest.FixtureRequest, scene_of: SceneOf, system_of: SystemOf)
 
 
 def load_of(surface: Any, system: System, error: float = 0.0) -> Any:
-    f = system.T.createVecRight()
-    system.T.multTranspose(system.load(1.0) - system.K * system.prescribed(1.0), f)
+    u_s, f = system.vector(), system.T.createVecRight()
+    system._prescribed.write(u_s, system.constraints.prescribed(1.0).ravel())  # a rigid motion would leave no load
+    system.T.multTranspose(system.load(1.0) - system.K * u_s, f)
     return surface.load(f, system.driving_force(1.0), error)
 
 
@@ -82,3 +84,91 @@ def test_displacement_is_that_of_the_condensed_surface(both: tuple[Any, Any, Sys
     assert_allclose(found.free, given.free, rtol=0, atol=1e-10 * size)
     assert_allclose(found.resultant, given.resultant, rtol=0, atol=1e-11 * found.magnitude)
     assert_allclose(free.R.T @ found.f_c, found.resultant, rtol=0, atol=1e-13 * found.magnitude)
+
+
+def smooth_changes(surface: Any, count: int) -> list[Array]:
+    """Tractions (rows,) that settle, as in an iteration: each change is 0.4 of the one before."""
+    random, rows = np.random.default_rng(1), np.arange(len(surface.W)) / len(surface.W)
+    p, found = np.zeros(len(rows)), []
+    for k in range(count):
+        wave = np.cos(random.uniform(0, 12) * rows + random.uniform(0, 6))
+        p = p + 0.4**k * wave * (1 + 0.3 * random.normal(size=len(rows)))
+        found.append(p)
+    return found
+
+
+def test_error_is_below_what_was_asked_and_not_for_nothing(both: tuple[Any, Any, System]) -> None:
+    exact, free, system = both
+    loads = load_of(exact, system), load_of(free, system)
+    ratios, before = [], exact.under(loads[0], np.zeros(len(exact.W)))
+    for share in (0.1, 0.001):
+        for p in smooth_changes(exact, 8):
+            expected = exact.under(loads[0], p)
+            asked = share * np.abs(expected - before).max()
+            ratios.append(np.abs(free.under(loads[1], p, asked) - expected).max() / asked)
+            before = expected
+    assert np.sum(np.array(ratios) > 1) <= 1  # of sixteen: an estimate, not a bound
+    assert max(ratios) < 4
+    assert np.median(ratios) > 0.01  # a hundred times too exact is work for nothing
+
+
+def test_what_forces_do_to_each_other_is_mutual(both: tuple[Any, Any, System]) -> None:
+    f, g = np.random.default_rng(2).normal(size=(2, both[1].size))
+    assert_allclose(f @ both[1].displacement(g), g @ both[1].displacement(f), rtol=1e-9)
+
+
+def test_recovered_displacement_balances_forces_and_moves_along_with_its_contact_dofs(
+    both: tuple[Any, Any, System],
+) -> None:
+    exact, free, system = both
+    load, p = load_of(free, system), smooth_changes(free, 1)[0]
+    # forces that bodies can be at rest under: contact takes what the load leaves
+    p = p - np.linalg.lstsq((free.N @ free.R).T * free.W, free.R.T @ free.forces(p) - load.resultant, rcond=None)[0]
+    u_c = free.under(load, p) + free.R @ np.arange(1.0, 1.0 + free.R.shape[1])
+    q = free.recover(load, p, u_c)
+    own = free.size - free.driven
+    f_c = free.forces(p)[:own]
+    assert_allclose(q.array[system.contact_dofs], u_c[:own], rtol=0, atol=1e-8 * np.abs(u_c).max())
+    left = system.K_B * q - load.f_q
+    left.array[system.contact_dofs] += f_c
+    assert left.norm() <= 1e-7 * (load.f_q.norm() + np.linalg.norm(f_c))  # the scene's tolerance is 1e-8
+    assert 0 < free.linear_error <= 0.1 * system.scene.solver.tolerance
+    assert exact.linear_error == 0
+
+
+def test_directions_of_earlier_solves_save_iterations(scene_of: SceneOf, system_of: SystemOf) -> None:
+    system = system_of(block(scene_of, 3, cells="simplex"))
+
+    def iterations(most: int) -> int:
+        volume = IterativeVolume(system)
+        volume.remember(most)
+        surface = prepare_surface(system, volume)
+        load, before = load_of(surface, system), system.counters.linear_iterations
+        for k, p in enumerate(smooth_changes(surface, 10)):
+            surface.under(load, p, 1e-3 * 0.4**k * np.abs(load.free).max())
+        return system.counters.linear_iterations - before
+
+    plain = iterations(1)  # the last direction alone: conjugate gradients as everybody knows them
+    assert iterations(40) < 0.8 * plain
+
+
+def test_each_solve_and_iteration_is_counted(scene_of: SceneOf, system_of: SystemOf) -> None:
+    system = system_of(block(scene_of, 2))
+    surface, counters = prepare_surface(system, IterativeVolume(system)), system.counters
+    load = load_of(surface, system)
+    assert counters.volume_solves == 1
+    first = counters.linear_iterations
+    assert first > 3
+    surface.under(load, np.zeros(len(surface.W)), 1e-3 * np.abs(load.free).max())
+    assert (counters.volume_solves, counters.linear_iterations) == (2, first)  # known already
+    assert counters.factorisations == 0
+
+
+def test_a_stiffness_that_is_none_is_said(
+    scene_of: SceneOf, system_of: SystemOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    system = system_of(block(scene_of, 2))
+    surface = prepare_surface(system, IterativeVolume(system))
+    monkeypatch.setattr("solvers.conjugate_gradients.MOST_ITERATIONS", 3)
+    with pytest.raises(SolverError, match=r"does not converge; set solver\.surface"):
+        surface.displacement(np.ones(surface.size))

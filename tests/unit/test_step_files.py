@@ -16,7 +16,7 @@ from geometry.errors import MachineError
 from shared.synthetic import mesh_of, padded, result_of
 from workflows.writers.hdf5 import checksum
 from workflows.writers.steps import read_step, write_step
-from workflows.writers.xdmf import write_fields
+from workflows.writers.xdmf import FieldFiles
 
 
 @pytest.mark.parametrize("shape", ["triangle", "hexahedron"])
@@ -90,7 +90,7 @@ def test_a_missing_step_and_a_foreign_file_are_refused(tmp_path: Path) -> None:
         file["x"] = 1.0
     with pytest.raises(MachineError, match="not a file of stickslip"):
         read_step(foreign)
-    write_fields(tmp_path, mesh_of("triangle"), [])
+    FieldFiles(tmp_path, mesh_of("triangle")).write([])
     with pytest.raises(MachineError, match=r"fields\.h5: not a step"):
         read_step(tmp_path / "fields.h5")
 

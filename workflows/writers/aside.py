@@ -10,7 +10,7 @@ from pathlib import Path
 from geometry.errors import MachineError
 
 
-def write_aside(path: Path, content: bytes) -> None:
+def write_aside(path: Path, *content: bytes | memoryview) -> None:
     """Write beside `path`, bring it to the disk, then rename: readers and a crash see the old file or the new one.
 
     Raises:
@@ -20,7 +20,7 @@ def write_aside(path: Path, content: bytes) -> None:
     with disk_errors(path):
         try:
             with aside.open("wb") as file:
-                file.write(content)
+                file.writelines(content)
                 file.flush()
                 os.fsync(file.fileno())
             aside.replace(path)

@@ -26,9 +26,12 @@ def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str) -> P
     solid = mesh.points.shape[1] == 3
     scale = displacement_scale(mesh, result)
     before = grid_of(mesh.points, mesh.cells, mesh.shape)
-    moved = mesh.points + scale * result.displacement
-    after = grid_of(moved, mesh.cells, mesh.shape)
-    after.cell_data["von_mises"] = result.von_mises
+    before.cell_data["von_mises"] = result.von_mises
+    before.point_data["moved"] = moved = three(mesh.points + scale * result.displacement)
+    if solid:  # all the rest comes from what can be seen
+        before = before.extract_surface()
+    after = before.copy()
+    after.points = after.point_data["moved"]
     norm = span(result.von_mises)
 
     def add(stage: Any) -> None:
@@ -48,7 +51,7 @@ def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str) -> P
             if outline.n_cells:
                 stage.add_mesh(outline, lighting=False, **look)
 
-    both = three(np.vstack([mesh.points, moved]))
+    both = np.vstack([three(mesh.points), moved])
     view = View.isometric(both) if solid else View.facing(both)
     width, height = (6.0, 6.0 / view.aspect) if view.aspect > 1.3 else (4.6 * view.aspect, 4.6)
     beside = view.aspect <= 1.6

@@ -37,7 +37,7 @@ def checksum(arrays: Mapping[str, AnyArray], numbers: Numbers) -> str:
     total = hashlib.sha256()
     for name, array in sorted(arrays.items()):
         total.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
-        total.update(np.ascontiguousarray(array).tobytes())
+        total.update(np.ascontiguousarray(array).data)
     for name, number in sorted(numbers.items()):
         total.update(f"{name} {number!r}\n".encode())
     return total.hexdigest()
@@ -55,9 +55,9 @@ def write_arrays(path: Path, arrays: Mapping[str, AnyArray], numbers: Numbers) -
             file[name] = array
         file.attrs.update(numbers)
         file.attrs["checksum"] = total
-    rest = content.getvalue()[USER_BLOCK:]
+    rest = content.getbuffer()[USER_BLOCK:]
     line = LINE.format(bytes=hashlib.sha256(rest).hexdigest(), arrays=total)
-    write_aside(path, line.encode().ljust(USER_BLOCK, b"\0") + rest)
+    write_aside(path, line.encode().ljust(USER_BLOCK, b"\0"), rest)
 
 
 def read_arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, float | int]]:

@@ -16,11 +16,11 @@ import numpy as np
 
 from geometry.errors import MachineError
 from solvers.history import HistoryTuple
+from solvers.quantities import STRESSES
 from solvers.step_result import OPEN, SLIP, STICK, Array, ContactState, MeshData, StepResult
 from workflows.writers.aside import disk_errors, make_folder, write_aside
 
 STATUS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
-STRESSES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 HISTORY = ("step", "time", "iteration", "residual", "volume_solves", "seconds", "method")
 Row = Sequence[object]
 

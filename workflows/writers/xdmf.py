@@ -53,31 +53,38 @@ BODY_FIELDS = (
 )
 
 
-def write_fields(folder: Path, mesh: MeshData, steps: Sequence[tuple[int, float]]) -> None:
-    """Write fields.h5, fields.xdmf and contact_NAME.xdmf; again after each step, while ParaView reads them.
+class FieldFiles:
+    """fields.h5, fields.xdmf and contact_NAME.xdmf of one mesh."""
 
-    Args:
-        steps: index and time [s] of the steps to show, all of them in their files. None: only fields.h5 is written,
-            as an XDMF series without a time is refused by its readers.
+    def __init__(self, folder: Path, mesh: MeshData) -> None:
+        self._folder, self._mesh = folder, mesh
+        self._checksum: str | None = None  # of the mesh in fields.h5, once it is known
 
-    Raises:
-        MachineError: the disk is full.
-    """
-    arrays: dict[str, AnyArray] = {}
-    body = _store(arrays, "mesh", "bodies", mesh.points, mesh.cells, mesh.shape)
-    arrays["mesh/body"] = np.asarray(mesh.body, np.int64)
-    contacts = {
-        name: _store(arrays, f"contacts/{name}", name, *surface[:2], surface[2])
-        for name, surface in mesh.surfaces.items()
-    }
-    make_folder(folder)
-    if stored_checksum(folder / MESH_FILE) != checksum(arrays, {}):
-        write_arrays(folder / MESH_FILE, arrays, {})
-    if not steps:
-        return
-    write_aside(folder / "fields.xdmf", _series(body, BODY_FIELDS, steps))
-    for name, grid in contacts.items():
-        write_aside(folder / f"contact_{name}.xdmf", _series(grid, contact_fields(name), steps))
+    def write(self, steps: Sequence[tuple[int, float]]) -> None:
+        """Write them; again after each step, while ParaView reads them.
+
+        Args:
+            steps: index and time [s] of the steps to show, all of them in their files. None: only fields.h5 is
+                written, as an XDMF series without a time is refused by its readers.
+
+        Raises:
+            MachineError: the disk is full.
+        """
+        make_folder(self._folder)
+        stored = stored_checksum(self._folder / MESH_FILE)
+        if stored is None or stored != self._checksum:
+            arrays = _arrays(self._mesh)
+            self._checksum = checksum(arrays, {})
+            if stored != self._checksum:
+                write_arrays(self._folder / MESH_FILE, arrays, {})
+        if not steps:
+            return
+        mesh = self._mesh
+        body = _grid("mesh", "bodies", mesh.points, mesh.cells, mesh.shape)
+        write_aside(self._folder / "fields.xdmf", _series(body, BODY_FIELDS, steps))
+        for name, surface in mesh.surfaces.items():
+            grid = _grid(f"contacts/{name}", name, *surface)
+            write_aside(self._folder / f"contact_{name}.xdmf", _series(grid, contact_fields(name), steps))
 
 
 def contact_fields(name: str) -> tuple[Field, ...]:
@@ -97,14 +104,19 @@ def contact_fields(name: str) -> tuple[Field, ...]:
     )
 
 
-def _store(
-    arrays: dict[str, AnyArray], place: str, name: str, points: Array, cells: NDArray[np.int64], shape_name: str
-) -> Grid:
-    """Put a mesh among the arrays of fields.h5."""
-    shape = shape_of(shape_name, cells)
-    arrays[f"{place}/points"] = three(points)
-    arrays[f"{place}/cells"] = np.asarray(cells[:, shape.order], np.int64)
-    return Grid(name, place, len(points), len(cells), cells.shape[1], shape)
+def _arrays(mesh: MeshData) -> dict[str, AnyArray]:
+    """All that fields.h5 holds."""
+    found: dict[str, AnyArray] = {"mesh/body": np.asarray(mesh.body, np.int64)}
+    places = {"mesh": (mesh.points, mesh.cells, mesh.shape)}
+    places |= {f"contacts/{name}": surface for name, surface in mesh.surfaces.items()}
+    for place, (points, cells, shape) in places.items():
+        found[f"{place}/points"] = three(points)
+        found[f"{place}/cells"] = np.asarray(cells[:, shape_of(shape, cells).order], np.int64)
+    return found
+
+
+def _grid(place: str, name: str, points: Array, cells: NDArray[np.int64], shape: str) -> Grid:
+    return Grid(name, place, len(points), len(cells), cells.shape[1], shape_of(shape, cells))
 
 
 def _series(grid: Grid, fields: Sequence[Field], steps: Sequence[tuple[int, float]]) -> bytes:

@@ -1,0 +1,47 @@
+"""Values that the ranks own, brought together on rank 0 in the order of the gmsh model."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.mesh import Mesh
+from geometry.nodes import Nodes
+
+Ints = NDArray[np.int64]
+
+
+class Gathered:
+    """Called with an array (own, ...) it returns (all, ...) on rank 0, and nothing, (0, ...), elsewhere; collective."""
+
+    def __init__(self, comm: Any, numbers: Ints) -> None:
+        """Take the numbers (own,) in the gmsh model of what this rank owns."""
+        self._comm = comm
+        self._counts = np.array(comm.allgather(len(numbers)))
+        every = self._together(np.asarray(numbers, np.int64))
+        self._order = np.argsort(every)
+
+    def __call__(self, values: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(self._together(values)[self._order])
+
+    def _together(self, values: NDArray[Any]) -> NDArray[Any]:
+        if self._comm.size == 1:
+            return values
+        own = np.ascontiguousarray(values)
+        width = int(np.prod(own.shape[1:], initial=1))
+        every = np.empty((self._counts.sum() if self._comm.rank == 0 else 0, *own.shape[1:]), own.dtype)
+        self._comm.Gatherv(own, (every, self._counts * width))
+        return every
+
+
+def nodes_of(mesh: Mesh, nodes: Nodes) -> Gathered:
+    """For values at owned nodes."""
+    return Gathered(mesh.comm, nodes.input[: nodes.owned])
+
+
+def cells_of(mesh: Mesh) -> Gathered:
+    """For values at owned cells."""
+    own = mesh.domain.topology.index_map(mesh.dim).size_local
+    return Gathered(mesh.comm, np.asarray(mesh.domain.topology.original_cell_index)[:own])

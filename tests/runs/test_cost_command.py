@@ -1,0 +1,240 @@
+"""`stickslip cost`: what it leaves, how it is stopped and taken up again, what it refuses."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import workflows.cost.command
+from shared.command import Call, table
+from solvers.nouns.scene import Scene
+from workflows.cost.run_record import Run
+from workflows.cost.rung import Rung
+
+SCENE = ["cost", "block", "-o", "out", "--set=geometry.mesh_size=1.0", "--set=solver.method=condensed-newton"]
+SMALL = [*SCENE, "--set=geometry.contact_mesh_size=0.5"]
+
+
+def content(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "cost.json").read_text())
+    return found
+
+
+def quick(scene: Scene, rung: Rung, seconds: float, stop: Any) -> Run:
+    """A solver of a known price: h^-2, h^order."""
+    price = 0.5 * rung.order * rung.factor**-2
+    force = 3.0 * (1 + 0.05 * rung.factor**rung.order)
+    phases = dict.fromkeys(("mesh", "assemble", "prepare", "output"), 0.0) | {"iterate": price}
+    numbers = {"base.max_pressure": 2 * force, "base.normal_force": force, "base.tangential_force": 0.0}
+    return Run(
+        rung=rung, status="converged", spent=price + 1.0, h=0.5 * rung.factor, phases=phases, residual=1e-9,
+        cpu=price, memory=1e8, quantities=numbers,
+    )  # fmt: skip
+
+
+def test_two_meshes_are_compared_and_told(call: Call, folder: Path) -> None:
+    """Level -4 of a 4 x 2 block is two cells: whatever the machine, two meshes of it fit."""
+    code, out, err = call(*SMALL, "--budget", "25", "--quantity", "base.normal_force", "--quantity", "energy.stored")
+    assert code == 0, err
+    done = content(folder / "out")
+    said = out.strip().splitlines()[-1]
+    assert said == done["sentence"] == done["quantities"]["base.normal_force"]["sentence"]
+    assert set(done["quantities"]) == {"base.normal_force", "energy.stored"}
+    rows = table(folder / "out" / "cost.csv")
+    assert len(rows) == len(done["runs"]) == len(list((folder / "out" / "runs").iterdir()))
+    converged = [row for row in rows if row["status"] == "converged"]
+    assert len({row["h"] for row in converged}) >= 2
+    assert {row["method"] for row in rows} == {"condensed-newton"}
+    for row in converged:
+        phases = sum(float(row[f"{phase}_s"]) for phase in ("mesh", "assemble", "prepare", "iterate", "output"))
+        assert float(row["seconds"]) == pytest.approx(phases)
+        assert 1e7 < float(row["peak_memory_bytes"]) < 1e10
+        assert int(row["dofs"]) > 0
+        assert int(row["volume_solves"]) > 0
+    # the same number as `run` gives, from the scene with the cells of that row
+    row = converged[0]
+    factor = float(row["cells_times"])
+    sizes = [f"--set=geometry.mesh_size={factor}", f"--set=geometry.contact_mesh_size={factor / 2}"]
+    words = [f"--set=geometry.order={row['order']}", "--set=output.pictures=false", *sizes]
+    assert call("run", "block", "-q", "-o", "once", *words)[0] == 0
+    last = json.loads((folder / "once" / "result.json").read_text())["steps"][-1]
+    assert float(row["base.normal_force"]) == pytest.approx(last["contacts"]["base"]["normal_force"], rel=1e-9)
+    assert float(row["energy.stored"]) == pytest.approx(last["energy"]["stored"], rel=1e-9)
+    for name in ("cost_base_normal_force.png", "cost_energy_stored.png"):
+        assert (folder / "out" / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_ctrl_c_keeps_the_finished_runs_and_resume_makes_none_of_them_again(
+    folder: Path, command: list[str], environment: dict[str, str], call: Call
+) -> None:
+    words = [*SMALL, "--budget", "600", "--set=output.pictures=false"]
+    with subprocess.Popen(
+        [*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if "unknowns" in line:
+                break
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=100)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    before = content(folder / "out")
+    assert before["status"] == "interrupted"
+    assert before["runs"]
+    assert sorted(path.name for path in folder.iterdir()) == ["out"]
+    spent = before["spent"]
+    code, _, err = call(*words[:-2], f"{spent + 15}", "--resume", words[-1])
+    assert code == 0, err
+    after = content(folder / "out")
+    kept = {run["name"]: run["spent"] for run in after["runs"]}
+    assert {run["name"]: run["spent"] for run in before["runs"]}.items() < kept.items()
+
+
+def test_resume_after_any_interruption_gives_the_same_table(
+    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workflows.cost.command, "measure", quick)
+    assert call(*SMALL, "--budget", "90", "-q")[0] == 0
+    whole, text = content(folder / "out"), (folder / "out" / "cost.csv").read_text()
+    for stop in (1, len(whole["runs"]) // 2, len(whole["runs"]) - 1):
+        left = iter(range(stop))
+
+        def pause(*arguments: Any, left: Any = left) -> Run | None:
+            return quick(*arguments) if next(left, None) is not None else None
+
+        monkeypatch.setattr(workflows.cost.command, "measure", pause)
+        code, _, err = call(*SMALL, "--budget", "90", "-q")
+        assert (code, err.count("\n")) == (130, 1)
+        assert len(content(folder / "out")["runs"]) == stop
+        monkeypatch.setattr(workflows.cost.command, "measure", quick)
+        assert call(*SMALL, "--budget", "90", "-q", "--resume")[0] == 0
+        assert sorted((folder / "out" / "cost.csv").read_text().splitlines()) == sorted(text.splitlines())
+        assert content(folder / "out")["sentence"] == whole["sentence"]
+
+
+def test_a_study_that_was_killed_is_taken_up_where_it_was(
+    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = iter(range(3))
+
+    def die(*arguments: Any) -> Run:
+        if next(left, None) is None:
+            raise ZeroDivisionError  # nothing is tidied up, as after a power cut
+        return quick(*arguments)
+
+    monkeypatch.setattr(workflows.cost.command, "measure", die)
+    with pytest.raises(ZeroDivisionError):
+        call(*SMALL, "-q")
+    assert not (folder / "out").exists()
+    made: list[Rung] = []
+
+    def count(scene: Scene, rung: Rung, *more: Any) -> Run:
+        made.append(rung)
+        return quick(scene, rung, *more)
+
+    monkeypatch.setattr(workflows.cost.command, "measure", count)
+    assert call(*SMALL, "-q", "--resume", "--budget", "60")[0] == 0
+    assert len(content(folder / "out")["runs"]) == len(made) + 3
+
+
+def test_a_changed_scene_is_not_resumed(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workflows.cost.command, "measure", quick)
+    assert call(*SMALL, "--budget", "20", "-q")[0] == 0
+    code, out, err = call(*SMALL, "--budget", "30", "-q", "--resume", "--set=contacts.base.friction.mu=0.4")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "contacts.base.friction.mu was 0.3 in out, and is 0.4" in err
+    assert sorted(path.name for path in folder.iterdir()) == ["out"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--quantity", "base.norml_force"], "did you mean base.normal_force?"),
+        (["--quantity", "bse.normal_force"], "did you mean base.normal_force?"),
+        (["--budget", "0"], "--budget 0: must be positive"),
+        (["--budget", "-3"], "must be positive"),
+        (["--set=solver.method=uzwa"], "did you mean uzawa?"),
+        (["--resume"], "out: holds no cost study to resume"),
+        (['--set=exact.values={"base.presure"=1.0}'], "no such quantity"),
+    ],
+)
+def test_what_is_wrong_is_refused_with_one_line(words: list[str], message: str, call: Call, folder: Path) -> None:
+    code, out, err = call(*SMALL, *words)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert message in err
+    assert not list(folder.iterdir())
+
+
+def test_a_foreign_folder_is_left_alone(call: Call, folder: Path) -> None:
+    (folder / "out").mkdir()
+    (folder / "out" / "thesis.txt").write_text("years of work")
+    code, _, err = call(*SMALL)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "not the result of a run" in err
+    assert (folder / "out" / "thesis.txt").read_text() == "years of work"
+
+
+def test_a_budget_for_nothing_is_said(call: Call, folder: Path) -> None:
+    code, _, err = call(*SMALL, "--budget", "0.5", "-q")
+    assert (code, err) == (3, "stickslip: give it a larger --budget\n")
+    assert not list(folder.iterdir())
+
+
+def test_one_mesh_is_no_comparison(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workflows.cost.command, "measure", quick)
+    code, _, err = call(*SMALL, "--budget", "3.2", "-q")
+    assert (code, err.count("\n")) == (3, 1)
+    assert "fewer than 2 meshes" in err
+    assert len(content(folder / "out")["runs"]) == 1
+
+
+def test_a_run_that_fails_is_a_row_and_not_the_end(call: Call, folder: Path) -> None:
+    """One iteration is not enough for Uzawa on any mesh."""
+    words = ["--set=solver.method=uzawa", "--set=solver.max_iterations=1", "--set=output.pictures=false"]
+    code, _, err = call(*SMALL, *words, "--budget", "60", "-q")
+    assert (code, err.count("\n")) == (3, 1)
+    assert "no run converged" in err
+    rows = table(folder / "out" / "cost.csv")
+    assert {row["status"] for row in rows} == {"not_converged"}
+    assert len(rows) == 4  # two of each order
+
+
+def test_the_child_dies_with_its_parent(folder: Path, command: list[str], environment: dict[str, str]) -> None:
+    """A study that is killed leaves no process behind that goes on computing."""
+    words = [*command, *SCENE, "--set=geometry.contact_mesh_size=0.02", "--set=steps.count=100000"]
+    with subprocess.Popen(
+        words, cwd=folder, env=environment, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL
+    ) as process:
+        children: list[int] = []
+        while not children:  # the test's own time limit ends it
+            children = [pid for pid in _children(process.pid) if "workflows.cost.child" in _words(pid)]
+            time.sleep(0.05)
+        time.sleep(2.0)  # until it has asked to die with its parent
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+    for _ in range(200):
+        if not any("workflows.cost.child" in _words(pid) for pid in children):
+            return
+        time.sleep(0.05)
+    pytest.fail("the child computes on")
+
+
+def _children(pid: int) -> list[int]:
+    try:
+        text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
+    except OSError:
+        return []
+    return [int(word) for word in text.split()]
+
+
+def _words(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()
+    except OSError:
+        return ""

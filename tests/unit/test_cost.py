@@ -1,0 +1,360 @@
+"""What accuracy costs: limits of sequences, fronts, predictions and sentences, on runs that are made up."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from geometry.errors import SceneError
+from solvers.nouns.exact import Exact
+from solvers.nouns.scene import Scene
+from workflows.cost import climb as climbing
+from workflows.cost import predict
+from workflows.cost.climb import Budget, climb, retry
+from workflows.cost.ladder import COARSEST, Ladder, ladder_of
+from workflows.cost.limit import SAFETY, TRUSTED, limit, rate_of
+from workflows.cost.pareto import front
+from workflows.cost.quantity import check, chosen
+from workflows.cost.run_record import PHASES, Run, from_plain
+from workflows.cost.rung import RATIO, Rung
+from workflows.cost.sentence import headline, sentence
+from workflows.cost.study import Study
+from workflows.cost.truth import truth_of
+from workflows.scene import from_dict, read
+
+TIGHT = 1e-8
+ROOMY = Budget(seconds=60.0, memory=1e12, dim=2)
+SceneOf = Callable[..., Scene]
+
+
+def made_up(
+    rung: Rung, value: float = 1.0, seconds: float = 1.0, start: float = 1.0, share: float = 0.1, **more: Any
+) -> Run:
+    """A run of so many seconds, of which the iteration takes a share."""
+    phases = dict.fromkeys(PHASES, 0.0) | {"mesh": (1 - share) * seconds, "iterate": share * seconds}
+    told = {"status": "converged", "h": 0.1 * rung.factor, "spent": seconds + start, "residual": 1e-9, "memory": 1e8}
+    return Run(rung=rung, phases=phases, quantities={"base.max_pressure": value}, **(told | more))
+
+
+def converging(order: int, method: str = "newton", limit: float = 2.0, levels: range = range(-4, 4)) -> list[Run]:
+    """Errors fall as h^order, work grows as h^-2."""
+    rungs = [Rung(order, method, level, TIGHT) for level in levels]  # type: ignore[arg-type]
+    return [made_up(r, limit * (1 + 0.1 * r.factor**order), seconds=r.factor**-2) for r in rungs]
+
+
+def study_of(runs: list[Run], exact: Exact | None = None) -> Study:
+    truth = truth_of("base.max_pressure", runs, exact or Exact(), TIGHT)
+    assert truth is not None
+    return Study(truth, tuple(runs), TIGHT)
+
+
+# --- limits
+
+
+@pytest.mark.parametrize("rate", [0.7, 1.0, 1.5, 2.0, 3.0])
+def test_limit_and_power_of_a_clean_sequence_are_found(rate: float) -> None:
+    h = 0.3 * RATIO ** -np.arange(5.0)
+    found = limit(h.tolist(), (5.0 - 2.0 * h**rate).tolist())
+    assert found.rate == pytest.approx(rate, abs=1e-3)
+    assert found.value == pytest.approx(5.0, abs=1e-6)
+    assert found.uncertainty == pytest.approx(SAFETY * TRUSTED * 2.0 * h[-1] ** rate, rel=0.01)
+
+
+def test_the_uncertainty_covers_what_a_second_power_adds() -> None:
+    """q = 1 + h + 3 h² is no single power: the limit is missed, by less than is admitted."""
+    h = 0.2 * RATIO ** -np.arange(6.0)
+    found = limit(h.tolist(), (1 + h + 3 * h**2).tolist())
+    assert 0 < abs(found.value - 1.0) <= found.uncertainty < 0.05
+
+
+def test_the_uncertainty_covers_noise() -> None:
+    h = 0.2 * RATIO ** -np.arange(8.0)
+    noise = np.array([1, -1, 1, 1, -1, 1, -1, 1]) * 1e-3
+    found = limit(h.tolist(), (1 + h**2 + noise).tolist())
+    assert abs(found.value - 1.0) <= found.uncertainty < 0.02
+
+
+@pytest.mark.parametrize("power", [-0.3, 0.0])
+def test_a_quantity_that_grows_for_ever_has_no_limit(power: float) -> None:
+    h = 0.2 * RATIO ** -np.arange(6.0)
+    grows = np.log(1 / h) if power == 0 else h**power
+    assert not limit(h.tolist(), grows.tolist()).converges
+
+
+def test_few_meshes_are_admitted_to_say_little() -> None:
+    assert limit([0.1], [3.0]).uncertainty == 3.0
+    assert limit([0.2, 0.1], [3.5, 3.0]) == replace(limit([0.1], [3.0]), uncertainty=0.5)
+    three = limit([0.4, 0.2, 0.1], [2 + 0.4, 2 + 0.2, 2 + 0.1])
+    assert (three.value, three.uncertainty) == (pytest.approx(2.0), pytest.approx(0.15, rel=1e-3))  # 1.5 times .1
+
+
+def test_a_quantity_that_is_exact_on_every_mesh_needs_no_extrapolation() -> None:
+    found = limit([0.4, 0.2, 0.1], [7.0, 7.0 + 1e-12, 7.0], floor=1e-9)
+    assert (found.value, found.uncertainty, found.rate) == (7.0, 1e-9, None)
+
+
+def test_rate_is_the_slope_of_the_finest_meshes() -> None:
+    h = [0.8, 0.4, 0.2, 0.1, 0.05]
+    assert rate_of(h, [9.0, *(size**2 for size in h[1:])]) == pytest.approx(2.0)  # the coarsest does not count
+    assert rate_of([0.1], [0.1]) is None
+
+
+# --- truth
+
+
+def test_the_surest_order_is_extrapolated_and_disagreement_is_admitted() -> None:
+    runs = converging(1) + converging(2)
+    truth = study_of(runs).truth
+    assert_allclose(truth.value, 2.0, rtol=1e-8)
+    apart = study_of(converging(1, limit=2.1) + converging(2)).truth
+    admitted = SAFETY * TRUSTED * 0.1 * 2.1 * RATIO**-3  # by order 1, whose finest mesh is that of level 3
+    assert apart.uncertainty == pytest.approx((0.1 - admitted) / 2.0, rel=1e-3)
+
+
+def test_what_the_scene_knows_exactly_is_not_extrapolated() -> None:
+    exact = Exact(values={"base.max_pressure": 1.9}, source="a book", accuracy=1e-3)
+    study = study_of(converging(2), exact)
+    assert (study.truth.value, study.truth.uncertainty) == (1.9, 1e-3)
+    assert "a book" in study.truth.source
+    assert study.errors[Rung(2, "newton", 0, TIGHT)] == pytest.approx(2.2 / 1.9 - 1)
+
+
+def test_a_method_that_solves_other_laws_does_not_define_the_truth() -> None:
+    other = [replace(run, law_error=1e-3) for run in converging(1, "regularised", limit=3.0)]
+    assert_allclose(study_of(other + converging(1)).truth.value, 2.0, rtol=1e-6)
+
+
+def test_errors_below_the_uncertainty_are_not_known() -> None:
+    exact = Exact(values={"base.max_pressure": 2.0}, accuracy=0.04)
+    runs = converging(2)
+    study = study_of(runs, exact)
+    assert [study.known(run.rung) for run in runs] == [0.1 * run.rung.factor**2 > 0.04 for run in runs]
+    assert min(study.sturdy.values()) == 0.04
+
+
+def test_observed_orders_are_those_of_the_sequences() -> None:
+    rates = study_of(converging(1) + converging(2), Exact(values={"base.max_pressure": 2.0})).rates
+    assert rates == {(1, "newton"): pytest.approx(1.0), (2, "newton"): pytest.approx(2.0)}
+
+
+# --- the front
+
+
+def test_the_front_is_what_a_search_over_all_pairs_finds() -> None:
+    points = [tuple(p) for p in np.random.default_rng(1).integers(0, 12, (60, 2)).astype(float)]
+    beaten = [any(q != p and q[0] <= p[0] and q[1] <= p[1] for q in points) for p in points]
+    best = {p for p, lost in zip(points, beaten, strict=True) if not lost}
+    found = [points[i] for i in front(points)]
+    assert found == sorted(best)
+
+
+def test_a_lucky_crossing_is_no_accuracy() -> None:
+    """A coarse mesh that hits the truth, while finer ones miss it by 3 %, has not earned its error."""
+    rungs = [Rung(1, "newton", level, TIGHT) for level in range(3)]
+    runs = [made_up(r, v, seconds=s) for r, v, s in zip(rungs, (2.0, 2.06, 2.01), (1.0, 2.0, 4.0), strict=True)]
+    study = study_of(runs, Exact(values={"base.max_pressure": 2.0}))
+    assert study.sturdy[rungs[0]] == pytest.approx(0.03)
+    assert study.cheapest(0.01) == runs[2]
+
+
+# --- the sentence
+
+
+def test_the_sentence_names_the_cheapest_run_of_each_digit() -> None:
+    study = study_of(converging(1) + converging(2), Exact(values={"base.max_pressure": 2.0}))
+    # .1 h² is 1 % at level 7 - which nobody ran - for order 1, and at level 3.3 for order 2
+    assert sentence(study).startswith(
+        "1 % of base.max_pressure was not reached: the best is 1.2 % for 8.0 s with order 2"
+    )
+    exact = Exact(values={"base.max_pressure": 2.0})
+    finer = study_of(converging(1, levels=range(-4, 10)) + converging(2, levels=range(-4, 10)), exact)
+    assert sentence(finer) == (
+        "1 % of base.max_pressure costs 16 s with order 2, h = 0.025, newton; "
+        "the next digit costs 128 s with h = 0.00884."
+    )
+
+
+def test_the_sentence_says_when_the_reference_is_not_sure_enough() -> None:
+    exact = Exact(values={"base.max_pressure": 2.0}, accuracy=5e-3)
+    said = sentence(study_of(converging(2, levels=range(0, 14)), exact))
+    assert "the next digit was not reached: the reference itself is sure to 0.5 % only" in said
+
+
+def test_the_sentence_says_what_has_no_limit() -> None:
+    runs = [made_up(Rung(1, "newton", level, TIGHT), 1.0 + 0.2 * level) for level in range(6)]
+    study = study_of(runs)
+    assert "does not settle" in sentence(study)
+    settled = study_of(converging(2, levels=range(-4, 10)))
+    assert headline([study, settled]) == sentence(settled)  # the first that has one
+    assert headline([]).startswith("No run")
+
+
+# --- predictions
+
+
+def test_seconds_are_predicted_by_the_power_of_the_finest_runs() -> None:
+    runs = converging(1)
+    ahead = Rung(1, "newton", 6, TIGHT)
+    # h^-2, and the second in which a process starts
+    assert predict.seconds(ahead, runs, dim=2) == pytest.approx(ahead.factor**-2 + 1.0)
+
+
+def test_a_looser_tolerance_is_expected_to_take_no_longer() -> None:
+    runs = converging(1)
+    assert predict.seconds(Rung(1, "newton", 3, 1e-2), runs, dim=2) == pytest.approx(runs[-1].seconds + 1.0)
+
+
+def test_several_tolerances_on_one_mesh_do_not_upset_the_fit() -> None:
+    runs = [replace(run, rung=replace(run.rung, tolerance=t)) for t in (1e-2, TIGHT) for run in converging(1)[-1:]]
+    assert predict.memory(Rung(1, "newton", 4, TIGHT), runs, dim=2) == pytest.approx(1e8)
+
+
+def test_an_untried_chain_is_judged_by_its_neighbours_on_the_same_mesh() -> None:
+    runs = [made_up(Rung(1, "newton", COARSEST, TIGHT), seconds=8.0)]
+    assert predict.seconds(Rung(2, "newton", COARSEST, TIGHT), runs, dim=2) == 1.0 + predict.ANOTHER * 8.0
+    assert predict.seconds(Rung(1, "newton", COARSEST, TIGHT), [], dim=2) == predict.START + predict.UNTRIED
+
+
+# --- the ladder, climbed by a solver whose time is known
+
+
+def climbed(
+    budget: Budget, ladder: Ladder, runs: list[Run] | None = None, **solver: Any
+) -> tuple[list[Run], list[str]]:
+    runs = [] if runs is None else runs
+
+    def solve(rung: Rung, seconds: float) -> Run | None:
+        run = made_up(rung, seconds=0.5 * rung.factor**-2 * rung.order, **solver)
+        return run if run.spent <= seconds else Run(rung=rung, status="out_of_time", spent=seconds)
+
+    whole, left_out = climb(ladder, runs, budget, solve, lambda run: None)
+    assert whole
+    return runs, left_out
+
+
+def test_the_budget_is_kept_and_what_did_not_fit_is_said() -> None:
+    runs, left_out = climbed(ROOMY, Ladder((1, 2), ("newton", "uzawa"), TIGHT))
+    assert 30.0 < sum(run.spent for run in runs) <= 60.0
+    assert len(left_out) == 4  # each chain ends somewhere
+    assert all("would take" in line and "are left" in line for line in left_out)
+    chains = {run.rung.chain for run in runs}
+    assert chains == {(order, method) for order in (1, 2) for method in ("newton", "uzawa")}
+
+
+def test_the_cheapest_run_comes_first() -> None:
+    runs, _ = climbed(ROOMY, Ladder((1,), ("newton",), TIGHT))
+    levels = [run.rung.level for run in runs]
+    assert levels[0] == COARSEST
+    assert levels == sorted(levels)
+    # h^2 < 2 below level 2: starting takes longer than solving, and the strides are double
+    assert {b - a for a, b in pairwise(levels) if b <= 2} == {2}
+    assert {b - a for a, b in pairwise(levels) if a > 2} <= {1}
+
+
+def test_looser_tolerances_are_tried_where_the_iteration_takes_the_time() -> None:
+    ladder = Ladder((1,), ("newton",), TIGHT)
+    assert {run.rung.tolerance for run in climbed(ROOMY, ladder, share=0.1)[0]} == {TIGHT}
+    assert {run.rung.tolerance for run in climbed(ROOMY, ladder, share=0.5, residual=1e-3)[0]} == {1e-2, 1e-4, TIGHT}
+    # a last iteration that jumps over all tolerances makes them one
+    jumps = [run.rung.tolerance for run in climbed(ROOMY, ladder, share=0.5, residual=1e-12)[0]]
+    assert sum(tolerance > TIGHT for tolerance in jumps) == 1
+
+
+def test_a_mesh_beyond_the_memory_is_not_tried() -> None:
+    small = replace(ROOMY, memory=0.9e8)
+    runs, left_out = climbed(small, Ladder((1,), ("newton",), TIGHT))
+    assert len(runs) == 1  # of the first run nothing is known
+    assert "would not fit into the memory" in left_out[0]
+
+
+def test_a_chain_ends_after_two_failures() -> None:
+    runs, left_out = climbed(ROOMY, Ladder((1,), ("newton",), TIGHT), status="not_converged")
+    assert (len(runs), left_out) == (2, [])
+
+
+def test_meshes_too_coarse_to_exist_do_not_end_a_chain() -> None:
+    coarse = [Run(rung=Rung(1, "newton", level, TIGHT), status="refused") for level in (-4, -3, -2)]
+    runs, _ = climbed(ROOMY, Ladder((1,), ("newton",), TIGHT), runs=list(coarse))
+    assert any(run.converged for run in runs)
+
+
+def test_a_run_that_was_cut_off_is_tried_again_only_with_more_time() -> None:
+    late = Run(rung=Rung(1, "newton", 4, TIGHT), status="out_of_time", spent=30.0)
+    done = [made_up(Rung(1, "newton", 3, TIGHT), seconds=29.0)]
+    assert retry([*done, late], ROOMY) == [*done, late]
+    assert retry([*done, late], replace(ROOMY, seconds=120.0)) == done
+    assert climbing.MORE > 1
+
+
+def test_a_run_survives_its_file() -> None:
+    run = converging(2)[0]
+    assert from_plain(run.plain()) == run
+
+
+# --- what is asked of a scene
+
+
+def test_methods_that_cannot_solve_the_scene_are_left_out_with_the_reason() -> None:
+    ladder, left_out = ladder_of(read("cylinders"))
+    assert "condensed-newton" in ladder.methods
+    assert "regularised" not in ladder.methods
+    assert any("regularised" in line and "rigid obstacles" in line for line in left_out)
+    named, _ = ladder_of(read("block", ["solver.method=uzawa"]))
+    assert named.methods == ("uzawa",)
+
+
+def test_a_geometry_without_a_mesh_size_is_refused(tmp_path: Path) -> None:
+    square = "Point(1)={0,0,0,.2}; Point(2)={1,0,0,.2}; Point(3)={1,1,0,.2}; Point(4)={0,1,0,.2};\n"
+    square += "Line(1)={1,2}; Line(2)={2,3}; Line(3)={3,4}; Line(4)={4,1}; Line Loop(1)={1,2,3,4};\n"
+    square += 'Plane Surface(1)={1}; Physical Surface("part")={1}; Physical Line("part.base")={1};\n'
+    (tmp_path / "square.geo").write_text(square)
+    plain = {
+        "model": "plane strain",
+        "geometry": {"file": "square.geo"},
+        "bodies": {"part": {"E": 1.0, "nu": 0.3}},
+        "supports": {"base": {"boundary": "part.base", "displacement": {"x": 0.0, "y": 0.0}}},
+    }
+    with pytest.raises(SceneError, match=r"geometry\.mesh_size: there is none to refine, missing; name one, in metres"):
+        ladder_of(from_dict(plain, tmp_path))
+    sized = from_dict(plain | {"geometry": {"file": "square.geo", "mesh_size": 0.3}}, tmp_path)
+    assert sized.geometry.refined(0.5).mesh_size == 0.15
+
+
+def test_every_size_of_a_builder_is_refined() -> None:
+    fine = Rung(2, "uzawa", 2, 1e-4).scene(read("cylinders"))
+    coarse = read("cylinders").geometry
+    for key in ("mesh_size", "lower_mesh_size", "contact_mesh_size"):
+        assert getattr(fine.geometry, key) == pytest.approx(getattr(coarse, key) / 2)
+    assert (fine.geometry.order, fine.solver.method, fine.solver.tolerance) == (2, "uzawa", 1e-4)
+    assert fine.geometry.radius == coarse.radius  # type: ignore[union-attr]
+    strip = read("strip").geometry
+    assert strip.refined(0.5).layers == 2 * strip.layers  # type: ignore[union-attr]
+
+
+def test_a_wrong_quantity_is_refused_with_the_nearest_name() -> None:
+    scene = read("block")
+    with pytest.raises(SceneError, match=r"base\.norml_force: no such quantity; did you mean base\.normal_force\?"):
+        check(["base.norml_force"], scene)
+    check(["probe.corner.displacement.x", "energy.stored", "obstacle.foundation.force.y"], scene)
+
+
+def test_the_usual_quantities_are_those_that_are_not_zero() -> None:
+    scene = read("block")
+    numbers = {"base.max_pressure": 2.0, "base.normal_force": 3.0, "base.tangential_force": 1e-17}
+    run = replace(converging(1)[0], quantities=numbers)
+    assert chosen([], scene, [run]) == ("base.max_pressure", "base.normal_force")
+    assert chosen(["energy.stored"], scene, [run]) == ("energy.stored",)
+
+
+def test_an_exact_value_of_nothing_is_refused(scene_of: SceneOf) -> None:
+    table = {"contacts": {"base": {"surface": "block.bottom", "against": "foundation"}}}
+    with pytest.raises(SceneError, match=r"exact\.values = base\.norml_force: no such quantity; did you mean"):
+        scene_of(**table, exact={"values": {"base.norml_force": 1.0}})
+    assert scene_of(**table, exact={"values": {"base.normal_force": 1.0}}).exact.values == {"base.normal_force": 1.0}
+    with pytest.raises(SceneError, match=r"exact\.accuracy = 2\.0: must lie between"):
+        scene_of(**table, exact={"accuracy": 2.0})

@@ -1,0 +1,81 @@
+"""The process that solves one rung: it reads the scene, and writes what it found where it was told."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import signal
+import sys
+import time as clock
+from pathlib import Path
+from typing import Any
+
+from geometry.dolfinx_versions import form_cache
+from geometry.errors import GeometryError, SceneError
+from solvers.nouns.scene import Scene
+from solvers.quantities import values
+from solvers.simulation import prepare
+from solvers.stepping import NoEquilibriumError, StepError
+from workflows.scene import from_dict
+from workflows.writers.aside import write_aside
+
+DIE_WITH_PARENT = 1  # prctl's PR_SET_PDEATHSIG
+
+
+def solve(scene: Scene) -> dict[str, Any]:
+    """The fields of a Run that the process itself can know."""
+    before, began = _forms(), clock.process_time()
+    try:
+        found = _figures(scene)
+    except StepError as error:
+        status = "no_equilibrium" if isinstance(error, NoEquilibriumError) else "not_converged"
+        found = {"status": status, "sentence": str(error)}
+    except (SceneError, GeometryError) as error:
+        found = {"status": "refused", "sentence": str(error)}
+    except MemoryError:
+        found = {"status": "out_of_memory", "sentence": "not enough memory"}
+    return found | {"memory": peak_memory(), "cpu": clock.process_time() - began, "compiled": _forms() != before}
+
+
+def _figures(scene: Scene) -> dict[str, Any]:
+    simulation = prepare(scene)
+    residuals, law_errors, last = [0.0], [0.0], None
+    for last in simulation.steps():
+        residuals.append(last.residual)
+        law_errors.append(last.law_error)
+    assert last is not None
+    counters, seconds = simulation.counters, simulation.seconds
+    return {
+        "status": "converged",
+        "phases": vars(seconds),
+        "dofs": simulation.system.constraints.free_total,
+        "contact_points": sum(len(c.W_n) for c in simulation.system.contacts),
+        "volume_solves": counters.volume_solves,
+        "linear_iterations": counters.linear_iterations,
+        "residual": max(residuals),
+        "law_error": max(law_errors),
+        "quantities": values(last),
+    }
+
+
+def peak_memory() -> float:
+    """Of this program [bytes]; ru_maxrss would count what its parent held when it was started."""
+    lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+    return 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
+
+
+def _forms() -> int:
+    """How many compiled forms there are."""
+    return sum(1 for _ in form_cache().glob("*.so"))
+
+
+def main() -> None:
+    """`python -m workflows.cost.child SCENE.json ANSWER.json`."""
+    ctypes.CDLL(None).prctl(DIE_WITH_PARENT, signal.SIGKILL)
+    task, answer = map(Path, sys.argv[1:])
+    found = solve(from_dict(json.loads(task.read_text(encoding="utf-8"))))
+    write_aside(answer, json.dumps(found).encode())
+
+
+if __name__ == "__main__":
+    main()

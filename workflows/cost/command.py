@@ -1,0 +1,132 @@
+"""`stickslip cost`: climb the ladder, judge the runs, leave tables and pictures."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from geometry.errors import SceneError
+from solvers.nouns.scene import Scene
+from workflows.cost.climb import Budget, climb, retry
+from workflows.cost.kept import Kept
+from workflows.cost.ladder import ladder_of
+from workflows.cost.measure import measure
+from workflows.cost.progress import Teller
+from workflows.cost.quantity import check, chosen
+from workflows.cost.run_record import Run
+from workflows.cost.rung import Rung
+from workflows.cost.sentence import headline
+from workflows.cost.study import Study
+from workflows.cost.table import summary, write_csv, write_summary
+from workflows.cost.truth import truth_of
+from workflows.interrupt import Interrupt
+
+BUSY = 0.9  # share of a core below which seconds are not those of the runs alone
+OF_MEMORY = 0.8  # of what the machine has free, for one run
+MESHES = 2  # of one order and method, that a comparison needs at least
+
+
+@dataclass(frozen=True)
+class Answer:
+    """How the study ended."""
+
+    exit_code: int
+    sentence: str  # the price of the first quantity
+    complaint: str = ""  # what there is to say on standard error
+
+
+def cost(scene: Scene, target: Path, budget: float, asked: Sequence[str], resume: bool, teller: Teller) -> Answer:
+    """Study the scene and leave the results in `target`.
+
+    Raises:
+        SceneError: known before the first run; nothing is written.
+        MachineError: the disk is full.
+    """
+    if budget <= 0:
+        raise SceneError(f"--budget {budget:g}: must be positive, in seconds")
+    if "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ:
+        raise SceneError("cost: measures runs on one core; start it without mpirun")
+    check(asked, scene)
+    ladder, notes = ladder_of(scene)
+    kept, limits = Kept(target, scene, resume), Budget(budget, OF_MEMORY * free_memory(), scene.dim)
+    runs = retry(kept.runs, limits)
+    with Interrupt() as interrupt, teller:
+
+        def solve(rung: Rung, seconds: float) -> Run | None:
+            what = f"order {rung.order}, {rung.method}, cells x {rung.factor:.3g}"
+            teller.next(what, budget - limits.left(runs), len(runs))
+            return measure(scene, rung, seconds, lambda: interrupt.pressed)
+
+        def keep(run: Run) -> None:
+            kept.keep(run)
+            teller.done(run)
+
+        for note in notes:
+            teller.note(note)
+        whole, left_out = climb(ladder, runs, limits, solve, keep)
+        for note in left_out:
+            teller.note(note)
+        if not runs:
+            kept.abandon()
+            if not whole:
+                raise KeyboardInterrupt
+            return Answer(3, "No run fits into the budget.", "give it a larger --budget")
+        studies = judge(scene, runs, asked, ladder.tolerance)
+        write_csv(kept.path / "cost.csv", runs, studies)
+        status = "complete" if whole else "interrupted"
+        write_summary(kept.path / "cost.json", summary(scene, runs, studies, status, budget, [*notes, *left_out]))
+        if scene.output.pictures:
+            _draw(kept.path, scene, studies)
+        place = kept.finish()
+    share = core_share(runs)
+    if share < BUSY:
+        teller.note(
+            f"warning: the machine was busy, the runs got {100 * share:.0f} % of a core: read seconds with care"
+        )
+    teller.table(studies)
+    teller.note(f"results in {place}: cost.csv, cost.json, a picture of each quantity")
+    return _ending(whole, runs, headline(studies))
+
+
+def judge(scene: Scene, runs: Sequence[Run], asked: Sequence[str], tolerance: float) -> list[Study]:
+    """A study of every quantity that has a truth."""
+    converged = tuple(run for run in runs if run.converged)
+    if not converged:
+        return []
+    truths = [truth_of(name, runs, scene.exact, tolerance) for name in chosen(asked, scene, runs)]
+    return [Study(truth, converged, tolerance) for truth in truths if truth is not None]
+
+
+def core_share(runs: Sequence[Run]) -> float:
+    """Computing time over elapsed time; one if nothing else ran."""
+    elapsed = sum(run.seconds for run in runs)
+    return sum(run.cpu for run in runs if run.phases) / elapsed if elapsed else 1.0
+
+
+def free_memory() -> float:
+    """What the machine could give to one more process [bytes]."""
+    lines = Path("/proc/meminfo").read_text(encoding="utf-8").splitlines()
+    return 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+
+
+def _ending(whole: bool, runs: Sequence[Run], said: str) -> Answer:
+    meshes: dict[tuple[int, str], set[int]] = {}
+    for run in runs:
+        if run.converged:
+            meshes.setdefault(run.rung.chain, set()).add(run.rung.level)
+    if not whole:
+        return Answer(130, said, "interrupted; the finished runs are kept, go on with --resume")
+    if max((len(levels) for levels in meshes.values()), default=0) < MESHES:
+        if not meshes and runs:
+            return Answer(3, said, f"no run converged; the first one: {runs[0].sentence}")
+        return Answer(3, said, f"fewer than {MESHES} meshes of one method were solved; give it a larger --budget")
+    return Answer(0, said)
+
+
+def _draw(folder: Path, scene: Scene, studies: Sequence[Study]) -> None:
+    from workflows.cost.picture import draw
+
+    for study in studies:
+        draw(folder, scene.title, study)

@@ -1,0 +1,102 @@
+"""The ladder: which rungs may come next, given those done. Every chain of one order and method climbs by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from geometry.errors import SceneError
+from solvers.methods.table import METHODS
+from solvers.nouns.scene import Scene
+from solvers.plan import make_plan
+from workflows.cost.predict import overhead
+from workflows.cost.run_record import Run
+from workflows.cost.rung import Rung
+
+COARSEST, FINEST = -4, 12  # levels: four times as coarse as the scene, 64 times as fine
+ORDERS: tuple[Literal[1, 2], ...] = (1, 2)
+LOOSE = (1e-2, 1e-4)  # tolerances besides the scene's own
+WORTH = 0.2  # share of the iteration in the seconds beyond which a looser tolerance can save some
+FAILURES = 2  # in a row, after which a chain ends
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """All chains of a scene, and the tolerance that the finest answers are computed with."""
+
+    orders: tuple[Literal[1, 2], ...]
+    methods: tuple[str, ...]
+    tolerance: float
+
+    def candidates(self, runs: Sequence[Run]) -> Iterator[Rung]:
+        """The next mesh of every chain, and looser tolerances on the meshes from the scene's own on."""
+        done, start = {run.rung for run in runs}, overhead(runs)
+        for order in self.orders:
+            for method in self.methods:
+                mine = [run for run in runs if run.rung.chain == (order, method)]
+                tight = sorted((r for r in mine if r.rung.tolerance == self.tolerance), key=lambda r: r.rung.level)
+                level = tight[-1].rung.level + _stride(tight[-1], start) if tight else COARSEST
+                if level <= FINEST and not _ended(tight):
+                    yield Rung(order, method, level, self.tolerance)
+                if not _in_vain(mine, self.tolerance):
+                    yield from (rung for run in tight if _worth(run) for rung in self._looser(run.rung, done))
+
+    def _looser(self, rung: Rung, done: Collection[Rung]) -> Iterator[Rung]:
+        loose = (replace(rung, tolerance=each) for each in LOOSE if each >= 10 * rung.tolerance)
+        return (each for each in loose if each not in done)
+
+
+def ladder_of(scene: Scene) -> tuple[Ladder, list[str]]:
+    """The ladder of a scene, and which methods and orders it goes without, in words.
+
+    A scene that names its method keeps to it; with `auto` all that can solve it compete.
+
+    Raises:
+        SceneError: no method can solve the scene, or its mesh cannot be refined.
+    """
+    tolerance, wanted, left_out = scene.solver.tolerance, scene.solver.method, []
+    methods, orders, refusal = [], [], SceneError("solver.method: none can solve this scene")
+    for method in [name for name in METHODS if name != "auto"] if wanted == "auto" else [wanted]:
+        try:
+            make_plan(replace(scene, solver=replace(scene.solver, method=method)))
+            methods.append(method)
+        except SceneError as error:
+            refusal = error
+            left_out.append(f"without {method}: {error}")
+    if not methods:
+        raise refusal
+    for order in ORDERS:
+        try:
+            Rung(order, methods[0], 0, tolerance).scene(scene)
+            orders.append(order)
+        except SceneError as error:
+            refusal = error
+            left_out.append(f"without order {order}: {error}")
+    if not orders:
+        raise refusal
+    return Ladder(tuple(orders), tuple(methods), tolerance), left_out
+
+
+def _stride(run: Run, start: float) -> int:
+    """Levels to the next mesh: two as long as starting the process takes longer than solving."""
+    return 2 if run.seconds < start else 1
+
+
+def _worth(run: Run) -> bool:
+    """Whether a looser tolerance can save time."""
+    return run.converged and run.rung.level >= 0 and run.phases["iterate"] >= WORTH * run.seconds
+
+
+def _in_vain(runs: Sequence[Run], tight: float) -> bool:
+    """A loose tolerance was tried, and missed by as much as the tight one: the last iteration jumps over both."""
+    loose = [run.residual for run in runs if run.converged and run.rung.tolerance > tight]
+    return any(residual is not None and residual <= tight for residual in loose)
+
+
+def _ended(tight: Sequence[Run]) -> bool:
+    """Time ran out, or nothing came of the last runs; a mesh that is too coarse to exist does not count."""
+    if tight and tight[-1].status == "out_of_time":
+        return True
+    counted = [run for run in tight if run.rung.level >= 0 or run.status != "refused"]
+    return len(counted) >= FAILURES and not any(run.converged for run in counted[-FAILURES:])

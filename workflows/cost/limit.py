@@ -1,0 +1,91 @@
+"""The limit of a sequence that a power of the mesh size leads to, and how sure it is (Richardson's extrapolation)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+Array = NDArray[np.float64]
+WINDOW = 4  # meshes, the finest: coarse ones do not follow the power yet
+SLOWEST, FASTEST = 0.25, 6.0  # powers
+SETTLED = 0.01  # relative spread of a sequence that is as good as constant
+SAFETY = 1.5  # on the uncertainty, for the power may still change
+TRUSTED = 0.2  # share of the step from the finest mesh to the limit that two powers at once can get wrong
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What q(h) = value + C h^rate tends to."""
+
+    value: float
+    uncertainty: float  # absolute
+    rate: float | None  # None: too few meshes
+    converges: bool = True
+
+
+def limit(h: Sequence[float], q: Sequence[float], floor: float = 0.0) -> Limit:
+    """The limit for h -> 0.
+
+    With four meshes or more the uncertainty is how far apart the limits are that the finest three, the finest four and
+    those before the finest one lead to, or the scatter about the power, or a fifth of the step from the finest mesh to
+    the limit, whatever is largest; with three or less, that whole step.
+
+    Args:
+        h: mesh sizes (n,), any order, n >= 1.
+        q: values (n,).
+        floor: below which differences are noise, absolute.
+
+    >>> h = [0.4, 0.2, 0.1, 0.05]
+    >>> found = limit(h, [2 + 3 * size**1.5 for size in h])
+    >>> round(found.value, 6), round(found.rate, 4), found.uncertainty < 1e-4
+    (2.0, 1.5, True)
+    """
+    order = np.argsort(h)[::-1][-WINDOW:]
+    x, y = np.asarray(h, float)[order], np.asarray(q, float)[order]
+    if len(x) == 1:
+        return Limit(float(y[0]), abs(float(y[0])), None)
+    if float(np.ptp(y)) <= floor:  # exact on every mesh
+        return Limit(float(y[-1]), max(floor, float(np.ptp(y))), None)
+    if len(x) == 2:
+        return Limit(float(y[-1]), max(floor, float(abs(y[-1] - y[0]))), None)
+    value, rate, scatter = _fit(x, y)
+    if rate <= 1.01 * SLOWEST:  # changes that hardly fall: from here no power leads to a limit
+        spread = float(np.ptp(y))
+        if len(set(np.sign(np.diff(y)))) == 1 and spread > SETTLED * abs(y[-1]):
+            return Limit(float(y[-1]), float("inf"), rate, converges=False)
+        return Limit(float(y[-1]), max(floor, spread), None)
+    step = abs(value - float(y[-1]))
+    others = [] if len(x) == 3 else [_fit(x[:-1], y[:-1])[0], _fit(x[1:], y[1:])[0]]
+    apart = max([TRUSTED * step if others else step, *(abs(value - other) for other in others)])
+    return Limit(value, max(floor, SAFETY * max(apart, scatter)), rate)
+
+
+def rate_of(h: Sequence[float], error: Sequence[float]) -> float | None:
+    """Slope of log error over log h on the finest meshes; None for less than two."""
+    order = np.argsort(h)[::-1][-WINDOW:]
+    if len(order) < 2:
+        return None
+    return float(np.polyfit(np.log(np.asarray(h)[order]), np.log(np.asarray(error)[order]), 1)[0])
+
+
+def _fit(x: Array, y: Array) -> tuple[float, float, float]:
+    """Limit, power and scatter of the best y = limit + C x^power; finer meshes weigh more."""
+    weight = np.sqrt(x[-1] / x)
+
+    def solve(power: float) -> tuple[Array, float]:
+        columns = np.stack([np.ones_like(x), (x / x[-1]) ** power], axis=1)
+        found = np.linalg.lstsq(weight[:, None] * columns, weight * y, rcond=None)[0]
+        return found, float(np.sqrt(np.average((columns @ found - y) ** 2, weights=weight**2)))
+
+    powers = np.linspace(SLOWEST, FASTEST, 116)
+    near = powers[int(np.argmin([solve(power)[1] for power in powers]))]
+    step = powers[1] - powers[0]
+    bounds = (max(SLOWEST, near - step), min(FASTEST, near + step))
+    best = minimize_scalar(lambda power: solve(power)[1], bounds=bounds, method="bounded", options={"xatol": 1e-10})
+    power = float(best.x) if best.fun < solve(near)[1] else float(near)
+    found, scatter = solve(power)
+    return float(found[0]), power, scatter

@@ -1,0 +1,88 @@
+"""Run one rung in a process of its own, on one thread, so that its seconds and its memory are its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time as clock
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from geometry.errors import SceneError
+from solvers.nouns.scene import Scene
+from workflows.cost.run_record import Run
+from workflows.cost.rung import Rung, mesh_size
+from workflows.scene import to_dict
+
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+LOOK = 0.02  # seconds between two looks at the process
+Stop = Callable[[], bool]
+
+
+def measure(scene: Scene, rung: Rung, seconds: float, stop: Stop) -> Run | None:
+    """Solve the rung, twice if forms were compiled the first time; None if `stop` said so.
+
+    Args:
+        seconds: that are left [s]; the process is ended then.
+        stop: asked again and again, whether to end it now.
+    """
+    run = _once(scene, rung, seconds, stop)
+    if run is None or not run.compiled or not run.converged or run.spent >= seconds:
+        return run
+    again = _once(scene, rung, seconds - run.spent, stop)
+    if again is None or not again.converged:  # slow seconds are better than none
+        return again and replace(run, spent=run.spent + again.spent)
+    return replace(again, spent=run.spent + again.spent)
+
+
+def _once(scene: Scene, rung: Rung, seconds: float, stop: Stop) -> Run | None:
+    began = clock.perf_counter()
+    try:
+        mine = rung.scene(scene)
+    except SceneError as error:
+        return Run(rung=rung, status="refused", sentence=str(error))
+    with tempfile.TemporaryDirectory(prefix="stickslip_") as place:
+        task, answer, errors = (Path(place) / name for name in ("scene.json", "answer.json", "errors"))
+        task.write_text(json.dumps(to_dict(mine)), encoding="utf-8")
+        words = [sys.executable, "-P", "-m", "workflows.cost.child", str(task), str(answer)]
+        with errors.open("wb") as said:  # a session of its own: Ctrl-C is for the parent to hear
+            process = subprocess.Popen(
+                words, env={**os.environ, **ONE_THREAD}, stdout=said, stderr=said, start_new_session=True
+            )
+            try:
+                ended = _wait(process, began + seconds, stop)
+            finally:
+                process.kill()
+                process.wait()
+        common: dict[str, Any] = {"rung": rung, "h": mesh_size(mine), "spent": clock.perf_counter() - began}
+        if ended == "stopped":
+            return None
+        if ended == "late":
+            return Run(**common, status="out_of_time", sentence=f"stopped after {seconds:.0f} s")
+        if answer.exists():
+            return Run(**common, **json.loads(answer.read_text(encoding="utf-8")))
+        return Run(**common, **_broken(process.returncode, errors.read_text(errors="replace")))
+
+
+def _wait(process: subprocess.Popen[bytes], until: float, stop: Stop) -> str:
+    """`ended`, `late` or `stopped`."""
+    while process.poll() is None:
+        if stop():
+            return "stopped"
+        if clock.perf_counter() > until:
+            return "late"
+        clock.sleep(LOOK)
+    return "ended"
+
+
+def _broken(code: int, said: str) -> dict[str, Any]:
+    """How a process ended that left no answer."""
+    lines = said.strip().splitlines() or [f"ended with code {code}"]
+    memory = code == -signal.SIGKILL or "MemoryError" in said or "Out of memory" in said
+    return {"status": "out_of_memory" if memory else "failed", "sentence": lines[-1]}

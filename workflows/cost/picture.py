@@ -1,0 +1,152 @@
+"""cost_QUANTITY.png: error against seconds and against the mesh size, log-log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from workflows.cost.run_record import Run
+from workflows.cost.sentence import sentence
+from workflows.cost.study import Study
+from workflows.writers.sheet import INK, PALE, Sheet
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d31", "#7f7f7f")
+MARKERS = {1: "^", 2: "s"}  # by order
+BAND = "#ececec"
+LETTERS = 118  # of nine points, bold, that fit into a line
+WIDE, APART = 1.8, 1.7  # triangle of the observed power: its width, and how far from the points, as factors
+LINES: dict[int, Any] = {1: (0, (4, 2)), 2: "-"}
+
+
+def draw(folder: Path, title: str, study: Study) -> Path:
+    """Work and precision on the left, convergence on the right; runs below the uncertainty are left out.
+
+    Raises:
+        MachineError: the disk is full.
+    """
+    sheet = Sheet(10.0, 5.0)
+    work, mesh = sheet.axes(0.85, 1.15, 4.9, 3.05), sheet.axes(6.85, 1.15, 2.95, 3.05)
+    methods = list(dict.fromkeys(run.rung.method for run in study.runs))
+    colours = dict(zip(methods, COLOURS * len(methods), strict=False))
+    known = [run for run in study.runs if study.known(run.rung)]
+    for axes in (work, mesh):
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        axes.grid(True, which="major", color="#dddddd", linewidth=0.6, zorder=0)
+        axes.set_axisbelow(True)
+        for spine in axes.spines.values():
+            spine.set_linewidth(0.6)
+            spine.set_color(PALE)
+    for chain in dict.fromkeys(run.rung.chain for run in known):
+        mine = [run for run in known if run.rung.chain == chain]
+        _chain(work, mine, study, colours[chain[1]], lambda run: run.seconds)
+        tight = [run for run in mine if run.rung.tolerance == study.tolerance]
+        _chain(mesh, tight, study, colours[chain[1]], lambda run: run.h)
+    _front(work, study)
+    _slopes(mesh, study, known)
+    _limits(work, mesh, study, known)
+    work.set_xlabel("seconds on one core: mesh, assemble, prepare, iterate", fontsize=9, color=INK)
+    work.set_ylabel(f"relative error of {study.truth.name}", fontsize=9, color=INK)
+    mesh.set_xlabel("edge length of cells at the contact [m]", fontsize=9, color=INK)
+    mesh.invert_xaxis()
+    _legend(sheet, work, study, methods, colours)
+    source = f"{study.truth.name} = {study.truth.value:.6g} ({study.truth.source})"
+    sheet.head(title or study.truth.name, source, 0.85)
+    said = sentence(study)
+    sheet.write(0.85, 0.16, said, fontsize=min(9.0, 9.0 * LETTERS / len(said)), fontweight="bold")
+    return sheet.save(folder / f"cost_{study.truth.name.replace('.', '_')}.png")
+
+
+def _chain(axes: Any, runs: Sequence[Run], study: Study, colour: str, place: Any) -> None:
+    """Runs of one order and method: joined from mesh to mesh, pale where the tolerance is loose."""
+    tight = sorted((run for run in runs if run.rung.tolerance == study.tolerance), key=lambda run: run.rung.level)
+    order = runs[0].rung.order if runs else 1
+    for k, (group, filled) in enumerate(((tight, True), ([r for r in runs if r not in tight], False))):
+        axes.plot(
+            [place(run) for run in group],
+            [study.errors[run.rung] for run in group],
+            color=colour,
+            linestyle=LINES[order] if filled else "none",
+            linewidth=1.0,
+            marker=MARKERS[order],
+            markersize=5.5 if filled else 4.5,
+            markerfacecolor=colour if filled else "white",
+            markeredgewidth=0.9,
+            zorder=4 - k,
+        )
+
+
+def _front(axes: Any, study: Study) -> None:
+    """A staircase: what error is to be had for so many seconds."""
+    if study.front:
+        x = [run.seconds for run in study.front]
+        y = [study.sturdy[run.rung] for run in study.front]
+        axes.step([*x, 3 * x[-1]], [*y, y[-1]], where="post", color=INK, linewidth=3.5, alpha=0.25, zorder=2)
+
+
+def _slopes(axes: Any, study: Study, known: Sequence[Run]) -> None:
+    """Beside the finest runs of each order a triangle with the observed power of h: outside of the others."""
+    finest: dict[int, tuple[Run, float]] = {}
+    for chain, rate in study.rates.items():
+        tight = [r for r in known if r.rung.chain == chain and r.rung.tolerance == study.tolerance]
+        run = min(tight, key=lambda r: r.h)
+        if chain[0] not in finest or run.h < finest[chain[0]][0].h:
+            finest[chain[0]] = run, rate
+    for order, (run, rate) in finest.items():
+        other = [study.errors[r.rung] / r.h for o, (r, _) in finest.items() if o != order]
+        above = any(study.errors[run.rung] / run.h > each for each in other)
+        h, wide, rise = run.h, WIDE * run.h, WIDE**rate
+        level = study.errors[run.rung] * (rise * APART if above else 1 / APART)
+        x, y = ([h, wide, h, h], [level, level, level / rise, level]) if above else (
+            [h, wide, wide, h], [level, level, level * rise, level])  # fmt: skip
+        axes.plot(x, y, color=PALE, linewidth=0.8, zorder=1)
+        text, place = f"order {order}: h$^{{{rate:.1f}}}$", (np.sqrt(h * wide), level)
+        axes.annotate(text, place, (0, 3 if above else -3), textcoords="offset points", ha="center",
+                      va="bottom" if above else "top", fontsize=8, color=INK)  # fmt: skip
+
+
+def _limits(work: Any, mesh: Any, study: Study, known: Sequence[Run]) -> None:
+    """Room around the points, and the band in which errors are not known."""
+    errors = [study.errors[run.rung] for run in known]
+    if not errors:
+        text = "no error is larger than the uncertainty" if study.truth.converges else "does not settle"
+        work.text(0.5, 0.5, text, transform=work.transAxes, ha="center", fontsize=9, color=PALE)
+        return
+    sure = study.truth.uncertainty
+    low = min(errors) / 8
+    for axes in (work, mesh):
+        axes.set_ylim(low, 2.5 * max(errors))
+        if sure > low:
+            axes.axhspan(low, sure, color=BAND, zorder=0)
+    if sure > low:
+        work.text(0.99, 0.015, "below: uncertainty of the reference", transform=work.transAxes, ha="right", va="bottom",
+                  fontsize=8, color=PALE)  # fmt: skip
+    x = [run.seconds for run in known]
+    work.set_xlim(min(x) / 1.5, max(x) * 1.8)
+
+
+def _legend(sheet: Sheet, axes: Any, study: Study, methods: Sequence[str], colours: dict[str, str]) -> None:
+    orders = sorted({run.rung.order for run in study.runs})
+    loose = any(run.rung.tolerance != study.tolerance for run in study.runs)
+    handles = [Line2D([], [], color=colours[m], marker="o", markersize=5, linewidth=1.2, label=m) for m in methods]
+    handles += [
+        Line2D([], [], color=PALE, marker=MARKERS[o], markersize=5.5, linestyle=LINES[o], label=f"order {o}")
+        for o in orders
+    ]
+    if loose:
+        handles.append(
+            Line2D([], [], color=PALE, marker="o", markerfacecolor="white", linestyle="none", label="loose tolerance")
+        )
+    handles.append(Line2D([], [], color=INK, linewidth=3.5, alpha=0.25, label="Pareto front"))
+    axes.figure.legend(
+        handles=handles, loc="lower left", bbox_to_anchor=(0.85 / sheet.width, 0.36 / sheet.height),
+        ncols=len(handles), fontsize=8, frameon=False, borderpad=0, columnspacing=1.4,
+    )  # fmt: skip

@@ -1,0 +1,84 @@
+"""What `stickslip cost` says while it climbs, and at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+
+from workflows.cost.run_record import Run
+from workflows.cost.sentence import percent, seconds
+from workflows.cost.study import Study
+from workflows.report import console, print_table
+
+
+class Teller:
+    """A bar of the budget on a terminal, a line a run elsewhere; silent if quiet."""
+
+    def __init__(self, budget: float, quiet: bool) -> None:
+        self.budget, self.quiet = budget, quiet
+        self.console = Console(stderr=True, highlight=False, markup=False)
+        self.progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[left]} left"),
+            console=self.console,
+            disable=quiet or not self.console.is_terminal,
+        )
+        self.task = self.progress.add_task("starting", total=budget, left=seconds(budget))
+
+    def __enter__(self) -> Teller:
+        self.progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.progress.stop()
+
+    def note(self, text: str) -> None:
+        """A line that stays."""
+        if not self.quiet:
+            self.console.print(text, soft_wrap=True)
+
+    def next(self, what: str, spent: float, runs: int) -> None:
+        """What is being solved now, and what is used of the budget."""
+        left = seconds(max(0.0, self.budget - spent))
+        self.progress.update(self.task, description=f"run {runs + 1}: {what}", completed=spent, left=left)
+
+    def done(self, run: Run) -> None:
+        """A run has ended, well or not."""
+        rung = run.rung
+        what = f"order {rung.order}, {rung.method}, h = {run.h:.3g}, tolerance {rung.tolerance:.0e}"
+        how = f"{run.dofs} unknowns, {seconds(run.seconds)}" if run.converged else f"{run.status}: {run.sentence}"
+        if not run.converged or not self.console.is_terminal:
+            self.note(f"{what}: {' '.join(how.split())}")
+
+    def table(self, studies: Sequence[Study]) -> None:
+        """A row a quantity."""
+        if self.quiet or not studies:
+            return
+        table = Table()
+        for name in ("quantity", "value", "sure to", "because", "orders", "1 % [s]", ".1 % [s]", ".01 % [s]", "best"):
+            table.add_column(name, justify="left" if name in ("quantity", "because", "orders") else "right")
+        for study in studies:
+            truth, best = study.truth, study.most_exact
+            costs = [study.cheapest(level) for level in (1e-2, 1e-3, 1e-4)]
+            shown = [f"{run.seconds:.2g}" if run else "-" for run in costs]
+            sure = percent(truth.uncertainty) if truth.converges else "-"
+            because = truth.source if truth.converges else "does not settle"
+            table.add_row(
+                truth.name, f"{truth.value:.6g}", sure, because, _orders(study), *shown,
+                percent(study.sturdy[best.rung]) if best else "-",
+            )  # fmt: skip
+        print_table(table, console(160))
+
+
+def _orders(study: Study) -> str:
+    """Observed powers of h by order: those of the methods lie close together, the lowest is told."""
+    orders = sorted({order for order, _ in study.rates})
+    lowest = {order: min(rate for (o, _), rate in study.rates.items() if o == order) for order in orders}
+    return ", ".join(f"P{order}: {rate:.1f}" for order, rate in lowest.items())

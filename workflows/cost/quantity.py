@@ -1,0 +1,42 @@
+"""Which numbers of the last step are looked at: those asked for, else what every contact is asked about."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from geometry.errors import SceneError, nearest
+from solvers.nouns.scene import Scene
+from workflows.cost.run_record import Run
+
+USUAL = ("max_pressure", "normal_force", "tangential_force")
+ZERO = 1e-9  # of the largest of its kind: a number that the scene does not have
+
+
+def check(asked: Sequence[str], scene: Scene) -> None:
+    """Refuse names that no quantity of the scene has.
+
+    Raises:
+        SceneError: with the nearest name.
+    """
+    known = scene.quantities()
+    for name in asked:
+        if name not in known:
+            raise SceneError(f"--quantity {name}: no such quantity; {nearest(name, known)}")
+    if not asked and not scene.contacts:
+        raise SceneError("contacts: there is none; name what to look at by --quantity, for example energy.stored")
+
+
+def chosen(asked: Sequence[str], scene: Scene, runs: Sequence[Run]) -> tuple[str, ...]:
+    """Names to look at, first those that the scene knows exactly; the usual ones only where they are not zero."""
+    if asked:
+        return tuple(dict.fromkeys(asked))
+    usual = [f"{contact}.{key}" for contact in scene.contacts for key in USUAL]
+    largest = {key: max((_size(f"{c}.{key}", runs) for c in scene.contacts), default=0.0) for key in USUAL}
+    pushed = largest["normal_force"]
+    least = {"max_pressure": 0.0, "normal_force": ZERO * pushed, "tangential_force": ZERO * pushed}
+    alive = [name for name in usual if _size(name, runs) > least[name.rpartition(".")[2]]]
+    return tuple(dict.fromkeys([*scene.exact.values, *alive]))
+
+
+def _size(name: str, runs: Sequence[Run]) -> float:
+    return max((abs(run.quantities[name]) for run in runs if run.converged), default=0.0)

@@ -1,0 +1,69 @@
+"""What one run of a rung left: numbers, seconds, work, memory, and how it ended; a file each, so that none is lost."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from workflows.cost.rung import Rung
+from workflows.writers.aside import write_aside
+
+PHASES = ("mesh", "assemble", "prepare", "iterate", "output")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """Only a run whose status is `converged` has quantities."""
+
+    rung: Rung
+    status: str  # converged, not_converged, no_equilibrium, refused, out_of_memory, out_of_time, failed
+    sentence: str = ""  # what went wrong
+    spent: float = 0.0  # of the budget: start of the process and compiling of forms included [s]
+    h: float = 0.0  # edge length where bodies touch [m]
+    phases: Mapping[str, float] = field(default_factory=dict)  # wall time [s]
+    cpu: float = 0.0  # in those phases [s]; less than their sum: others used the core too
+    memory: float = 0.0  # peak of the process [bytes]
+    dofs: int = 0
+    contact_points: int = 0
+    volume_solves: int = 0
+    linear_iterations: int = 0
+    residual: float | None = None  # the largest of the steps
+    law_error: float | None = None  # what the method's approximation of the laws leaves, relative, energy norm
+    compiled: bool = False  # forms were compiled meanwhile: its seconds are no measure
+    quantities: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def converged(self) -> bool:
+        return self.status == "converged"
+
+    @property
+    def seconds(self) -> float:
+        """What the run costs: all phases."""
+        return sum(self.phases.values())
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON takes it."""
+        return asdict(self)
+
+
+def store(run: Run, folder: Path) -> None:
+    """Write the run's file, whole or not at all.
+
+    Raises:
+        MachineError: the disk is full.
+    """
+    text = json.dumps(run.plain(), indent=1, ensure_ascii=False)
+    write_aside(folder / f"{run.rung.name}.json", (text + "\n").encode())
+
+
+def load(folder: Path) -> list[Run]:
+    """All runs of a folder."""
+    return [from_plain(json.loads(path.read_text(encoding="utf-8"))) for path in sorted(folder.glob("order*.json"))]
+
+
+def from_plain(content: Mapping[str, Any]) -> Run:
+    """The run that `plain` has written."""
+    return Run(**{**content, "rung": Rung(**content["rung"])})

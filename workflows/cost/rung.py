@@ -1,0 +1,61 @@
+"""One rung of the ladder: how fine, of which order, by which method, how exact; and the scene that it stands for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import sqrt
+from typing import Literal
+
+from geometry.errors import SceneError
+from solvers.nouns.scene import Scene, prefixed
+from solvers.nouns.stepping import Output
+
+RATIO = sqrt(2)  # between the cells of neighbouring levels
+
+
+@dataclass(frozen=True, order=True)
+class Rung:
+    """Level 0 has the cells of the scene, every level above it cells smaller by RATIO."""
+
+    order: Literal[1, 2]
+    method: str
+    level: int
+    tolerance: float
+
+    @property
+    def factor(self) -> float:
+        """Cells over those of the scene."""
+        return float(RATIO**-self.level)
+
+    @property
+    def chain(self) -> tuple[int, str]:
+        """What stays the same while the mesh is refined."""
+        return self.order, self.method
+
+    @property
+    def name(self) -> str:
+        """Of its file: no two rungs share one."""
+        return f"order{self.order}_{self.method}_level{self.level:+03d}_{self.tolerance:.0e}"
+
+    def scene(self, scene: Scene) -> Scene:
+        """The scene as this rung solves it, without pictures.
+
+        Raises:
+            SceneError: its geometry offers no size to refine, or refuses this one.
+        """
+        with prefixed("geometry"):
+            geometry = replace(scene.geometry.refined(self.factor), order=self.order)
+        solver = replace(scene.solver, method=self.method, tolerance=self.tolerance)
+        return replace(scene, geometry=geometry, solver=solver, output=Output(pictures=False))
+
+
+def mesh_size(scene: Scene) -> float:
+    """Edge length where bodies touch [m].
+
+    Raises:
+        SceneError: the geometry is a file that says none.
+    """
+    found = scene.geometry.contact_mesh_size or scene.geometry.mesh_size
+    if found is None:
+        raise SceneError("geometry.mesh_size: missing, there is none to refine")
+    return float(found)

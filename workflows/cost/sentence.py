@@ -1,0 +1,77 @@
+"""What accuracy costs, in one sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from workflows.cost.run_record import Run
+from workflows.cost.study import Study
+
+FIRST = 1e-2  # the accuracy that is asked for first; each next digit is ten times as exact
+
+
+def headline(studies: Sequence[Study]) -> str:
+    """The sentence of the first quantity that has a limit."""
+    if not studies:
+        return "No run came to an end, or no quantity differs from zero."
+    return sentence(next((study for study in studies if study.truth.converges), studies[0]))
+
+
+def sentence(study: Study) -> str:
+    """`1 % of base.max_pressure costs 3.1 s with ...; the next digit costs 21 s.`"""
+    name = study.truth.name
+    if not study.truth.converges:
+        return f"{name} does not settle as the mesh is refined, as at a singular corner: it has no price."
+    run, best = study.cheapest(FIRST), study.most_exact
+    if best is None:
+        return f"{name}: no run came to an end."
+    if run is None:
+        return f"1 % of {name} was not reached: {_least(study, best)}."
+    said = f"1 % of {name} costs {seconds(run.seconds)} with {choice(run, study)}"
+    following = study.cheapest(FIRST / 10)
+    if following is run:
+        return f"{said}, and the next digit comes with it."
+    if following is not None:
+        return f"{said}; the next digit costs {seconds(following.seconds)}{_changes(run, following)}."
+    return f"{said}; the next digit was not reached: {_least(study, best)}."
+
+
+def choice(run: Run, study: Study) -> str:
+    """Order, mesh size, method, and the tolerance where it is not the scene's."""
+    loose = "" if run.rung.tolerance == study.tolerance else f", tolerance {run.rung.tolerance:.0e}"
+    return f"order {run.rung.order}, h = {run.h:.3g}, {run.rung.method}{loose}"
+
+
+def seconds(value: float) -> str:
+    """Two digits.
+
+    >>> seconds(0.123), seconds(3.14), seconds(123.4)
+    ('0.12 s', '3.1 s', '123 s')
+    """
+    return f"{value:.0f} s" if value >= 10 else f"{value:.1f} s" if value >= 1 else f"{value:.2g} s"
+
+
+def percent(value: float) -> str:
+    """Two digits of a share.
+
+    >>> percent(0.0123), percent(2e-6)
+    ('1.2 %', '0.0002 %')
+    """
+    return f"{100 * value:.2g} %" if value >= 1e-6 else f"{100 * value:.0e} %"
+
+
+def _changes(run: Run, following: Run) -> str:
+    """What the next digit takes besides a finer mesh."""
+    new = [] if following.rung.order == run.rung.order else [f"order {following.rung.order}"]
+    new += [f"h = {following.h:.3g}"] if following.h != run.h else []
+    new += [following.rung.method] if following.rung.method != run.rung.method else []
+    new += [] if following.rung.tolerance == run.rung.tolerance else [f"tolerance {following.rung.tolerance:.0e}"]
+    return f" with {', '.join(new)}"
+
+
+def _least(study: Study, best: Run) -> str:
+    """The smallest error, and what keeps it from being smaller."""
+    reached = study.sturdy[best.rung]
+    if reached <= study.truth.uncertainty:
+        return f"the reference itself is sure to {percent(reached)} only"
+    return f"the best is {percent(reached)} for {seconds(best.seconds)} with {choice(best, study)}"

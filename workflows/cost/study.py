@@ -1,0 +1,81 @@
+"""One quantity over all runs: errors, observed orders, the Pareto front."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from workflows.cost.limit import rate_of
+from workflows.cost.pareto import front
+from workflows.cost.run_record import Run
+from workflows.cost.rung import Rung
+from workflows.cost.truth import Truth
+
+LEAST = 1e-16  # so that an exact answer has a logarithm
+
+
+@dataclass(frozen=True)
+class Study:
+    """What the runs say about one quantity."""
+
+    truth: Truth
+    runs: tuple[Run, ...]  # converged
+    tolerance: float  # the tightest
+
+    @cached_property
+    def errors(self) -> Mapping[Rung, float]:
+        """Relative, of every run."""
+        truth = self.truth
+        return {run.rung: max(LEAST, abs(run.quantities[truth.name] - truth.value) / truth.scale) for run in self.runs}
+
+    def known(self, rung: Rung) -> bool:
+        """Whether the error is larger than the uncertainty of what it is measured by."""
+        return self.truth.converges and self.errors[rung] > self.truth.uncertainty
+
+    @cached_property
+    def sturdy(self) -> Mapping[Rung, float]:
+        """Error that no finer mesh or tighter tolerance of the same chain exceeds: a lucky crossing is no accuracy.
+
+        Not below the uncertainty.
+        """
+        return {
+            a: max(
+                self.truth.uncertainty,
+                *(
+                    error
+                    for b, error in self.errors.items()
+                    if b.chain == a.chain and b.level >= a.level and b.tolerance <= a.tolerance
+                ),
+            )
+            for a in self.errors
+        }
+
+    @cached_property
+    def front(self) -> tuple[Run, ...]:
+        """Runs of known error that no other beats in both seconds and error, by rising cost."""
+        known = [run for run in self.runs if self.known(run.rung)]
+        return tuple(known[i] for i in front([(run.seconds, self.sturdy[run.rung]) for run in known]))
+
+    def cheapest(self, level: float) -> Run | None:
+        """The run that surely costs least among those with at most this error."""
+        good = [run for run in self.runs if self.truth.converges and self.sturdy[run.rung] <= level]
+        return min(good, key=lambda run: run.seconds, default=None)
+
+    @cached_property
+    def most_exact(self) -> Run | None:
+        """Of the smallest error, the cheapest."""
+        if not self.runs or not self.truth.converges:
+            return None
+        return min(self.runs, key=lambda run: (self.sturdy[run.rung], run.seconds))
+
+    @cached_property
+    def rates(self) -> Mapping[tuple[int, str], float]:
+        """Observed powers of h, by order and method, at the tightest tolerance."""
+        chains = dict.fromkeys(run.rung.chain for run in self.runs)
+        found = {chain: self._rate([run for run in self.runs if run.rung.chain == chain]) for chain in chains}
+        return {chain: rate for chain, rate in found.items() if rate is not None}
+
+    def _rate(self, runs: Sequence[Run]) -> float | None:
+        used = [run for run in runs if run.rung.tolerance == self.tolerance and self.known(run.rung)]
+        return rate_of([run.h for run in used], [self.errors[run.rung] for run in used])

@@ -1,0 +1,94 @@
+"""cost.csv and cost.json: every run, and what the runs say about every quantity."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from geometry.dolfinx_versions import DOLFINX
+from solvers.nouns.scene import Scene
+from workflows import VERSION
+from workflows.cost.run_record import PHASES, Run
+from workflows.cost.sentence import headline, sentence
+from workflows.cost.study import Study
+from workflows.results import scene_hash, write_json
+from workflows.scene import to_dict
+from workflows.writers.aside import write_aside
+
+COUNTS = ("dofs", "contact_points", "volume_solves", "linear_iterations")
+
+
+def write_csv(path: Path, runs: Sequence[Run], studies: Sequence[Study]) -> None:
+    """One row a run, in the order in which they were made; empty where there is no number.
+
+    Raises:
+        MachineError: the disk is full.
+    """
+    head = ["order", "method", "h", "cells_times", "tolerance", "status", "seconds", *(f"{p}_s" for p in PHASES)]
+    head += ["cpu_s", "spent_s", "peak_memory_bytes", *COUNTS, "residual"]
+    for study in studies:
+        name = study.truth.name
+        head += [name, f"{name}:error", f"{name}:error_is_known", f"{name}:on_front"]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows([*_row(run), *(cell for study in studies for cell in _judged(run, study))] for run in runs)
+    write_aside(path, text.getvalue().encode())
+
+
+def summary(
+    scene: Scene, runs: Sequence[Run], studies: Sequence[Study], status: str, budget: float, notes: Sequence[str]
+) -> dict[str, Any]:
+    """The content of cost.json."""
+    return {
+        "format": 1,
+        "status": status,
+        "sentence": headline(studies),
+        "scene": to_dict(scene) | {"hash": scene_hash(scene)},
+        "version": VERSION,
+        "dolfinx": DOLFINX,
+        "budget": budget,
+        "spent": sum(run.spent for run in runs),
+        "quantities": {study.truth.name: _quantity(study) for study in studies},
+        "runs": [
+            run.plain()
+            | {"name": run.rung.name, "seconds": run.seconds}
+            | {"errors": {study.truth.name: study.errors.get(run.rung) for study in studies}}
+            for run in runs
+        ],
+        "notes": list(notes),
+    }
+
+
+def write_summary(path: Path, content: dict[str, Any]) -> None:
+    """Write cost.json."""
+    write_json(path, content)
+
+
+def _row(run: Run) -> list[object]:
+    rung, solved = run.rung, bool(run.phases)
+    numbers: list[object] = [run.seconds if solved else "", *(run.phases[p] if solved else "" for p in PHASES)]
+    numbers += [run.cpu or "", run.spent, run.memory or "", *(getattr(run, key) if solved else "" for key in COUNTS)]
+    return [rung.order, rung.method, run.h or "", rung.factor, rung.tolerance, run.status, *numbers, run.residual]
+
+
+def _judged(run: Run, study: Study) -> list[object]:
+    if not run.converged:
+        return ["", "", "", ""]
+    known = study.known(run.rung)
+    return [run.quantities[study.truth.name], study.errors[run.rung], int(known), int(run in study.front)]
+
+
+def _quantity(study: Study) -> dict[str, Any]:
+    return {
+        "truth": {key: value for key, value in asdict(study.truth).items() if key != "name"},
+        "observed_orders": [
+            {"order": order, "method": method, "rate": rate} for (order, method), rate in study.rates.items()
+        ],
+        "front": [run.rung.name for run in study.front],
+        "sentence": sentence(study),
+    }
