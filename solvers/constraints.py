@@ -20,7 +20,6 @@ from scipy.linalg import null_space
 from geometry.amplitude import Amplitude, value_at
 from geometry.errors import SceneError
 from geometry.nodes import Nodes
-from solvers.rigid_motions import rigid_fields, rigid_names
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -40,7 +39,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class _Alike:
+class Alike:
     """k nodes of which r components each are prescribed."""
 
     at: Ints  # (k,) places in `Constraints.held`
@@ -88,7 +87,7 @@ class Constraints:
         known: dict[bytes, tuple[Array, Bools]] = {}
         shape = (len(self.held), self.dim, self.dim)
         columns, free = np.zeros(shape), np.zeros(shape[:2], bool)
-        for alike in self._alike:
+        for alike in self.alike:
             for place, matrix in zip(alike.at, alike.directions, strict=True):
                 key = matrix.tobytes()
                 if key not in known:
@@ -162,7 +161,7 @@ class Constraints:
         return {name: i for i, name in enumerate(dict.fromkeys(r.support for n in self.rows.values() for r in n))}
 
     @cached_property
-    def _alike(self) -> tuple[_Alike, ...]:
+    def alike(self) -> tuple[Alike, ...]:
         """The held nodes by how many rows they have."""
         by_count: dict[int, list[int]] = {}
         for place, node in enumerate(self.held.tolist()):
@@ -172,7 +171,7 @@ class Constraints:
             rows = [row for place in places for row in self.rows[int(self.held[place])]]
             directions = np.array([row.direction for row in rows]).reshape(-1, count, self.dim)
             found.append(
-                _Alike(
+                Alike(
                     at=np.array(places),
                     directions=directions,
                     inverse=np.linalg.pinv(directions, rcond=SMALL) if count > 1 else np.swapaxes(directions, 1, 2),
@@ -182,16 +181,19 @@ class Constraints:
             )
         return tuple(found)
 
+    def wanted(self, time: float) -> list[Array]:
+        """What each row of `alike` asks for, (k, r) [m]."""
+        values = np.array([value_at(amplitude, time, self.end) for _, amplitude in self._amplitudes.values()])
+        return [values[alike.amplitudes] for alike in self.alike]
+
     def prescribed(self, time: float) -> Array:
         """u_s (k, d) [m] at `prescribed_nodes`.
 
         Raises:
             SceneError: two supports ask different things of one node.
         """
-        values = np.array([value_at(amplitude, time, self.end) for _, amplitude in self._amplitudes.values()])
         found, wrong = np.zeros((len(self.held), self.dim)), [np.zeros(0, np.int64)]
-        for alike in self._alike:
-            wanted = values[alike.amplitudes]
+        for alike, wanted in zip(self.alike, self.wanted(time), strict=True):
             found[alike.at] = np.einsum("kdr,kr->kd", alike.inverse, wanted)
             off = np.abs(np.einsum("krd,kd->kr", alike.directions, found[alike.at]) - wanted)
             wrong.append(alike.at[np.any(off > 1e-9 * np.abs(wanted).max(axis=1, keepdims=True), axis=1)])
@@ -211,10 +213,10 @@ class Constraints:
         """
         at = np.zeros((len(self.held), self.dim))
         np.add.at(at, self._of_prescribed, forces)
-        points = self._points(self.held)
+        points = self.points_of(self.held)
         force = np.zeros((len(self._supports), self.dim))
         moment = np.zeros((len(self._supports), 1 if self.dim == 2 else 3))
-        for alike in self._alike:
+        for alike in self.alike:
             share = np.einsum("kdr,kd->kr", alike.inverse, at[alike.at])
             pull = share[:, :, None] * alike.directions
             turn = np.cross(points[alike.at][:, None], pull).reshape(*share.shape, moment.shape[1])
@@ -224,28 +226,8 @@ class Constraints:
             force, moment = force * [0, 1], 0 * moment
         return {name: (force[i], moment[i]) for name, i in self._supports.items() if name != AXIS}
 
-    def rigid_motions(self, low: Array, high: Array) -> Array:
-        """Coefficients (parts k, r) of the rigid motions that nothing prescribed resists; see `rigid_fields`."""
-        centre, size = (low + high) / 2, float(np.max(high - low))
-        count = len(rigid_names(self.dim, self.axisymmetric))
-
-        def fields(nodes: Ints) -> Array:
-            """(n, d, parts k)."""
-            part = np.array([self.part[int(n)] for n in nodes], np.int64)
-            of_all = np.zeros((len(nodes), self.dim, self.parts, count))
-            of_own = rigid_fields(self._points(nodes), centre, size, self.axisymmetric)
-            of_all[np.arange(len(nodes)), :, part] = of_own
-            return of_all.reshape(len(nodes), self.dim, self.parts * count)
-
-        held = fields(self.held)
-        blocks = [np.einsum("krd,kdc->krc", alike.directions, held[alike.at]) for alike in self._alike]
-        blocks.append(fields(self.followers) - fields(self.roots(self.followers)))
-        every = np.concatenate(
-            [np.zeros((1, self.parts * count)), *(b.reshape(-1, self.parts * count) for b in blocks)]
-        )
-        return np.asarray(null_space(np.linalg.qr(every, mode="r"), rcond=1e-9))
-
-    def _points(self, nodes: Ints) -> Array:
+    def points_of(self, nodes: Ints) -> Array:
+        """Coordinates (n, d) [m] of nodes with rows, of followers and of their roots."""
         return np.array([self.points[int(n)] for n in nodes]).reshape(-1, self.dim)
 
 

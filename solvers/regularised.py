@@ -56,11 +56,11 @@ class Regularised:
         solver = system.scene.solver
         self.rtol, self.max_it = solver.tolerance, solver.max_iterations
 
-    def free_part(self, u: Any) -> Any:
-        """q of a displacement u = T q + u_s."""
-        T = self.system.T  # its columns are orthogonal to each other and to u_s
+    def free_part(self, u: Any, time: float) -> Any:
+        """q with u = T q + u_s(t), but for the prescribed part of u."""
+        T = self.system.T  # its columns are orthogonal to each other
         q = self.system.K_B.createVecRight()
-        T.multTranspose(u, q)
+        T.multTranspose(u - self.system.prescribed(time), q)
         return q / T.transposeMatMult(T).getDiagonal()
 
     def after(self, u: Any, motion: Mapping[str, Array]) -> NextStep:
@@ -88,7 +88,7 @@ class NextStep:
         method = self.method
         method.contact.begin(self.u, self.motion, problem.cone.time)
         newton = VolumeNewton(method, problem, on_step)
-        found, status = [method.free_part(self.u)], Status.CONVERGED
+        found, status = [method.free_part(self.u, problem.cone.time)], Status.CONVERGED
         for level in LEVELS:
             method.contact.widths.set(level, problem.u_ref, problem.p_ref)
             found.append(_predicted(found))

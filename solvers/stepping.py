@@ -191,8 +191,7 @@ class Stepper:
         """One attempt at the step from `state` to `end`, and what makes it the new state."""
         system, began = self.system, clock.perf_counter()
         load, u_s = system.load(end), system.prescribed(end)
-        f_q = system.T.createVecRight()
-        system.T.multTranspose(load - system.K * u_s, f_q)
+        f_q = system.pull(end, load, u_s)
         driving = system.driving_force(end)
         force = load.norm(0) + float(np.abs(driving).sum())
 

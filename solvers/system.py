@@ -22,6 +22,7 @@ from solvers.constraints import AXES, Constraints
 from solvers.counters import Counters
 from solvers.forms import WeakForms
 from solvers.free_stiffness import free_stiffness
+from solvers.lifting import Lifting
 from solvers.nouns.contact import Contact
 from solvers.nouns.scene import Scene
 from solvers.operators import OPERATORS
@@ -30,7 +31,6 @@ from solvers.operators.rigid import rigid_coupling
 from solvers.operators.rows import ContactRows
 from solvers.plan import active_effects
 from solvers.replicated import Replicated
-from solvers.rigid_motions import rigid_fields
 from solvers.supports import find_constraints
 
 Array = NDArray[np.float64]
@@ -77,10 +77,25 @@ class System:
         return total
 
     def prescribed(self, time: float) -> Any:
-        """u_s(t) over all displacements [m]."""
-        total = self.vector()
-        self._prescribed.write(total, self.constraints.prescribed(time).ravel())
+        """u_s(t) over all displacements [m]: a rigid motion where that is all that is prescribed, else 0 elsewhere."""
+        total, motion = self.vector(), self.lifting.followed(time)
+        if motion is None:
+            self._prescribed.write(total, self.constraints.prescribed(time).ravel())
+        else:
+            nodes, own = self.nodes, slice(self.nodes.owned)
+            total.array[:] = self.lifting.displacement(motion, nodes.points[own], nodes.part[own]).ravel()
         return total
+
+    def pull(self, time: float, load: Any, u_s: Any) -> Any:
+        """T^T (load - K u_s) over the free numbers [N]; of a rigid motion u_s not even rounding is left."""
+        found = self.T.createVecRight()
+        resisted = self.lifting.followed(time) is None
+        self.T.multTranspose(load - self.K * u_s if resisted else load, found)
+        return found
+
+    @cached_property
+    def lifting(self) -> Lifting:
+        return Lifting(self.constraints, *self.mesh.box())
 
     @cached_property
     def driven(self) -> tuple[tuple[str, int], ...]:
@@ -172,14 +187,11 @@ class System:
 
     def rigid_modes(self) -> Array:
         """Rigid motions that no support resists, on the contact dofs (c, r), orthonormal."""
-        low, high = self.mesh.box()
-        centre, size = (low + high) / 2, float(np.max(high - low))
-        motions = self.constraints.rigid_motions(low, high)
-        count = self.mesh.part_count
+        motions, count = self.lifting.unresisted, self.mesh.part_count
         of_part = motions.reshape(count, len(motions) // count, motions.shape[1])
         values = np.zeros((len(self.contact_dofs), motions.shape[1]))
         for c in self.contacts if motions.shape[1] else ():
-            fields = rigid_fields(c.points, centre, size, self.mesh.axisymmetric) @ of_part[self.mesh.parts[c.input]]
+            fields = self.lifting.fields(c.points) @ of_part[self.mesh.parts[c.input]]
             bases, free = self.constraints.bases(c.nodes)
             at = np.searchsorted(self.contact_dofs, self.constraints.numbers(c.nodes)[free])
             values[at] = (np.swapaxes(bases, 1, 2) @ fields)[free]

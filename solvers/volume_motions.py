@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.replicated import Replicated
-from solvers.rigid_motions import rigid_fields
 from solvers.system import System
 
 Array = NDArray[np.float64]
@@ -28,7 +27,7 @@ class FloatingMotions:
         if not R.shape[1]:
             self.Z = np.zeros((system.K_B.getLocalSize()[0], 0))
             return
-        motions = system.constraints.rigid_motions(*system.mesh.box())
+        motions = system.lifting.unresisted
         parts = system.mesh.part_count
         own = motions.reshape(parts, len(motions) // parts, R.shape[1])[system.nodes.part[: system.nodes.owned]]
         fields = _on_free_numbers(system, _fields(system) @ own)
@@ -54,9 +53,7 @@ class FloatingMotions:
 
 def _fields(system: System) -> Array:
     """Rigid motions (m, d, k) at the owned nodes; see `rigid_fields`."""
-    low, high = system.mesh.box()
-    points = system.nodes.points[: system.nodes.owned]
-    return rigid_fields(points, (low + high) / 2, float(np.max(high - low)), system.mesh.axisymmetric)
+    return system.lifting.fields(system.nodes.points[: system.nodes.owned])
 
 
 def _on_free_numbers(system: System, fields: Array) -> Array:

@@ -65,8 +65,9 @@ def both(request: pytest.FixtureRequest, scene_of: SceneOf, system_of: SystemOf)
 
 
 def load_of(surface: Any, system: System, error: float = 0.0) -> Any:
-    f = system.T.createVecRight()
-    system.T.multTranspose(system.load(1.0) - system.K * system.prescribed(1.0), f)
+    u_s, f = system.vector(), system.T.createVecRight()
+    system._prescribed.write(u_s, system.constraints.prescribed(1.0).ravel())  # a rigid motion would leave no load
+    system.T.multTranspose(system.load(1.0) - system.K * u_s, f)
     return surface.load(f, system.driving_force(1.0), error)
 
 

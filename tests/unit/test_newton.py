@@ -9,10 +9,11 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
+from solvers.condensed import CondensedSurface
 from solvers.cone import Cone
 from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.linearised_laws import LinearisedLaws, linearise
-from solvers.methods.newton_system import solve
+from solvers.methods.newton_system import by_motion, by_tractions, solve
 from solvers.methods.solution import Status
 from solvers.methods.uzawa import Uzawa
 from solvers.nouns.scene import Scene
@@ -140,6 +141,24 @@ def test_the_condensed_system_is_solved_with_its_laws(dim: int, scene_of: SceneO
     assert_allclose(M @ np.concatenate([p, w]), r, atol=1e-11 * size)
     balance = surface.S @ u_c + surface.forces(p) - problem.load.f_c
     assert_allclose(balance, 0.0, atol=1e-11 * np.abs(surface.S @ u_c).max())
+
+
+@pytest.mark.parametrize("seed", [4, 5, 6])
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("friction", ["coulomb", "tresca", "soft coulomb"])
+def test_unknown_tractions_and_unknown_motions_give_the_same_answer(
+    friction: str, dim: int, seed: int, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    problem = problem_of(simulation_of(pressed(scene_of, dim, "unilateral", friction)))
+    surface = problem.surface
+    assert isinstance(surface, CondensedSurface)
+    bodies = surface.row_stiffness(problem.cone.carrying)
+    assert bodies is not None
+    laws = linearise(problem, trial_away_from_kinks(problem.cone, problem.gamma, seed)[0], problem.gamma)
+    (p, u), (q, v) = by_motion(laws, bodies), by_tractions(laws, surface)
+    assert np.abs(p).max() > 0
+    assert_allclose(p, q, atol=1e-10 * np.abs(p).max())  # rounding, condition some 1e3
+    assert_allclose(u, v, atol=1e-10 * np.abs(u).max())
 
 
 @pytest.mark.parametrize(("dim", "normal", "friction"), [

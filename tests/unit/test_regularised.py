@@ -194,7 +194,9 @@ def test_tractions_add_up_to_the_assembled_forces(
     contact = step.method.contact
     contact.begin(step.u, step.motion, 1.0)
     contact.widths.set(module.LEVELS[-1], accepted.problem.u_ref, accepted.problem.p_ref)
-    assembled = stepper.attempts.volume.contact.read(contact.forces(step.method.free_part(accepted.state.u)))
+    assembled = stepper.attempts.volume.contact.read(
+        contact.forces(step.method.free_part(accepted.state.u, accepted.state.time))
+    )
     by_rows = stepper.surface.forces(accepted.state.p)
     assert np.abs(by_rows).max() > 1e-3
     assert_allclose(by_rows, assembled, atol=1e-7 * np.abs(by_rows).max())  # tolerance 1e-9

@@ -17,6 +17,7 @@ from solvers.methods.linearised_laws import linearise
 from solvers.methods.newton_system import solve
 from solvers.nouns.scene import Scene
 from solvers.prepare import prepare_surface
+from solvers.remembered import Remembered
 from solvers.simulation import Simulation
 from solvers.system import System
 from solvers.volume import Volume
@@ -187,3 +188,28 @@ def test_a_floating_body_does_not_feel_its_augmentation(
     assert_allclose(u, v, atol=1e-9 * np.abs(u).max())
     # and the contact carries the loads: R^T (f - B^T p) = 0
     assert_allclose(surface.R.T @ (accepted.problem.load.f_c - surface.forces(p)), 0.0, atol=1e-12)
+
+
+def test_loads_in_the_span_of_earlier_ones_are_condensed_for_nothing(scene_of: SceneOf, system_of: SystemOf) -> None:
+    system = system_of(scene_in(2, scene_of))
+    volume = Volume(system.K_B, system.contact_dofs, Counters())
+    condense = Remembered(volume.condense, len(volume.S))
+    one, other = system.K_B.createVecRight(), system.K_B.createVecRight()
+    random = np.random.default_rng(0)
+    one.array[:], other.array[:] = random.normal(size=(2, one.getSize()))
+    for vector, solves in [(one, 1), (2 * one, 1), (0 * one, 1), (one + 1e-3 * other, 2), (3 * other - one, 2)]:
+        found = condense(vector)
+        assert volume.counters.volume_solves == solves
+        volume.counters.volume_solves = 0
+        assert_allclose(found, volume.condense(vector), atol=1e-10 * np.abs(found).max(initial=1e-300))
+        volume.counters.volume_solves = solves
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_supports_that_move_a_body_as_a_whole_leave_no_load(dim: int, scene_of: SceneOf, system_of: SystemOf) -> None:
+    system = system_of(replace(scene_in(dim, scene_of), loads={}))
+    u_s = system.prescribed(1.0)
+    assert system.pull(1.0, system.load(1.0), u_s).norm(0) == 0.0
+    assert (system.K * u_s).norm() < 1e-13 * system.K.norm() * u_s.norm()
+    prescribed = u_s.array.reshape(-1, dim)[system.constraints.prescribed_nodes]
+    assert_allclose(prescribed, system.constraints.prescribed(1.0), atol=1e-14)
