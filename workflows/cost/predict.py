@@ -18,16 +18,16 @@ ANOTHER = 1.5  # times as long as the same mesh with another method or a lower o
 def power_law(values: Mapping[int, float], at: int, least: float, most: float) -> float:
     """The value at a level, by a power of the cell size between `least` and `most` through the finest of all.
 
-    A single value says nothing of the power: it is twice the least.
+    A single value says nothing of the power: it is the least, for the coarsest mesh is all overhead.
 
     >>> round(power_law({0: 1.0, 2: 4.0, 4: 16.0}, 6, 1.0, 9.0), 9)  # twice as fine every two levels: power 2
     64.0
-    >>> round(power_law({0: 1.0}, 2, 1.5, 9.0), 9)
+    >>> round(power_law({0: 1.0}, 2, 3.0, 9.0), 9)
     8.0
     """
     levels = sorted(values)[-WINDOW:]
     x, y = np.array(levels) * np.log(RATIO), np.log([values[level] for level in levels])
-    power = np.polyfit(x, y, 1)[0] if len(levels) > 1 else 2 * least
+    power = np.polyfit(x, y, 1)[0] if len(levels) > 1 else least
     return float(np.exp(y[-1] + np.clip(power, least, most) * (at * np.log(RATIO) - x[-1])))
 
 
