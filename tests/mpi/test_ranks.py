@@ -226,17 +226,15 @@ def test_regularised_finds_on_two_ranks_what_it_finds_on_one(tmp_path: Path) -> 
         assert other["iterations"] == mine["iterations"]
 
 
-@pytest.mark.parametrize("name", ["cube", "stack"])
 def test_iterative_solves_give_on_every_number_of_ranks_what_the_condensed_bodies_give(
-    name: str, tmp_path: Path
+    tmp_path: Path,
 ) -> None:
-    size = ["geometry.mesh_size=0.25"] if name == "cube" else []
-    words = [*size, *ALWAYS, "solver.tolerance=1e-9", "output.linear_reference=true"]
-    run(read(name, [*words, "solver.method=condensed-newton"]), tmp_path / "exact")
+    words = ["geometry.mesh_size=0.25", *ALWAYS, "solver.tolerance=1e-9", "output.linear_reference=true"]
+    run(read("cube", [*words, "solver.method=condensed-newton"]), tmp_path / "exact")
     iterative = [*words, "solver.method=surface-uzawa", "solver.surface=matrix-free"]
     exact = json.loads((tmp_path / "exact" / "result.json").read_text())
     for ranks in (1, 2, 3):
-        done = mpirun(ranks, ["run", name, "-q", "-o", f"on_{ranks}", *options(iterative)], tmp_path)
+        done = mpirun(ranks, ["run", "cube", "-q", "-o", f"on_{ranks}", *options(iterative)], tmp_path)
         assert (done.returncode, done.stderr) == (0, "")
         found = json.loads((tmp_path / f"on_{ranks}" / "result.json").read_text())
         assert found["counters"]["linear_iterations"] > 0

@@ -111,6 +111,7 @@ def test_rate_is_the_slope_of_the_finest_meshes() -> None:
     h = [0.8, 0.4, 0.2, 0.1, 0.05]
     assert rate_of(h, [9.0, *(size**2 for size in h[1:])]) == pytest.approx(2.0)  # the coarsest does not count
     assert rate_of([0.2, 0.1], [0.2, 0.1]) is None  # two meshes always lie on a line
+    assert rate_of([], []) is None
 
 
 # --- truth

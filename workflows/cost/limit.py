@@ -68,9 +68,11 @@ def limit(h: Sequence[float], q: Sequence[float], floor: float = 0.0) -> Limit:
 
 def rate_of(h: Sequence[float], error: Sequence[float]) -> float | None:
     """Slope of log error over log h on the finest meshes; None for less than three."""
+    if len(h) < 3:
+        return None
     x, y = _without_strays(np.asarray(h, float), np.asarray(error, float), 0.0)
     order = np.argsort(x)[::-1][-WINDOW:]
-    return float(np.polyfit(np.log(x[order]), np.log(y[order]), 1)[0]) if len(order) > 2 else None
+    return float(np.polyfit(np.log(x[order]), np.log(y[order]), 1)[0])
 
 
 def _without_strays(x: Array, y: Array, floor: float) -> tuple[Array, Array]:
