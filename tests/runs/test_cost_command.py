@@ -189,7 +189,7 @@ def test_a_budget_for_nothing_is_said(call: Call, folder: Path) -> None:
 
 def test_one_mesh_is_no_comparison(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(workflows.cost.command, "measure", quick)
-    code, _, err = call(*SMALL, "--budget", "3.2", "-q")
+    code, _, err = call(*SMALL, "--budget", "3", "-q")
     assert (code, err.count("\n")) == (3, 1)
     assert "fewer than 2 meshes" in err
     assert {run["rung"]["level"] for run in content(folder / "out")["runs"]} == {-4}
