@@ -82,8 +82,8 @@ class Choice:
     because: str
 
     @property
-    def nested(self) -> bool:
-        """Whether a coarser mesh is worth its while: beside iterative solves, not beside a factorisation."""
+    def coarse(self) -> bool:
+        """Whether a coarse mesh beside is worth its while: beside iterative solves, not beside a factorisation."""
         return self.stages[0].surface == "matrix-free"
 
 

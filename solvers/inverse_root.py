@@ -30,7 +30,7 @@ def poles(low: float, high: float, count: int) -> tuple[Array, Array]:
 class InverseRoot:
     """x -> A^(-1/2) x, symmetric and positive definite; one sparse factorisation for each shift."""
 
-    def __init__(self, A: Any, low: float, count: int = 8) -> None:
+    def __init__(self, A: Any, low: float, count: int = 4) -> None:
         """
         Args:
             A: (n, n) sparse, symmetric.

@@ -23,7 +23,6 @@ from solvers.equilibrium import decide, unbalanced_motion
 from solvers.history import HistoryRow
 from solvers.methods.solution import Solution, Status, Step
 from solvers.motion_in_words import in_words
-from solvers.nested import NestedStart
 from solvers.prepare import prepare_surface, trial_stiffness
 from solvers.sliding import positions, stay, told_in
 from solvers.state import State
@@ -79,9 +78,7 @@ class Stepper:
         """
         self.searched = searched
         self.system = system
-        self.attempts = attempts or Attempts(system)
-        beside = attempts is None and self.attempts.choice.nested
-        self.nested = NestedStart.beside(system, Stepper) if beside else None
+        self.attempts = attempts or Attempts(system, Stepper)
         self.cone = Cone(system.contacts, 0.0, system.scene.steps.end)
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma = trial_stiffness(system)
@@ -226,7 +223,8 @@ class Stepper:
         """Tractions to begin with: the last ones, and the change that a coarser mesh has seen."""
         if problem.p_ref == 0:  # no load, no motion: no traction
             return np.zeros_like(state.p)
-        change = self.nested.change(state.time, problem.cone.time) if self.nested else None
+        coarse = self.attempts.coarse
+        change = coarse.change(state.time, problem.cone.time) if coarse else None
         return state.p if change is None else problem.project(state.p + change, 0.0)
 
     def split(self, p: Array) -> tuple[list[Array], list[Array]]:

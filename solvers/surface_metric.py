@@ -10,10 +10,14 @@ from scipy import sparse
 
 from geometry.surface import Surface
 from geometry.surface_forms import surface_mass, surface_stiffness
+from solvers.contact_layer import ContactLayer
+from solvers.contact_sides import contact_sides
 from solvers.inverse_root import InverseRoot
 from solvers.system import System
 
 Array = NDArray[np.float64]
+CELLS = 2  # of the layer next to the contact sides, in space
+NONE = np.zeros(0)
 
 
 class SurfaceMetric:
@@ -25,18 +29,27 @@ class SurfaceMetric:
     hold are left out of L and M: the displacement goes to zero there.
     """
 
-    def __init__(self, L: Any, mass: Array, depth: Array, compliance: Array) -> None:
+    def __init__(
+        self, L: Any, mass: Array, depth: Array, compliance: Array, layer: ContactLayer | None = None, cut: Array = NONE
+    ) -> None:
         """
         Args:
             L: (c, c) sparse [N/m for a unit stress].
             mass: (c,) [m^(d-1)].
             depth: (c,) [m].
             compliance: C (c,) [1/Pa].
+            layer: what the bodies give down to the depth `cut` (c,) [m]; the same formula for both depths says how
+                much more they give below. Without it the formula stands alone.
         """
         scale = sparse.diags(1 / np.sqrt(mass))
         self.compliance, self._outer = compliance, np.sqrt(compliance / mass)
-        self._A = sparse.csr_matrix(scale @ L @ scale + sparse.diags(depth**-2))
+        inner = sparse.csr_matrix(scale @ L @ scale)
+        self._A = inner + sparse.diags(depth**-2)
         self._root = InverseRoot(self._A, float(np.min(depth**-2, initial=np.inf)))
+        self._layer = layer
+        if layer is not None:
+            cut = np.minimum(cut, depth)
+            self._above = InverseRoot(inner + sparse.diags(cut**-2), float(np.min(cut**-2, initial=np.inf)))
 
     @property
     def size(self) -> int:
@@ -46,7 +59,10 @@ class SurfaceMetric:
     def __call__(self, force: Array) -> Array:
         """Displacement [m] under forces (c,) or (c, k) [N]."""
         outer = self._outer.reshape(-1, *[1] * (force.ndim - 1))
-        return np.asarray(outer * self._root(outer * force))
+        x = outer * force
+        if self._layer is None:
+            return np.asarray(outer * self._root(x))
+        return np.asarray(self._layer(force) + outer * (self._root(x) - self._above(x)))
 
     @property
     def diagonal(self) -> Array:
@@ -61,22 +77,16 @@ class SurfaceMetric:
 def surface_metric(system: System) -> SurfaceMetric:
     """The metric of a scene's contact sides."""
     c, d = len(system.contact_dofs), system.mesh.dim
-    L, sums, seen = sparse.csr_matrix((c, c)), np.zeros((3, c)), set[str]()
-    for rows in system.contacts:
-        contact, trace = system.scene.contacts[rows.name], system.trace(rows)
-        first = 0
-        for name, side in ((contact.surface, rows.surface), (contact.against, rows.master)):
-            if side is None or name in seen:
-                first += len(side.nodes) if side else 0
-                continue
-            seen.add(name)
-            onto = trace[d * first : d * (first + len(side.nodes))]
-            first += len(side.nodes)
-            mass, (depth, compliance) = surface_mass(side), _depth_and_compliance(system, name, side)
-            L = L + onto.T @ sparse.kron(surface_stiffness(side), sparse.eye(d)) @ onto
-            sums += np.array([1.0, depth, compliance])[:, None] * (onto.multiply(onto).T @ np.repeat(mass, d))
+    L, sums = sparse.csr_matrix((c, c)), np.zeros((3, c))
+    for name, side, onto in contact_sides(system):
+        mass, (depth, compliance) = surface_mass(side), _depth_and_compliance(system, name, side)
+        L = L + onto.T @ sparse.kron(surface_stiffness(side), sparse.eye(d)) @ onto
+        sums += np.array([1.0, depth, compliance])[:, None] * (onto.multiply(onto).T @ np.repeat(mass, d))
     mass, depth, compliance = sums  # where sides of different bodies share nodes: their mean
-    return SurfaceMetric(L, mass, depth / mass, compliance / mass)
+    if d == 2:  # there the formula alone is as good
+        return SurfaceMetric(L, mass, depth / mass, compliance / mass)
+    cut = CELLS * system.mesh.degree * mass ** (1 / (d - 1))
+    return SurfaceMetric(L, mass, depth / mass, compliance / mass, ContactLayer(system, CELLS), cut)
 
 
 def _depth_and_compliance(system: System, side: str, surface: Surface) -> tuple[float, float]:

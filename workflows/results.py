@@ -24,6 +24,8 @@ from workflows import VERSION
 from workflows.scene import to_dict
 from workflows.writers.aside import write_aside
 
+OF_COARSE = ("factorisations", "volume_solves", "linear_iterations")  # counters of the coarse mesh beside
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -50,8 +52,7 @@ def summary(
     """The content of result.json."""
     scene, counters = simulation.scene, simulation.counters
     contacts, attempts = simulation.system.contacts, simulation.stepper.attempts
-    nested = simulation.stepper.nested
-    coarser, resolved = nested.counters if nested else [], to_dict(scene)
+    resolved = to_dict(scene)
     return {
         "format": 1,
         "status": status,
@@ -80,10 +81,7 @@ def summary(
             "volume_solves": counters.volume_solves,
             "linear_iterations": counters.linear_iterations,
             "lanczos_applications": counters.lanczos_applications,
-            "coarser_meshes": [
-                {key: getattr(c, key) for key in ("factorisations", "volume_solves", "linear_iterations")}
-                for c in coarser
-            ],
+            "coarse_mesh": attempts.coarse and {key: getattr(attempts.coarse.counters, key) for key in OF_COARSE},
         },
         "audit": Audit.worst(audits),
         "error": {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,6 +34,7 @@ class SurfaceUzawa:
     rtol: float = 1e-8
     max_it: int = 10000
     safety: float = 1.0  # F is taken this much too large: shorter steps; what was learnt is then left out
+    smooth: tuple[Array, Array] | None = None  # forces (c, k) and about the displacement they cause, known beforehand
     learnt: dict[str, Secants] = field(default_factory=dict, repr=False)
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
@@ -89,8 +90,18 @@ class SurfaceUzawa:
         if self.safety != 1:
             return Secants(guess, surface.R, surface.R / surface.rho)
         if "F" not in self.learnt:
-            self.learnt["F"] = Secants(guess, surface.R, surface.R / surface.rho)
+            self.learnt["F"] = Secants(self._primed(guess, own), surface.R, surface.R / surface.rho)
         return self.learnt["F"]
+
+    def _primed(self, guess: Callable[[Array], Array], own: int) -> Callable[[Array], Array]:
+        """The guess, better for smooth forces."""
+        if self.smooth is None:
+            return guess
+        driven = np.zeros((own, 0))
+        primed = Secants(lambda f: self.metric(f), driven, driven)
+        for force, displacement in zip(self.smooth[0].T, self.smooth[1].T, strict=True):
+            primed.learn(force, displacement)
+        return lambda force: np.concatenate([primed(force[:own]), guess(force)[own:]])
 
     def _step(self, problem: SurfaceProblem, F: Secants, p: Array, w: Array, residual: float) -> Found | None:
         model = SurfaceModel(problem, Flexibility(problem.surface, F, self.metric), p, w)
