@@ -10,7 +10,7 @@ from scipy import sparse
 
 from geometry.surface import Surface
 from solvers.constraints import Constraints
-from solvers.operators.coupling import LITTLE, Coupling
+from solvers.operators.coupling import Coupling
 
 Array = NDArray[np.float64]
 SMALL = 1e-6  # sine of the angle below which directions count as parallel
@@ -65,8 +65,7 @@ def carry(coupling: Coupling, directions: Array, constraints: Constraints, used:
         used: root node -> projector (d, d) onto motions of its numbers that multipliers against rigid obstacles hold.
     """
     surface, facing = coupling.surface, coupling.weights != 0
-    little = LITTLE * surface.node_weights()  # too little to tell the gap at the node from that of what faces it
-    tried = np.flatnonzero(coupling.weights > little)
+    tried = np.flatnonzero(coupling.carries)
     roots, bases = constraints.roots(surface.nodes[tried]), constraints.bases(surface.nodes[tried])[0]
     rigid, nothing = coupling.master is None, np.zeros((surface.dim, surface.dim))
     held = np.array([used.get(root, nothing) if rigid else nothing for root in roots.tolist()])

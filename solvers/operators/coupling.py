@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from geometry.surface import Surface
 
 Array = NDArray[np.float64]
-LITTLE = 0.01  # of a node's weight: less faces the other side (of a quadratic node even less than nothing)
 
 
 @dataclass(frozen=True)
@@ -36,6 +35,7 @@ class Coupling:
     relative: Any  # (n, n + n_master) sparse: nodal displacements of both sides to relative displacement
     gap: Array  # (n,) [m]
     normals: Array  # (n, d) unit, towards the other side, half way between both sides' own
+    carries: NDArray[np.bool_]  # (n,) nodes with a multiplier of their own; others hand theirs to neighbours
     points: Callable[[int], Points]  # for a quadrature degree
 
 

@@ -11,24 +11,27 @@ from scipy import sparse
 from geometry import dolfinx_versions as dx
 from geometry.overlap import overlap
 from geometry.surface import Surface
-from solvers.operators.coupling import LITTLE, Coupling, Points, between
+from solvers.operators.coupling import Coupling, Points, between
 from solvers.operators.mortar import mortar_integrals
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+LITTLE = 0.01  # of a node's weight: less faces the master
+FAR = 10.0  # ∫ |psi_j| by ∫ psi_j: below 5 on whole facets, far more where a node's values are extrapolated
 
 
 def mortar_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
     """Biorthogonal multipliers at the slave's nodes; what nothing faces carries none."""
     found = overlap(slave, master, reach, _degree(slave, master))
-    weights, P, gap, _ = mortar_integrals(slave, master, found)
+    weights, P, gap, psi = mortar_integrals(slave, master, found)
     facing = weights != 0
     own = sparse.diags(facing.astype(float)) @ slave.transform
     gap = np.where(facing, gap, 0.0)
     other = P @ master.node_normals()
-    little = facing & (weights <= LITTLE * slave.node_weights())  # what they see is a far extrapolation
-    if little.any():
-        gap[little], other[little] = np.clip(gap[little], found.gap.min(), found.gap.max()), 0.0
+    spread = np.divide(abs(psi).sum(axis=1).A1, weights, out=np.full(len(weights), np.inf), where=weights > 0)
+    far = facing & ((spread > FAR) | (weights <= LITTLE * slave.node_weights()))
+    if far.any():
+        gap[far], other[far] = np.clip(gap[far], found.gap.min(), found.gap.max()), 0.0
     normals, gap = between(slave.node_normals(), other, gap)
     return Coupling(
         slave,
@@ -37,8 +40,16 @@ def mortar_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
         sparse.hstack([own, -P], format="csr"),
         gap,
         normals,
+        facing & (~far | _least(slave, spread)),
         points=lambda degree: _points(slave, master, reach, max(degree, _degree(slave, master))),
     )
+
+
+def _least(slave: Surface, values: Array) -> NDArray[np.bool_]:
+    """Nodes (n,) whose value is finite and no larger than their neighbours': one at least of each part faced."""
+    least = values.copy()
+    np.minimum.at(least, slave.facets, values[slave.facets].min(axis=1, keepdims=True))
+    return np.asarray(np.isfinite(values) & (values == least))
 
 
 def _degree(slave: Surface, master: Surface) -> int:

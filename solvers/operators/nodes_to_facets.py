@@ -32,4 +32,4 @@ def nodal_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
         psi = sparse.diags(weights, format="csc")[:, met]
         return Points(weights[met], relative[met], gap[met], normals[met], psi.tocsr())
 
-    return Coupling(slave, master, weights, relative, gap, normals, points)
+    return Coupling(slave, master, weights, relative, gap, normals, met, points)

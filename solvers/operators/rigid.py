@@ -26,6 +26,7 @@ def rigid_coupling(surface: Surface, obstacle: Obstacle) -> Coupling:
         relative=surface.transform,
         gap=surface.transform @ obstacle.signed_gap(surface.points),
         normals=-obstacle.normals(surface.points),
+        carries=np.ones(len(surface.points), bool),
         points=lambda degree: _points(surface, obstacle, degree),
     )
 

@@ -5,10 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from geometry.mesh import build_mesh
+from geometry.surface import Surface
+from shared.overlays import above, below
 from solvers.counters import Counters
+from solvers.operators.mortar_coupling import mortar_coupling
 from solvers.operators.rows import ContactRows
 from solvers.simulation import prepare
 from solvers.system import assemble
@@ -122,3 +125,57 @@ def test_a_node_of_which_little_faces_the_master_presses_nothing() -> None:
     assert far.any()
     assert not pole.pressure[far].any()
     assert 0.001 < pole.normal_force < 0.01
+
+
+def test_nodes_far_beyond_the_part_that_faces_the_master_press_nothing() -> None:
+    # a tenth of the outermost facets is covered: their midside nodes weigh 3 % of their own weights, but what they see
+    # is extrapolated over half a facet, a gap of -8 m where all is apart
+    sizes = ["geometry.mesh_size=2", "geometry.lower_mesh_size=2.74", "geometry.contact_mesh_size=0.1"]
+    simulation = prepare(read("cylinders", sizes))
+    (rows,) = simulation.system.contacts
+    assert rows.gap.min() > -1e-12
+    assert rows.node_gap.min() > -1e-12
+    *_, step = simulation.steps()
+    line = step.contacts["line"]
+    assert not line.pressure[np.abs(rows.surface.points[:, 0]) > 1.0].any()  # half the width of contact is 0.68
+    assert_allclose(line.normal_force, 10.0, rtol=0.01)  # as on the scene's own mesh
+
+
+@pytest.mark.parametrize(("shape", "degree"), [("interval", 2), ("triangle", 2), ("quadrilateral", 1)])
+def test_nodes_carry_on_whole_facets_and_up_to_an_edge_near_by(shape: str, degree: int) -> None:
+    for edge in (1.0, 0.95):  # of the second of two facets nine tenths are covered
+        found = mortar_coupling(below(shape, degree, (2, 2)), _up_to(shape, edge), 0.5)
+        assert found.carries.all()
+
+
+@pytest.mark.parametrize("shape", ["interval", "quadrilateral"])
+def test_nodes_that_only_extrapolation_reaches_carry_nothing(shape: str) -> None:
+    # a tenth of the last facet is covered: 0.028 of its midside node's weight, which its weight alone would not tell
+    slave = below(shape, 2, (2, 2))
+    found = mortar_coupling(slave, _up_to(shape, 0.55), 0.5)
+    beyond = (slave.points[:, :-1] > 0.7).any(axis=1)
+    assert (found.weights[beyond] > 0.01 * slave.node_weights()[beyond]).any()
+    assert_array_equal(found.carries, ~beyond)
+
+
+def test_a_corner_that_two_extrapolations_reach_carries_nothing() -> None:
+    # phi = (1 - x)(1 - 2 x) has no less than -1/24 over half a facet: in two directions at once its weight is positive
+    slave = below("quadrilateral", 2, (1, 1))
+    found = mortar_coupling(slave, _up_to("quadrilateral", 0.5), 0.5)
+    corner = slave.points[:, :-1].min(axis=1) == 1
+    assert found.weights[corner] > 0.01 * slave.node_weights()[corner]
+    assert not found.carries[corner].any()
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("shape", ["interval", "triangle", "quadrilateral"])
+def test_a_spot_inside_a_facet_has_one_multiplier(shape: str, degree: int) -> None:
+    slave, spot = below(shape, degree, (2, 2)), np.array([0.1, 0.11])
+    found = mortar_coupling(slave, above(shape, 1, (1, 1), box=(spot, spot + 0.01)), 0.5)
+    assert found.carries.sum() == 1  # for all of the facet: what the nodes see is extrapolated, their mean is not
+    assert_allclose(found.gap[found.carries], 0.1)  # not an extrapolated one
+
+
+def _up_to(shape: str, edge: float) -> Surface:
+    """A flat master that ends at `edge` in each direction."""
+    return above(shape, 1, (1, 1), box=((-1.0, -1.0), (edge, edge)))
