@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from solvers.bodies import Bodies
 from solvers.choice import Choice, Stage, choose
-from solvers.coarse_mesh import CoarseMesh, March
+from solvers.coarse_mesh import CoarseMesh
 from solvers.condensed import CondensedSurface
 from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.solution import OnStep, Solution
@@ -43,13 +43,13 @@ class Switch:
 class Attempts:
     """Where a run stands in its chain of methods. A switch holds: what failed would fail again."""
 
-    def __init__(self, system: System, stepper_of: Callable[[System], March]) -> None:
+    def __init__(self, system: System) -> None:
         """Prepare the bodies for the first method, and a coarse mesh if it is worth its while; collective."""
         self.choice: Choice = choose(system)
         self.at = 0
         self.switches: list[Switch] = []
         self.volume = prepare_volume(system, self.stage.surface)
-        self.coarse = CoarseMesh.beside(system, stepper_of) if self.choice.coarse else None
+        self.coarse = CoarseMesh.beside(system) if self.choice.coarse else None
         self._methods: dict[Stage, Callable[[State], Method]] = {}
 
     @property
@@ -83,7 +83,7 @@ class Attempts:
         if self.stage.method == "surface-uzawa":
             learning = SurfaceUzawa(
                 metric=surface_metric(system),
-                smooth=self.coarse.smooth_responses(surface.R, surface.rho) if self.coarse else None,
+                smooth=self.coarse.smooth_responses(system, surface.R, surface.rho) if self.coarse else None,
                 rtol=solver.tolerance,
                 max_it=solver.max_iterations,
                 safety=SAFE if self.stage.safe else 1.0,

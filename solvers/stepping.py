@@ -78,7 +78,7 @@ class Stepper:
         """
         self.searched = searched
         self.system = system
-        self.attempts = attempts or Attempts(system, Stepper)
+        self.attempts = attempts or Attempts(system)
         self.cone = Cone(system.contacts, 0.0, system.scene.steps.end)
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma = trial_stiffness(system)
@@ -202,7 +202,7 @@ class Stepper:
             if self.stage is not self.attempts.stage:
                 self._meet_bodies()
             problem = self._problem(state, end, u_s, self.surface.load(f_q, driving), force)
-            start = self._start(state, problem)
+            start = state.p if problem.p_ref > 0 else np.zeros_like(state.p)  # no load, no motion: no traction
             motion = unbalanced_motion(problem) if self.surface.floating else None
             if motion is not None:
                 solution = Solution(start, state.w, motion, Status.NO_EQUILIBRIUM, np.inf, ())
@@ -218,14 +218,6 @@ class Stepper:
             return replace(new, law_error=state.law_error + solution.law_error)
 
         return solution, problem, accept
-
-    def _start(self, state: State, problem: SurfaceProblem) -> Array:
-        """Tractions to begin with: the last ones, and the change that a coarser mesh has seen."""
-        if problem.p_ref == 0:  # no load, no motion: no traction
-            return np.zeros_like(state.p)
-        coarse = self.attempts.coarse
-        change = coarse.change(state.time, problem.cone.time) if coarse else None
-        return state.p if change is None else problem.project(state.p + change, 0.0)
 
     def split(self, p: Array) -> tuple[list[Array], list[Array]]:
         """Flat tractions to normal (m_n,) and tangential (m_t, d-1) ones of each contact."""

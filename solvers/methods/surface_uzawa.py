@@ -83,25 +83,27 @@ class SurfaceUzawa:
         surface = problem.surface
         own = surface.size - surface.driven
 
-        def guess(force: Array) -> Array:
-            found = self.safety * self.metric(force[:own])
-            return np.concatenate([found, force[own:] / surface.rho])
+        def with_driven(guess: Callable[[Array], Array]) -> Secants:
+            def whole(force: Array) -> Array:
+                return np.concatenate([guess(force[:own]), force[own:] / surface.rho])
+
+            return Secants(whole, surface.R, surface.R / surface.rho)
 
         if self.safety != 1:
-            return Secants(guess, surface.R, surface.R / surface.rho)
+            return with_driven(lambda force: np.asarray(self.safety * self.metric(force)))
         if "F" not in self.learnt:
-            self.learnt["F"] = Secants(self._primed(guess, own), surface.R, surface.R / surface.rho)
+            self.learnt["F"] = with_driven(self._primed())
         return self.learnt["F"]
 
-    def _primed(self, guess: Callable[[Array], Array], own: int) -> Callable[[Array], Array]:
-        """The guess, better for smooth forces."""
+    def _primed(self) -> Callable[[Array], Array]:
+        """The metric, better for smooth forces."""
         if self.smooth is None:
-            return guess
-        driven = np.zeros((own, 0))
-        primed = Secants(lambda f: self.metric(f), driven, driven)
-        for force, displacement in zip(self.smooth[0].T, self.smooth[1].T, strict=True):
+            return self.metric
+        forces, displacements = self.smooth
+        primed = Secants(self.metric, forces[:, :0], displacements[:, :0])
+        for force, displacement in zip(forces.T, displacements.T, strict=True):
             primed.learn(force, displacement)
-        return lambda force: np.concatenate([primed(force[:own]), guess(force)[own:]])
+        return primed
 
     def _step(self, problem: SurfaceProblem, F: Secants, p: Array, w: Array, residual: float) -> Found | None:
         model = SurfaceModel(problem, Flexibility(problem.surface, F, self.metric), p, w)
