@@ -1,4 +1,4 @@
-"""A sparse positive definite matrix on one rank, factorised for many solves: CHOLMOD, three times as fast as SuperLU."""
+"""A sparse positive definite matrix on one rank, factorised for many solves: CHOLMOD, thrice as fast as SuperLU."""
 
 from __future__ import annotations
 
