@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solvers.conjugate_gradients import ConjugateGradients
@@ -49,11 +50,16 @@ class IterativeVolume:
     def _solve(self, f: Any, v: Any, goal: Goal) -> None:
         forces = f.array.copy()
         self.floating.balance(forces)
-        self._cg.solve(forces, v.array, goal)
-        self.floating.pin(v.array)
+        if self._cg.comm.allreduce(bool(forces.any()), op=MPI.LOR):
+            self._cg.solve(forces, v.array, goal)
+            self.floating.pin(v.array)
+        else:  # beside a solution that is none, no error is small
+            v.array[:] = 0.0
         self.counters.volume_solves += 1
 
     def _precondition(self, r: Any, z: Any) -> None:
+        """Symmetric: `balance` is the transpose of `pin`. What r loses there is rounding."""
+        self.floating.balance(r.array)
         self._multigrid.apply(r, z)
         self.floating.pin(z.array)
 

@@ -36,7 +36,7 @@ class ContactError:
         self.steps: list[float] = []
 
     def met(self, x: Array, z: Array, energy: float) -> bool:
-        if energy <= 0.0:  # nothing is left
+        if energy == 0.0:  # nothing is left
             return True
         return not self.steps and self._small(x, z, MULTIGRID)
 
@@ -62,15 +62,19 @@ class ContactError:
 
 
 class EnergyError:
-    """The error is below `relative` beside the solution, both in the energy norm; `reached` is what it came to."""
+    """The error is below `relative` beside the solution, both in the energy norm; `reached` is what it came to.
+
+    Where the solution is next to nothing, the error is measured beside that of the start: less is rounding.
+    """
 
     def __init__(self, comm: Any, f: Array, relative: float) -> None:
         self.comm, self.f, self.relative = comm, f, relative
-        self.reached = 0.0
+        self.reached, self._first = 0.0, 0.0
 
     def met(self, x: Array, z: Array, energy: float) -> bool:
         stored = self.comm.allreduce(float(self.f @ x))  # x . A x, but for the residual
-        self.reached = float(np.sqrt(energy / stored)) if energy > 0.0 < stored else float(energy > 0.0)
+        self._first = self._first or energy
+        self.reached = float(np.sqrt(energy / max(stored, self._first))) if energy else 0.0
         return self.reached <= self.relative
 
     def moved(self, x: Array, change: Array) -> bool:

@@ -8,14 +8,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from geometry.errors import SolverError
 from solvers.condensed import CondensedSurface
+from solvers.conjugate_gradients import ConjugateGradients
 from solvers.counters import Counters
 from solvers.iterative_volume import IterativeVolume
 from solvers.matrix_free import MatrixFreeSurface
 from solvers.nouns.scene import Scene
 from solvers.prepare import prepare_surface
+from solvers.simulation import Simulation
+from solvers.stopping import ContactError, EnergyError
 from solvers.system import System
 from solvers.volume import Volume
 from workflows.scene import read
@@ -173,3 +177,26 @@ def test_a_stiffness_that_is_none_is_said(
     monkeypatch.setattr("solvers.conjugate_gradients.MOST_ITERATIONS", 3)
     with pytest.raises(SolverError, match=r"does not converge; set solver\.surface"):
         surface.displacement(np.ones(surface.size))
+
+
+def test_a_block_that_was_pressed_lifts_off_without_forces(
+    scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
+) -> None:
+    lift = {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": [[0, 0], [1, -0.1], [2, 0.1], [3, -0.1]]}}}
+    free = {"method": "surface-uzawa", "surface": "matrix-free"}
+    simulation = simulation_of(scene_of(2, contacts=BASE, supports=lift, steps={"end": 3.0, "count": 3}, solver=free))
+    pressed, lifted, again = list(simulation.steps())
+    assert not lifted.contacts["base"].force.any()
+    assert lifted.energy.stored < 1e-20 * pressed.energy.stored
+    assert lifted.linear_error == 0
+    assert_allclose(again.contacts["base"].force, pressed.contacts["base"].force, rtol=0, atol=1e-6)
+
+
+def test_a_preconditioner_that_is_not_positive_definite_is_an_error() -> None:
+    A = PETSc.Mat().createAIJ((2, 2), nnz=1, comm=PETSc.COMM_SELF)
+    A.setDiagonal(PETSc.Vec().createWithArray(np.ones(2), comm=PETSc.COMM_SELF))
+    A.assemble()
+    turned = ConjugateGradients(A, lambda r, z: (-r).copy(z), Counters())
+    for goal in (EnergyError(turned.comm, np.ones(2), 1e-6), ContactError(turned.comm, np.arange(2), 1e-6, 0.0)):
+        with pytest.raises(SolverError, match="does not converge"):
+            turned.solve(np.ones(2), np.zeros(2), goal)
