@@ -39,7 +39,8 @@ class IterativeVolume:
 
     def solve_contact(self, f: Any, v: Any, error: float, relative: float) -> None:
         """Improve v until its contact dofs are right within `error` [m], or `relative` to the largest; collective."""
-        self._solve(f, v, ContactError(self._cg.comm, self.contact.local, error, relative))
+        local, response = self.contact.local, self._cg.directions.response
+        self._solve(f, v, ContactError(self._cg.comm, local, error, relative, lambda: response(local)))
 
     def solve_energy(self, f: Any, v: Any, relative: float) -> float:
         """Improve v until its relative error in energy norm is small; that error, estimated; collective."""

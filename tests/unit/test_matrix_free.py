@@ -54,6 +54,7 @@ SCENES: dict[str, Callable[[SceneOf], Scene]] = {
     "two bodies": lambda make: read("two_blocks", ["geometry.mesh_size=0.25", "geometry.contact_mesh_size=0.12"]),
     "one held, one not": lambda make: read("cylinders", ["geometry.mesh_size=2.0", "geometry.contact_mesh_size=0.12"]),
     "three held by contact": lambda make: read("stack"),
+    "slender": lambda make: read("strip"),  # multigrid hardly sees its bending
     "turned supports": lambda make: read("arch", ["geometry.mesh_size=0.4"]),
 }
 
@@ -113,7 +114,7 @@ def test_error_is_below_what_was_asked_and_not_for_nothing(both: tuple[Any, Any,
             before = expected
     # an estimate, not a bound: of all scenes together 2.5 % are above, most where many bodies make it harder
     assert np.sum(np.array(ratios) > 1) <= 4
-    assert max(ratios) < 4
+    assert max(ratios) < 10  # of the slender one, 140 where steps alone tell the error; 2 of the others
     assert np.median(ratios) > 0.01  # a hundred times too exact is work for nothing
 
 
@@ -197,6 +198,14 @@ def test_a_preconditioner_that_is_not_positive_definite_is_an_error() -> None:
     A.setDiagonal(PETSc.Vec().createWithArray(np.ones(2), comm=PETSc.COMM_SELF))
     A.assemble()
     turned = ConjugateGradients(A, lambda r, z: (-r).copy(z), Counters())
-    for goal in (EnergyError(turned.comm, np.ones(2), 1e-6), ContactError(turned.comm, np.arange(2), 1e-6, 0.0)):
+    for goal in (
+        EnergyError(turned.comm, np.ones(2), 1e-6),
+        ContactError(turned.comm, np.arange(2), 1e-6, 0.0, lambda: 1.0),
+    ):
         with pytest.raises(SolverError, match="does not converge"):
             turned.solve(np.ones(2), np.zeros(2), goal)
+
+
+def test_a_slender_body_takes_no_halved_steps(simulation_of: Callable[[Scene], Simulation]) -> None:
+    slender = read("strip", ["solver.method=surface-uzawa", "solver.surface=matrix-free", "steps.count=2"])
+    assert [step.substeps for step in simulation_of(slender).steps()] == [1, 1]
