@@ -1,6 +1,7 @@
 """The layer of cells next to the contact gives less than the bodies do, and all that they give where it is the body."""
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -65,7 +66,7 @@ def test_it_gives_less_than_the_bodies_and_more_the_deeper_it_is(
     F, R = bodies(system)
     balanced = null_space(R.T) if R.shape[1] else np.eye(len(F))
     depths = [given(system, cells) for cells in (1, 2)] + [F]
-    for less, more in zip(depths, depths[1:], strict=False):
+    for less, more in pairwise(depths):
         ratio = eigh(balanced.T @ less @ balanced, balanced.T @ more @ balanced, eigvals_only=True)
         assert ratio[-1] <= 1 + 1e-8
         assert 0 < ratio[0] < 0.9  # a smooth force is carried deeper than that
@@ -83,7 +84,7 @@ def test_springs_hold_a_floating_body_that_is_layer_altogether(
     dim: int, scene_of: SceneOf, system_of: SystemOf
 ) -> None:
     system = system_of(block(scene_of, dim, floating=True))
-    F, R = bodies(system)
+    F, _ = bodies(system)
     values = np.linalg.eigvalsh(given(system, WHOLE))
     assert values[0] > 0
     assert values[-1] < 1e3 * np.abs(F).max()  # without them, 1e16 and more
