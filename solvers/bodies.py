@@ -45,6 +45,7 @@ class Bodies(ABC):
     """
 
     rho: float
+    exact: bool = False  # displacement is right to rounding, whatever error is allowed
     linear_error: float = 0.0  # of the displacement last recovered, relative, energy norm: none but rounding
 
     def __init__(self, N: Any, W: Array, R: Array, normal_rows: int, driven: int, counters: Counters) -> None:

@@ -25,7 +25,7 @@ PER_ENTRY = 1.5e-8  # [s] of one of them, for each entry of K_B: products and on
 PLANE, SPACE = 1.2e-8, 6e-9  # [s] a factorisation with its Schur complement takes, times N^1.5 and N^2
 DENSE = 1e-10  # [s] for each cube of a contact dof
 COPIES = 5  # of the dense stiffness that are alive together
-FACTOR = {2: 40.0, 3: 60.0}  # numbers a factor holds, times N log2 N / 16 and N^(4/3)
+FACTOR = {2: 40.0, 3: 60.0}  # numbers a factor holds, times N and N^(4/3)
 SHARE = 0.7  # of the available memory that the condensed form may take
 
 

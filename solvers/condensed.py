@@ -22,6 +22,8 @@ PAYS = 16  # an inverse is cheaper than two triangular solves for each of c / PA
 class CondensedSurface(Bodies):
     """S u_c = f_c - N^T W p on the contact dofs, S the Schur complement of K_B; see `Bodies`."""
 
+    exact = True
+
     def __init__(self, volume: Volume, N: Any, W: Array, R: Array, normal_rows: int, driven: int = 0) -> None:
         super().__init__(N, W, R, normal_rows, driven, volume.counters)
         self.volume = volume
@@ -29,25 +31,30 @@ class CondensedSurface(Bodies):
         self.rho = float(np.trace(self.S) / max(len(self.S), 1))
         self._condensed = Remembered(volume.condense, len(volume.S))
         self._forces = 0  # that were asked about
+        self._dense: dict[str, Any] = {}  # factor and inverse, shared with those of other pairs
         self._row_stiffness: dict[bytes, RowStiffness | None] = {}
 
-    @cached_property
+    @property
     def held(self) -> Any:
         """Cholesky factor of S + rho R R^T."""
-        return self.factor(None)
+        if "held" not in self._dense:
+            self._dense["held"] = self.factor(None)
+        return self._dense["held"]
 
     @cached_property
     def total(self) -> float:
         """Sum of all magnitudes in S [N/m]: force beside which less is rounding, once the bodies move by 1 m."""
         return float(np.abs(self.S).sum())
 
-    @cached_property
+    @property
     def flexibility(self) -> Array:
         """(S + rho R R^T)^-1 (c, c) [m/N]."""
         if not len(self.S):  # no contact in the scene
             return self.S
-        inverse, _ = dpotri(self.held[0], lower=True)
-        return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)
+        if "flexibility" not in self._dense:
+            inverse, _ = dpotri(self.held[0], lower=True)
+            self._dense["flexibility"] = np.tril(inverse) + np.tril(inverse, -1).T
+        return np.asarray(self._dense["flexibility"])
 
     def factor(self, tangent: Array | None) -> Any:
         """Cholesky factor of S + tangent + rho R R^T."""
@@ -70,7 +77,7 @@ class CondensedSurface(Bodies):
             return force
         self.counters.volume_solves += 1
         self._forces += 1
-        if "flexibility" in self.__dict__ or PAYS * self._forces > len(force):
+        if "flexibility" in self._dense or PAYS * self._forces > len(force):
             return np.asarray(self.flexibility @ force)
         return np.asarray(cho_solve(self.held, force))
 
@@ -84,5 +91,4 @@ class CondensedSurface(Bodies):
 
     def adopt(self, other: Bodies) -> None:
         assert isinstance(other, CondensedSurface)
-        self._condensed = other._condensed
-        self.__dict__.update({name: other.__dict__[name] for name in ("held", "flexibility") if name in other.__dict__})
+        self._condensed, self._dense = other._condensed, other._dense

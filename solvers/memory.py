@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-NUMBER = 8  # bytes
-SHARE = 0.8  # of what is available: everything else that is alive needs some too
-
 
 def available(root: Path = Path("/")) -> int:
     """Bytes that can be taken before the system swaps or kills.
@@ -15,11 +12,6 @@ def available(root: Path = Path("/")) -> int:
     Where nothing can be read, as on systems without /proc, memory is taken to be without limit.
     """
     return min((_of_machine(root), *_of_groups(root)))
-
-
-def dense_fits(count: int, copies: float, root: Path = Path("/")) -> bool:
-    """Whether `copies` dense matrices (count, count) can live at the same time; each rank of a machine has its own."""
-    return copies * NUMBER * count**2 <= SHARE * available(root)
 
 
 def _of_machine(root: Path) -> int:

@@ -42,11 +42,22 @@ class Secants:
     def learn(self, force: Array, displacement: Array) -> None:
         """Take up a pair (c,) of a force and the displacement that a volume solve gave."""
         size = np.sqrt(max(float(force @ displacement), 0.0))
-        if not size > 0:  # no work, or less than the error of the solve
+        if not (size > 0 and np.isfinite(size)):  # no work, or less than the error of the solve
             return
+        known = self._S, self._Y, self._guessed
+        try:
+            self._take(force / size, displacement / size)
+        except np.linalg.LinAlgError:  # what is new in it is rounding after all
+            self._S, self._Y, self._guessed = known
+
+    def _take(self, force: Array, displacement: Array) -> None:
+        """The pair, of unit work, among the others.
+
+        Raises:
+            LinAlgError: the work of all pairs together is not positive.
+        """
         if self.count == self._sure + KEPT:
             self._keep(np.delete(np.arange(self.count), self._sure))
-        force, displacement = force / size, displacement / size
         self._S = np.column_stack([self._S, force])
         self._Y = np.column_stack([self._Y, displacement])
         self._guessed = np.column_stack([self._guessed, self.guess(force)])
@@ -59,7 +70,8 @@ class Secants:
         self._S, self._Y, self._guessed = self._S[:, chosen], self._Y[:, chosen], self._guessed[:, chosen]
 
     def _prepare(self) -> None:
-        self.more, self.less = _root(self._Y, self._S.T @ self._Y), _root(self._guessed, self._S.T @ self._guessed)
+        more, less = _root(self._Y, self._S.T @ self._Y), _root(self._guessed, self._S.T @ self._guessed)
+        self.more, self.less = more, less
 
     def __call__(self, force: Array) -> Array:
         """F+ times forces (c,) or (c, k) [m]; F+ = F + more more^T - less less^T."""

@@ -65,7 +65,7 @@ def by_tractions(laws: LinearisedLaws, surface: CondensedSurface) -> tuple[Array
     """
     problem, N, W, R, k = laws.problem, surface.N, surface.W, surface.R, laws.k
     rows, spring = len(k), k > 0
-    on_springs = laws.A_p @ spring.astype(float) != 0  # slip whose pressure is that of a spring
+    on_springs = abs(laws.A_p) @ spring.astype(float) > 0  # slip whose pressure is that of a spring
     unknown = (~laws.given | on_springs) & ~spring
     x = np.flatnonzero(unknown)
     follow = sparse.diags((~unknown & ~spring).astype(float)) @ (sparse.eye(rows, format="csr") - laws.A_p)

@@ -55,7 +55,7 @@ class SurfaceModel:
             at, b, held = stepped
             w = self.at(at, b)
             residual = self.problem.natural_residual(at, w)
-            if best is None or residual < best.residual:
+            if best is None or not best.residual <= residual:  # NaN is worst
                 best = Found(at, b, residual)
             if residual <= enough:
                 break

@@ -45,7 +45,8 @@ class Flexibility:
         """(rows, c) what each contact dof gives of a row's relative displacement, harmonic over the bodies."""
         N = self.surface.N[:, : self.metric.size]
         give = N.multiply(N) @ self.metric.compliance
-        return sparse.diags(1 / give) @ N @ sparse.diags(self.metric.compliance)
+        part = np.divide(1.0, give, out=np.zeros_like(give), where=give > 0)  # held dofs alone: nothing gives
+        return sparse.diags(part) @ N @ sparse.diags(self.metric.compliance)
 
     def inverse(self, w: Array) -> Array:
         """About what tractions cause w: G^-1 within constants, for nodal rows."""
@@ -130,7 +131,10 @@ class SurfaceSystem:
         mixed = np.flatnonzero(~pure)
         scale = self.A_w[:, self.rows].diagonal()
         local = (self.A_p - self.A_w[:, self.rows] @ sparse.diags(flexibility.diagonal[self.rows]))[mixed]
-        others = splu(sparse.csc_matrix(local[:, mixed])) if len(mixed) else None
+        try:
+            others = splu(sparse.csc_matrix(local[:, mixed])) if len(mixed) else None
+        except RuntimeError as error:  # SuperLU: exactly singular
+            raise np.linalg.LinAlgError(str(error)) from None
         follow = self.A_p[mixed]
 
         def inner(r: Array) -> Array:

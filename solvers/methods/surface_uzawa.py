@@ -41,7 +41,8 @@ class SurfaceUzawa:
         surface, flexibility = problem.surface, self._flexibility(problem)
         history: list[Step] = []
         status = Status.MAX_IT
-        accuracy = INNER if problem.p_ref else 0.0  # no load, no motion: nothing happens
+        inner = 0.0 if surface.exact or problem.p_ref == 0 else INNER  # no load, no motion: nothing happens
+        accuracy = inner
         u_c = problem.contact_displacement(p, accuracy) if p.any() else problem.load.free
         w, forces = problem.relative_displacement(u_c), surface.forces(p)
         motion = np.zeros_like(u_c)
@@ -70,7 +71,7 @@ class SurfaceUzawa:
                 break
             p = found.p
             balanced = True
-            accuracy = INNER * max(self.rtol, DROP * min(residual, 1.0))
+            accuracy = inner * max(self.rtol, DROP * min(residual, 1.0))
             u_new, forces_new = problem.contact_displacement(p, accuracy), surface.forces(p)
             flexibility.learn(forces - forces_new, u_new - u_c)
             u_c, forces = u_new, forces_new
@@ -111,7 +112,7 @@ class SurfaceUzawa:
         best: Found | None = None
         for start, factor in _starts(problem, p, w, residual):
             found = model.solve(start, factor * problem.gamma, enough)
-            if found is not None and (best is None or found.residual < best.residual):
+            if found is not None and (best is None or not best.residual <= found.residual):
                 best = found
             if best is not None and best.residual <= enough:
                 break
