@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-MOST = (
-    40  # directions: 80 saved no more iterations; one costs two vectors of memory, and two products with each new one
-)
+MOST = 80  # directions; one costs two vectors of memory, and two products with each new one
 
 
 class SearchDirections:
