@@ -16,8 +16,9 @@ from solvers.surface_metric import SurfaceMetric
 from solvers.surface_problem import SurfaceProblem
 
 STALL_WINDOW = 25  # iterations in which the least residual must halve
-INNER = 0.1  # of the residual, how exact the volume and the surface are solved
-DROP = 0.3  # what one iteration makes of the residual, about
+INNER = 0.1  # of the residual, how exact the surface is solved
+VOLUME = 0.3  # of the residual to be expected, how exact the volume is
+DROP = 0.5  # what one iteration makes of the residual, cautiously
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +42,7 @@ class SurfaceUzawa:
         surface, flexibility = problem.surface, self._flexibility(problem)
         history: list[Step] = []
         status = Status.MAX_IT
-        inner = 0.0 if surface.exact or problem.p_ref == 0 else INNER  # no load, no motion: nothing happens
+        inner = 0.0 if surface.exact or problem.p_ref == 0 else VOLUME  # no load, no motion: nothing happens
         accuracy = inner
         u_c = problem.contact_displacement(p, accuracy) if p.any() else problem.load.free
         w, forces = problem.relative_displacement(u_c), surface.forces(p)
