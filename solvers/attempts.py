@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from solvers.bodies import Bodies
-from solvers.choice import Choice, Stage, choose
+from solvers.choice import Choice, Stage, choose, fits
 from solvers.coarse_mesh import CoarseMesh
 from solvers.condensed import CondensedSurface
+from solvers.iterative_volume import IterativeVolume
 from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.solution import OnStep, Solution
 from solvers.methods.surface_uzawa import SurfaceUzawa
@@ -57,14 +58,20 @@ class Attempts:
         return self.choice.stages[self.at]
 
     def advance(self, system: System, time: float, solution: Solution) -> bool:
-        """Go on to the next method, if there is one; collective."""
+        """Go on to the next method, if there is one that memory has room for; collective."""
         if self.at + 1 == len(self.choice.stages):
             return False
-        before, self.at = self.stage, self.at + 1
+        before, after = self.stage, self.choice.stages[self.at + 1]
+        if after.surface != before.surface and not fits(system, after.surface):
+            log.warning("t = %g: %s: %s; no memory for %s", time, before, solution.status.value, after)
+            return False
+        self.at += 1
         switch = Switch(time, solution.iterations, str(before), str(self.stage), solution.status.value)
         self.switches.append(switch)
         log.warning("t = %g: %s: %s; goes on with %s", time, switch.before, switch.because, switch.after)
         if self.stage.surface != before.surface:
+            if isinstance(self.volume, IterativeVolume):
+                self.volume.release()
             self.volume = prepare_volume(system, self.stage.surface)
         return True
 

@@ -104,10 +104,11 @@ class Bodies(ABC):
 
         class Operator:
             def mult(self, matrix: Any, x: Any, y: Any) -> None:
-                surface.counters.lanczos_applications += 1
-                solves = surface.counters.volume_solves
+                counters = surface.counters
+                counters.lanczos_applications += 1
+                before = counters.volume_solves, counters.linear_iterations
                 y.array = root * (surface.N @ surface.displacement(surface.N.T @ (root * x.array_r)))
-                surface.counters.volume_solves = solves
+                counters.volume_solves, counters.linear_iterations = before
 
         shell = PETSc.Mat().createPython(((rows, rows), (rows, rows)), Operator(), comm=PETSc.COMM_SELF)
         shell.setUp()

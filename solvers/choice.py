@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from mpi4py import MPI
 
 from geometry.errors import MachineError
 from geometry.mesh import Mesh
@@ -49,6 +50,7 @@ class Size:
     dofs: int
     entries: float  # of K_B, about
     contact_dofs: int
+    ranks: int = 1  # that share a machine's memory
 
     @staticmethod
     def of(mesh: Mesh, constraints: Constraints, contacts: tuple[ContactRows, ...]) -> Size:
@@ -56,7 +58,10 @@ class Size:
         dofs = constraints.free_total
         nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in contacts)]))
         kind = mesh.domain.topology.cell_type.name, mesh.degree
-        return Size(mesh.dim, dofs, dofs * ENTRIES[kind], mesh.dim * len(nodes))
+        machine = mesh.comm.Split_type(MPI.COMM_TYPE_SHARED)
+        ranks = mesh.comm.allreduce(machine.size, op=MPI.MAX)
+        machine.Free()
+        return Size(mesh.dim, dofs, dofs * ENTRIES[kind], mesh.dim * len(nodes), ranks)
 
     @property
     def seconds(self) -> dict[Form, float]:
@@ -69,9 +74,9 @@ class Size:
 
     @property
     def dense_bytes(self) -> float:
-        """Memory of the condensed form, predicted."""
+        """Memory of the condensed form, predicted: each rank has its own dense stiffness, all share a factor."""
         factor = self.dofs * (self.dofs ** (1 / 3) * FACTOR[3] if self.dim == 3 else FACTOR[2])
-        return 8.0 * (COPIES * self.contact_dofs**2 + factor)
+        return 8.0 * (self.ranks * COPIES * self.contact_dofs**2 + factor)
 
 
 @dataclass(frozen=True)
@@ -88,13 +93,25 @@ class Choice:
 
 
 def choose(system: System) -> Choice:
-    """What a scene's `solver.method` and `solver.surface` come to at the size it has.
+    """What a scene's `solver.method` and `solver.surface` come to at the size it has; collective.
 
     Raises:
         MachineError: they ask for a dense stiffness that does not fit in memory.
     """
-    size = Size.of(system.mesh, system.constraints, system.contacts)
-    return chosen(size, system.scene.solver, min(system.mesh.comm.allgather(available())))
+    return chosen(_size(system), system.scene.solver, _memory(system))
+
+
+def fits(system: System, form: Form) -> bool:
+    """Whether that form of the bodies fits in what memory is left now; collective."""
+    return form == "matrix-free" or _size(system).dense_bytes < SHARE * _memory(system)
+
+
+def _size(system: System) -> Size:
+    return Size.of(system.mesh, system.constraints, system.contacts)
+
+
+def _memory(system: System) -> float:
+    return float(min(system.mesh.comm.allgather(available())))
 
 
 def chosen(size: Size, solver: Solver, memory: float) -> Choice:

@@ -37,6 +37,11 @@ class IterativeVolume:
         """Keep that many search directions, instead of what is known to pay."""
         self._cg.remember(most)
 
+    def release(self) -> None:
+        """Give the memory back; nothing can be solved from then on; collective."""
+        self._multigrid.destroy()
+        self.remember(1)
+
     def solve_contact(self, f: Any, v: Any, error: float, relative: float) -> None:
         """Improve v until its contact dofs are right within `error` [m], or `relative` to the largest; collective."""
         local, response = self.contact.local, self._cg.directions.response

@@ -4,19 +4,27 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from geometry.errors import MachineError
+from solvers.choice import Size, Stage, chosen
+from solvers.coarse_mesh import CoarseMesh
 from solvers.methods.solution import Solution, Status
 from solvers.methods.surface_uzawa import SurfaceUzawa
 from solvers.nouns.scene import Scene
+from solvers.nouns.stepping import Solver
 from solvers.simulation import Simulation
 from solvers.stepping import StepError
+from solvers.system import System
 from workflows.results import summary
+from workflows.scene import read
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
 CHAIN = ["surface-uzawa", "surface-uzawa", "condensed-newton"]
+BASE = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}}
 FEW = 2  # iterations
 
 
@@ -24,9 +32,7 @@ def pressed(scene_of: SceneOf, **solver: Any) -> Scene:
     """Pressed, then dragged until a part slips."""
     drag = {"x": [[0, 0], [1, 0], [2, 0.02]], "y": [[0, 0], [1, -0.05]]}
     return scene_of(
-        contacts={
-            "base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}
-        },
+        contacts=BASE,
         supports={"top": {"boundary": "block.top", "displacement": drag}},
         steps={"end": 2.0, "count": 2},
         solver=solver,
@@ -86,3 +92,58 @@ def test_a_linear_solve_that_fails_leaves_the_steps_before_it(
     monkeypatch.setattr("solvers.conjugate_gradients.MOST_ITERATIONS", 1)
     with pytest.raises(StepError, match="a linear solve failed"):
         next(steps)
+
+
+def test_no_switch_to_what_memory_has_no_room_for(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hasten(monkeypatch)
+    simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
+    monkeypatch.setattr("solvers.choice.available", lambda: 0)
+    with pytest.raises(StepError, match="iterations ran out"):
+        next(simulation.steps())
+    attempts = simulation.stepper.attempts
+    assert [switch.after for switch in attempts.switches] == ["surface-uzawa (matrix-free, safer metric)"]
+    assert attempts.stage.surface == "matrix-free"
+
+
+SMALL, LARGE = Size(3, 1000, 8e4, 100), Size(3, 1_000_000, 8e7, 30_000)
+NEWTON = Stage("condensed-newton", "condensed")
+UZAWA = Stage("surface-uzawa", "matrix-free"), Stage("surface-uzawa", "matrix-free", safe=True)
+
+
+def test_the_choice_goes_by_size_and_memory() -> None:
+    assert chosen(SMALL, Solver(), 1e12).stages == (NEWTON,)
+    assert chosen(LARGE, Solver(), 1e15).stages == (*UZAWA, NEWTON)
+    assert chosen(SMALL, Solver(), 1e3).stages == UZAWA
+    assert chosen(SMALL, Solver(method="surface-uzawa"), 1e12).stages == (Stage("surface-uzawa", "condensed"),)
+    with pytest.raises(MachineError, match="more than this machine has free"):
+        chosen(LARGE, Solver(method="condensed-newton"), 1e9)
+
+
+def test_each_rank_of_a_machine_has_a_dense_stiffness_of_its_own() -> None:
+    one, four = LARGE.dense_bytes, replace(LARGE, ranks=4).dense_bytes
+    assert four - one == pytest.approx(3 * 5 * 8 * LARGE.contact_dofs**2)  # five copies of doubles
+    memory = (one + four) / 2 / 0.7  # the part of it that may be taken
+    assert NEWTON in chosen(LARGE, Solver(), memory).stages
+    assert NEWTON not in chosen(replace(LARGE, ranks=4), Solver(), memory).stages
+
+
+def test_the_size_is_that_of_what_is_assembled(scene_of: SceneOf, system_of: Callable[[Scene], System]) -> None:
+    system = system_of(scene_of(2, {"cells": "tensor", "mesh_size": 0.05}, contacts=BASE))
+    size = Size.of(system.mesh, system.constraints, system.contacts)
+    assert (size.dim, size.dofs, size.ranks) == (2, system.K_B.size[0], 1)
+    assert size.contact_dofs == len(system.contact_dofs)
+    assert size.entries == pytest.approx(system.K_B.getInfo()["nz_used"], rel=0.1)  # fewer at the boundary
+
+
+def test_the_coarse_mesh_has_fewer_dofs(system_of: Callable[[Scene], System]) -> None:
+    fine = system_of(read("two_blocks"))
+    coarse = CoarseMesh.beside(fine)
+    assert coarse is not None
+    assert coarse.system.constraints.free_total < fine.constraints.free_total / 2
+    forces, displacements = coarse.smooth_responses(fine, np.zeros((len(fine.contact_dofs), 0)), 1.0)
+    assert forces.shape == displacements.shape
+    acting = forces.any(axis=0)  # a flat surface has nothing across
+    assert acting.any()
+    assert np.all(np.sum(forces * displacements, axis=0)[acting] > 0)  # bodies give way

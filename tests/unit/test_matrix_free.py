@@ -168,6 +168,10 @@ def test_each_solve_and_iteration_is_counted(scene_of: SceneOf, system_of: Syste
     surface.under(load, np.zeros(len(surface.W)), 1e-3 * np.abs(load.free).max())
     assert (counters.volume_solves, counters.linear_iterations) == (2, first)  # known already
     assert counters.factorisations == 0
+    done = counters.volume_solves, counters.linear_iterations
+    assert surface.lambda_max > 0
+    assert counters.lanczos_applications > 3
+    assert (counters.volume_solves, counters.linear_iterations) == done  # these are counted apart
 
 
 def test_a_stiffness_that_is_none_is_said(
