@@ -45,7 +45,10 @@ class ConjugateGradients:
         self.directions.advance(x, r)
         for _ in range(MOST_ITERATIONS):
             d = self._apply(self.precondition, r).copy()
-            if goal.met(x, d, self._dot(r, d)):
+            left = self._dot(r, d)
+            if not left >= 0.0:  # the preconditioner is not positive definite, or something is no number
+                break
+            if goal.met(x, d, left):
                 return
             self.directions.conjugate(d)
             Ad = self._apply(self.A.mult, d)

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
+from solvers.sparse_cholesky import SparseCholesky
 from solvers.system import System
 
 Array = NDArray[np.float64]
@@ -38,16 +38,11 @@ class ContactLayer:
         springs = np.zeros(K.shape[0])
         if len(springs) and system.rigid_modes().shape[1]:
             springs[self._at] = BED * K.diagonal()[self._at]
-        self._factor = splu(
-            sparse.csc_matrix(K + sparse.diags(springs)),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+        self._factor = SparseCholesky(K + sparse.diags(springs))
         self._size = K.shape[0]
 
     def __call__(self, force: Array) -> Array:
         """Displacement [m] under forces (c,) or (c, k) [N]."""
         whole = np.zeros((self._size, *force.shape[1:]))
         whole[self._at] = force
-        return np.asarray(self._factor.solve(whole)[self._at])
+        return self._factor.solve(whole)[self._at]

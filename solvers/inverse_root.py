@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
 from scipy.special import ellipj, ellipkm1
+
+from solvers.sparse_cholesky import SparseCholesky
 
 Array = NDArray[np.float64]
 
@@ -30,7 +31,7 @@ def poles(low: float, high: float, count: int) -> tuple[Array, Array]:
 class InverseRoot:
     """x -> A^(-1/2) x, symmetric and positive definite; one sparse factorisation for each shift."""
 
-    def __init__(self, A: Any, low: float, count: int = 4) -> None:
+    def __init__(self, A: Any, low: float, count: int = 3) -> None:
         """
         Args:
             A: (n, n) sparse, symmetric.
@@ -38,16 +39,8 @@ class InverseRoot:
         """
         high = float(np.abs(A).sum(axis=1).max()) if A.shape[0] else low
         self.weights, self.shifts = poles(low, max(high, 2 * low), count)
-        identity = sparse.eye(A.shape[0], format="csc")
-        self._factors = [
-            splu(
-                sparse.csc_matrix(A + shift * identity),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
-            for shift in self.shifts
-        ]
+        identity = sparse.eye(A.shape[0], format="csr")
+        self._factors = [SparseCholesky(A + shift * identity) for shift in self.shifts]
 
     def __call__(self, x: Array) -> Array:
         """A^(-1/2) x for x (n,) or (n, k)."""

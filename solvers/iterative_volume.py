@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from solvers.conjugate_gradients import ConjugateGradients
@@ -38,7 +39,8 @@ class IterativeVolume:
 
     def solve_contact(self, f: Any, v: Any, error: float, relative: float) -> None:
         """Improve v until its contact dofs are right within `error` [m], or `relative` to the largest; collective."""
-        self._solve(f, v, ContactError(self._cg.comm, self.contact.local, error, relative))
+        local, response = self.contact.local, self._cg.directions.response
+        self._solve(f, v, ContactError(self._cg.comm, local, error, relative, lambda: response(local)))
 
     def solve_energy(self, f: Any, v: Any, relative: float) -> float:
         """Improve v until its relative error in energy norm is small; that error, estimated; collective."""
@@ -49,11 +51,16 @@ class IterativeVolume:
     def _solve(self, f: Any, v: Any, goal: Goal) -> None:
         forces = f.array.copy()
         self.floating.balance(forces)
-        self._cg.solve(forces, v.array, goal)
-        self.floating.pin(v.array)
+        if self._cg.comm.allreduce(bool(forces.any()), op=MPI.LOR):
+            self._cg.solve(forces, v.array, goal)
+            self.floating.pin(v.array)
+        else:  # beside a solution that is none, no error is small
+            v.array[:] = 0.0
         self.counters.volume_solves += 1
 
     def _precondition(self, r: Any, z: Any) -> None:
+        """Symmetric: `balance` is the transpose of `pin`. What r loses there is rounding."""
+        self.floating.balance(r.array)
         self._multigrid.apply(r, z)
         self.floating.pin(z.array)
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-MOST = (
-    40  # directions: 80 saved no more iterations; one costs two vectors of memory, and two products with each new one
-)
+MOST = 80  # directions; one costs two vectors of memory, and two products with each new one
 
 
 class SearchDirections:
@@ -35,6 +34,12 @@ class SearchDirections:
             along = self.comm.allreduce(self._D[:k] @ r)
             x += along @ self._D[:k]
             r -= along @ self._AD[:k]
+
+    def response(self, local: NDArray[np.int64]) -> float:
+        """Most that an entry `local` of a vector in their span has, beside the vector's energy norm; collective."""
+        known = self._D[: min(self.count, self.most), local]
+        own = float(np.sqrt(np.sum(known**2, axis=0).max(initial=0.0)))
+        return float(self.comm.allreduce(own, op=MPI.MAX))
 
     def conjugate(self, z: Array) -> None:
         """Make z conjugate to all of them, in place."""

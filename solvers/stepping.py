@@ -6,7 +6,6 @@ import logging
 import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -21,7 +20,7 @@ from solvers.cone import Cone
 from solvers.energy import Energy
 from solvers.equilibrium import decide, unbalanced_motion
 from solvers.history import HistoryRow
-from solvers.methods.solution import Solution, Status, Step
+from solvers.methods.solution import OnStep, Solution, Status, Step
 from solvers.motion_in_words import in_words
 from solvers.prepare import prepare_surface, trial_stiffness
 from solvers.sliding import positions, stay, told_in
@@ -108,7 +107,7 @@ class Stepper:
         Raises:
             StepError: the smallest step failed; it carries what was reached.
         """
-        state, substeps, iterations = start, 0, 0
+        state, substeps = start, 0
         history: list[HistoryRow] = []
         unbalanced: tuple[float, str] | None = None  # the earliest time known to have no equilibrium
         solves = self.system.counters.volume_solves
@@ -118,12 +117,12 @@ class Stepper:
         while reached is None or state.time < target:
             last = target - state.time <= size * (1 + 1e-9)
             end = target if last else state.time + size
-            stepper, solution, problem, accept = self._follow(state, end, history, on_iteration)
-            iterations += solution.iterations
+            stepper, solution, problem, new = self._follow(state, end, history, on_iteration)
             if solution.status is Status.NO_EQUILIBRIUM:
                 unbalanced = end, f"{solution.status.value}: {in_words(stepper.system, solution.u_c)}"
-            if solution.status is Status.CONVERGED:
-                before_substep, state, substeps = state, accept(), substeps + 1
+            if new is not None:
+                assert problem is not None
+                before_substep, state, substeps = state, new, substeps + 1
                 if stepper is not self:
                     unbalanced = None  # it was known for the pairs of another place
                 reached = Accepted(
@@ -133,7 +132,7 @@ class Stepper:
                     last=before_substep,
                     problem=problem,
                     substeps=substeps,
-                    iterations=iterations,
+                    iterations=_iterations(history),
                     volume_solves=self.system.counters.volume_solves - solves,
                     residual=solution.residual,
                     slack=solution.slack,
@@ -144,7 +143,7 @@ class Stepper:
                 if unbalanced is not None:
                     raise NoEquilibriumError(*unbalanced, tuple(history), reached)
                 text = f"residual {solution.residual:.1e} after {solution.iterations} iterations"
-                known = f" ({decide(problem).value})" if self.surface.floating else ""
+                known = f" ({decide(problem).value})" if problem and self.surface.floating else ""
                 raise StepError(end, f"{text}; {solution.status.value}{known}", tuple(history), reached)
             else:
                 size /= 2
@@ -153,7 +152,7 @@ class Stepper:
 
     def _follow(
         self, state: State, end: float, history: list[HistoryRow], on_iteration: Callable[[HistoryRow], None]
-    ) -> tuple[Stepper, Solution, SurfaceProblem, Callable[[], State]]:
+    ) -> tuple[Stepper, Solution, SurfaceProblem | None, State | None]:
         """One attempt at a step; the pairs of sliding contacts are those of where it starts, or of where it ends."""
         names = [c.name for c in self.system.contacts if self.system.scene.contacts[c.name].sliding]
         if not names:
@@ -162,18 +161,16 @@ class Stepper:
         for _ in range(SEARCHES):
             stepper = self._searched(where)
             told = told_in(state, stepper.system)
-            solution, problem, accept = stepper._solve(told, end, history, on_iteration)
-            if solution.status is not Status.CONVERGED:
+            solution, problem, new = stepper._solve(told, end, history, on_iteration)
+            if new is None:
                 break
-            new = accept()
-            accept = partial(_known, new)
             reached = positions(stepper.system, new, names)
             if stay(stepper.system, where, reached):
                 break
             where = reached
         else:
             log.warning("t = %g: pairs still change after %d searches; the last ones stand", end, SEARCHES)
-        return stepper, solution, problem, accept
+        return stepper, solution, problem, new
 
     def _searched(self, where: Mapping[str, Array]) -> Stepper:
         """The same bodies with other pairs."""
@@ -184,13 +181,9 @@ class Stepper:
 
     def _solve(
         self, state: State, end: float, history: list[HistoryRow], on_iteration: Callable[[HistoryRow], None]
-    ) -> tuple[Solution, SurfaceProblem, Callable[[], State]]:
-        """One attempt at the step from `state` to `end`, and what makes it the new state."""
-        system, began = self.system, clock.perf_counter()
-        load, u_s = system.load(end), system.prescribed(end)
-        f_q = system.pull(end, load, u_s)
-        driving = system.driving_force(end)
-        force = load.norm(0) + float(np.abs(driving).sum())
+    ) -> tuple[Solution, SurfaceProblem | None, State | None]:
+        """One attempt at the step from `state` to `end`, and the new state if it succeeds."""
+        began = clock.perf_counter()
 
         def record(step: Step) -> None:
             row = HistoryRow(end, step, clock.perf_counter() - began, self.stage.method)
@@ -201,23 +194,48 @@ class Stepper:
         while True:
             if self.stage is not self.attempts.stage:
                 self._meet_bodies()
-            problem = self._problem(state, end, u_s, self.surface.load(f_q, driving), force)
+            attempt = self._attempt(state, end, record)
+            solution, _, new = attempt
+            if new is not None or solution.status is Status.NO_EQUILIBRIUM:
+                return attempt
+            if not self.attempts.advance(self.system, end, solution):
+                return attempt
+
+    def _attempt(
+        self, state: State, end: float, record: OnStep
+    ) -> tuple[Solution, SurfaceProblem | None, State | None]:
+        """The step by the method in turn; where a linear solve fails, so does the attempt."""
+        system = self.system
+        load, u_s = system.load(end), system.prescribed(end)
+        driving = system.driving_force(end)
+        force = load.norm(0) + float(np.abs(driving).sum())
+        rows: list[Step] = []
+
+        def tell(step: Step) -> None:
+            rows.append(step)
+            record(step)
+
+        problem = None
+        try:
+            problem = self._problem(state, end, u_s, self.surface.load(system.pull(end, load, u_s), driving), force)
             start = state.p if problem.p_ref > 0 else np.zeros_like(state.p)  # no load, no motion: no traction
             motion = unbalanced_motion(problem) if self.surface.floating else None
             if motion is not None:
-                solution = Solution(start, state.w, motion, Status.NO_EQUILIBRIUM, np.inf, ())
-                break
-            solution = self.method_after(state)(problem, start, record)
-            if solution.status is Status.CONVERGED or not self.attempts.advance(system, end, solution):
-                break
-
-        def accept() -> State:
-            driven = solution.u_c[len(solution.u_c) - len(driving) :]
+                return Solution(start, state.w, motion, Status.NO_EQUILIBRIUM, np.inf, ()), problem, None
+            solution = self.method_after(state)(problem, start, tell)
+            if solution.status is not Status.CONVERGED:
+                return solution, problem, None
             u = system.T * problem.surface.recover(problem.load, solution.p, solution.u_c) + u_s
-            new = new_state(system, state, problem, u, u_s, load, solution.p, driven)
-            return replace(new, law_error=state.law_error + solution.law_error)
-
-        return solution, problem, accept
+        except (SolverError, np.linalg.LinAlgError, RuntimeError) as error:
+            if not _broke_down(error):
+                raise
+            log.warning("t = %g: %s", end, error)
+            residual = rows[-1].residual if rows else np.inf
+            none = np.zeros(self.surface.size)
+            return Solution(state.p, state.w, none, Status.BROKEN, residual, tuple(rows)), problem, None
+        driven = solution.u_c[len(solution.u_c) - len(driving) :]
+        new = new_state(system, state, problem, u, u_s, load, solution.p, driven)
+        return solution, problem, replace(new, law_error=state.law_error + solution.law_error)
 
     def split(self, p: Array) -> tuple[list[Array], list[Array]]:
         """Flat tractions to normal (m_n,) and tangential (m_t, d-1) ones of each contact."""
@@ -237,5 +255,12 @@ class Stepper:
         )
 
 
-def _known(state: State) -> State:
-    return state
+def _iterations(history: list[HistoryRow]) -> int:
+    """Of all attempts together; the first row of each, and of each level of smoothing, tells where it starts."""
+    told = [(row.time, row.method, row.step.iteration) for row in history]
+    return sum(row[2] > 0 and row != before for before, row in zip([None, *told], told, strict=False))
+
+
+def _broke_down(error: Exception) -> bool:
+    """Whether it is a linear solve that failed: a singular sparse matrix is told by words alone."""
+    return isinstance(error, SolverError | np.linalg.LinAlgError) or "singular" in str(error)

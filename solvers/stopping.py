@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -28,15 +29,21 @@ class Goal(Protocol):
 class ContactError:
     """The largest error of the contact dofs is below `error` [m], or below `relative` beside the largest of them.
 
-    What is left after a step is that step times q / (1 - q), q the contraction seen over the last two steps.
+    What is left after a step is that step times q / (1 - q), q the contraction seen over the last two steps; and no
+    more than the energy norm of the error before it times `response`, the most that a contact dof moves beside that.
+    Both must be small: the second one rests on the search directions known so far.
     """
 
-    def __init__(self, comm: Any, local: NDArray[np.int64], error: float, relative: float) -> None:
-        self.comm, self.local, self.error, self.relative = comm, local, error, relative
+    def __init__(
+        self, comm: Any, local: NDArray[np.int64], error: float, relative: float, response: Callable[[], float]
+    ) -> None:
+        self.comm, self.local, self.error, self.relative, self.response = comm, local, error, relative, response
         self.steps: list[float] = []
+        self._left = 0.0
 
     def met(self, x: Array, z: Array, energy: float) -> bool:
-        if energy <= 0.0:  # nothing is left
+        self._left = float(np.sqrt(energy))
+        if energy == 0.0:  # nothing is left
             return True
         return not self.steps and self._small(x, z, MULTIGRID)
 
@@ -50,7 +57,9 @@ class ContactError:
             self.steps.append(float(step))
             rate = self._rate()
             share = rate / (1 - rate)
-        return bool(SAFETY * share * step <= max(self.error, self.relative * size))
+        enough = max(self.error, self.relative * size)
+        # steps alone do not see an error that hardly shrinks, as that of a slender body's bending
+        return bool(SAFETY * share * step <= enough) and self._left * self.response() <= enough
 
     def _rate(self) -> float:
         """Contraction an iteration."""
@@ -62,15 +71,19 @@ class ContactError:
 
 
 class EnergyError:
-    """The error is below `relative` beside the solution, both in the energy norm; `reached` is what it came to."""
+    """The error is below `relative` beside the solution, both in the energy norm; `reached` is what it came to.
+
+    Where the solution is next to nothing, the error is measured beside that of the start: less is rounding.
+    """
 
     def __init__(self, comm: Any, f: Array, relative: float) -> None:
         self.comm, self.f, self.relative = comm, f, relative
-        self.reached = 0.0
+        self.reached, self._first = 0.0, 0.0
 
     def met(self, x: Array, z: Array, energy: float) -> bool:
         stored = self.comm.allreduce(float(self.f @ x))  # x . A x, but for the residual
-        self.reached = float(np.sqrt(energy / stored)) if energy > 0.0 < stored else float(energy > 0.0)
+        self._first = self._first or energy
+        self.reached = float(np.sqrt(energy / max(stored, self._first))) if energy else 0.0
         return self.reached <= self.relative
 
     def moved(self, x: Array, change: Array) -> bool:

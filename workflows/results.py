@@ -61,7 +61,7 @@ def summary(
         "dolfinx": DOLFINX,
         "ranks": simulation.mesh.comm.size,
         "method": attempts.stage.method,
-        "choice": {**asdict(attempts.stage), "because": attempts.choice.because},
+        "choice": {**asdict(attempts.choice.stages[0]), "because": attempts.choice.because},
         "switches": [asdict(switch) for switch in attempts.switches],
         "dofs": simulation.system.constraints.free_total,
         "contact_points": sum(len(c.W_n) for c in contacts),

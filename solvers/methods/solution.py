@@ -19,6 +19,7 @@ class Status(Enum):
     MAX_IT = "the iterations ran out: raise solver.max_iterations"
     STALLED = "the residual stopped falling: try smaller steps (steps.count)"
     NOT_FINITE = "the iteration left the range of numbers: try smaller steps (steps.count)"
+    BROKEN = 'a linear solve failed: try smaller steps (steps.count), or solver.surface = "condensed"'
     NO_EQUILIBRIUM = "contact and friction cannot balance the loads"
     NO_HOLD = "contact and friction could not hold the body: check loads, friction and the start of contact"
 

@@ -99,7 +99,7 @@ def test_plan_says_effects_reasons_method_and_times_and_writes_nothing(call: Cal
     for said in (
         "contacts.base.friction",
         "plane strain",
-        "condensed-newton",
+        "method auto",
         "2 steps at t = 1, 2",
         read("block").title,
     ):
@@ -114,7 +114,9 @@ def test_plan_for_scripts_agrees_with_the_run(call: Call, folder: Path) -> None:
     assert call("run", "block", "-q", "-o", "out", *COARSE)[0] == 0
     done = result(folder / "out")
     assert plan["effects"] == done["plan"]
-    assert plan["method"] == done["method"]
+    assert plan["method"] == "auto"
+    assert plan["mesh"]["method"] == done["method"]
+    assert plan["mesh"]["choice"] == done["choice"]
     assert plan["times"] == [step["time"] for step in done["steps"]]
     assert plan["mesh"]["displacement_unknowns"] == done["dofs"]
     assert plan["mesh"]["contacts"]["base"]["normal_points"] == done["contact_points"]

@@ -78,6 +78,7 @@ def test_each_effect_taken_away_takes_its_forms_along(with_everything: Scene, tm
         return int(solve(scene, tmp_path / name).result["counters"]["forms"])
 
     light = replace(with_everything, sections={})
-    free = replace(light, contacts={}, obstacles={}, supports={"wall": read("block").supports["top"]})
+    held = {"wall": read("block").supports["top"]}
+    free = replace(light, contacts={}, obstacles={}, supports=held, exact=replace(light.exact, values={}))
     counted = [forms(with_everything, "everything"), forms(light, "no gravity"), forms(free, "no contact")]
     assert counted[0] > counted[1] >= counted[2] > 0  # gravity is a form; a rigid obstacle is matrix rows, not forms

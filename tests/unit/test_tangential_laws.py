@@ -125,7 +125,7 @@ def test_every_step_of_uzawa_is_admissible(
         t = p[place.tangential].reshape(-1, place.components)
         assert np.all(np.linalg.norm(t, axis=1) <= s * (1 + 1e-15))
         assert np.all(p[place.normal] >= 0) or place.rows.normal.sides == 2
-        assert np.any(t)
+        assert np.any(t) or max_it == 1  # the first step sees bodies that move down as a whole, and do not widen yet
 
 
 def test_bound_is_integrated_exactly(scene_of: SceneOf, system_of: Callable[[Scene], System]) -> None:
