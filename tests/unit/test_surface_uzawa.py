@@ -10,13 +10,16 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 import solvers.methods.surface_system as surface_system
+from solvers.condensed import CondensedSurface
 from solvers.methods.gmres import gmres
 from solvers.methods.solution import Status
+from solvers.methods.surface_model import SurfaceModel
 from solvers.methods.surface_uzawa import SurfaceUzawa
 from solvers.nouns.scene import Scene
 from solvers.simulation import Simulation
 from solvers.state import State
 from solvers.surface_metric import surface_metric
+from solvers.surface_problem import SurfaceProblem
 from workflows.scene import read
 
 Array = NDArray[np.float64]
@@ -93,6 +96,78 @@ def test_every_kind_of_scene_has_the_answer_of_condensed_newton(name: str, simul
     same_forces(*answers, tolerance=1e-8 if name == "block" else 1e-9)
 
 
+@pytest.mark.parametrize("name", SMALL)
+def test_without_a_matrix_every_kind_of_scene_has_that_answer_too(name: str, simulation_of: SimulationOf) -> None:
+    scene = read(name, SMALL[name])
+    ways = (("condensed-newton", "condensed", 1e-11), ("surface-uzawa", "matrix-free", 1e-9))
+    answers = []
+    for method, surface, tolerance in ways:
+        solver = replace(scene.solver, method=method, surface=surface, tolerance=tolerance)
+        answers.append(solved(simulation_of(replace(scene, solver=solver))))
+    same_forces(*answers, tolerance=1e-7)
+
+
+def both_ways(scene: Scene, simulation_of: SimulationOf, surface: str) -> list[list[State]]:
+    """States by condensed-newton, and by surface-uzawa on that form of the bodies."""
+    ways = {"condensed-newton": "condensed", "surface-uzawa": surface}
+    return [
+        solved(simulation_of(replace(scene, solver=replace(scene.solver, method=m, surface=s, tolerance=1e-10))))
+        for m, s in ways.items()
+    ]
+
+
+@pytest.mark.parametrize("surface", ["condensed", "matrix-free"])
+def test_pressing_and_lifting_off_again_and_again(surface: str, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """Open contact carries nothing, exactly."""
+    scene = pressed(scene_of, 2, 8, 0.3)
+    way = {"x": [[0, 0], [1, 0.001]], "y": [[0, 0.01], [1, -0.05], [2, 0.02], [3, -0.03], [4, -0.01]]}
+    lifting = scene_of(
+        2,
+        supports={"top": {"boundary": "block.top", "displacement": way}},
+        contacts={"base": {"surface": "block.bottom", "against": "foundation"}},
+        steps={"end": 4.0, "count": 4},
+    )
+    scene = replace(scene, supports=lifting.supports, steps=lifting.steps)
+    exact, found = both_ways(scene, simulation_of, surface)
+    size = max(np.abs(state.forces["base"]).max() for state in exact)
+    for a, b in zip(exact, found, strict=True):
+        assert_allclose(b.forces["base"], a.forces["base"], rtol=0, atol=1e-7 * size)
+    assert [bool(state.p.any()) for state in found] == [True, False, True, True]
+
+
+@pytest.mark.parametrize("surface", ["condensed", "matrix-free"])
+def test_compliance_with_open_points(surface: str, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """A block pressed at a slant on springs: one end stays open."""
+    soft = {"normal": {"law": "compliance", "c_n": 5.0}, "friction": {"law": "coulomb", "mu": 0.3}}
+    scene = pressed(scene_of, 2, 8, 0.3)
+    tilted = scene_of(
+        2,
+        contacts={"base": {"surface": "block.bottom", "against": "foundation"} | soft},
+        obstacles={"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.06, 1.0]}},
+    )
+    exact, found = both_ways(
+        replace(scene, contacts=tilted.contacts, obstacles=tilted.obstacles), simulation_of, surface
+    )
+    same_forces(exact, found, tolerance=1e-7)
+    n = len(found[-1].p) // 2
+    closed = found[-1].p[:n] > 0
+    assert 0 < closed.sum() < n
+
+
+@pytest.mark.parametrize("surface", ["condensed", "matrix-free"])
+def test_a_side_that_is_partly_supported(
+    surface: str, scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rows at an edge that is held measure nothing that gives; neither GMRES nor the metric stumbles over them."""
+    monkeypatch.setattr(surface_system, "DENSE", 0)
+    scene = pressed(scene_of, 3, 4, 0.3)
+    still = {"left": {"boundary": "block.left", "displacement": dict.fromkeys("xyz", 0.0)}}
+    held = scene_of(3, supports=still)
+    push = scene_of(3, loads={"push": {"boundary": "block.top", "pressure": 0.05}})
+    scene = replace(scene, supports=held.supports, loads=push.loads)
+    same_forces(*both_ways(scene, simulation_of, surface), tolerance=1e-7)
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_gmres_and_a_dense_matrix_give_the_same(
     dim: int, scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
@@ -153,6 +228,70 @@ def test_it_says_when_it_ran_out_of_iterations(scene_of: SceneOf, simulation_of:
     assert (solution.status, solution.iterations, len(solution.history)) == (Status.MAX_IT, 3, 4)
     solves = [step.volume_solves for step in solution.history]
     assert np.diff(solves).tolist() == [1, 1, 1]
+
+
+def test_a_residual_that_is_no_number_is_never_the_best(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulation = simulation_of(pressed(scene_of, 2, 8, 0.3))
+    problem = simulation.stepper.reach(simulation.stepper.start(), 1.0, lambda row: None).problem
+    method, p, w = SurfaceUzawa(metric=surface_metric(simulation.system)), np.zeros(problem.cone.size), problem.offset
+    flexibility = surface_system.Flexibility(problem.surface, method._flexibility(problem), method.metric)
+    model = SurfaceModel(problem, flexibility, p, w + problem.surface.N @ problem.load.free)
+    measure, asked = SurfaceProblem.natural_residual, []
+
+    def broken_first(self: SurfaceProblem, p: Array, w: Array) -> float:
+        asked.append(measure(self, p, w))
+        return np.nan if len(asked) == 1 else asked[-1]
+
+    monkeypatch.setattr(SurfaceProblem, "natural_residual", broken_first)
+    found = model.solve(p + problem.gamma * (model.w - problem.gap), problem.gamma, 1e-9)
+    assert found is not None
+    assert found.residual == min(asked[1:]) <= 1e-9
+
+
+def test_exact_bodies_may_use_all_of_the_tolerance(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """Their volume solves have no error to be added: it ends at the first residual that is small enough."""
+    simulation = simulation_of(pressed(scene_of, 2, 8, 0.3))
+    problem = simulation.stepper.reach(simulation.stepper.start(), 1.0, lambda row: None).problem
+    metric, p = surface_metric(simulation.system), np.zeros(problem.cone.size)
+    residuals = [step.residual for step in SurfaceUzawa(metric=metric, rtol=1e-12)(problem, p).history]
+    rtol = 1.0001 * residuals[3]
+    assert residuals[3] < min(residuals[:3])
+    assert SurfaceUzawa(metric=metric, rtol=rtol)(problem, p).iterations == 3
+
+
+def test_a_singular_block_of_springs_is_said_as_that(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def singular(A: object) -> None:
+        raise RuntimeError("Factor is exactly singular")
+
+    monkeypatch.setattr(surface_system, "DENSE", 0)
+    simulation = simulation_of(pressed(scene_of, 2, 8, 0.3))
+    stepper = simulation.stepper
+    problem = stepper.reach(stepper.reach(stepper.start(), 1.0, print).state, 2.0, print).problem  # it slips
+    monkeypatch.setattr(surface_system, "splu", singular)
+    solution = SurfaceUzawa(metric=surface_metric(simulation.system))(problem, np.zeros(problem.cone.size))
+    assert solution.status in (Status.STALLED, Status.NO_HOLD)  # not a traceback
+
+
+def test_searches_for_pairs_share_one_factorisation(
+    simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, factor = [], CondensedSurface.factor
+
+    def counted(self: CondensedSurface, tangent: Array | None) -> Any:
+        made.append(tangent)
+        return factor(self, tangent)
+
+    monkeypatch.setattr(CondensedSurface, "factor", counted)
+    scene = read("sliding")
+    scene = replace(scene, solver=replace(scene.solver, method="surface-uzawa", surface="condensed"))
+    simulation = simulation_of(scene)
+    searches = len({id(state.rows) for state in solved(simulation)})
+    assert searches > 1
+    assert made == [None]
 
 
 def test_gmres_stops_at_the_residual_asked_for() -> None:
