@@ -58,21 +58,25 @@ class LinearReference:
         return LinearReference(fastest, solvers[fastest].seconds, solvers)
 
 
-def linear_reference(system: System) -> LinearReference:
-    """Solve the bodies under the last step's loads and supports with each solver; collective."""
+def linear_reference(system: System, only: str = "") -> LinearReference:
+    """Solve the bodies under the last step's loads and supports with each solver, or with one only; collective."""
     K, f = _fixed(system)
     motions = near_nullspace(system)
-    found = {
-        "cg+boomeramg": _timed(K, f, lambda ksp: ksp.setPC(boomeramg(K, PREFIX))),
-        "cg+gamg": _timed(K, f, lambda ksp: ksp.setPC(gamg(K, motions, PREFIX))),
+    solvers: dict[str, Callable[[Any], None]] = {
+        "cg+boomeramg": lambda ksp: ksp.setPC(boomeramg(K, PREFIX)),
+        "cg+gamg": lambda ksp: ksp.setPC(gamg(K, motions, PREFIX)),
+        "mumps": _cholesky,
     }
+    if only:
+        return LinearReference.of({only: _timed(K, f, solvers[only])})
+    found = {name: _timed(K, f, solvers[name]) for name in ("cg+boomeramg", "cg+gamg")}
     best = min(timing.seconds for timing in found.values())
     predicted = QUADRATIC * K.size[0] ** 2 / K.comm.size if system.mesh.dim == 3 else 0.0
     if predicted > HOPELESS * best:
         note = f"not tried: about {predicted:.0f} s are expected for {K.size[0]} unknowns in 3D"
         found["mumps"] = Timing(note=note)
     else:
-        found["mumps"] = _timed(K, f, _cholesky)
+        found["mumps"] = _timed(K, f, solvers["mumps"])
     for name, timing in found.items():
         log.info("linear reference: %s %.3f s %s", name, timing.seconds, timing.note)
     return LinearReference.of(found)

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 import workflows.cost.command
+import workflows.cost.kept
 from shared.command import Call, table
 from solvers.nouns.scene import Scene
 from workflows.cost.run_record import Run
@@ -142,6 +143,31 @@ def test_a_study_that_was_killed_is_taken_up_where_it_was(
     monkeypatch.setattr(workflows.cost.command, "measure", count)
     assert call(*SMALL, "-q", "--resume", "--budget", "60")[0] == 0
     assert len(content(folder / "out")["runs"]) == len(made) + 3
+
+
+def test_a_study_killed_while_it_is_taken_up_loses_no_run(
+    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workflows.cost.command, "measure", quick)
+    assert call(*SMALL, "-q", "--budget", "20")[0] == 0
+    before = content(folder / "out")["runs"]
+
+    def die(*arguments: Any) -> None:
+        raise ZeroDivisionError  # the first run is about to be copied
+
+    with monkeypatch.context() as killed:
+        killed.setattr(workflows.cost.kept, "store", die)
+        with pytest.raises(ZeroDivisionError):
+            call(*SMALL, "-q", "--budget", "30", "--resume")
+    made: list[Rung] = []
+
+    def count(scene: Scene, rung: Rung, *more: Any) -> Run:
+        made.append(rung)
+        return quick(scene, rung, *more)
+
+    monkeypatch.setattr(workflows.cost.command, "measure", count)
+    assert call(*SMALL, "-q", "--budget", "30", "--resume")[0] == 0
+    assert len(content(folder / "out")["runs"]) == len(before) + len(made)
 
 
 def test_a_changed_scene_is_not_resumed(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.errors import SceneError
+from geometry.errors import MachineError, SceneError, SolverError
 from solvers.nouns.exact import Exact
 from solvers.nouns.scene import Scene
+from workflows.cost import child, predict
 from workflows.cost import climb as climbing
-from workflows.cost import predict
 from workflows.cost.climb import Budget, climb, retry
 from workflows.cost.ladder import COARSEST, Ladder, ladder_of
 from workflows.cost.limit import SAFETY, TRUSTED, limit, rate_of
@@ -181,6 +181,40 @@ def test_a_lucky_crossing_is_no_accuracy() -> None:
 # --- the sentence
 
 
+def test_seconds_in_which_forms_were_compiled_are_no_price() -> None:
+    runs = converging(1)
+    plain = study_of(runs)
+    cheapest, first = plain.cheapest(0.06), plain.front[0]
+    assert cheapest is not None
+    compiled = study_of([replace(r, compiled=True) if r in (cheapest, first) else r for r in runs])
+    assert compiled.errors == plain.errors  # the answers count
+    assert not any(run.compiled for run in compiled.front)
+    instead = compiled.cheapest(0.06)
+    assert instead is not None
+    assert instead.seconds > cheapest.seconds
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (SolverError("conjugate gradients broke down"), "not_converged"),
+        (MachineError("MUMPS failed with INFOG(1) = -9; -9 and -13 mean too little memory"), "out_of_memory"),
+        (MachineError("PETSc error 76 in MatGetFactor"), "failed"),
+        (MemoryError(), "out_of_memory"),
+    ],
+)
+def test_a_child_tells_how_it_ended(
+    error: Exception, status: str, scene_of: SceneOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(scene: Scene) -> None:
+        raise error
+
+    monkeypatch.setattr(child, "prepare", fail)
+    found = child.solve(scene_of())
+    assert found["status"] == status
+    assert str(error) in found["sentence"]
+
+
 def test_the_sentence_names_the_cheapest_run_of_each_digit() -> None:
     study = study_of(converging(1) + converging(2), Exact(values={"base.max_pressure": 2.0}))
     # .1 h² is 1 % at level 7 - which nobody ran - for order 1, and at level 3.3 for order 2
@@ -291,6 +325,12 @@ def test_a_mesh_beyond_the_memory_is_not_tried() -> None:
 def test_a_chain_ends_after_two_failures() -> None:
     runs, left_out = climbed(ROOMY, Ladder((1,), ("newton",), TIGHT), status="not_converged")
     assert (len(runs), left_out) == (2, [])
+
+
+@pytest.mark.parametrize("status", ["out_of_time", "out_of_memory"])
+def test_what_was_killed_is_not_followed_by_something_larger(status: str) -> None:
+    killed = [made_up(Rung(1, "newton", COARSEST, TIGHT)), Run(rung=Rung(1, "newton", -2, TIGHT), status=status)]
+    assert climbed(ROOMY, Ladder((1,), ("newton",), TIGHT), runs=list(killed)) == (killed, [])
 
 
 def test_meshes_too_coarse_to_exist_do_not_end_a_chain() -> None:

@@ -1,4 +1,7 @@
-"""One measurement of the price of friction: `python -m workflows.benchmarks.price_run CASE`, CASE in JSON."""
+"""One measurement of the price of friction: `python -m workflows.benchmarks.price_run CASE [SOLVER]`, CASE in JSON.
+
+With a SOLVER the linear reference is solved by that one alone, so that the process's memory is that of its fastest.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,6 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[threads] = "1"  # before numpy starts them
 
 import json  # noqa: E402
-import resource  # noqa: E402
 import statistics  # noqa: E402
 import sys  # noqa: E402
 import time as clock  # noqa: E402
@@ -24,10 +26,11 @@ from solvers.linear_reference import linear_reference  # noqa: E402
 from solvers.nouns.scene import Scene  # noqa: E402
 from solvers.simulation import Simulation, prepare  # noqa: E402
 from solvers.system import assemble  # noqa: E402
+from workflows.cost.child import peak_memory  # noqa: E402
 from workflows.scene import read  # noqa: E402
 
 REFERENCE = "linear reference"  # the method that solves no contact at all
-GIGABYTE = 1e6  # in the units of ru_maxrss
+GIGABYTE = 1e9  # bytes
 LEAST = 2.0  # [s] that repetitions may fill
 
 
@@ -69,28 +72,34 @@ class Case:
         return read("block" if self.dim == 2 else "cube", settings)
 
 
-def measure(case: Case) -> dict[str, Any]:
-    """Seconds by phase and step, counters, residuals, peak memory; the linear reference in the same process."""
-    found = _solve(case)
-    prices = [_prices(found)]
-    while case.method != REFERENCE and found["status"] == "converged" and sum(p[0] for p in prices) < LEAST:
-        prices.append(_prices(_solve(case)))
-    two_steps, further = (statistics.median(values) for values in zip(*prices, strict=True))
-    done = found["status"] == "converged" and case.method != REFERENCE
-    return found | {
-        "two_steps": two_steps if done else None,
-        "further": further if done else None,
-        "repeated": len(prices),
+def measure(case: Case, only: str = "") -> dict[str, Any]:
+    """Seconds by phase and step, counters, residuals, peak memory; the linear reference in the same process.
+
+    Short ones are repeated, each beside a reference of its own: the first of both is the cold one.
+    """
+    found = _solve(case, only)
+    if case.method == REFERENCE or found["status"] != "converged":
+        return found | dict.fromkeys(("two_steps", "further", "price", "further_price", "reference_seconds"))
+    rows = [_prices(found)]
+    while sum(row["two_steps"] for row in rows) < LEAST:
+        rows.append(_prices(_solve(case)))
+    return found | {key: statistics.median(row[key] for row in rows) for key in rows[0]} | {"repeated": len(rows)}
+
+
+def _prices(found: dict[str, Any]) -> dict[str, float]:
+    """Seconds of the two-step problem, of a further step and of the reference beside them, and their ratios."""
+    seconds, reference = [step["seconds"] for step in found["steps"]], found["reference"]["seconds"]
+    two_steps, further = found["prepare"] + sum(seconds[:2]), sum(seconds[2:])
+    return {
+        "two_steps": two_steps,
+        "further": further,
+        "price": two_steps / reference,
+        "further_price": further / reference,
+        "reference_seconds": reference,
     }
 
 
-def _prices(found: dict[str, Any]) -> tuple[float, float]:
-    """Seconds of the two-step problem, and of a further step."""
-    seconds = [step["seconds"] for step in found["steps"]]
-    return found["prepare"] + sum(seconds[:2]), sum(seconds[2:])
-
-
-def _solve(case: Case) -> dict[str, Any]:
+def _solve(case: Case, only: str = "") -> dict[str, Any]:
     scene, counters, status = case.scene(), Counters(), "converged"
     steps: list[dict[str, Any]] = []
     if case.method == REFERENCE:
@@ -100,10 +109,10 @@ def _solve(case: Case) -> dict[str, Any]:
         simulation = prepare(scene)
         system, prepared, counters = simulation.system, simulation.seconds.prepare, simulation.counters
         steps, status = _march(simulation)
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / GIGABYTE  # before the reference
-    reference = linear_reference(system)
+    memory = peak_memory() / GIGABYTE  # before the reference
+    reference = linear_reference(system, only)
     if case.method == REFERENCE:
-        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / GIGABYTE
+        memory = peak_memory() / GIGABYTE
     return {
         "case": asdict(case),
         "status": status,
@@ -141,8 +150,8 @@ def _march(simulation: Simulation) -> tuple[list[dict[str, Any]], str]:
 
 
 def main() -> None:
-    """Measure the case that the first argument describes in JSON, and print the result."""
-    print(json.dumps(measure(Case(**json.loads(sys.argv[1])))))
+    """Measure the case that the arguments describe, and print the result in JSON."""
+    print(json.dumps(measure(Case(**json.loads(sys.argv[1])), *sys.argv[2:])))
 
 
 if __name__ == "__main__":

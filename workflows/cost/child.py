@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from geometry.dolfinx_versions import form_cache
-from geometry.errors import GeometryError, SceneError
+from geometry.errors import GeometryError, MachineError, SceneError, SolverError
 from solvers.nouns.scene import Scene
 from solvers.quantities import values
 from solvers.simulation import prepare
-from solvers.stepping import NoEquilibriumError, StepError
+from solvers.stepping import NoEquilibriumError
 from workflows.scene import from_dict
 from workflows.writers.aside import write_aside
 
@@ -27,11 +27,13 @@ def solve(scene: Scene) -> dict[str, Any]:
     before, began = _forms(), clock.process_time()
     try:
         found = _figures(scene)
-    except StepError as error:
+    except SolverError as error:
         status = "no_equilibrium" if isinstance(error, NoEquilibriumError) else "not_converged"
         found = {"status": status, "sentence": str(error)}
     except (SceneError, GeometryError) as error:
         found = {"status": "refused", "sentence": str(error)}
+    except MachineError as error:
+        found = {"status": "out_of_memory" if "memory" in str(error) else "failed", "sentence": str(error)}
     except MemoryError:
         found = {"status": "out_of_memory", "sentence": "not enough memory"}
     return found | {"memory": peak_memory(), "cpu": clock.process_time() - began, "compiled": _forms() != before}

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from geometry.errors import SceneError
+from solvers.memory import available
 from solvers.nouns.scene import Scene
 from workflows.cost.climb import Budget, climb, retry
 from workflows.cost.kept import Kept
@@ -24,7 +25,7 @@ from workflows.cost.truth import truth_of
 from workflows.interrupt import Interrupt
 
 BUSY = 0.9  # share of a core below which seconds are not those of the runs alone
-OF_MEMORY = 0.8  # of what the machine has free, for one run
+OF_MEMORY = 0.8  # of what is available, for one run
 MESHES = 2  # of one order and method, that a comparison needs at least
 
 
@@ -50,7 +51,7 @@ def cost(scene: Scene, target: Path, budget: float, asked: Sequence[str], resume
         raise SceneError("cost: measures runs on one core; start it without mpirun")
     check(asked, scene)
     ladder, notes = ladder_of(scene)
-    kept, limits = Kept(target, scene, resume), Budget(budget, OF_MEMORY * free_memory(), scene.dim)
+    kept, limits = Kept(target, scene, resume), Budget(budget, OF_MEMORY * available(), scene.dim)
     runs = retry(kept.runs, limits)
     with Interrupt() as interrupt, teller:
 
@@ -103,12 +104,6 @@ def core_share(runs: Sequence[Run]) -> float:
     """Computing time over elapsed time; one if nothing else ran."""
     elapsed = sum(run.seconds for run in runs)
     return sum(run.cpu for run in runs if run.phases) / elapsed if elapsed else 1.0
-
-
-def free_memory() -> float:
-    """What the machine could give to one more process [bytes]."""
-    lines = Path("/proc/meminfo").read_text(encoding="utf-8").splitlines()
-    return 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
 
 
 def _ending(whole: bool, runs: Sequence[Run], said: str) -> Answer:

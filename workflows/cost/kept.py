@@ -39,9 +39,9 @@ class Kept:
         if not (resume and source == self._folder.work):
             self._folder.start()
             make_folder(self.path / RUNS)
-            write_json(self.path / SCENE, plain)
             for run in self.runs:
                 self.keep(run)
+            write_json(self.path / SCENE, plain)  # last: from now on the study is resumed from here
 
     @property
     def path(self) -> Path:

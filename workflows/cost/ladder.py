@@ -95,8 +95,8 @@ def _in_vain(runs: Sequence[Run], tight: float) -> bool:
 
 
 def _ended(tight: Sequence[Run]) -> bool:
-    """Time ran out, or nothing came of the last runs; a mesh that is too coarse to exist does not count."""
-    if tight and tight[-1].status == "out_of_time":
+    """Time or memory ran out, or nothing came of the last runs; a mesh that is too coarse to exist does not count."""
+    if tight and tight[-1].status in ("out_of_time", "out_of_memory"):
         return True
     counted = [run for run in tight if run.rung.level >= 0 or run.status != "refused"]
     return len(counted) >= FAILURES and not any(run.converged for run in counted[-FAILURES:])

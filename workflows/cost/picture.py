@@ -47,7 +47,7 @@ def draw(folder: Path, title: str, study: Study) -> Path:
             spine.set_color(PALE)
     for chain in dict.fromkeys(run.rung.chain for run in known):
         mine = [run for run in known if run.rung.chain == chain]
-        _chain(work, mine, study, colours[chain[1]], lambda run: run.seconds)
+        _chain(work, [run for run in mine if not run.compiled], study, colours[chain[1]], lambda run: run.seconds)
         tight = [run for run in mine if run.rung.tolerance == study.tolerance]
         _chain(mesh, tight, study, colours[chain[1]], lambda run: run.h)
     _front(work, study)

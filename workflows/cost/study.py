@@ -52,22 +52,27 @@ class Study:
         }
 
     @cached_property
+    def timed(self) -> tuple[Run, ...]:
+        """Runs whose seconds are a measure."""
+        return tuple(run for run in self.runs if not run.compiled)
+
+    @cached_property
     def front(self) -> tuple[Run, ...]:
         """Runs of known error that no other beats in both seconds and error, by rising cost."""
-        known = [run for run in self.runs if self.known(run.rung)]
+        known = [run for run in self.timed if self.known(run.rung)]
         return tuple(known[i] for i in front([(run.seconds, self.sturdy[run.rung]) for run in known]))
 
     def cheapest(self, level: float) -> Run | None:
         """The run that surely costs least among those with at most this error."""
-        good = [run for run in self.runs if self.truth.converges and self.sturdy[run.rung] <= level]
+        good = [run for run in self.timed if self.truth.converges and self.sturdy[run.rung] <= level]
         return min(good, key=lambda run: run.seconds, default=None)
 
     @cached_property
     def most_exact(self) -> Run | None:
-        """Of the smallest error, the cheapest."""
+        """Of the smallest error, the cheapest; of known price, if any is."""
         if not self.runs or not self.truth.converges:
             return None
-        return min(self.runs, key=lambda run: (self.sturdy[run.rung], run.seconds))
+        return min(self.timed or self.runs, key=lambda run: (self.sturdy[run.rung], run.seconds))
 
     @cached_property
     def rates(self) -> Mapping[tuple[int, str], float]:

@@ -29,7 +29,7 @@ def write_csv(path: Path, runs: Sequence[Run], studies: Sequence[Study]) -> None
         MachineError: the disk is full.
     """
     head = ["order", "method", "h", "cells_times", "tolerance", "status", "seconds", *(f"{p}_s" for p in PHASES)]
-    head += ["cpu_s", "spent_s", "peak_memory_bytes", *COUNTS, "residual"]
+    head += ["cpu_s", "spent_s", "peak_memory_bytes", *COUNTS, "residual", "compiled"]
     for study in studies:
         name = study.truth.name
         head += [name, f"{name}:error", f"{name}:error_is_known", f"{name}:on_front"]
@@ -73,7 +73,17 @@ def _row(run: Run) -> list[object]:
     rung, solved = run.rung, bool(run.phases)
     numbers: list[object] = [run.seconds if solved else "", *(run.phases[p] if solved else "" for p in PHASES)]
     numbers += [run.cpu or "", run.spent, run.memory or "", *(getattr(run, key) if solved else "" for key in COUNTS)]
-    return [rung.order, rung.method, run.h or "", rung.factor, rung.tolerance, run.status, *numbers, run.residual]
+    return [
+        rung.order,
+        rung.method,
+        run.h or "",
+        rung.factor,
+        rung.tolerance,
+        run.status,
+        *numbers,
+        run.residual,
+        int(run.compiled),
+    ]
 
 
 def _judged(run: Run, study: Study) -> list[object]:
