@@ -89,6 +89,10 @@ class Bodies(ABC):
     def recover(self, load: Load, p: Array, u_c: Array) -> Any:
         """Displacement q of all free numbers under a load and tractions, the contact dofs at u_c; collective."""
 
+    def agreed(self, value: Any) -> Any:
+        """What all ranks go by: `value`, or that of the first rank where others may find it different by rounding."""
+        return value
+
     @abstractmethod
     def adopt(self, other: Bodies) -> None:
         """Take over what another one, of the same bodies and contact dofs with other pairs, has learnt of them."""

@@ -40,7 +40,7 @@ class MatrixFreeSurface(Bodies):
         return self._solved(f, f.duplicate(), self.R.T @ force, error, EXACT)
 
     def under(self, load: Load, p: Array, error: float = 0.0) -> Array:
-        force = self.forces(p)
+        force = self.agreed(self.forces(p))
         return self._solved(self._total(load, force), self._last, load.resultant - self.R.T @ force, error, EXACT)
 
     def recover(self, load: Load, p: Array, u_c: Array) -> Any:
@@ -51,6 +51,10 @@ class MatrixFreeSurface(Bodies):
         own = self.size - self.driven
         self.volume.floating.pin(q.array, self.volume.floating.R.T @ u_c[:own])
         return q
+
+    def agreed(self, value: Any) -> Any:
+        """Each solve is collective: were ranks to differ in when to stop, they would wait for each other for ever."""
+        return self.volume.K.comm.tompi4py().bcast(value)
 
     def adopt(self, other: Bodies) -> None:
         assert isinstance(other, MatrixFreeSurface)

@@ -77,8 +77,8 @@ class SurfaceProblem:
         return self.cone.project(p_hat, np.broadcast_to(gamma, p_hat.shape))
 
     def natural_residual(self, p: Array, w: Array) -> float:
-        """max |p - P_C(p + (p_ref/u_ref) r)| / p_ref: one yardstick for every method, free of its step."""
+        """max |p - P_C(p + (p_ref/u_ref) r)| / p_ref: one yardstick for every method, free of its step; collective."""
         if self.p_ref == 0:
             return 0.0
         residual = self.cone.natural_residual(p, w - self.gap, self.p_ref / self.u_ref)
-        return float(np.abs(residual).max(initial=0.0) / self.p_ref)
+        return float(self.surface.agreed(np.abs(residual).max(initial=0.0) / self.p_ref))
