@@ -38,6 +38,7 @@ SMALL = {
     "axisymmetric": (),
     "ring": (),
     "shaft": (),
+    "strip": (),  # slender
 }
 
 
@@ -93,7 +94,7 @@ def test_every_kind_of_scene_has_the_answer_of_condensed_newton(name: str, simul
     for method in ("condensed-newton", "surface-uzawa"):
         solver = replace(scene.solver, method=method, surface="condensed", tolerance=1e-11)
         answers.append(solved(simulation_of(replace(scene, solver=solver))))
-    same_forces(*answers, tolerance=1e-8 if name == "block" else 1e-9)
+    same_forces(*answers, tolerance=1e-8 if name in ("block", "strip") else 1e-9)
 
 
 @pytest.mark.parametrize("name", SMALL)
@@ -132,7 +133,7 @@ def test_pressing_and_lifting_off_again_and_again(surface: str, scene_of: SceneO
     size = max(np.abs(state.forces["base"]).max() for state in exact)
     for a, b in zip(exact, found, strict=True):
         assert_allclose(b.forces["base"], a.forces["base"], rtol=0, atol=1e-7 * size)
-    assert [bool(state.p.any()) for state in found] == [True, False, True, True]
+    assert [bool(state.p.any()) for state in found] == [False, True, False, True, True]
 
 
 @pytest.mark.parametrize("surface", ["condensed", "matrix-free"])
