@@ -14,6 +14,7 @@ from solvers.operators.coupling import Coupling
 
 Array = NDArray[np.float64]
 SMALL = 1e-6  # sine of the angle below which directions count as parallel
+DIGITS = 9  # of a component: where rounding alone decides which is the least, the first one is
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def frames_of(normals: Array) -> Array:
     """
     if normals.shape[1] == 2:
         return np.stack([normals, np.stack([-normals[:, 1], normals[:, 0]], axis=1)], axis=1)
-    least = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    least = np.eye(3)[np.argmin(np.abs(normals).round(DIGITS), axis=1)]
     first = np.cross(normals, least)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     return np.stack([normals, first, np.cross(normals, first)], axis=1)

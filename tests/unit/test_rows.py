@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from solvers.nouns.scene import Scene
+from solvers.operators.carriers import frames_of
 from solvers.operators.rows import ContactRows
 from solvers.prepare import prepare_surface
 from solvers.simulation import Simulation
@@ -231,3 +232,9 @@ def test_rows_on_the_contact_dofs_measure_what_rows_on_the_nodes_do(
     (u,) = system.contact_displacement(system.T * q)
     expected = np.concatenate([rows.N_n @ u.ravel(), rows.N_t @ u.ravel()])
     assert_allclose(surface.N @ q.array[system.contact_dofs], expected, atol=1e-13)
+
+
+def test_rounding_does_not_choose_the_frame() -> None:
+    """At the pole of a ball two components of the normal are rounding, in other units another one."""
+    pole, other = np.array([[1e-17, 3e-17, -1.0], [3e-17, -1e-17, -1.0]])
+    assert_allclose(*frames_of(np.array([pole, other])), atol=1e-15)
