@@ -88,8 +88,8 @@ class Choice:
 
     @property
     def coarse(self) -> bool:
-        """Whether a coarse mesh beside is worth its while: beside iterative solves, not beside a factorisation."""
-        return self.stages[0].surface == "matrix-free"
+        """Whether a coarse mesh beside has a use: it improves the metric of surface-uzawa."""
+        return self.stages[0].method == "surface-uzawa"
 
 
 def choose(system: System) -> Choice:

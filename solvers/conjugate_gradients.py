@@ -14,6 +14,7 @@ from solvers.search_directions import MOST, SearchDirections
 from solvers.stopping import Goal
 
 Array = NDArray[np.float64]
+ROUNDING = 1e-14  # of the solution, in energy norm: no goal is nearer than that
 MOST_ITERATIONS = 1000  # of one solve; multigrid takes a dozen or two
 
 
@@ -43,12 +44,13 @@ class ConjugateGradients:
         """
         r = b - self._apply(self.A.mult, x)
         self.directions.advance(x, r)
+        rounding = ROUNDING**2 * abs(self._dot(b, x))
         for _ in range(MOST_ITERATIONS):
             d = self._apply(self.precondition, r).copy()
             left = self._dot(r, d)
             if not left >= 0.0:  # the preconditioner is not positive definite, or something is no number
                 break
-            if goal.met(x, d, left):
+            if goal.met(x, d, left) or left <= rounding:
                 return
             self.directions.conjugate(d)
             Ad = self._apply(self.A.mult, d)

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-MOST = 80  # directions; one costs two vectors of memory, and two products with each new one
+MOST = 40  # directions; of 80, the last are rounding for slender bodies. One costs two vectors, and two products a step
 
 
 class SearchDirections:
