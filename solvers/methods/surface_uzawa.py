@@ -15,7 +15,7 @@ from solvers.secants import Secants
 from solvers.surface_metric import SurfaceMetric
 from solvers.surface_problem import SurfaceProblem
 
-STALL_WINDOW = 25  # iterations in which the least residual must halve
+STALL_WINDOW = 50  # iterations in which the least residual must halve
 INNER = 0.1  # of the residual, how exact the surface is solved
 VOLUME = 0.3  # of the residual to be expected, how exact the volume is
 DROP = 0.5  # what one iteration makes of the residual, cautiously
