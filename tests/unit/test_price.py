@@ -52,3 +52,11 @@ def test_one_solver_of_the_reference_is_solved_alone() -> None:
 def test_the_reference_is_measured_on_every_mesh() -> None:
     done = {"case": vars(Case(2, 16, REFERENCE)), "status": "converged", "two_steps": None}
     assert price.expected(Case(2, 512, REFERENCE), [done]) == 0.0
+
+
+def test_growth_is_the_slope_of_counts_that_are_powers_of_n() -> None:
+    kind = {"method": "uzawa", "surface": "auto", "tolerance": 1e-8, "price": 1.0}
+    rows = [kind | {"n": n, "volume_solves": 3 * n**1.5} for n in (8, 16, 64)]
+    stopped = kind | {"n": 128, "price": None, "volume_solves": 7}
+    assert price_page.growth([*rows, stopped]) == {("uzawa", "auto", 1e-8): pytest.approx(1.5)}
+    assert price_page.growth(rows[:1]) == {}

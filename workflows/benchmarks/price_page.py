@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import numpy as np
 
 matplotlib.use("Agg")
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from workflows.benchmarks.price_run import REFERENCE
 from workflows.writers.aside import write_aside
@@ -32,7 +34,7 @@ Price: seconds of preparation and of both steps over those of one linear elastic
 surface fixed, set-up and solution by the fastest of MUMPS, CG + BoomerAMG and CG + GAMG to 1e-8, in the same process.
 Medians of the ratios where short runs are repeated. One core. Memory: the process's peak over that of a process that
 assembles and solves the linear problem alone, by the fastest of the three.
-Grey: what is aimed at.
+Grey: what is aimed at. Growth: the slope of log(volume solves) against log(n), 0 where the mesh does not matter.
 """
 COLUMNS = {
     "n": "d", "dofs": "", "method": "", "surface": "", "tolerance": "g", "price": ".2f", "further": ".2f",
@@ -47,13 +49,36 @@ def write_page(folder: Path, runs: list[Run]) -> Path:
     png = io.BytesIO()
     picture(rows).savefig(png, dpi=110)
     write_aside(folder / "price.png", png.getvalue())
-    tables = "".join(f"<h2>{dim}D</h2>{_table([row for row in rows if row['dim'] == dim])}" for dim in (2, 3))
+    tables = "".join(f"<h2>{dim}D</h2>{_section([row for row in rows if row['dim'] == dim])}" for dim in (2, 3))
     shown = f'<img alt="prices against n" src="data:image/png;base64,{base64.b64encode(png.getvalue()).decode()}">'
     title = "The price of friction"
     head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
     page = f"{head}<h1>{title}</h1><p>{INTRODUCTION}</p>{shown}{tables}</html>"
     write_aside(folder / "price.html", page.encode())
     return folder / "price.html"
+
+
+def growth(rows: list[Run]) -> dict[tuple[str, str, float], float]:
+    """Slope of log(volume solves) against log(n), by method, form of the bodies and tolerance; of one dimension."""
+    counts: dict[tuple[str, str, float], dict[int, float]] = {}
+    for row in rows:
+        if row["price"] and row["volume_solves"]:
+            counts.setdefault((row["method"], row["surface"], row["tolerance"]), {})[row["n"]] = row["volume_solves"]
+    return {
+        kind: float(np.polyfit(np.log(list(known)), np.log(list(known.values())), 1)[0])
+        for kind, known in counts.items()
+        if len(known) > 1
+    }
+
+
+def _section(rows: list[Run]) -> str:
+    """How the counts grow, then every run."""
+    lines = [
+        f"<tr><td>{method}<td>{surface}<td>{tolerance:g}<td>{slope:.2f}"
+        for (method, surface, tolerance), slope in growth(rows).items()
+    ]
+    head = "<tr><th>method<th>surface<th>tolerance<th>growth"
+    return f"<table>{head}{''.join(lines)}</table><br>{_table(rows)}"
 
 
 def _table(rows: list[Run]) -> str:
@@ -123,6 +148,9 @@ def picture(rows: list[Run]) -> Figure:
             sizes = sorted({r["n"] for r in rows if r["dim"] == dim})
             axis.set(title=f"{dim}D: {title}", xlabel="n, cells over the height")
             axis.set_xticks(sizes, [str(n) for n in sizes])
+            axis.set(xscale="log", yscale="log")  # of a kind that nothing was measured of, too
+            axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axis.yaxis.set_major_formatter("{x:g}")
             axis.minorticks_off()
             axis.grid(alpha=0.3)
     handles, labels = axes[1][0].get_legend_handles_labels()
