@@ -1,5 +1,6 @@
 """The price of friction: ratios of what was measured side by side, and the memory of one linear solver."""
 
+from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -60,3 +61,10 @@ def test_growth_is_the_slope_of_counts_that_are_powers_of_n() -> None:
     stopped = kind | {"n": 128, "price": None, "volume_solves": 7}
     assert price_page.growth([*rows, stopped]) == {("uzawa", "auto", 1e-8): pytest.approx(1.5)}
     assert price_page.growth(rows[:1]) == {}
+
+
+def test_a_page_of_which_nothing_was_measured_is_a_page(tmp_path: Path) -> None:
+    stopped = {"case": vars(Case(3, 64)), "status": "not run: 900 s expected"}
+    page = price_page.write_page(tmp_path, [stopped])
+    assert "not run: 900 s expected" in page.read_text()
+    assert (tmp_path / "price.png").stat().st_size > 1000

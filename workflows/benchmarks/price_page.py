@@ -148,11 +148,13 @@ def picture(rows: list[Run]) -> Figure:
             sizes = sorted({r["n"] for r in rows if r["dim"] == dim})
             axis.set(title=f"{dim}D: {title}", xlabel="n, cells over the height")
             axis.set_xticks(sizes, [str(n) for n in sizes])
-            axis.set(xscale="log", yscale="log")  # of a kind that nothing was measured of, too
-            axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            axis.yaxis.set_major_formatter("{x:g}")
+            if axis.has_data():
+                axis.set_yscale("log")
+                axis.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+                axis.yaxis.set_major_formatter("{x:g}")
             axis.minorticks_off()
             axis.grid(alpha=0.3)
-    handles, labels = axes[1][0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=6)
+    known = {label: line for axis in axes[:, 0] for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
+    if known:
+        figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=5)
     return figure
