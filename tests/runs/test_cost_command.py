@@ -242,10 +242,9 @@ def test_the_child_dies_with_its_parent(folder: Path, command: list[str], enviro
         while not children:  # the test's own time limit ends it
             children = [pid for pid in _children(process.pid) if "workflows.cost.child" in _words(pid)]
             time.sleep(0.05)
-        time.sleep(2.0)  # until it has asked to die with its parent
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
-    for _ in range(200):
+    for _ in range(1200):  # it may still be starting, on a busy machine
         if not any("workflows.cost.child" in _words(pid) for pid in children):
             return
         time.sleep(0.05)

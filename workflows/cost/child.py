@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import json
+import os
 import signal
 import sys
 import time as clock
@@ -72,9 +73,11 @@ def _forms() -> int:
 
 
 def main() -> None:
-    """`python -m workflows.cost.child SCENE.json ANSWER.json`."""
+    """`python -m workflows.cost.child SCENE.json ANSWER.json PARENT`, the last one a process number."""
     ctypes.CDLL(None).prctl(DIE_WITH_PARENT, signal.SIGKILL)
-    task, answer = map(Path, sys.argv[1:])
+    if os.getppid() != int(sys.argv[3]):  # it died before we asked
+        sys.exit("the study has ended")
+    task, answer = map(Path, sys.argv[1:3])
     found = solve(from_dict(json.loads(task.read_text(encoding="utf-8"))))
     write_aside(answer, json.dumps(found).encode())
 

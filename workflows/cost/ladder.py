@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, TypeVar
 
 from geometry.errors import SceneError
 from solvers.methods.table import METHODS
@@ -19,6 +19,9 @@ ORDERS: tuple[Literal[1, 2], ...] = (1, 2)
 LOOSE = (1e-2, 1e-4)  # tolerances besides the scene's own
 WORTH = 0.2  # share of the iteration in the seconds beyond which a looser tolerance can save some
 FAILURES = 2  # in a row, after which a chain ends
+
+
+T = TypeVar("T", bound=str | int)
 
 
 @dataclass(frozen=True)
@@ -55,27 +58,35 @@ def ladder_of(scene: Scene) -> tuple[Ladder, list[str]]:
     Raises:
         SceneError: no method can solve the scene, or its mesh cannot be refined.
     """
-    tolerance, wanted, left_out = scene.solver.tolerance, scene.solver.method, []
-    methods, orders, refusal = [], [], SceneError("solver.method: none can solve this scene")
-    for method in [name for name in METHODS if name != "auto"] if wanted == "auto" else [wanted]:
-        try:
-            make_plan(replace(scene, solver=replace(scene.solver, method=method)))
-            methods.append(method)
-        except SceneError as error:
-            refusal = error
-            left_out.append(f"without {method}: {error}")
-    if not methods:
-        raise refusal
-    for order in ORDERS:
-        try:
-            Rung(order, methods[0], 0, tolerance).scene(scene)
-            orders.append(order)
-        except SceneError as error:
-            refusal = error
-            left_out.append(f"without order {order}: {error}")
-    if not orders:
-        raise refusal
+    tolerance, wanted = scene.solver.tolerance, scene.solver.method
+
+    def planned(method: str) -> None:
+        make_plan(replace(scene, solver=replace(scene.solver, method=method)))
+
+    named = [name for name in METHODS if name != "auto"] if wanted == "auto" else [wanted]
+    methods, without_method = _possible(named, planned)
+    orders, without_order = _possible(ORDERS, lambda order: Rung(order, methods[0], 0, tolerance).scene(scene))
+    left_out = [f"without {method}: {error}" for method, error in without_method.items()]
+    left_out += [f"without order {order}: {error}" for order, error in without_order.items()]
     return Ladder(tuple(orders), tuple(methods), tolerance), left_out
+
+
+def _possible(all_of: Sequence[T], attempt: Callable[[T], object]) -> tuple[list[T], dict[T, SceneError]]:
+    """Those whose attempt is not refused, and why the others are.
+
+    Raises:
+        SceneError: all of them are.
+    """
+    possible, refused = list[T](), dict[T, SceneError]()
+    for each in all_of:
+        try:
+            attempt(each)
+            possible.append(each)
+        except SceneError as error:
+            refused[each] = error
+    if not possible:
+        raise list(refused.values())[-1]
+    return possible, refused
 
 
 def _stride(run: Run, start: float) -> int:

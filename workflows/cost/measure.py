@@ -50,7 +50,7 @@ def _once(scene: Scene, rung: Rung, seconds: float, stop: Stop) -> Run | None:
     with tempfile.TemporaryDirectory(prefix="stickslip_") as place:
         task, answer, errors = (Path(place) / name for name in ("scene.json", "answer.json", "errors"))
         task.write_text(json.dumps(to_dict(mine)), encoding="utf-8")
-        words = [sys.executable, "-P", "-m", "workflows.cost.child", str(task), str(answer)]
+        words = [sys.executable, "-P", "-m", "workflows.cost.child", str(task), str(answer), str(os.getpid())]
         with errors.open("wb") as said:  # a session of its own: Ctrl-C is for the parent to hear
             process = subprocess.Popen(
                 words, env={**os.environ, **ONE_THREAD}, stdout=said, stderr=said, start_new_session=True
