@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from workflows.cost.progress import Teller
 from workflows.cost.quantity import check, chosen
 from workflows.cost.run_record import Run
 from workflows.cost.rung import Rung
-from workflows.cost.sentence import headline
+from workflows.cost.sentence import headline, sentence
 from workflows.cost.study import Study
 from workflows.cost.table import summary, write_csv, write_summary
 from workflows.cost.truth import truth_of
@@ -45,7 +46,7 @@ def cost(scene: Scene, target: Path, budget: float, asked: Sequence[str], resume
         SceneError: known before the first run; nothing is written.
         MachineError: the disk is full.
     """
-    if budget <= 0:
+    if not 0 < budget < math.inf:
         raise SceneError(f"--budget {budget:g}: must be positive, in seconds")
     if "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ:
         raise SceneError("cost: measures runs on one core; start it without mpirun")
@@ -64,6 +65,8 @@ def cost(scene: Scene, target: Path, budget: float, asked: Sequence[str], resume
             kept.keep(run)
             teller.done(run)
 
+        if runs:
+            teller.note(f"{len(runs)} finished runs are taken over")
         for note in notes:
             teller.note(note)
         whole, left_out = climb(ladder, runs, limits, solve, keep)
@@ -86,9 +89,12 @@ def cost(scene: Scene, target: Path, budget: float, asked: Sequence[str], resume
         teller.note(
             f"warning: the machine was busy, the runs got {100 * share:.0f} % of a core: read seconds with care"
         )
+    for study in studies:
+        if study.truth.warning:
+            teller.note(study.truth.warning)
     teller.table(studies)
     teller.note(f"results in {place}: cost.csv, cost.json, a picture of each quantity")
-    return _ending(whole, runs, headline(studies))
+    return _ending(whole, runs, "\n".join(map(sentence, studies)) if asked and studies else headline(studies))
 
 
 def judge(scene: Scene, runs: Sequence[Run], asked: Sequence[str], tolerance: float) -> list[Study]:
@@ -124,4 +130,5 @@ def _draw(folder: Path, scene: Scene, studies: Sequence[Study]) -> None:
     from workflows.cost.picture import draw
 
     for study in studies:
-        draw(folder, scene.title, study)
+        if study.truth.meshes > 1:
+            draw(folder, scene.title, study)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 Array = NDArray[np.float64]
-WINDOW = 4  # meshes, the finest: coarse ones do not follow the power yet
+WINDOW = 4  # meshes, the finest: coarse ones do not follow the power yet; fewer do not prove growth without end
 SLOWEST, FASTEST = 0.25, 6.0  # powers
 SETTLED = 0.01  # relative spread of a sequence that is as good as constant
 STRAY = 100.0  # median distances from the median
@@ -56,7 +56,13 @@ def limit(h: Sequence[float], q: Sequence[float], floor: float = 0.0) -> Limit:
         return Limit(float(y[-1]), max(floor, float(abs(y[-1] - y[0]))), None)
     value, rate, scatter = _fit(x, y)
     if not 1.01 * SLOWEST < rate < 0.99 * FASTEST:  # no power leads to a limit from here
-        grows = rate < 1 and len(set(np.sign(np.diff(y)))) == 1 and float(np.ptp(y)) > SETTLED * abs(y[-1])
+        # three meshes cannot tell a slow power from growth without end
+        grows = (
+            rate < 1
+            and len(x) >= WINDOW
+            and len(set(np.sign(np.diff(y)))) == 1
+            and float(np.ptp(y)) > SETTLED * abs(y[-1])
+        )
         if grows:
             return Limit(float(y[-1]), float("inf"), rate, converges=False)
         return Limit(float(y[-1]), max(floor, SAFETY * float(np.ptp(y[-3:]))), None)

@@ -19,12 +19,13 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8
 MARKERS = {1: "^", 2: "s"}  # by order
 BAND = "#ececec"
 LETTERS = 118  # of nine points, bold, that fit into a line
+DECADES = 100.0  # from the least error to the largest, up to which 2 and 5 are labelled too
 WIDE, APART = 1.8, 1.7  # triangle of the observed power: its width, and how far from the points, as factors
 LINES: dict[int, Any] = {1: (0, (4, 2)), 2: "-"}
 
 
 def draw(folder: Path, title: str, study: Study) -> Path:
-    """Work and precision on the left, convergence on the right; runs below the uncertainty are left out.
+    """Work and precision on the left, convergence on the right; no error is shown below the uncertainty.
 
     Raises:
         MachineError: the disk is full.
@@ -33,7 +34,7 @@ def draw(folder: Path, title: str, study: Study) -> Path:
     work, mesh = sheet.axes(0.85, 1.15, 4.9, 3.05), sheet.axes(6.85, 1.15, 2.95, 3.05)
     methods = list(dict.fromkeys(run.rung.method for run in study.runs))
     colours = dict(zip(methods, COLOURS * len(methods), strict=False))
-    known = [run for run in study.runs if study.known(run.rung)]
+    shown = study.runs if study.truth.converges else ()
     for axes in (work, mesh):
         axes.set_xscale("log")
         axes.set_yscale("log")
@@ -45,14 +46,14 @@ def draw(folder: Path, title: str, study: Study) -> Path:
         for spine in axes.spines.values():
             spine.set_linewidth(0.6)
             spine.set_color(PALE)
-    for chain in dict.fromkeys(run.rung.chain for run in known):
-        mine = [run for run in known if run.rung.chain == chain]
+    for chain in dict.fromkeys(run.rung.chain for run in shown):
+        mine = [run for run in shown if run.rung.chain == chain]
         _chain(work, [run for run in mine if not run.compiled], study, colours[chain[1]], lambda run: run.seconds)
         tight = [run for run in mine if run.rung.tolerance == study.tolerance]
         _chain(mesh, tight, study, colours[chain[1]], lambda run: run.h)
     _front(work, study)
-    _slopes(mesh, study, known)
-    _limits(work, mesh, study, known)
+    _slopes(mesh, study)
+    _limits(work, mesh, study, shown)
     work.set_xlabel("seconds on one core: mesh, assemble, prepare, iterate", fontsize=9, color=INK)
     work.set_ylabel(f"relative error of {study.truth.name}", fontsize=9, color=INK)
     mesh.set_xlabel("edge length of cells at the contact [m]", fontsize=9, color=INK)
@@ -72,7 +73,7 @@ def _chain(axes: Any, runs: Sequence[Run], study: Study, colour: str, place: Any
     for k, (group, filled) in enumerate(((tight, True), ([r for r in runs if r not in tight], False))):
         axes.plot(
             [place(run) for run in group],
-            [study.errors[run.rung] for run in group],
+            [max(study.errors[run.rung], study.truth.uncertainty) for run in group],
             color=colour,
             linestyle=LINES[order] if filled else "none",
             linewidth=1.0,
@@ -92,10 +93,11 @@ def _front(axes: Any, study: Study) -> None:
         axes.step([*x, 3 * x[-1]], [*y, y[-1]], where="post", color=INK, linewidth=3.5, alpha=0.25, zorder=2)
 
 
-def _slopes(axes: Any, study: Study, known: Sequence[Run]) -> None:
+def _slopes(axes: Any, study: Study) -> None:
     """Beside the finest runs of each order a triangle with the observed power of h: outside of the others."""
     finest: dict[int, tuple[Run, float]] = {}
     for chain, rate in study.rates.items():
+        known = [r for r in study.runs if study.known(r.rung)]
         tight = [r for r in known if r.rung.chain == chain and r.rung.tolerance == study.tolerance]
         run = min(tight, key=lambda r: r.h)
         if chain[0] not in finest or run.h < finest[chain[0]][0].h:
@@ -113,23 +115,26 @@ def _slopes(axes: Any, study: Study, known: Sequence[Run]) -> None:
                       va="bottom" if above else "top", fontsize=8, color=INK)  # fmt: skip
 
 
-def _limits(work: Any, mesh: Any, study: Study, known: Sequence[Run]) -> None:
+def _limits(work: Any, mesh: Any, study: Study, shown: Sequence[Run]) -> None:
     """Room around the points, and the band in which errors are not known."""
-    errors = [study.errors[run.rung] for run in known]
+    errors = [max(study.errors[run.rung], study.truth.uncertainty) for run in shown]
     if not errors:
-        text = "no error is larger than the uncertainty" if study.truth.converges else "does not settle"
-        work.text(0.5, 0.5, text, transform=work.transAxes, ha="center", fontsize=9, color=PALE)
+        work.text(0.5, 0.5, "does not settle", transform=work.transAxes, ha="center", fontsize=9, color=PALE)
         return
     sure = study.truth.uncertainty
     low = min(errors) / 8
     for axes in (work, mesh):
         axes.set_ylim(low, 2.5 * max(errors))
+        if max(errors) < DECADES * min(errors):
+            axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+            axes.yaxis.set_minor_formatter(NullFormatter())
         if sure > low:
             axes.axhspan(low, sure, color=BAND, zorder=0)
     if sure > low:
-        work.text(0.99, 0.015, "below: uncertainty of the reference", transform=work.transAxes, ha="right", va="bottom",
-                  fontsize=8, color=PALE)  # fmt: skip
-    x = [run.seconds for run in known]
+        text = "grey and its edge: uncertainty of the reference"
+        work.text(0.99, 0.015, text, transform=work.transAxes, ha="right", va="bottom", fontsize=8, color=PALE)
+    x = [run.seconds for run in shown]
     work.set_xlim(min(x) / 1.5, max(x) * 1.8)
 
 

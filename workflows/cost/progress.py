@@ -53,7 +53,8 @@ class Teller:
         """A run has ended, well or not."""
         rung = run.rung
         what = f"order {rung.order}, {rung.method}, h = {run.h:.3g}, tolerance {rung.tolerance:.0e}"
-        how = f"{run.dofs} unknowns, {seconds(run.seconds)}" if run.converged else f"{run.status}: {run.sentence}"
+        took = f"{seconds(run.seconds)}, {seconds(run.spent)} with the start of its process"
+        how = f"{run.dofs} unknowns, {took}" if run.converged else f"{run.status}: {run.sentence}"
         if not run.converged or not self.console.is_terminal:
             self.note(f"{what}: {' '.join(how.split())}")
 
@@ -69,10 +70,10 @@ class Teller:
             costs = [study.cheapest(level) for level in (1e-2, 1e-3, 1e-4)]
             shown = [f"{run.seconds:.2g}" if run else "-" for run in costs]
             sure = percent(truth.uncertainty) if truth.converges else "-"
-            because = truth.source if truth.converges else "does not settle"
+            because = truth.source if truth.converges else "one mesh only" if truth.meshes < 2 else "does not settle"
             table.add_row(
                 truth.name, f"{truth.value:.6g}", sure, because, _orders(study), *shown,
-                percent(study.sturdy[best.rung]) if best else "-",
+                percent(study.sure[best.rung]) if best else "-",
             )  # fmt: skip
         print_table(table, console(160))
 

@@ -20,6 +20,8 @@ def headline(studies: Sequence[Study]) -> str:
 def sentence(study: Study) -> str:
     """`1 % of base.max_pressure costs 3.1 s with ...; the next digit costs 21 s.`"""
     name = study.truth.name
+    if study.truth.meshes < 2:
+        return f"{name}: one mesh only, there is nothing to measure its error by; give it a larger --budget."
     if not study.truth.converges:
         return f"{name} does not settle as the mesh is refined, as at a singular corner: it has no price."
     run, best = study.cheapest(FIRST), study.most_exact
@@ -54,9 +56,11 @@ def seconds(value: float) -> str:
 def percent(value: float) -> str:
     """Two digits of a share.
 
-    >>> percent(0.0123), percent(2e-6)
-    ('1.2 %', '0.0002 %')
+    >>> percent(1.234), percent(0.0123), percent(2e-6)
+    ('123 %', '1.2 %', '0.0002 %')
     """
+    if value >= 0.1:
+        return f"{100 * value:.0f} %"
     return f"{100 * value:.2g} %" if value >= 1e-6 else f"{100 * value:.0e} %"
 
 
@@ -71,7 +75,6 @@ def _changes(run: Run, following: Run) -> str:
 
 def _least(study: Study, best: Run) -> str:
     """The smallest error, and what keeps it from being smaller."""
-    reached = study.sturdy[best.rung]
-    if reached <= study.truth.uncertainty:
-        return f"the reference itself is sure to {percent(reached)} only"
-    return f"the best is {percent(reached)} for {seconds(best.seconds)} with {choice(best, study)}"
+    if study.worst[best.rung] <= study.truth.uncertainty:
+        return f"the reference itself is sure to {percent(study.truth.uncertainty)} only"
+    return f"the best is {percent(study.sure[best.rung])} for {seconds(best.seconds)} with {choice(best, study)}"

@@ -34,22 +34,26 @@ class Study:
         return self.truth.converges and self.errors[rung] > self.truth.uncertainty
 
     @cached_property
-    def sturdy(self) -> Mapping[Rung, float]:
-        """Error that no finer mesh or tighter tolerance of the same chain exceeds: a lucky crossing is no accuracy.
-
-        Not below the uncertainty.
-        """
+    def worst(self) -> Mapping[Rung, float]:
+        """Error that no finer mesh or tighter tolerance of the same chain exceeds: a lucky crossing is no accuracy."""
         return {
             a: max(
-                self.truth.uncertainty,
-                *(
-                    error
-                    for b, error in self.errors.items()
-                    if b.chain == a.chain and b.level >= a.level and b.tolerance <= a.tolerance
-                ),
+                error
+                for b, error in self.errors.items()
+                if b.chain == a.chain and b.level >= a.level and b.tolerance <= a.tolerance
             )
             for a in self.errors
         }
+
+    @cached_property
+    def sturdy(self) -> Mapping[Rung, float]:
+        """The worst error, not below the uncertainty."""
+        return {rung: max(self.truth.uncertainty, error) for rung, error in self.worst.items()}
+
+    @cached_property
+    def sure(self) -> Mapping[Rung, float]:
+        """What the error is at most, wherever in its uncertainty the truth lies."""
+        return {rung: error + self.truth.uncertainty for rung, error in self.worst.items()}
 
     @cached_property
     def timed(self) -> tuple[Run, ...]:
@@ -58,13 +62,13 @@ class Study:
 
     @cached_property
     def front(self) -> tuple[Run, ...]:
-        """Runs of known error that no other beats in both seconds and error, by rising cost."""
-        known = [run for run in self.timed if self.known(run.rung)]
-        return tuple(known[i] for i in front([(run.seconds, self.sturdy[run.rung]) for run in known]))
+        """Runs that no other beats in both seconds and error, by rising cost; below the uncertainty all are equal."""
+        runs = self.timed if self.truth.converges else ()
+        return tuple(runs[i] for i in front([(run.seconds, self.sturdy[run.rung]) for run in runs]))
 
     def cheapest(self, level: float) -> Run | None:
         """The run that surely costs least among those with at most this error."""
-        good = [run for run in self.timed if self.truth.converges and self.sturdy[run.rung] <= level]
+        good = [run for run in self.timed if self.truth.converges and self.sure[run.rung] <= level]
         return min(good, key=lambda run: run.seconds, default=None)
 
     @cached_property

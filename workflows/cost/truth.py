@@ -10,6 +10,7 @@ from workflows.cost.limit import Limit, limit
 from workflows.cost.run_record import Run
 
 LAW_ERROR = 1e-6  # relative, energy norm, beyond which a method solves other laws than the scene's
+SEQUENCE = 3  # meshes of one order that say more than two of another
 NOISE = 10.0  # times the tolerance: differences that the iteration alone may leave
 
 
@@ -23,6 +24,8 @@ class Truth:
     source: str
     scale: float  # what errors are relative to
     converges: bool = True
+    meshes: int = 2  # that it rests on, at most; of one alone nothing follows
+    warning: str = ""  # what the runs have against it
 
 
 def truth_of(name: str, runs: Sequence[Run], exact: Exact, tolerance: float) -> Truth | None:
@@ -32,13 +35,13 @@ def truth_of(name: str, runs: Sequence[Run], exact: Exact, tolerance: float) -> 
         value = exact.values[name]
         source = f"exact: {exact.source}" if exact.source else "exact, says the scene"
         scale = abs(value) or max(found, default=0.0)
-        return Truth(name, value, max(exact.accuracy, NOISE * tolerance), source, scale) if scale else None
+        if not scale:
+            return None
+        warning = _against(name, value, exact.accuracy * scale, runs, tolerance)
+        return Truth(name, value, max(exact.accuracy, NOISE * tolerance), source, scale, warning=warning)
     if not any(found):
         return None
-    orders = sorted({run.rung.order for run in runs})
-    points = {order: _sequence(name, order, runs, tolerance) for order in orders}
-    most = min(2, max(len(sequence) for sequence in points.values()))  # one mesh says nothing if there are two
-    sure = {order: _limit(sequence, tolerance) for order, sequence in points.items() if len(sequence) >= max(1, most)}
+    sure, meshes = _limits(name, runs, tolerance)
     if not sure:
         return None
     order = min(sure, key=lambda k: sure[k].uncertainty)
@@ -46,10 +49,30 @@ def truth_of(name: str, runs: Sequence[Run], exact: Exact, tolerance: float) -> 
     # the orders must agree: what they differ by, beyond what the other one admits, is uncertain too
     doubt = max([best.uncertainty, *(abs(best.value - o.value) - o.uncertainty for o in sure.values() if o.converges)])
     scale = abs(best.value) or max(found)
-    source = f"extrapolated, order {order}"
-    if best.rate is not None and best.converges:
-        source += f", h^{best.rate:.1f}"
-    return Truth(name, best.value, doubt / scale, source, scale, best.converges)
+    if best.rate is None or not best.converges:
+        source = f"finest mesh, order {order}"
+    else:
+        source = f"extrapolated, order {order}, h^{best.rate:.1f}"
+    converges = meshes > 1 and all(limit.converges for limit in sure.values())  # no order hides a singular corner
+    return Truth(name, best.value, doubt / scale, source, scale, converges, meshes)
+
+
+def _limits(name: str, runs: Sequence[Run], tolerance: float) -> tuple[dict[int, Limit], int]:
+    """The limit of each order that has about as many meshes as any; and how many that are."""
+    points = {order: _sequence(name, order, runs, tolerance) for order in sorted({run.rung.order for run in runs})}
+    most = max((len(sequence) for sequence in points.values()), default=0)
+    enough = max(1, min(SEQUENCE, most))
+    return {order: _limit(sequence, tolerance) for order, sequence in points.items() if len(sequence) >= enough}, most
+
+
+def _against(name: str, value: float, accuracy: float, runs: Sequence[Run], tolerance: float) -> str:
+    """Whether the runs settle elsewhere than at the value that the scene calls exact."""
+    limits, meshes = _limits(name, runs, tolerance)
+    settled = [limit for limit in limits.values() if limit.converges and meshes >= SEQUENCE]
+    best = min(settled, key=lambda limit: limit.uncertainty, default=None)
+    if best is None or abs(best.value - value) <= accuracy + best.uncertainty:
+        return ""
+    return f"warning: {name} settles at {best.value:.6g} +- {best.uncertainty:.1g}; [exact] says {value:.6g}"
 
 
 def _sequence(name: str, order: int, runs: Sequence[Run], tolerance: float) -> dict[float, float]:
