@@ -72,14 +72,17 @@ class Saddle:
         r = relative_displacement(self.system, v, problem.cone.time, np.zeros(0)) - problem.gap
         return r[self.place.normal], r[self.place.tangential].reshape(len(self.s), -1)
 
-    def lagrangian(self, v: Any, eta: Array) -> float:
-        """1/2 a(v, v) + what compliance stores - L(v) + ∫ c_T p_T η . v_T [J]."""
+    def energy(self, v: Any) -> tuple[float, Array]:
+        """1/2 a(v, v) + what compliance stores - L(v) [J], and v_T: all that the Lagrangian takes of v."""
         rows, (depth, v_T) = self.place.rows, self.relative(v)
         law, stored = rows.normal, 0.0
         if law.at_quadrature:  # the potential of j_n
             stored = float(rows.W_n @ (law.c_n * np.maximum(depth, 0.0) ** (law.m_n + 1) / (law.m_n + 1)))
-        elastic = (self.system.K * v).dot(v) / 2 - self.accepted.state.load.dot(v)
-        return float(elastic + stored + self.friction(eta, v_T))
+        return float((self.system.K * v).dot(v) / 2 - self.accepted.state.load.dot(v) + stored), v_T
+
+    def lagrangian(self, of_v: tuple[float, Array], eta: Array) -> float:
+        """Energy + ∫ c_T p_T η . v_T [J]."""
+        return of_v[0] + self.friction(eta, of_v[1])
 
     def friction(self, eta: Array, v_T: Array) -> float:
         """∫ c_T p_T η . v_T [J]."""
@@ -136,21 +139,21 @@ def test_u_is_the_least_over_v(saddle: Saddle) -> None:
     """L(u, λ) <= L(v, λ), the second inequality of (2.5), and of no other λ."""
     random = np.random.default_rng(1)
     trials = [saddle.trial(random, size, i % 2 == 0) for i, size in enumerate(sizes(saddle, random))]
-    u, lam = saddle.accepted.state.u, saddle.lam
-    least = saddle.lagrangian(u, lam)
-    above = np.array([saddle.lagrangian(v, lam) for v in trials]) - least
+    u, lam, found = saddle.accepted.state.u, saddle.lam, [saddle.energy(v) for v in trials]
+    here = saddle.energy(u)
+    above = np.array([saddle.lagrangian(v, lam) for v in found]) - saddle.lagrangian(here, lam)
     rounding = 1e-12 * abs((saddle.system.K * u).dot(u))
     assert above.min() > -rounding
     assert above.max() > 1e3 * rounding
     for wrong in (0.0 * lam, -lam, 0.9 * lam):
-        assert min(saddle.lagrangian(v, wrong) for v in trials) < saddle.lagrangian(u, wrong) - 100 * rounding
+        assert min(saddle.lagrangian(v, wrong) for v in found) < saddle.lagrangian(here, wrong) - 100 * rounding
 
 
 def test_lambda_is_the_greatest_over_the_multipliers(saddle: Saddle) -> None:
     """L(u, η) <= L(u, λ), the first inequality of (2.5): λ makes the most of the slip, ∫ c_T p_T |u_T|."""
     random = np.random.default_rng(2)
-    u_T = saddle.relative(saddle.accepted.state.u)[1]
-    greatest, u = saddle.lagrangian(saddle.accepted.state.u, saddle.lam), saddle.accepted.state.u
+    u = saddle.energy(saddle.accepted.state.u)
+    greatest, u_T = saddle.lagrangian(u, saddle.lam), u[1]
     all_slip = saddle.friction(saddle.lam, u_T)
     assert all_slip == pytest.approx(saddle.place.rows.W_t * saddle.s @ np.linalg.norm(u_T, axis=1), rel=1e-7)
     assert all_slip > 0
