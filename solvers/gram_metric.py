@@ -70,17 +70,18 @@ class GramMetric:
         """Assemble and factorise the Gram matrix; collective."""
         self.gram, self.length = gram, gram.length or system.extent
         self._compliance = None if gram.space == "multiplier" else np.linalg.inv(volume_block(system, gram))
-        self._last: dict[Bodies, Scaled] = {}
+        self._last: dict[tuple[Bodies, float], Scaled] = {}
 
     def on(self, problem: SurfaceProblem, relaxation: float) -> Scaled:
         """Q / alpha with alpha = relaxation / lambda_max(Q^-1 B K_B^-1 B^T)."""
         surface, carrying = problem.surface, problem.cone.carrying
-        if surface not in self._last:
+        key = surface, relaxation
+        if key not in self._last:
             self._last.clear()  # of other pairs
             Q = self.on_tractions(surface, problem.cone)
-            alpha = relaxation / self.spectrum(surface, problem.cone)[-1] if carrying.any() else 1.0
-            self._last[surface] = Scaled(surface, Q, carrying, float(alpha))
-        return self._last[surface]
+            largest = self.spectrum(surface, problem.cone)[-1] if carrying.any() else 1.0
+            self._last[key] = Scaled(surface, Q, carrying, relaxation / float(largest))
+        return self._last[key]
 
     def on_tractions(self, surface: Bodies, cone: Cone) -> Array:
         """Q (rows, rows) in p^T Q p: the published one if it belongs to tractions, else W Q W."""
