@@ -22,7 +22,17 @@ def surface_stiffness(surface: Surface) -> Any:
     gradient = dx.reference_basis(surface.shape, surface.degree, points)[1]
     tangents = np.einsum("aqk,fki->fqai", gradient, surface.points[surface.facets])
     inverse = np.linalg.inv(tangents @ tangents.swapaxes(2, 3))  # of the first fundamental form
-    local = np.einsum("fq,aqi,fqab,bqj->fij", weights, gradient, inverse, gradient, optimize=True)
+    return _assembled(surface, np.einsum("fq,aqi,fqab,bqj->fij", weights, gradient, inverse, gradient, optimize=True))
+
+
+def surface_product(surface: Surface) -> Any:
+    """∫ phi_i phi_j ds (n, n) sparse [m^(d-1)], not lumped."""
+    weights, basis = surface.quadrature(2 * surface.degree + surface.axisymmetric)
+    return _assembled(surface, np.einsum("fq,qi,qj->fij", weights, basis, basis, optimize=True))
+
+
+def _assembled(surface: Surface, local: Array) -> Any:
+    """Matrices of the facets (f, k, k) added up (n, n)."""
     i = np.broadcast_to(surface.facets[:, :, None], local.shape)
     j = np.broadcast_to(surface.facets[:, None, :], local.shape)
     n = len(surface.nodes)

@@ -13,8 +13,10 @@ from solvers.bodies import Bodies
 from solvers.choice import Choice, Stage, choose, fits
 from solvers.coarse_mesh import CoarseMesh
 from solvers.condensed import CondensedSurface
+from solvers.gram_metric import GramMetric
 from solvers.iterative_volume import IterativeVolume
 from solvers.methods.condensed_newton import CondensedNewton
+from solvers.methods.gram_uzawa import GramUzawa
 from solvers.methods.solution import OnStep, Solution
 from solvers.methods.surface_uzawa import SurfaceUzawa
 from solvers.methods.uzawa import Uzawa
@@ -96,6 +98,9 @@ class Attempts:
                 safety=SAFE if self.stage.safe else 1.0,
             )
             return lambda state: learning
+        if self.stage.method == "gram-uzawa":
+            gram = GramUzawa(GramMetric(system, solver.gram), rtol=solver.tolerance, max_it=solver.max_iterations)
+            return lambda state: gram
         kind = {"uzawa": Uzawa, "condensed-newton": CondensedNewton}[self.stage.method]
         method = kind(rtol=solver.tolerance, max_it=solver.max_iterations)
         return lambda state: method

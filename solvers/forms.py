@@ -90,6 +90,15 @@ class WeakForms:
         strain, u = self.strain(self.v), self.u if u is None else u
         return sum(ufl.inner(self.stress(u, b), strain) * self.volume(b) for b in self.scene.bodies)
 
+    def gram(self, length: float) -> Any:
+        """<u, v> = sum over bodies of E ∫ grad u : grad v + u . v / l^2 dx, l = `length` [m]: the product of H1.
+
+        E is not in the source: it lets bodies give way beside each other as they do. One body's is a factor of Q,
+        which the step takes up.
+        """
+        product = ufl.inner(ufl.grad(self.u), ufl.grad(self.v)) + self.constant(length**-2) * ufl.inner(self.u, self.v)
+        return sum(self.constant(body.E) * product * self.volume(name) for name, body in self.scene.bodies.items())
+
     def loads(self) -> list[LoadForm]:
         """The scene's surface loads; effects add theirs."""
         found: list[LoadForm] = []

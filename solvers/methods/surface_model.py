@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from solvers.equilibrium import balancing_tractions
 from solvers.methods.linearised_laws import linearise
-from solvers.methods.surface_system import Flexibility, SurfaceSystem
+from solvers.methods.surface_system import Metric, SurfaceSystem
 from solvers.surface_problem import SurfaceProblem
 
 Array = NDArray[np.float64]
 RETREATS = 6  # times that trial tractions under which nothing holds the bodies are taken back by half
 ATTEMPT = 30  # Newton iterations from one start
+INNER = 0.1  # of the residual, how exact the surface is solved
 INEXACT = 0.3  # of the residual that is enough: what a Newton system may leave
 
 
@@ -31,7 +34,7 @@ class SurfaceModel:
     """w(q, b) = w - G (q - p) + N R b about a point p where w is known, with R^T (f - B^T q) = 0."""
 
     problem: SurfaceProblem
-    flexibility: Flexibility  # G
+    flexibility: Metric  # G
     p: Array  # (rows,)
     w: Array  # (rows,)
 
@@ -75,3 +78,38 @@ class SurfaceModel:
             except np.linalg.LinAlgError:
                 p_hat = (p_hat + held) / 2
         return None
+
+
+def nearest_in_cone(problem: SurfaceProblem, metric: Metric, p: Array, w: Array, residual: float) -> Found | None:
+    """A step of Uzawa's method: argmin over the cone of |q - p_hat| in the metric G, p_hat = p + G^-1 (w - gap).
+
+    None if the linearised laws hold the bodies nowhere.
+
+    Args:
+        residual: that of p, or what is asked for if that is more.
+    """
+    model = SurfaceModel(problem, metric, p, w)
+    enough = INNER * min(residual, 1.0)
+    best: Found | None = None
+    for start, factor in _starts(problem, p, w, residual):
+        found = model.solve(start, factor * problem.gamma, enough)
+        if found is not None and (best is None or not best.residual <= found.residual):
+            best = found
+        if best is not None and best.residual <= enough:
+            break
+    return best
+
+
+def _starts(problem: SurfaceProblem, p: Array, w: Array, residual: float) -> Iterator[tuple[Array, float]]:
+    """Trial tractions, and the factor of gamma that belongs to them: from where we are, then from all closed."""
+    n = problem.surface.normal_rows
+    if np.isfinite(residual):
+        for factor in (1.0, 10.0, 0.1):
+            yield p + factor * problem.gamma * (w - problem.gap), factor
+    elif p.any():
+        yield p, 1.0
+    yield np.concatenate([np.full(n, problem.p_ref), np.zeros(len(p) - n)]), 1.0
+    if problem.surface.floating:
+        rigid = balancing_tractions(problem)
+        if rigid is not None:
+            yield rigid, 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,20 @@ Array = NDArray[np.float64]
 DENSE = 200  # contact rows up to which a dense matrix is factorised
 BALANCE = 1e-8  # force out of balance, relative, at which a solution of the linear system is none
 FAILED = 0.5  # of the residual: GMRES that leaves more found nothing
+
+
+class Metric(Protocol):
+    """Relative displacement that tractions cause, guessed: the metric that a step's cone is met in."""
+
+    @property
+    def matrix(self) -> Array: ...  # (rows, rows) [m/Pa]
+
+    @property
+    def diagonal(self) -> Array: ...  # about its own (rows,)
+
+    def __call__(self, p: Array) -> Array: ...  # (rows,) [Pa] to (rows,) [m]
+
+    def inverse(self, w: Array) -> Array: ...  # about what tractions cause w, for GMRES
 
 
 @dataclass(frozen=True)
@@ -62,7 +76,7 @@ class Flexibility:
 class SurfaceSystem:
     """A_p p + A_w (w_0 - G p + N R b) = rhs on the rows that carry traction, R^T B^T p = R^T f."""
 
-    def __init__(self, laws: LinearisedLaws, gamma: Array, flexibility: Flexibility, w_0: Array) -> None:
+    def __init__(self, laws: LinearisedLaws, gamma: Array, flexibility: Metric, w_0: Array) -> None:
         """
         Args:
             w_0: relative displacement (rows,) without tractions and rigid motions.

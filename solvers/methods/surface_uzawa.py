@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from solvers.equilibrium import balancing_tractions
 from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
-from solvers.methods.surface_model import Found, SurfaceModel
+from solvers.methods.surface_model import nearest_in_cone
 from solvers.methods.surface_system import Flexibility
 from solvers.secants import Secants
 from solvers.surface_metric import SurfaceMetric
 from solvers.surface_problem import SurfaceProblem
 
 STALL_WINDOW = 50  # iterations in which the least residual must halve
-INNER = 0.1  # of the residual, how exact the surface is solved
 VOLUME = 0.3  # of the residual to be expected, how exact the volume is
 DROP = 0.5  # what one iteration makes of the residual, cautiously
 
@@ -66,7 +64,8 @@ class SurfaceUzawa:
                 break
             if k == self.max_it:
                 break
-            found = self._step(problem, flexibility, p, w, max(residual, self.rtol))
+            metric = Flexibility(surface, flexibility, self.metric)
+            found = nearest_in_cone(problem, metric, p, w, max(residual, self.rtol))
             if found is None:
                 status = Status.NO_HOLD
                 break
@@ -106,30 +105,3 @@ class SurfaceUzawa:
         for force, displacement in zip(forces.T, displacements.T, strict=True):
             primed.learn(force, displacement)
         return primed
-
-    def _step(self, problem: SurfaceProblem, F: Secants, p: Array, w: Array, residual: float) -> Found | None:
-        model = SurfaceModel(problem, Flexibility(problem.surface, F, self.metric), p, w)
-        enough = INNER * min(residual, 1.0)
-        best: Found | None = None
-        for start, factor in _starts(problem, p, w, residual):
-            found = model.solve(start, factor * problem.gamma, enough)
-            if found is not None and (best is None or not best.residual <= found.residual):
-                best = found
-            if best is not None and best.residual <= enough:
-                break
-        return best
-
-
-def _starts(problem: SurfaceProblem, p: Array, w: Array, residual: float) -> Iterator[tuple[Array, float]]:
-    """Trial tractions, and the factor of gamma that belongs to them: from where we are, then from all closed."""
-    n = problem.surface.normal_rows
-    if np.isfinite(residual):
-        for factor in (1.0, 10.0, 0.1):
-            yield p + factor * problem.gamma * (w - problem.gap), factor
-    elif p.any():
-        yield p, 1.0
-    yield np.concatenate([np.full(n, problem.p_ref), np.zeros(len(p) - n)]), 1.0
-    if problem.surface.floating:
-        rigid = balancing_tractions(problem)
-        if rigid is not None:
-            yield rigid, 1.0

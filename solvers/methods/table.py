@@ -28,6 +28,12 @@ METHODS: Mapping[str, Applicability] = {
         floating=True, use="few volume solves at any mesh size: for bodies too large to condense"
     ),
     "uzawa": Applicability(floating=False, use="the classical iteration: simple, many cheap iterations"),
+    "gram-uzawa": Applicability(
+        floating=False,
+        use="the published preconditioner: to see what it does; surface-uzawa where iterations count",
+        normal=("unilateral", "bilateral", "tied"),  # the multipliers of the others have no H1 basis
+        matrix_free=False,
+    ),
     "regularised": Applicability(
         floating=False,
         use="the baseline: penalty and smoothed friction in UFL, SNES on the whole volume; states its error",

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from geometry.errors import require
 from geometry.keys import Key, Noun
+from solvers.nouns.gram import Gram
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +33,7 @@ class Solver(Noun):
     ] = "auto"
     tolerance: Annotated[float, Key("-", "on the natural residual, relative to p_ref")] = 1e-8
     max_iterations: Annotated[int, Key("-", "per step")] = 10000
+    gram: Annotated[Gram, Key("-", "preconditioner of gram-uzawa")] = Gram()
 
     def __post_init__(self) -> None:
         require(0 < self.tolerance < 1, "tolerance", self.tolerance, "must lie between 0 and 1, for example 1e-8")

@@ -1,0 +1,118 @@
+"""What the Gram matrix does to condition numbers: `python -m workflows.studies.gram [N ...]` prints a table.
+
+The block of the ready scene, 4 x 2 m, n cells high, all of its base closed and sticking: condition number of
+Q^-1 B K_B^-1 B^T on forces, and the entries of the factor P beside those of the matrix's own lower triangle.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+from scipy import sparse
+
+from geometry.mesh import build_mesh
+from solvers.condensed import CondensedSurface
+from solvers.cone import Cone
+from solvers.counters import Counters
+from solvers.gram_metric import GramMetric, contact_last, drop_of, volume_gram
+from solvers.incomplete_cholesky import incomplete_cholesky
+from solvers.nouns.gram import Gram
+from solvers.nouns.scene import Scene
+from solvers.prepare import prepare_surface
+from solvers.system import System, assemble
+from solvers.volume import Volume
+from workflows.scene import from_dict
+
+SIZES = (8, 16, 32)
+METRE = Gram(length=1.0)  # the source has no length in its product
+READINGS = {
+    "multiplier": replace(METRE, space="multiplier"),
+    "volume, complete": METRE,
+    "volume, drop 1e-3": replace(METRE, factor="drop", drop=1e-3),
+    "volume, drop 1e-2": replace(METRE, factor="drop", drop=1e-2),
+    "volume, IC(0)": replace(METRE, factor="ic0"),
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One choice of Q at one mesh size."""
+
+    n: int
+    reading: str
+    condition: float
+    fill: float | None  # nothing is factorised, or the surface alone
+
+
+def scene(n: int, held: bool = True, dim: int = 2) -> Scene:
+    """The block, n cells high; in space 4 x 2 x 2 m."""
+    last, zero = "xyz"[dim - 1], [0.0] * dim
+    size = {"length": 4.0, "height": 2.0, "mesh_size": 2.0 / n} | ({"width": 2.0} if dim == 3 else {})
+    top = {"boundary": "block.top", "displacement": dict.fromkeys("xyz"[:dim], 0.0)}
+    normal = [float(axis == last) for axis in "xyz"[:dim]]
+    return from_dict(
+        {
+            "model": "plane strain" if dim == 2 else "3d",
+            "geometry": {"builder": "block"} | size,
+            "bodies": {"block": {"E": 1.0, "nu": 0.3}},
+            "obstacles": {"foundation": {"shape": "plane", "point": zero, "normal": normal}},
+            "contacts": {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "stick"}}},
+            "supports": {"top": top} if held else {},
+        }
+    )
+
+
+def block(n: int, held: bool = True, dim: int = 2) -> System:
+    """Meshed and assembled; without its support the Gram matrix is that of all displacements."""
+    found = scene(n, held, dim)
+    return assemble(found, build_mesh(found.geometry, found.request(), MPI.COMM_SELF), Counters())
+
+
+def surface_of(system: System) -> tuple[CondensedSurface, Cone]:
+    """K_B^-1 on the contact dofs, and the laws that say which rows carry tractions."""
+    volume = Volume(system.K_B, system.contact_dofs, system.counters)
+    return prepare_surface(system, volume), Cone(system.contacts, 0.0, system.scene.steps.end)
+
+
+def condition(values: NDArray[np.float64]) -> float:
+    """Largest beside smallest eigenvalue."""
+    return float(values[-1] / values[0])
+
+
+def fill(system: System, gram: Gram) -> float:
+    """Entries of P beside those of an IC(0)."""
+    matrix, _ = contact_last(volume_gram(system, gram.length or system.extent), system.contact_dofs)
+    return float(incomplete_cholesky(matrix, drop_of(gram)).P.nnz / sparse.tril(matrix).nnz)
+
+
+def rows(n: int, dim: int = 2) -> Iterator[Row]:
+    """All readings at one size."""
+    system = block(n, dim=dim)
+    surface, cone = surface_of(system)
+    carried = surface.N @ surface.flexibility @ surface.N.T
+    yield Row(n, "none", condition(np.linalg.eigvalsh(carried)), None)
+    for reading, gram in READINGS.items():
+        values = GramMetric(system, gram).spectrum(surface, cone)
+        yield Row(n, reading, condition(values), fill(system, gram) if gram.space == "volume" else None)
+    values = GramMetric(block(n, held=False, dim=dim), METRE).spectrum(surface, cone)
+    yield Row(n, "volume, complete, supports left out", condition(values), None)
+
+
+def table(sizes: tuple[int, ...] = SIZES) -> Table:
+    """A column of condition numbers for each size, the fill in brackets."""
+    found = {n: list(rows(n)) for n in sizes}
+    drawn = Table("Q", *(f"n = {n}" for n in sizes), title="condition number of Q^-1 B K_B^-1 B^T (fill)")
+    for line in zip(*found.values(), strict=True):
+        drawn.add_row(line[0].reading, *(f"{r.condition:.4g}{f' ({r.fill:.2f})' if r.fill else ''}" for r in line))
+    return drawn
+
+
+if __name__ == "__main__":
+    Console().print(table(tuple(int(n) for n in sys.argv[1:]) or SIZES))
