@@ -15,9 +15,11 @@ from solvers.coarse_mesh import CoarseMesh
 from solvers.condensed import CondensedSurface
 from solvers.iterative_volume import IterativeVolume
 from solvers.methods.condensed_newton import CondensedNewton
+from solvers.methods.perturbed_lagrangian import PerturbedLagrangian
 from solvers.methods.solution import OnStep, Solution
 from solvers.methods.surface_uzawa import SurfaceUzawa
 from solvers.methods.uzawa import Uzawa
+from solvers.penalties import penalties
 from solvers.prepare import prepare_volume
 from solvers.regularised import Regularised
 from solvers.state import State
@@ -96,6 +98,9 @@ class Attempts:
                 safety=SAFE if self.stage.safe else 1.0,
             )
             return lambda state: learning
+        if self.stage.method == "perturbed-lagrangian":
+            springs = PerturbedLagrangian(omega=penalties(system), rtol=solver.tolerance, max_it=solver.max_iterations)
+            return lambda state: springs
         kind = {"uzawa": Uzawa, "condensed-newton": CondensedNewton}[self.stage.method]
         method = kind(rtol=solver.tolerance, max_it=solver.max_iterations)
         return lambda state: method

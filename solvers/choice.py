@@ -12,6 +12,7 @@ from geometry.errors import MachineError
 from geometry.mesh import Mesh
 from solvers.constraints import Constraints
 from solvers.memory import available
+from solvers.methods.table import METHODS
 from solvers.nouns.stepping import Solver
 from solvers.operators.rows import ContactRows
 from solvers.system import System
@@ -127,7 +128,7 @@ def chosen(size: Size, solver: Solver, memory: float) -> Choice:
 
 
 def _form(size: Size, solver: Solver, fits: bool) -> tuple[Form, str]:
-    wanted = "condensed" if solver.method in ("condensed-newton", "regularised") else solver.surface
+    wanted = "condensed" if not METHODS[solver.method].matrix_free else solver.surface
     if wanted == "matrix-free":
         return "matrix-free", "solver.surface = matrix-free"
     needs = f"{size.dense_bytes / 1e9:.2g} GB for {size.contact_dofs} contact dofs of {size.dofs} dofs in all"
