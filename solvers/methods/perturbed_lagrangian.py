@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 
 from solvers.condensed import CondensedSurface
-from solvers.methods.contact_element import Answer, ContactElements, kept
+from solvers.methods.contact_element import STICK, Answer, ContactElements, kept
 from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
 from solvers.surface_problem import SurfaceProblem
 
@@ -23,8 +24,9 @@ class PerturbedLagrangian:
     """K (ΔU, ΔΣ) = -R with K = K_B + Σ_s K_C^s, R = R_B + Σ_s R_C^s, and a line search on |R|.
 
     ω is led up from where springs are as soft as the bodies, E / depth, by factors of 10 to what it is to be, each
-    level solved from the one before: with stiff springs at once, Newton's status of the elements cycles. K_B is that of
-    the contact dofs, condensed; ΔΣ is eliminated element by element, as -1/ω can always be divided by.
+    level solved from the one before: with stiff springs at once, Newton's status of the elements cycles. Floating
+    bodies start with every element bonded. K_B is that of the contact dofs, condensed; ΔΣ is eliminated element by
+    element, as -1/ω can always be divided by.
 
     The residual of the history is the natural one with the springs taken off, that of the solution has them in. What
     the springs change in the displacement is stated: (u_ω, p_ω) solves the contact laws themselves with gaps moved by
@@ -40,12 +42,15 @@ class PerturbedLagrangian:
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         """From p, the tractions of the last accepted step."""
-        u_c = problem.contact_displacement(p)
+        floating = problem.surface.floating
+        u_c = np.zeros(problem.surface.size) if floating else problem.contact_displacement(p)
         if problem.p_ref == 0 or not len(p):  # nothing happens, or nothing touches
             w = problem.relative_displacement(u_c)
             return Solution(p, w, u_c, Status.CONVERGED, 0.0, ())
         newton = Newton(problem, self.max_it, on_step, u_c, problem.surface.W * p)
         levels = self._levels(problem)
+        if floating:
+            newton.bond(levels[0] * self.omega, p)
         for level in levels:
             omega = level * self.omega
             status = newton.solve(omega, p, self.rtol if level == 1.0 else max(self.rtol, START))
@@ -71,6 +76,14 @@ class Newton:
         self.u_c, self.Sigma = u_c, Sigma
         self.history: list[Step] = []
         self.iteration = 0
+
+    def bond(self, omega: Array, p_old: Array) -> None:
+        """Go to where every element is closed and sticks: contact alone holds a floating body."""
+        elements = ContactElements.of(self.problem, omega, p_old)
+        G = elements.gaps(self.u_c)
+        stuck = Answer(elements.omega * G, sparse.diags(elements.omega).tocsr(), np.full(len(G), STICK))
+        Delta_U, Delta_Sigma = newton_step(elements, stuck, self.u_c, self.Sigma)
+        self.u_c, self.Sigma = self.u_c + Delta_U, self.Sigma + Delta_Sigma
 
     def solve(self, omega: Array, p_old: Array, rtol: float) -> Status:
         """Go on to the solution with these penalties (rows,) [Pa/m]."""
@@ -137,11 +150,15 @@ def newton_step(elements: ContactElements, answer: Answer, u_c: Array, Sigma: Ar
 
 
 def least_energy(problem: SurfaceProblem, w: Array) -> float:
-    """Energy norm [J^(1/2)] of the least displacement of the bodies with relative displacement w (rows,) [m]."""
+    """Energy norm [J^(1/2)] of the least displacement of the bodies with relative displacement w (rows,) [m].
+
+    Of floating bodies the one whose energy is least with that of their augmentation, which is somewhat more.
+    """
     surface, carrying = bodies(problem), problem.cone.carrying
     N = surface.N[carrying]
-    forces = np.linalg.solve(N @ (N @ surface.flexibility).T, w[carrying])
-    return float(np.sqrt(max(float(w[carrying] @ forces), 0.0)))
+    moved = (N @ surface.flexibility).T  # by unit forces, (c, rows)
+    v = moved @ np.linalg.solve(N @ moved, w[carrying])
+    return float(np.sqrt(max(float(v @ surface.S @ v), 0.0)))
 
 
 def bodies(problem: SurfaceProblem) -> CondensedSurface:

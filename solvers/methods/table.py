@@ -38,7 +38,7 @@ METHODS: Mapping[str, Applicability] = {
         matrix_free=False,
     ),
     "perturbed-lagrangian": Applicability(
-        floating=False,
+        floating=True,
         use="stiff springs at each contact node, Newton-Raphson: the published element; states its error",
         normal=("unilateral", "bilateral", "tied"),
         friction=("coulomb", "tresca", "stick"),
