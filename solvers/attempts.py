@@ -17,9 +17,11 @@ from solvers.gram_metric import GramMetric
 from solvers.iterative_volume import IterativeVolume
 from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.gram_uzawa import GramUzawa
+from solvers.methods.perturbed_lagrangian import PerturbedLagrangian
 from solvers.methods.solution import OnStep, Solution
 from solvers.methods.surface_uzawa import SurfaceUzawa
 from solvers.methods.uzawa import Uzawa
+from solvers.penalties import penalties
 from solvers.prepare import prepare_volume
 from solvers.regularised import Regularised
 from solvers.state import State
@@ -101,6 +103,9 @@ class Attempts:
         if self.stage.method == "gram-uzawa":
             gram = GramUzawa(GramMetric(system, solver.gram), rtol=solver.tolerance, max_it=solver.max_iterations)
             return lambda state: gram
+        if self.stage.method == "perturbed-lagrangian":
+            springs = PerturbedLagrangian(omega=penalties(system), rtol=solver.tolerance, max_it=solver.max_iterations)
+            return lambda state: springs
         kind = {"uzawa": Uzawa, "condensed-newton": CondensedNewton}[self.stage.method]
         method = kind(rtol=solver.tolerance, max_it=solver.max_iterations)
         return lambda state: method

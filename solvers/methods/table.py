@@ -43,4 +43,11 @@ METHODS: Mapping[str, Applicability] = {
         multibody=False,
         matrix_free=False,
     ),
+    "perturbed-lagrangian": Applicability(
+        floating=True,
+        use="stiff springs at each contact node, Newton-Raphson: the published element; states its error",
+        normal=("unilateral", "bilateral", "tied"),
+        friction=("coulomb", "tresca", "stick"),
+        matrix_free=False,
+    ),
 }

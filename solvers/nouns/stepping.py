@@ -34,10 +34,14 @@ class Solver(Noun):
     tolerance: Annotated[float, Key("-", "on the natural residual, relative to p_ref")] = 1e-8
     max_iterations: Annotated[int, Key("-", "per step")] = 10000
     gram: Annotated[Gram, Key("-", "preconditioner of gram-uzawa")] = Gram()
+    omega_factor: Annotated[
+        float, Key("-", "perturbed-lagrangian: its penalties, in units of E / h of the facets that touch")
+    ] = 1000.0
 
     def __post_init__(self) -> None:
         require(0 < self.tolerance < 1, "tolerance", self.tolerance, "must lie between 0 and 1, for example 1e-8")
         require(self.max_iterations >= 1, "max_iterations", self.max_iterations, "must be at least 1")
+        require(self.omega_factor > 0, "omega_factor", self.omega_factor, "must be positive, for example 1000")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,143 @@
+"""Contact elements: a slave node and the master facet or obstacle that it meets; open, sticking, sliding.
+
+Stick, Pop (4.3), is stationary in u and Σ = (Σ_n, Σ_t, Σ_τ):
+
+    L_d = ½ b(u, u) - L(u) + Σ^T G - Σ_n^T Σ_n / 2ω_n - Σ_t^T Σ_t / 2ω_t - Σ_τ^T Σ_τ / 2ω_τ
+
+so one element adds, (4.5), with N^s its rows of displacement to gap, G = N^s u - g^s,
+
+    R_C^s = ( N^sT Σ        )      K_C^s = ( 0               N^sT )
+            ( (Σ* - Σ) / ω  )              ( Σ*' N^s / ω    -1/ω  )
+
+where Σ* = ω G and Σ*' = ω: (5.3) with B = N, K_C = -1/ω. For slide the source says |Σ_tan| = μ |Σ_n| and no more: here
+Σ* is the radial return of ω G to the circle of radius μ ω_n G_n, and Σ*' its derivative, unsymmetric, as the radius
+follows G_n. An open element has Σ* = 0. Gaps are positive when closed, forces when they press.
+
+We differ from the source in that the springs keep the tangential forces of the last step, G_T = u_T - u_T,old +
+Σ_T,old / ω_t: with springs that start relaxed, a sticking node would creep by Σ_T / ω_t in every step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from solvers.cone import Place
+from solvers.surface_problem import SurfaceProblem
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+OPEN, STICK, SLIP = 0, 1, 2
+
+
+def press(G_n: Array, omega_n: Array, sides: int) -> tuple[Array, Array]:
+    """Σ_n* (m,) [N] of m elements and its derivative [N/m]; one that also pulls (`sides` 2) is always closed.
+
+    >>> press(np.array([0.5, -0.5]), np.array([4.0, 4.0]), sides=1)
+    (array([2., 0.]), array([4., 0.]))
+    """
+    slope = np.where((G_n > 0) | (sides == 2), omega_n, 0.0)
+    return slope * G_n, slope
+
+
+def rub(G_T: Array, omega_T: Array, bound: Array) -> tuple[Array, Array, Array, Ints]:
+    """Σ_T* (m, c) [N] of m elements, its derivatives by G_T (m, c, c) and by the bound (m, c), and which stick or slip.
+
+    Args:
+        G_T: tangential gaps [m], c = 1 or 2.
+        omega_T: penalties (m,) [N/m].
+        bound: μ Σ_n* (m,) [N].
+    """
+    trial = omega_T[:, None] * G_T
+    length = np.linalg.norm(trial, axis=1)
+    status = np.where(bound <= 0, OPEN, np.where(length <= bound, STICK, SLIP))
+    e = np.divide(trial, length[:, None], out=np.zeros_like(trial), where=length[:, None] > 0)
+    shrunk = np.divide(bound, length, out=np.ones_like(length), where=status == SLIP)
+    shrunk[status == OPEN] = 0.0
+    along = e * (status == SLIP)[:, None]
+    across = np.eye(G_T.shape[1]) - along[:, :, None] * along[:, None, :]
+    return shrunk[:, None] * trial, (omega_T * shrunk)[:, None, None] * across, along, status
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the elements ask for at gaps G."""
+
+    Sigma: Array  # Σ* (rows,) [N]
+    slope: sparse.csr_matrix  # Σ*' = dΣ*/dG (rows, rows) [N/m]
+    status: Ints  # (rows,) OPEN, STICK or SLIP; a closed normal row sticks
+
+
+@dataclass(frozen=True)
+class ContactElements:
+    """All elements side by side: arrays (rows,) of normal rows, then tangential ones; a slave node has d of them."""
+
+    problem: SurfaceProblem
+    omega: Array  # penalties ω_n, ω_t, ω_τ (rows,) [N/m]
+    reference: Array  # (rows,) [m] where gaps are counted from
+
+    @staticmethod
+    def of(problem: SurfaceProblem, omega: Array, p_old: Array) -> ContactElements:
+        """
+        Args:
+            omega: penalties by area (rows,) [Pa/m].
+            p_old: tractions (rows,) [Pa] of the last accepted step.
+        """
+        soft = 1 / omega + problem.cone.softness  # k_T is one more spring, in series
+        return ContactElements(problem, problem.surface.W / soft, problem.gap - kept(problem, omega, p_old))
+
+    def gaps(self, u_c: Array) -> Array:
+        """G (rows,) [m], positive when closed."""
+        return np.asarray(self.problem.relative_displacement(u_c) - self.reference)
+
+    def residual(self, Sigma: Array, answer: Answer) -> tuple[Array, Array]:
+        """R_C: on the contact dofs (c,) [N] and of the forces' own equations (rows,) [m]."""
+        return np.asarray(self.problem.surface.N.T @ Sigma), (answer.Sigma - Sigma) / self.omega
+
+    def tangent(self, answer: Answer) -> tuple[Any, Any, Any]:
+        """K_C but for its zero block, sparse: N^T (c, rows), Σ*' N / ω (rows, c), -1/ω (rows, rows)."""
+        N, flexible = self.problem.surface.N, sparse.diags(1 / self.omega)
+        return N.T, flexible @ answer.slope @ N, -flexible
+
+    def answer(self, G: Array) -> Answer:
+        """Σ*, its derivative and the status at these gaps."""
+        Sigma, normal, status = np.zeros_like(G), np.zeros_like(G), np.full(len(G), OPEN)
+        entries: list[tuple[Array, Ints, Ints]] = []
+        for place in self.problem.cone.places:
+            n = place.normal
+            Sigma[n], normal[n] = press(G[n], self.omega[n], place.rows.normal.sides)
+            status[n] = np.where(normal[n] > 0, STICK, OPEN)
+        for place in self.problem.cone.with_friction():
+            entries += self._rub(place, G, Sigma, normal[place.normal], status)
+        own = np.flatnonzero(normal)
+        data, i, j = (np.concatenate(x) for x in zip((normal[own], own, own), *entries, strict=True))
+        return Answer(Sigma, sparse.csr_matrix((data, (i, j)), shape=(len(G), len(G))), status)
+
+    def _rub(
+        self, place: Place, G: Array, Sigma: Array, normal: Array, status: Ints
+    ) -> Iterator[tuple[Array, Ints, Ints]]:
+        """Fill in Σ_T* and the status; entries of Σ*' in these rows."""
+        n, T, free = place.normal, place.tangential, place.rows.free
+        W, index = self.problem.surface.W, np.arange(T.start, T.stop).reshape(free.shape)
+        p_n, W_T = Sigma[n] / W[n], W[index[:, 0]]
+        bound = W_T * self.problem.cone.bound(place, p_n)
+        found, by_gap, by_bound, how = rub(G[T].reshape(free.shape) * free, self.omega[index[:, 0]], bound)
+        Sigma[T], status[T] = found.ravel(), np.repeat(how, free.shape[1])
+        i, j = (np.broadcast_to(x, by_gap.shape).ravel() for x in (index[:, :, None], index[:, None, :]))
+        yield (by_gap * (free[:, :, None] & free[:, None, :])).ravel(), i, j
+        slope = self.problem.cone.bound_slope(place, p_n)
+        by_G_n = (sparse.diags(W_T) @ slope @ sparse.diags(normal / W[n])).tocoo()  # of the bound (m_t, m_n)
+        unsymmetric = by_bound[by_G_n.row] * by_G_n.data[:, None]
+        yield unsymmetric.ravel(), index[by_G_n.row].ravel(), np.repeat(n.start + by_G_n.col, free.shape[1])
+
+
+def kept(problem: SurfaceProblem, omega: Array, p_old: Array) -> Array:
+    """Extension (rows,) [m] that the springs bring from the last step: tangential alone, as p_n is a total."""
+    found = p_old / omega
+    found[: problem.surface.normal_rows] = 0.0
+    return found

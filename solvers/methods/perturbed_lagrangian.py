@@ -1,0 +1,167 @@
+"""Perturbed Lagrangian: Newton-Raphson on contact elements, which stick or slide behind stiff springs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from solvers.condensed import CondensedSurface
+from solvers.methods.contact_element import STICK, Answer, ContactElements, kept
+from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
+from solvers.surface_problem import SurfaceProblem
+
+FACTOR = 10.0  # from one level of ω to the next
+START = 1e-4  # residual at which a softer level is a good start for the next
+NEWTON_STEPS = 50  # at one level; half a dozen are enough if the level before was a good start
+HALVINGS = 6  # of a Newton step; a shorter one leads nowhere
+DESCENT = 1e-4  # part of the predicted decrease that a shortened step must bring (Armijo)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PerturbedLagrangian:
+    """K (ΔU, ΔΣ) = -R with K = K_B + Σ_s K_C^s, R = R_B + Σ_s R_C^s, and a line search on |R|.
+
+    ω is led up from where springs are as soft as the bodies, E / depth, by factors of 10 to what it is to be, each
+    level solved from the one before: with stiff springs at once, Newton's status of the elements cycles. Floating
+    bodies start with every element bonded. K_B is that of the contact dofs, condensed; ΔΣ is eliminated element by
+    element, as -1/ω can always be divided by.
+
+    The residual of the history is the natural one with the springs taken off, that of the solution has them in. What
+    the springs change in the displacement is stated: (u_ω, p_ω) solves the contact laws themselves with gaps moved by
+    Δp_ω / ω, so with fixed friction bounds its error is, by monotony, at most the energy norm of the least displacement
+    v with N v = Δp_ω / ω: of first order in 1/ω. With Coulomb's law, whose bounds move, that is an estimate.
+
+    Source: Pop (1999), (4.3)-(4.5), section 4; Wriggers & Simo, Comm. Appl. Numer. Methods 1 (1985).
+    """
+
+    omega: Array  # penalties by area (rows,) [Pa/m]
+    rtol: float = 1e-8
+    max_it: int = 10000
+
+    def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
+        """From p, the tractions of the last accepted step."""
+        floating = problem.surface.floating
+        u_c = np.zeros(problem.surface.size) if floating else problem.contact_displacement(p)
+        if problem.p_ref == 0 or not len(p):  # nothing happens, or nothing touches
+            w = problem.relative_displacement(u_c)
+            return Solution(p, w, u_c, Status.CONVERGED, 0.0, ())
+        newton = Newton(problem, self.max_it, on_step, u_c, problem.surface.W * p)
+        levels = self._levels(problem)
+        if floating:
+            newton.bond(levels[0] * self.omega, p)
+        for level in levels:
+            omega = level * self.omega
+            status = newton.solve(omega, p, self.rtol if level == 1.0 else max(self.rtol, START))
+            if status is not Status.CONVERGED:
+                break
+        found, w = newton.Sigma / problem.surface.W, problem.relative_displacement(newton.u_c)
+        residual = problem.natural_residual(found, w)
+        error = least_energy(problem, (found - p) / self.omega)
+        return Solution(found, w, newton.u_c, status, residual, tuple(newton.history), law_error=error)
+
+    def _levels(self, problem: SurfaceProblem) -> Array:
+        """Parts of ω (levels,), increasing to 1."""
+        steps = np.ceil(np.log(np.max(self.omega / problem.gamma)) / np.log(FACTOR))
+        return np.asarray(FACTOR ** -np.arange(max(steps, 0.0), -1.0, -1.0))
+
+
+class Newton:
+    """Where the iteration is, and its history over all levels."""
+
+    def __init__(self, problem: SurfaceProblem, max_it: int, on_step: OnStep, u_c: Array, Sigma: Array) -> None:
+        """Start at a displacement of the contact dofs (c,) [m] and forces (rows,) [N] that balance each other."""
+        self.problem, self.max_it, self.on_step = problem, max_it, on_step
+        self.u_c, self.Sigma = u_c, Sigma
+        self.history: list[Step] = []
+        self.iteration = 0
+
+    def bond(self, omega: Array, p_old: Array) -> None:
+        """Go to where every element is closed and sticks: contact alone holds a floating body."""
+        elements = ContactElements.of(self.problem, omega, p_old)
+        G = elements.gaps(self.u_c)
+        stuck = Answer(elements.omega * G, sparse.diags(elements.omega).tocsr(), np.full(len(G), STICK))
+        Delta_U, Delta_Sigma = newton_step(elements, stuck, self.u_c, self.Sigma)
+        self.u_c, self.Sigma = self.u_c + Delta_U, self.Sigma + Delta_Sigma
+
+    def solve(self, omega: Array, p_old: Array, rtol: float) -> Status:
+        """Go on to the solution with these penalties (rows,) [Pa/m]."""
+        problem, elements = self.problem, ContactElements.of(self.problem, omega, p_old)
+        for k in range(NEWTON_STEPS + 1):
+            self.iteration += k > 0  # the first of a level measures where the last one ended
+            p = self.Sigma / problem.surface.W
+            springs = p / omega - kept(problem, omega, p_old)
+            residual = problem.natural_residual(p, problem.relative_displacement(self.u_c) - springs)
+            self.history.append(Step(self.iteration, residual, problem.volume_solves))
+            self.on_step(self.history[-1])
+            if not np.isfinite(residual):
+                return Status.NOT_FINITE
+            if residual <= rtol:
+                return Status.CONVERGED
+            if self.iteration >= self.max_it:
+                return Status.MAX_IT
+            self._advance(elements)
+        return Status.STALLED
+
+    def _advance(self, elements: ContactElements) -> None:
+        """One Newton step, halved until |R| falls; the best of them if it does not."""
+        answer = elements.answer(elements.gaps(self.u_c))
+        before = self._size(elements, self.u_c, self.Sigma)
+        Delta_U, Delta_Sigma = newton_step(elements, answer, self.u_c, self.Sigma)
+        best = np.inf
+        for part in 0.5 ** np.arange(HALVINGS + 1):
+            u_c, Sigma = self.u_c + part * Delta_U, self.Sigma + part * Delta_Sigma
+            size = self._size(elements, u_c, Sigma)
+            if size < best:
+                best, found = size, (u_c, Sigma)
+            if best <= (1 - DESCENT * part) * before:
+                break
+        if np.isfinite(best):
+            self.u_c, self.Sigma = found
+
+    def _size(self, elements: ContactElements, u_c: Array, Sigma: Array) -> float:
+        """|R|, displacements' part relative to p_ref and forces' part relative to u_ref."""
+        problem = self.problem
+        R_U, R_Sigma = residual(elements, elements.answer(elements.gaps(u_c)), u_c, Sigma)
+        force = problem.p_ref * np.linalg.norm(problem.surface.W)
+        return float(np.hypot(np.linalg.norm(R_U) / force, np.linalg.norm(R_Sigma) / problem.u_ref))
+
+
+def residual(elements: ContactElements, answer: Answer, u_c: Array, Sigma: Array) -> tuple[Array, Array]:
+    """R = R_B + Σ_s R_C^s: on the contact dofs (c,) [N], and of the forces' own equations (rows,) [m]."""
+    R_C, R_Sigma = elements.residual(Sigma, answer)
+    return bodies(elements.problem).S @ u_c - elements.problem.load.f_c + R_C, R_Sigma
+
+
+def newton_step(elements: ContactElements, answer: Answer, u_c: Array, Sigma: Array) -> tuple[Array, Array]:
+    """ΔU (c,) [m] and ΔΣ (rows,) [N] with K (ΔU, ΔΣ) = -R.
+
+    ( K_B       N^T  ) ( ΔU )     ( R_U )
+    ( Σ*'N/ω   -1/ω  ) ( ΔΣ ) = - ( R_Σ )
+    """
+    R_U, R_Sigma = residual(elements, answer, u_c, Sigma)
+    to_dofs, to_forces, K_C = elements.tangent(answer)
+    give = -1 / K_C.diagonal()  # ω
+    follows = give[:, None] * to_forces.toarray()  # ΔΣ = ω (R_Σ + Σ*'N/ω ΔU)
+    K = bodies(elements.problem).S + to_dofs @ follows
+    Delta_U = np.linalg.solve(K, -R_U - to_dofs @ (give * R_Sigma))
+    return Delta_U, give * R_Sigma + follows @ Delta_U
+
+
+def least_energy(problem: SurfaceProblem, w: Array) -> float:
+    """Energy norm [J^(1/2)] of the least displacement of the bodies with relative displacement w (rows,) [m].
+
+    Of floating bodies the one whose energy is least with that of their augmentation, which is somewhat more.
+    """
+    surface, carrying = bodies(problem), problem.cone.carrying
+    N = surface.N[carrying]
+    moved = (N @ surface.flexibility).T  # by unit forces, (c, rows)
+    v = moved @ np.linalg.solve(N @ moved, w[carrying])
+    return float(np.sqrt(max(float(v @ surface.S @ v), 0.0)))
+
+
+def bodies(problem: SurfaceProblem) -> CondensedSurface:
+    """The bodies in the form that this method needs."""
+    assert isinstance(problem.surface, CondensedSurface)
+    return problem.surface

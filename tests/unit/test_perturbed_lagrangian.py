@@ -1,0 +1,407 @@
+"""The method `perturbed-lagrangian`: its contact elements, its Newton iteration, and the error that it states."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from numpy.typing import NDArray
+
+from geometry.errors import SceneError
+from solvers.methods import perturbed_lagrangian as module
+from solvers.methods.contact_element import OPEN, SLIP, STICK, ContactElements
+from solvers.methods.perturbed_lagrangian import Newton, least_energy, newton_step, residual
+from solvers.methods.solution import Status, ignore
+from solvers.nouns.scene import Scene
+from solvers.penalties import penalties
+from solvers.plan import make_plan
+from solvers.simulation import Simulation
+from solvers.step_result import StepResult
+from solvers.stepping import StepError
+from solvers.surface_problem import SurfaceProblem
+from workflows.scene import from_dict, read
+
+Array = NDArray[np.float64]
+SceneOf = Callable[..., Scene]
+SimulationOf = Callable[[Scene], Simulation]
+COULOMB = {"law": "coulomb", "mu": 0.4}
+
+
+def pressed(scene_of: SceneOf, dim: int = 2, normal: str = "unilateral", friction: Any = COULOMB, **more: Any) -> Scene:
+    """Pressed and dragged in one step, by the top and by the foundation; in 3D along both axes."""
+    drag = {"x": 0.06, "y": -0.1} if dim == 2 else {"x": 0.06, "y": 0.03, "z": -0.1}
+    low = {"point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}
+    laws: dict[str, Any] = {"normal": {"law": normal}} | ({"friction": friction} if friction else {})
+    made: dict[str, Any] = {
+        "obstacles": {"foundation": {"shape": "plane", "displacement": {"x": -0.01, "y": 0.02}} | low},
+        "contacts": {"base": {"surface": "block.bottom", "against": "foundation"} | laws},
+        "supports": {"top": {"boundary": "block.top", "displacement": drag}},
+        "solver": {"method": "perturbed-lagrangian", "tolerance": 1e-11},
+    }
+    return scene_of(dim, **(made | more))
+
+
+def two_blocks(dim: int) -> Scene:
+    """A block on another whose mesh does not match, slave nodes on master facets; pressed and dragged."""
+    last, width = ("y", {}) if dim == 2 else ("z", {"width": 0.7})
+    drag = {"x": 0.12, last: -0.05} | ({"y": 0.05} if dim == 3 else {})
+    size = 0.2 if dim == 2 else 0.3
+    shape = {"builder": "two_blocks", "length": 1.0, "height": 1.0, "lower_length": 1.5}
+    operator = "node-to-segment" if dim == 2 else "node-to-face"
+    return from_dict(
+        {
+            "model": "plane strain" if dim == 2 else "3d",
+            "geometry": shape | width | {"mesh_size": size, "lower_mesh_size": 0.8 * size},
+            "bodies": {body: {"E": 1.0, "nu": 0.3} for body in ("upper", "lower")},
+            "contacts": {
+                "joint": {
+                    "surface": "upper.bottom", "against": "lower.top", "operator": operator, "friction": COULOMB,
+                }
+            },
+            "supports": {
+                "top": {"boundary": "upper.top", "displacement": drag},
+                "base": {"boundary": "lower.bottom", "displacement": dict.fromkeys(drag, 0.0)},
+            },
+            "solver": {"method": "perturbed-lagrangian", "tolerance": 1e-11},
+        }
+    )  # fmt: skip
+
+
+def exactly(scene: Scene) -> Scene:
+    """The same, solved by the reference method."""
+    return replace(scene, solver=replace(scene.solver, method="condensed-newton"))
+
+
+def problem_of(simulation: Simulation, time: float = 1.0) -> tuple[SurfaceProblem, Array, Array]:
+    """The surface problem of the first step, its solution u_c (c,) [m] and its tractions (rows,) [Pa]."""
+    stepper = simulation.stepper
+    reached = stepper.reach(stepper.start(), time, lambda row: None)
+    return reached.problem, reached.problem.contact_displacement(reached.state.p), reached.state.p
+
+
+def mixed(problem: SurfaceProblem, omega: Array) -> tuple[ContactElements, Array, Array]:
+    """Elements with forces of a last step, at a random displacement at which some are open, some stick, some slip."""
+    random = np.random.default_rng(2)
+    p_old = problem.p_ref * random.normal(scale=0.02, size=len(omega))
+    elements = ContactElements.of(problem, omega, p_old)
+    u_c = problem.u_ref * (0.2 + random.normal(scale=0.1, size=problem.surface.size))
+    n = problem.surface.normal_rows
+    G = elements.gaps(u_c)
+    G[:n] = problem.u_ref * np.where(np.arange(n) % 4 == 0, -0.3, random.uniform(0.2, 1.0, n))
+    ratio = 0.3 if problem.surface.size == 2 * n else 0.25  # of tangential gaps: on both sides of mu
+    G[n:] = ratio * problem.u_ref * random.normal(size=len(G) - n)
+    fits = np.linalg.lstsq(problem.surface.N.toarray(), G - elements.gaps(0 * u_c), rcond=None)[0]
+    assert_allclose(elements.gaps(fits), G, atol=1e-9 * problem.u_ref)
+    return elements, fits, problem.surface.W * problem.p_ref * random.normal(size=len(G))
+
+
+BODIES = [(2, "obstacle"), (3, "obstacle"), (2, "bodies"), (3, "bodies")]
+
+
+def scene_for(dim: int, against: str, scene_of: SceneOf) -> Scene:
+    return pressed(scene_of, dim) if against == "obstacle" else two_blocks(dim)
+
+
+@pytest.mark.parametrize(("dim", "against"), BODIES)
+def test_the_tangent_is_the_derivative_of_the_residual(
+    dim: int, against: str, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """By central differences over all displacements and forces, in stick, slip and open."""
+    simulation = simulation_of(scene_for(dim, against, scene_of))
+    problem = problem_of(simulation)[0]
+    elements, u_c, Sigma = mixed(problem, problem.gamma)  # soft springs: both blocks of R are of the same size
+    answer, c = elements.answer(elements.gaps(u_c)), len(u_c)
+    n = problem.surface.normal_rows
+    assert set(answer.status[n:]) == {OPEN, STICK, SLIP}
+    to_dofs, to_forces, K_C = (block.toarray() for block in elements.tangent(answer))
+    K = np.block([[problem.surface.S, to_dofs], [to_forces, K_C]])  # type: ignore[attr-defined]
+    x, h = np.concatenate([u_c, Sigma]), 1e-5 * problem.u_ref
+
+    def R(x: Array) -> Array:
+        moved = elements.answer(elements.gaps(x[:c]))
+        assert_array_equal(moved.status, answer.status)  # else choose another seed
+        return np.concatenate(residual(elements, moved, x[:c], x[c:]))
+
+    differences = np.stack([(R(x + h * e) - R(x - h * e)) / (2 * h) for e in np.eye(len(x))], axis=1)
+    assert_allclose(K, differences, atol=1e-7 * np.abs(K).max())
+    for state in (OPEN, STICK, SLIP):  # each on its own, beside its own size
+        rows = c + n + np.flatnonzero(answer.status[n:] == state)
+        assert_allclose(K[rows], differences[rows], atol=1e-7 * np.abs(K[rows]).max())
+    slip, closed = n + np.flatnonzero(answer.status[n:] == SLIP), np.flatnonzero(answer.status == STICK)
+    slope = answer.slope.toarray()
+    assert np.abs(slope[np.ix_(slip, closed[closed < n])]).max() > 0.1 * slope.max()  # mu, and not back: unsymmetric
+    assert not slope[:n, n:].any()
+
+
+@pytest.mark.parametrize(("dim", "nodes"), [(2, 3), (3, 4)])
+def test_an_element_has_the_published_nodes(dim: int, nodes: int, simulation_of: SimulationOf) -> None:
+    """A slave node and the two or three of the master facet."""
+    (rows,) = simulation_of(two_blocks(dim)).system.contacts
+    touched = [len(np.unique(row.indices[np.abs(row.data) > 1e-12] // dim)) for row in rows.N_n]
+    assert max(touched) == nodes
+
+
+@pytest.mark.parametrize(("dim", "against"), BODIES)
+@pytest.mark.parametrize("friction", [COULOMB, {"law": "tresca", "bound": 0.02}, {"law": "stick"}])
+def test_elements_ask_for_what_the_laws_allow(
+    dim: int, against: str, friction: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    scene = scene_for(dim, against, scene_of)
+    (name,) = scene.contacts
+    other = from_dict(_data(dim, friction)).contacts["base"].friction
+    scene = replace(scene, contacts={name: replace(scene.contacts[name], friction=other)})
+    problem = problem_of(simulation_of(exactly(scene)))[0]
+    elements, u_c, _ = mixed(problem, problem.gamma)
+    G, W = elements.gaps(u_c), problem.surface.W
+    assert_allclose(elements.answer(G).Sigma, W * problem.cone.project(elements.omega * G / W, problem.gamma))
+
+
+def _data(dim: int, friction: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "model": "plane strain",
+        "geometry": {"builder": "block", "length": 1.0, "height": 1.0, "mesh_size": 1.0},
+        "bodies": {"block": {"E": 1.0, "nu": 0.3}},
+        "obstacles": {"low": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
+        "contacts": {"base": {"surface": "block.bottom", "against": "low", "friction": friction}},
+    }
+
+
+@pytest.mark.parametrize(("dim", "against"), BODIES)
+def test_convergence_is_quadratic_once_the_status_has_settled(
+    dim: int, against: str, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """In 2D the settled system is linear: one step. In 3D the direction of slip turns."""
+    simulation = simulation_of(scene_for(dim, against, scene_of))
+    problem, u_c, p = problem_of(simulation)
+    elements = ContactElements.of(problem, 10 * problem.gamma, np.zeros_like(p))
+    newton = Newton(problem, 1000, ignore, u_c, problem.surface.W * p)
+    assert newton.solve(10 * problem.gamma, np.zeros_like(p), 1e-13) is Status.CONVERGED
+    solution, status = newton.u_c, elements.answer(elements.gaps(newton.u_c)).status
+    assert SLIP in status
+    away = np.random.default_rng(1).normal(size=len(solution))
+    x, apart = (solution + 1e-3 * problem.u_ref * away, newton.Sigma), [1e-3 * float(np.linalg.norm(away))]
+    for _ in range(4):
+        answer = elements.answer(elements.gaps(x[0]))
+        assert_array_equal(answer.status, status)  # settled; else start nearer
+        step = newton_step(elements, answer, *x)
+        x = x[0] + step[0], x[1] + step[1]
+        apart.append(float(np.linalg.norm(x[0] - solution)) / problem.u_ref)
+    rounding = 1e-12
+    if dim == 2:
+        assert apart[1] < rounding
+        return
+    assert apart[1] > 1e3 * rounding
+    factor = apart[1] / apart[0] ** 2
+    for before, after in pairwise(apart[1:]):
+        assert after < max(10 * factor * before**2, rounding)  # the factor depends on the direction
+
+
+def difference(
+    scene: Scene, simulation_of: SimulationOf, reference: Scene | None = None
+) -> tuple[list[StepResult], list[float]]:
+    """Steps of the method and how far each is from the reference's, in its energy norm."""
+    mine = list(simulation_of(scene).steps())
+    simulation = simulation_of(reference or exactly(scene))
+    apart = []
+    for step, other in zip(mine, simulation.steps(), strict=True):
+        K, nodes = simulation.system.K, simulation.system.nodes
+        d = K.createVecRight()
+        d.array[:] = (step.displacement - other.displacement)[nodes.input].ravel()
+        apart.append(float(np.sqrt((K * d).dot(d) / (2 * other.energy.stored))))
+    return mine, apart
+
+
+def coarse(name: str, **solver: Any) -> Scene:
+    """A ready scene on a coarse mesh."""
+    scene = read(name, ["geometry.mesh_size=0.25"] + ["geometry.contact_mesh_size=0.25"] * (name == "block"))
+    return replace(scene, solver=replace(scene.solver, method="perturbed-lagrangian", tolerance=1e-11, **solver))
+
+
+@pytest.mark.parametrize("name", ["block", "cube"])
+def test_the_stated_error_holds_on_the_ready_scenes_and_falls_like_omega(
+    name: str, simulation_of: SimulationOf
+) -> None:
+    found = []
+    for factor in (10.0, 100.0, 1000.0):
+        steps, apart = difference(coarse(name, omega_factor=factor), simulation_of)
+        for step, error in zip(steps, apart, strict=True):
+            assert 0.2 * step.law_error < error <= step.law_error
+        found.append(apart)
+    assert_allclose(np.divide(found[1], found[0]), 0.1, rtol=0.15)  # first order in 1/omega
+    assert_allclose(np.divide(found[2], found[1]), 0.1, rtol=0.02)
+    assert max(found[2]) < 6e-4  # a layer of springs 1/1000 as thick as a cell, of four to eight cells in the depth
+    slippery = coarse(name)
+    contact: Any = slippery.contacts["base"]
+    worn = replace(slippery, contacts={"base": replace(contact, friction=replace(contact.friction, mu=0.29))})
+    _, apart = difference(worn, simulation_of, reference=exactly(slippery))
+    assert apart[-1] > 2 * steps[-1].law_error  # a coefficient of friction that is 3 % off shows
+
+
+def test_extrapolated_to_stiff_springs_it_agrees_with_the_laws_themselves(simulation_of: SimulationOf) -> None:
+    """(10 u_10ω - u_ω) / 9 has lost the first order, once ω does not change the status of any element."""
+    soft, stiff = (list(simulation_of(coarse("block", omega_factor=f)).steps()) for f in (1e3, 1e4))
+    reference = list(simulation_of(exactly(coarse("block"))).steps())
+    for a, b, exact in zip(soft, stiff, reference, strict=True):
+        forces = [step.contacts["base"].force for step in (a, b, exact)]
+        first = np.abs(forces[1] - forces[2]).max()
+        assert first > 0
+        assert np.abs((10 * forces[1] - forces[0]) / 9 - forces[2]).max() < 1e-2 * first
+
+
+ROUND = {"foundation": {"shape": "sphere", "center": [1.0, 0.5, -4.0], "radius": 4.0, "displacement": {"x": -0.01}}}
+SCENES: dict[str, dict[str, Any]] = {
+    "no friction": {"friction": None},
+    "order 2": {"geometry": {"order": 2}},
+    "bilateral, Tresca": {"normal": "bilateral", "friction": {"law": "tresca", "bound": 0.02}},
+    "stick": {"friction": {"law": "stick"}},
+    "tied": {"normal": "tied", "friction": None},
+    "tangential stiffness": {"friction": {"law": "coulomb", "mu": 0.1, "k_T": 5.0}},
+    "high friction": {"friction": {"law": "coulomb", "mu": 1.5}},
+    "cube on a sphere": {"dim": 3, "obstacles": ROUND},
+}
+
+
+@pytest.mark.parametrize("tables", SCENES.values(), ids=SCENES)
+def test_the_stated_error_holds(tables: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    (step,), (apart,) = difference(pressed(scene_of, **tables), simulation_of)
+    assert 0 < apart <= step.law_error < 2e-3  # cells of a quarter, in 3D of half the depth, over 1000
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_stated_error_holds_between_bodies(dim: int, simulation_of: SimulationOf) -> None:
+    (step,), (apart,) = difference(two_blocks(dim), simulation_of)
+    assert 0 < apart <= step.law_error < 1e-3
+
+
+FLOATING: dict[str, dict[str, Any]] = {
+    "held by friction": {"supports": {}, "loads": {"top": {"boundary": "block.top", "traction": [0.03, -0.1]}}},
+    "driven obstacle": {
+        "obstacles": {
+            "foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0], "force": {"y": 0.1},
+                           "displacement": {"x": -0.02}}
+        },
+        "supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}},
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("tables", FLOATING.values(), ids=FLOATING)
+def test_what_contact_alone_holds_is_solved(
+    tables: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """In the energy norm: as a whole the bodies sink into the springs."""
+    (step,), (apart,) = difference(pressed(scene_of, **tables), simulation_of)
+    assert 0 < apart <= step.law_error < 2e-3
+    assert step.contacts["base"].slip_area > 0
+
+
+def test_a_stuck_block_does_not_creep(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """Held still for four steps after it was pressed in one: nothing moves, no error is added."""
+    held = {"top": {"boundary": "block.top", "displacement": {"x": [[0, 0], [1, 0.02]], "y": [[0, 0], [1, -0.1]]}}}
+    steps = {"end": 5.0, "count": 5}
+    scene = pressed(scene_of, supports=held, steps=steps, obstacles=_fixed())
+    first, *others = simulation_of(scene).steps()
+    assert first.contacts["base"].stick_area > 0
+    for step in others:
+        assert_allclose(step.displacement, first.displacement, atol=1e-9)
+        assert step.law_error == pytest.approx(first.law_error, rel=1e-4)
+
+
+def _fixed() -> dict[str, Any]:
+    return {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
+
+
+def test_the_error_stated_is_that_of_springs_where_nothing_changes_status(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """All stuck, the system is linear, and the bound is the error itself."""
+    (step,), (apart,) = difference(pressed(scene_of, normal="tied", friction=None), simulation_of)
+    assert apart == pytest.approx(step.law_error, rel=2 * apart)  # each is relative to its own energy
+
+
+def test_the_line_search_shortens_a_step_that_leads_away(simulation_of: SimulationOf) -> None:
+    """The block pushed sideways, from where it is pressed, with stiff springs at once."""
+    simulation = simulation_of(coarse("block"))
+    stepper, omega = simulation.stepper, penalties(simulation.system)
+    pushed = stepper.reach(stepper.reach(stepper.start(), 1.0, lambda row: None).state, 2.0, lambda row: None)
+    problem, p = pushed.problem, pushed.last.p
+    newton = Newton(problem, 100, ignore, problem.contact_displacement(p), problem.surface.W * p)
+    elements = ContactElements.of(problem, omega, p)
+    u_c, Sigma = newton.u_c, newton.Sigma
+    step = newton_step(elements, elements.answer(elements.gaps(u_c)), u_c, Sigma)
+    before = newton._size(elements, u_c, Sigma)
+    assert newton._size(elements, u_c + step[0], Sigma + step[1]) > before
+    newton._advance(elements)
+    assert newton._size(elements, newton.u_c, newton.Sigma) < before
+
+
+def test_penalties_follow_the_stiffness_and_the_mesh(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """E/h and G/h, 1000 times: of 0.25 m and nu = 0.3."""
+    system = simulation_of(pressed(scene_of)).system
+    n = len(system.contacts[0].W_n)
+    omega = penalties(system)
+    assert_allclose(omega[:n], 1000 / 0.25)
+    assert_allclose(omega[n:], 1000 / 2.6 / 0.25)
+    twice = two_blocks(2)  # two bodies give in series, cells of 0.2 and about 0.16
+    assert_allclose(penalties(simulation_of(twice).system)[0], 1000 / 0.36, rtol=0.05)
+    scene = replace(twice, solver=replace(twice.solver, omega_factor=10.0))
+    assert_allclose(100 * penalties(simulation_of(scene).system), penalties(simulation_of(twice).system))
+
+
+REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+    "compliance": (
+        {"contacts": {"base": {"surface": "block.bottom", "against": "foundation",
+                               "normal": {"law": "compliance", "c_n": 9.0}}}},
+        r"contacts\.base\.normal\.law = compliance: solver\.method = perturbed-lagrangian works with unilateral",
+    ),
+    "matrix-free": (
+        {"solver": {"method": "perturbed-lagrangian", "surface": "matrix-free"}},
+        r"solver\.surface = matrix-free: solver\.method = perturbed-lagrangian needs the condensed form",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("tables", "words"), REFUSED.values(), ids=REFUSED)
+def test_what_it_cannot_do_is_refused(tables: dict[str, Any], words: str, scene_of: SceneOf) -> None:
+    with pytest.raises(SceneError, match=words):
+        make_plan(pressed(scene_of, **tables))
+
+
+def test_a_penalty_must_be_positive() -> None:
+    with pytest.raises(SceneError, match=r"omega_factor = 0.*: must be positive"):
+        read("block", ["solver.omega_factor=0"])
+
+
+def test_it_says_when_newton_ran_out_of_iterations(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    solver = {"method": "perturbed-lagrangian", "max_iterations": 2}
+    with pytest.raises(StepError, match="after 2 iterations; the iterations ran out"):
+        list(simulation_of(pressed(scene_of, solver=solver)).steps())
+
+
+def test_it_says_when_newton_stalls(simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "NEWTON_STEPS", 1)
+    with pytest.raises(StepError, match="the residual stopped falling"):
+        list(simulation_of(coarse("cube")).steps())
+
+
+def test_without_load_nothing_moves(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    still = {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}}
+    (step,) = simulation_of(pressed(scene_of, obstacles=_fixed(), supports=still)).steps()
+    assert (step.iterations, step.law_error, np.abs(step.displacement).max(), np.abs(step.p).max()) == (0, 0, 0, 0)
+
+
+def test_the_least_displacement_is_one_of_least_energy(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """Any other with the same relative displacement has more."""
+    problem = problem_of(simulation_of(pressed(scene_of, friction=None)))[0]
+    surface: Any = problem.surface
+    w = np.random.default_rng(0).normal(size=len(surface.W))
+    N = surface.N.toarray()
+    some = np.linalg.lstsq(N, w, rcond=None)[0]
+    least = least_energy(problem, w)
+    assert least < float(np.sqrt(some @ surface.S @ some))
+    free = np.linalg.svd(N)[2][len(w) :].T  # motions that no row sees
+    best = some - free @ np.linalg.solve(free.T @ surface.S @ free, free.T @ surface.S @ some)
+    assert least == pytest.approx(float(np.sqrt(best @ surface.S @ best)), rel=1e-9)
