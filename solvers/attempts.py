@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.solution import OnStep, Solution
 from solvers.methods.surface_uzawa import SurfaceUzawa
 from solvers.methods.uzawa import Uzawa
+from solvers.nouns.stepping import Solver
 from solvers.prepare import prepare_volume
 from solvers.regularised import Regularised
 from solvers.state import State
@@ -96,6 +98,13 @@ class Attempts:
                 safety=SAFE if self.stage.safe else 1.0,
             )
             return lambda state: learning
-        kind = {"uzawa": Uzawa, "condensed-newton": CondensedNewton}[self.stage.method]
-        method = kind(rtol=solver.tolerance, max_it=solver.max_iterations)
+        method = self._stateless(solver)
         return lambda state: method
+
+    def _stateless(self, solver: Solver) -> Method:
+        """Methods that remember nothing."""
+        stop: Any = {"rtol": solver.tolerance, "max_it": solver.max_iterations}
+        if self.stage.method == "condensed-newton":
+            return CondensedNewton(**stop)
+        steps: Any = {key: getattr(solver, key) for key in ("relaxation", "alpha", "friction_update")}
+        return Uzawa(**steps, **stop)

@@ -17,7 +17,11 @@ class Applicability:
     k_T: bool = True  # tangential stiffness before slip
     multibody: bool = True  # contact between deformable surfaces
     matrix_free: bool = True  # meets the bodies through iterative solves too
+    condensed: bool = True  # meets them through their dense stiffness too
+    keys: tuple[str, ...] = ()  # of [solver], that it knows besides those that all know
 
+
+UZAWA = ("relaxation", "alpha", "friction_update")
 
 METHODS: Mapping[str, Applicability] = {
     "auto": Applicability(
@@ -27,7 +31,7 @@ METHODS: Mapping[str, Applicability] = {
     "surface-uzawa": Applicability(
         floating=True, use="few volume solves at any mesh size: for bodies too large to condense"
     ),
-    "uzawa": Applicability(floating=False, use="the classical iteration: simple, many cheap iterations"),
+    "uzawa": Applicability(floating=False, use="the classical iteration: simple, many cheap iterations", keys=UZAWA),
     "regularised": Applicability(
         floating=False,
         use="the baseline: penalty and smoothed friction in UFL, SNES on the whole volume; states its error",

@@ -32,10 +32,20 @@ class Solver(Noun):
     ] = "auto"
     tolerance: Annotated[float, Key("-", "on the natural residual, relative to p_ref")] = 1e-8
     max_iterations: Annotated[int, Key("-", "per step")] = 10000
+    relaxation: Annotated[
+        float, Key("-", "step of Uzawa's methods, alpha = relaxation / lambda_max; 2 is the sharp bound")
+    ] = 1.5
+    alpha: Annotated[float | None, Key("Pa/m", "step of Uzawa's methods itself; absent: from relaxation")] = None
+    friction_update: Annotated[
+        Literal["every iteration", "outer"],
+        Key("-", "when Uzawa's methods renew the friction bound; outer: once the problem of given friction is solved"),
+    ] = "every iteration"
 
     def __post_init__(self) -> None:
         require(0 < self.tolerance < 1, "tolerance", self.tolerance, "must lie between 0 and 1, for example 1e-8")
         require(self.max_iterations >= 1, "max_iterations", self.max_iterations, "must be at least 1")
+        require(0 < self.relaxation < 2, "relaxation", self.relaxation, "must lie between 0 and 2")
+        require(self.alpha is None or self.alpha > 0, "alpha", self.alpha, "must be positive, in Pa/m")
 
 
 @dataclass(frozen=True, kw_only=True)
