@@ -16,6 +16,9 @@ from solvers.coarse_mesh import CoarseMesh
 from solvers.condensed import CondensedSurface
 from solvers.iterative_volume import IterativeVolume
 from solvers.methods.condensed_newton import CondensedNewton
+from solvers.methods.inexact_uzawa import InexactUzawa
+from solvers.methods.inner_tolerance import InnerTolerance
+from solvers.methods.nonlinear_uzawa import NonlinearUzawa
 from solvers.methods.solution import OnStep, Solution
 from solvers.methods.surface_uzawa import SurfaceUzawa
 from solvers.methods.uzawa import Uzawa
@@ -106,5 +109,12 @@ class Attempts:
         stop: Any = {"rtol": solver.tolerance, "max_it": solver.max_iterations}
         if self.stage.method == "condensed-newton":
             return CondensedNewton(**stop)
-        steps: Any = {key: getattr(solver, key) for key in ("relaxation", "alpha", "friction_update")}
-        return Uzawa(**steps, **stop)
+        steps: Any = {"relaxation": solver.relaxation, "friction_update": solver.friction_update}
+        inner = InnerTolerance(rule=solver.inner_rule, share=solver.inner_tolerance)
+        if self.stage.method == "nonlinear-uzawa":
+            return NonlinearUzawa(inner=inner, **steps, **stop)
+        if self.stage.method == "inexact-uzawa":
+            assert isinstance(self.volume, IterativeVolume)
+            self.volume.remember(1)  # conjugate gradients as published: of earlier solves, their answer alone
+            return InexactUzawa(inner=inner, alpha=solver.alpha, **steps, **stop)
+        return Uzawa(alpha=solver.alpha, **steps, **stop)

@@ -92,6 +92,10 @@ def _refuse_laws(scene: Scene, method: str) -> None:
             f"solver.surface = matrix-free: solver.method = {method} needs the condensed form of the bodies; use "
             "surface-uzawa"
         )
+    if scene.solver.surface == "condensed" and not table.condensed:
+        raise SceneError(
+            f"solver.surface = condensed: solver.method = {method} solves the bodies iteratively; use uzawa"
+        )
     for name, contact in scene.contacts.items():
         if contact.sliding and not table.multibody:
             raise SceneError(

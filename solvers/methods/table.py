@@ -22,6 +22,7 @@ class Applicability:
 
 
 UZAWA = ("relaxation", "alpha", "friction_update")
+INNER = ("inner_rule", "inner_tolerance")
 
 METHODS: Mapping[str, Applicability] = {
     "auto": Applicability(
@@ -32,6 +33,18 @@ METHODS: Mapping[str, Applicability] = {
         floating=True, use="few volume solves at any mesh size: for bodies too large to condense"
     ),
     "uzawa": Applicability(floating=False, use="the classical iteration: simple, many cheap iterations", keys=UZAWA),
+    "inexact-uzawa": Applicability(
+        floating=False,
+        use="uzawa for bodies too large to factorise: the same iterations, each a few of conjugate gradients",
+        condensed=False,
+        keys=UZAWA + INNER,
+    ),
+    "nonlinear-uzawa": Applicability(
+        floating=False,
+        use="compliant faces: they belong to the bodies, friction alone is iterated; without it once is enough",
+        matrix_free=False,
+        keys=("relaxation", "friction_update", *INNER),
+    ),
     "regularised": Applicability(
         floating=False,
         use="the baseline: penalty and smoothed friction in UFL, SNES on the whole volume; states its error",
