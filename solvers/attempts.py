@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,14 @@ from solvers.gram_metric import GramMetric
 from solvers.iterative_volume import IterativeVolume
 from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.gram_uzawa import GramUzawa
+from solvers.methods.inexact_uzawa import InexactUzawa
+from solvers.methods.inner_tolerance import InnerTolerance
+from solvers.methods.nonlinear_uzawa import NonlinearUzawa
 from solvers.methods.perturbed_lagrangian import PerturbedLagrangian
 from solvers.methods.solution import OnStep, Solution
 from solvers.methods.surface_uzawa import SurfaceUzawa
 from solvers.methods.uzawa import Uzawa
+from solvers.nouns.stepping import Solver
 from solvers.penalties import penalties
 from solvers.prepare import prepare_volume
 from solvers.regularised import Regularised
@@ -101,11 +106,26 @@ class Attempts:
             )
             return lambda state: learning
         if self.stage.method == "gram-uzawa":
-            gram = GramUzawa(GramMetric(system, solver.gram), rtol=solver.tolerance, max_it=solver.max_iterations)
+            metric = GramMetric(system, solver.gram)
+            gram = GramUzawa(metric, relaxation=solver.relaxation, rtol=solver.tolerance, max_it=solver.max_iterations)
             return lambda state: gram
         if self.stage.method == "perturbed-lagrangian":
             springs = PerturbedLagrangian(omega=penalties(system), rtol=solver.tolerance, max_it=solver.max_iterations)
             return lambda state: springs
-        kind = {"uzawa": Uzawa, "condensed-newton": CondensedNewton}[self.stage.method]
-        method = kind(rtol=solver.tolerance, max_it=solver.max_iterations)
+        method = self._stateless(solver)
         return lambda state: method
+
+    def _stateless(self, solver: Solver) -> Method:
+        """Methods that remember nothing."""
+        stop: Any = {"rtol": solver.tolerance, "max_it": solver.max_iterations}
+        if self.stage.method == "condensed-newton":
+            return CondensedNewton(**stop)
+        steps: Any = {"relaxation": solver.relaxation, "friction_update": solver.friction_update}
+        inner = InnerTolerance(rule=solver.inner_rule, share=solver.inner_tolerance)
+        if self.stage.method == "nonlinear-uzawa":
+            return NonlinearUzawa(inner=inner, **steps, **stop)
+        if self.stage.method == "inexact-uzawa":
+            assert isinstance(self.volume, IterativeVolume)
+            self.volume.remember(1)  # conjugate gradients as published: of earlier solves, their answer alone
+            return InexactUzawa(inner=inner, alpha=solver.alpha, **steps, **stop)
+        return Uzawa(alpha=solver.alpha, **steps, **stop)

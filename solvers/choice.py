@@ -128,9 +128,11 @@ def chosen(size: Size, solver: Solver, memory: float) -> Choice:
 
 
 def _form(size: Size, solver: Solver, fits: bool) -> tuple[Form, str]:
-    wanted = solver.surface if METHODS[solver.method].matrix_free else "condensed"
+    table = METHODS[solver.method]
+    wanted = "condensed" if not table.matrix_free else "matrix-free" if not table.condensed else solver.surface
     if wanted == "matrix-free":
-        return "matrix-free", "solver.surface = matrix-free"
+        because = "surface = matrix-free" if solver.surface == wanted else f"method = {solver.method}"
+        return "matrix-free", f"solver.{because}"
     needs = f"{size.dense_bytes / 1e9:.2g} GB for {size.contact_dofs} contact dofs of {size.dofs} dofs in all"
     if wanted == "condensed":
         if not fits:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from solvers.conjugate_gradients import ConjugateGradients
 from solvers.multigrid import boomeramg
 from solvers.replicated import Replicated
-from solvers.stopping import ContactError, EnergyError, Goal
+from solvers.stopping import ContactError, EnergyError, Goal, ResidualNorm
 from solvers.system import System
 from solvers.volume_motions import FloatingMotions
 
@@ -52,6 +53,10 @@ class IterativeVolume:
         goal = EnergyError(self._cg.comm, f.array, relative)
         self._solve(f, v, goal)
         return goal.reached
+
+    def solve_residual(self, f: Any, v: Any, allowed: Callable[[float], float]) -> None:
+        """Improve v until its residual is small; collective."""
+        self._solve(f, v, ResidualNorm(allowed))
 
     def _solve(self, f: Any, v: Any, goal: Goal) -> None:
         forces = f.array.copy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,18 @@ class MatrixFreeSurface(Bodies):
     def under(self, load: Load, p: Array, error: float = 0.0) -> Array:
         force = self.agreed(self.forces(p))
         return self._solved(self._total(load, force), self._last, load.resultant - self.R.T @ force, error, EXACT)
+
+    def nearly(self, load: Load, p: Array, allowed: Callable[[float], float]) -> Array:
+        """Displacement (c,) [m] of held bodies, from that of the solve before; one volume solve; collective.
+
+        Args:
+            allowed: see `ResidualNorm`.
+        """
+        assert not self.floating
+        if not self.size:
+            return np.zeros(0)
+        self.volume.solve_residual(self._total(load, self.agreed(self.forces(p))), self._last, allowed)
+        return self.volume.contact.read(self._last)
 
     def recover(self, load: Load, p: Array, u_c: Array) -> Any:
         q = self._last.copy()

@@ -13,6 +13,7 @@ from solvers.effects.effect import Effect
 from solvers.held import free_motions
 from solvers.methods.table import METHODS
 from solvers.nouns.scene import Scene
+from solvers.nouns.stepping import Solver
 
 Array = NDArray[np.float64]
 FACING = 1e-6  # cosine of the angle below which two surfaces do not face each other
@@ -44,6 +45,7 @@ def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
     _refuse_reversed(scene)
     _refuse_unheld(scene)
     method = scene.solver.method
+    _refuse_keys(scene, method)
     _refuse_laws(scene, method)
     if not METHODS[method].floating:
         if free_motions(scene, with_contacts=False)[0].shape[1]:
@@ -71,6 +73,17 @@ def warnings(scene: Scene) -> tuple[str, ...]:
     )
 
 
+def _refuse_keys(scene: Scene, method: str) -> None:
+    """Keys that would change nothing."""
+    for key in dict.fromkeys(key for other in METHODS.values() for key in other.keys):
+        value = getattr(scene.solver, key)
+        if key not in METHODS[method].keys and value != getattr(Solver(), key):
+            knowing = [name for name, other in METHODS.items() if key in other.keys]
+            raise SceneError(
+                f"solver.{key} = {value}: solver.method = {method} does not know it; use {' or '.join(knowing)}"
+            )
+
+
 def _refuse_laws(scene: Scene, method: str) -> None:
     """Laws that the method does not know."""
     table = METHODS[method]
@@ -78,6 +91,10 @@ def _refuse_laws(scene: Scene, method: str) -> None:
         raise SceneError(
             f"solver.surface = matrix-free: solver.method = {method} needs the condensed form of the bodies; use "
             "surface-uzawa"
+        )
+    if scene.solver.surface == "condensed" and not table.condensed:
+        raise SceneError(
+            f"solver.surface = condensed: solver.method = {method} solves the bodies iteratively; use uzawa"
         )
     for name, contact in scene.contacts.items():
         if contact.sliding and not table.multibody:

@@ -88,3 +88,24 @@ class EnergyError:
 
     def moved(self, x: Array, change: Array) -> bool:
         return False
+
+
+class ResidualNorm:
+    """The residual is no larger than `allowed` of its first size, both measured by the preconditioner.
+
+    That is about the energy norm of the error.
+    """
+
+    def __init__(self, allowed: Callable[[float], float]) -> None:
+        self.allowed = allowed
+        self.first: float | None = None
+        self.reached = 0.0
+
+    def met(self, x: Array, z: Array, energy: float) -> bool:
+        self.reached = float(np.sqrt(energy))
+        if self.first is None:
+            self.first = self.reached
+        return self.reached <= self.allowed(self.first)
+
+    def moved(self, x: Array, change: Array) -> bool:
+        return False

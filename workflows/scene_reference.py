@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from geometry.amplitude import Amplitude
 from geometry.builders import Builder
-from geometry.keys import Choice, Key
+from geometry.keys import Choice, Key, Noun
 from geometry.user_files.user_file import Box, UserFile
 from solvers.effects import EFFECTS
 from solvers.nouns.scene import Scene
@@ -122,6 +122,9 @@ def _default_text(f: Field[Any]) -> str:
         return "absent"
     if isinstance(value, Choice):
         return " ".join(f"{{ {k} = {v!r} }}".replace("'", '"') for k, v in vars(value).items())
+    if isinstance(value, Noun):
+        known = {k: v for k, v in vars(value).items() if v is not None}
+        return f"{{ {', '.join(f'{k} = {v!r}' for k, v in known.items())} }}".replace("'", '"')
     if isinstance(value, str):
         return f'"{value}"'
     return str(value).lower() if isinstance(value, bool) else str(value)

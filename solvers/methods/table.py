@@ -17,7 +17,13 @@ class Applicability:
     k_T: bool = True  # tangential stiffness before slip
     multibody: bool = True  # contact between deformable surfaces
     matrix_free: bool = True  # meets the bodies through iterative solves too
+    condensed: bool = True  # meets them through their dense stiffness too
+    keys: tuple[str, ...] = ()  # of [solver], that it knows besides those that all know
+    contends: bool = True  # for the best price, where a cost study is free to choose
 
+
+UZAWA = ("relaxation", "alpha", "friction_update")
+INNER = ("inner_rule", "inner_tolerance")
 
 METHODS: Mapping[str, Applicability] = {
     "auto": Applicability(
@@ -27,12 +33,28 @@ METHODS: Mapping[str, Applicability] = {
     "surface-uzawa": Applicability(
         floating=True, use="few volume solves at any mesh size: for bodies too large to condense"
     ),
-    "uzawa": Applicability(floating=False, use="the classical iteration: simple, many cheap iterations"),
     "gram-uzawa": Applicability(
         floating=False,
         use="the published preconditioner: to see what it does; surface-uzawa where iterations count",
         normal=("unilateral", "bilateral", "tied"),  # the multipliers of the others have no H1 basis
         matrix_free=False,
+        keys=("gram", "relaxation"),
+        contends=False,
+    ),
+    "uzawa": Applicability(floating=False, use="the classical iteration: simple, many cheap iterations", keys=UZAWA),
+    "inexact-uzawa": Applicability(
+        floating=False,
+        use="uzawa for bodies too large to factorise: the same iterations, each a few of conjugate gradients",
+        condensed=False,
+        keys=UZAWA + INNER,
+        contends=False,
+    ),
+    "nonlinear-uzawa": Applicability(
+        floating=False,
+        use="compliant faces: they belong to the bodies, friction alone is iterated; without it once is enough",
+        matrix_free=False,
+        keys=("relaxation", "friction_update", *INNER),
+        contends=False,
     ),
     "regularised": Applicability(
         floating=False,
@@ -49,5 +71,7 @@ METHODS: Mapping[str, Applicability] = {
         normal=("unilateral", "bilateral", "tied"),
         friction=("coulomb", "tresca", "stick"),
         matrix_free=False,
+        keys=("omega_factor",),
+        contends=False,
     ),
 }

@@ -37,11 +37,27 @@ class Solver(Noun):
     omega_factor: Annotated[
         float, Key("-", "perturbed-lagrangian: its penalties, in units of E / h of the facets that touch")
     ] = 1000.0
+    relaxation: Annotated[
+        float, Key("-", "step of Uzawa's methods, alpha = relaxation / lambda_max; 2 is the sharp bound")
+    ] = 1.5
+    alpha: Annotated[float | None, Key("Pa/m", "step of Uzawa's methods itself; absent: from relaxation")] = None
+    friction_update: Annotated[
+        Literal["every iteration", "outer"],
+        Key("-", "when Uzawa's methods renew the friction bound; outer: once the problem of given friction is solved"),
+    ] = "every iteration"
+    inner_rule: Annotated[
+        Literal["elman-golub", "bramble-pasciak-vassilev"],
+        Key("-", "what inner solves are measured by: the outer residual, or their own where they begin"),
+    ] = "elman-golub"
+    inner_tolerance: Annotated[float, Key("-", "part of that which an inner solve may leave")] = 0.3
 
     def __post_init__(self) -> None:
         require(0 < self.tolerance < 1, "tolerance", self.tolerance, "must lie between 0 and 1, for example 1e-8")
         require(self.max_iterations >= 1, "max_iterations", self.max_iterations, "must be at least 1")
         require(self.omega_factor > 0, "omega_factor", self.omega_factor, "must be positive, for example 1000")
+        require(0 < self.relaxation < 2, "relaxation", self.relaxation, "must lie between 0 and 2")
+        require(self.alpha is None or self.alpha > 0, "alpha", self.alpha, "must be positive, in Pa/m")
+        require(0 < self.inner_tolerance < 1, "inner_tolerance", self.inner_tolerance, "must lie between 0 and 1")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -53,7 +53,7 @@ class Ladder:
 def ladder_of(scene: Scene) -> tuple[Ladder, list[str]]:
     """The ladder of a scene, and which methods and orders it goes without, in words.
 
-    A scene that names its method keeps to it; with `auto` all that can solve it compete.
+    A scene that names its method keeps to it; with `auto` all compete that contend for the best price and can solve it.
 
     Raises:
         SceneError: no method can solve the scene, or its mesh cannot be refined.
@@ -63,8 +63,8 @@ def ladder_of(scene: Scene) -> tuple[Ladder, list[str]]:
     def planned(method: str) -> None:
         make_plan(replace(scene, solver=replace(scene.solver, method=method)))
 
-    named = [name for name in METHODS if name != "auto"] if wanted == "auto" else [wanted]
-    methods, without_method = _possible(named, planned)
+    contenders = [name for name, method in METHODS.items() if name != "auto" and method.contends]
+    methods, without_method = _possible(contenders if wanted == "auto" else [wanted], planned)
     orders, without_order = _possible(ORDERS, lambda order: Rung(order, methods[0], 0, tolerance).scene(scene))
     left_out = [f"without {method}: {error}" for method, error in without_method.items()]
     left_out += [f"without order {order}: {error}" for order, error in without_order.items()]

@@ -1,0 +1,73 @@
+"""The outer loop that Uzawa's methods share: solve the bodies, measure, step along what is left, project."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from solvers.given_friction import with_given_friction
+from solvers.methods.solution import Array, OnStep, Solution, Status, Step
+from solvers.surface_problem import SurfaceProblem
+
+FrictionUpdate = Literal["every iteration", "outer"]
+STALL_WINDOW = 500  # iterations without a new least residual
+GIVEN = 0.1  # of the residual, how exact a problem of given friction is solved before its bounds are renewed
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What an inner solve found."""
+
+    p: Array  # (rows,) tractions that it belongs to: those it was given, besides what it finds itself
+    u_c: Array  # (c,)
+    alpha: float  # of the step that follows [Pa/m]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outer:
+    """p_{k+1} = P_C(p_k + alpha_k (w(u_{k+1}) - gap)), metric Q = W; the inner solve says what u_{k+1} is.
+
+    The friction bound follows p_n in every iteration; or it is frozen, the problem of given friction solved, and the
+    bound renewed (`outer`), a fixed point that is the source's own and is a contraction for little friction only.
+
+    Source: Pop (1999), (1.2), (1.3), section 5; given friction: Nečas, Jarušek & Haslinger, Boll. UMI 17-B (1980).
+    """
+
+    rtol: float
+    max_it: int
+    friction_update: FrictionUpdate = "every iteration"
+
+    def __call__(
+        self, problem: SurfaceProblem, p: Array, solve: Callable[[Array], Solved], on_step: OnStep
+    ) -> Solution:
+        frozen = self.friction_update == "outer"
+        step = with_given_friction(problem, p) if frozen else problem
+        history: list[Step] = []
+        status = Status.MAX_IT
+        least, found_at = np.inf, 0
+        for k in range(self.max_it + 1):
+            inner = solve(p)
+            p, w = inner.p, problem.relative_displacement(inner.u_c)
+            residual = problem.natural_residual(p, w)
+            history.append(Step(k, residual, problem.volume_solves))
+            on_step(history[-1])
+            if not np.isfinite(residual):
+                status = Status.NOT_FINITE
+                break
+            if residual <= self.rtol:
+                status = Status.CONVERGED
+                break
+            if residual < least:
+                least, found_at = residual, k
+            elif k - found_at > STALL_WINDOW:
+                status = Status.STALLED
+                break
+            if k == self.max_it:
+                break
+            if frozen and step.natural_residual(p, w) <= GIVEN * residual:
+                step = with_given_friction(problem, p)
+            p = step.project(p + inner.alpha * (w - problem.gap), inner.alpha)
+        return Solution(p, w, inner.u_c, status, residual, tuple(history))
