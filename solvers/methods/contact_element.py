@@ -41,8 +41,8 @@ def press(G_n: Array, omega_n: Array, sides: int) -> tuple[Array, Array]:
     >>> press(np.array([0.5, -0.5]), np.array([4.0, 4.0]), sides=1)
     (array([2., 0.]), array([4., 0.]))
     """
-    slope = np.where((G_n > 0) | (sides == 2), omega_n, 0.0)
-    return slope * G_n, slope
+    closed = (G_n > 0) | (sides == 2)
+    return np.where(closed, omega_n * G_n, 0.0), np.where(closed, omega_n, 0.0)
 
 
 def rub(G_T: Array, omega_T: Array, bound: Array) -> tuple[Array, Array, Array, Ints]:

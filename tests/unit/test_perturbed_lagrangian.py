@@ -16,6 +16,7 @@ from solvers.methods.contact_element import OPEN, SLIP, STICK, ContactElements
 from solvers.methods.perturbed_lagrangian import Newton, least_energy, newton_step, residual
 from solvers.methods.solution import Status, ignore
 from solvers.nouns.scene import Scene
+from solvers.nouns.stepping import Solver
 from solvers.penalties import penalties
 from solvers.plan import make_plan
 from solvers.simulation import Simulation
@@ -72,7 +73,7 @@ def two_blocks(dim: int) -> Scene:
 
 def exactly(scene: Scene) -> Scene:
     """The same, solved by the reference method."""
-    return replace(scene, solver=replace(scene.solver, method="condensed-newton"))
+    return replace(scene, solver=replace(scene.solver, method="condensed-newton", omega_factor=Solver().omega_factor))
 
 
 def problem_of(simulation: Simulation, time: float = 1.0) -> tuple[SurfaceProblem, Array, Array]:
