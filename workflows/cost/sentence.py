@@ -23,7 +23,7 @@ def sentence(study: Study) -> str:
     if study.truth.meshes < 2:
         return f"{name}: one mesh only, there is nothing to measure its error by; give it a larger --budget."
     if not study.truth.converges:
-        return f"{name} does not settle as the mesh is refined, as at a singular corner: it has no price."
+        return f"{name} does not settle on these meshes, too coarse yet or close to a singular corner: it has no price."
     run, best = study.cheapest(FIRST), study.most_exact
     if best is None:
         return f"{name}: no run came to an end."
