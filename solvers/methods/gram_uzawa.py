@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from solvers.gram_metric import GramMetric
-from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
+from solvers.methods.outer_iteration import Outer, Solved
+from solvers.methods.solution import Array, OnStep, Solution, ignore
 from solvers.methods.surface_model import nearest_in_cone
 from solvers.surface_problem import SurfaceProblem
-
-STALL_WINDOW = 500  # iterations without a new least residual
 
 
 @dataclass(frozen=True)
@@ -37,30 +34,12 @@ class GramUzawa:
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         metric = self.metric.on(problem, self.relaxation)
-        history: list[Step] = []
-        status = Status.MAX_IT
-        least, found_at = np.inf, 0
-        for k in range(self.max_it + 1):
-            u_c = problem.contact_displacement(p)  # K_B u = R_B - B^T p: one volume solve
-            w = problem.relative_displacement(u_c)
-            residual = problem.natural_residual(p, w)
-            history.append(Step(k, residual, problem.volume_solves))
-            on_step(history[-1])
-            if not np.isfinite(residual):
-                status = Status.NOT_FINITE
-                break
-            if residual <= self.rtol:
-                status = Status.CONVERGED
-                break
-            if residual < least:
-                least, found_at = residual, k
-            elif k - found_at > STALL_WINDOW:
-                status = Status.STALLED
-                break
-            if k < self.max_it:
-                found = nearest_in_cone(problem, metric, p, w, max(residual, self.rtol))
-                if found is None:
-                    status = Status.NO_HOLD
-                    break
-                p = found.p
-        return Solution(p, w, u_c, status, residual, tuple(history))
+
+        def solve(p: Array) -> Solved:  # K_B u = R_B - B^T p: one volume solve
+            return Solved(p, problem.contact_displacement(p), 1.0)  # alpha is in the metric
+
+        def advance(step: SurfaceProblem, inner: Solved, w: Array, residual: float) -> Array | None:
+            found = nearest_in_cone(step, metric, inner.p, w, max(residual, self.rtol))
+            return None if found is None else found.p
+
+        return Outer(rtol=self.rtol, max_it=self.max_it, advance=advance)(problem, p, solve, on_step)

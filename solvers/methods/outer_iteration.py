@@ -26,9 +26,19 @@ class Solved:
     alpha: float  # of the step that follows [Pa/m]
 
 
+Advance = Callable[[SurfaceProblem, Solved, Array, float], Array | None]  # problem, inner solve, w, residual
+
+
+def projected(problem: SurfaceProblem, inner: Solved, w: Array, residual: float) -> Array:
+    """P_C(p + alpha (w - gap)), point by point."""
+    return problem.project(inner.p + inner.alpha * (w - problem.gap), inner.alpha)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Outer:
     """p_{k+1} = P_C(p_k + alpha_k (w(u_{k+1}) - gap)), metric Q = W; the inner solve says what u_{k+1} is.
+
+    Another metric brings a step of its own, `advance`; None if it finds nothing that holds the bodies.
 
     The friction bound follows p_n in every iteration; or it is frozen, the problem of given friction solved, and the
     bound renewed (`outer`), a fixed point that is the source's own and is a contraction for little friction only.
@@ -39,6 +49,7 @@ class Outer:
     rtol: float
     max_it: int
     friction_update: FrictionUpdate = "every iteration"
+    advance: Advance = projected
 
     def __call__(
         self, problem: SurfaceProblem, p: Array, solve: Callable[[Array], Solved], on_step: OnStep
@@ -69,5 +80,9 @@ class Outer:
                 break
             if frozen and step.natural_residual(p, w) <= GIVEN * residual:
                 step = with_given_friction(problem, p)
-            p = step.project(p + inner.alpha * (w - problem.gap), inner.alpha)
+            moved = self.advance(step, inner, w, residual)
+            if moved is None:
+                status = Status.NO_HOLD
+                break
+            p = moved
         return Solution(p, w, inner.u_c, status, residual, tuple(history))
