@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 HALVINGS = 8  # a step is cut to 1/256 before it is given up
+ROUNDING = 1e-9
 ENOUGH = 3  # easy substeps in a row: where each second one is hard, twice the size would fail again at once
 
 
@@ -22,9 +23,11 @@ class Pace:
     easy: int = 0  # substeps of that size that were easy, in a row
 
     def part(self, left: float, smallest: float) -> float:
-        """Length of the next substep [s]: one of equal parts of what is left, none of them longer than `size`."""
+        """Length of the next substep [s], of those that are left; no sliver remains at the end."""
         size = max(self.size, smallest)
-        return float(left / max(1, np.ceil(left / size * (1 - 1e-9)))) if size else left
+        if left <= size * (1 + ROUNDING):
+            return left
+        return size if left > 2 * size * (1 - ROUNDING) else left / 2
 
     def failed(self, tried: float, smallest: float) -> Pace:
         """After a substep [s] that failed."""
@@ -38,4 +41,4 @@ class Pace:
             return Pace(self.size)
         if self.easy + 1 < ENOUGH:
             return Pace(self.size, self.easy + 1)
-        return Pace(2 * self.size) if 2 * self.size < step * (1 - 1e-9) else Pace()
+        return Pace(2 * self.size) if 2 * self.size < step * (1 - ROUNDING) else Pace()
