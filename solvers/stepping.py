@@ -230,14 +230,15 @@ class Stepper:
             solution = self.method_after(state)(problem, start, tell)
             if solution.status is not Status.CONVERGED:
                 return solution, problem, None
-            u = system.T * problem.surface.recover(problem.load, solution.p, solution.u_c) + u_s
+            q = problem.surface.recover(problem.load, solution.p, solution.u_c)
+            u, strained = system.displacement(end, q, u_s)
         except (SolverError, np.linalg.LinAlgError) as error:
             log.warning("t = %g: %s", end, error)
             residual = rows[-1].residual if rows else np.inf
             none = np.zeros(self.surface.size)
             return Solution(state.p, state.w, none, Status.BROKEN, residual, tuple(rows)), problem, None
         driven = solution.u_c[len(solution.u_c) - len(driving) :]
-        new = new_state(system, state, problem, u, u_s, load, solution.p, driven)
+        new = new_state(system, state, problem, u, strained, u_s, load, solution.p, driven)
         before = Before(state.time, state.p) if end > state.time else None
         return solution, problem, replace(new, before=before, law_error=state.law_error + solution.law_error)
 

@@ -117,9 +117,9 @@ def test_substeps_are_those_steps(scene_of: SceneOf, simulation_of: SimulationOf
 def test_what_a_method_learnt_in_a_failed_attempt_is_no_harm(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     table = {"solver": {"method": "surface-uzawa", "surface": "matrix-free", "tolerance": 1e-11}}
     simulation = simulation_of(sheared(scene_of, **table))
-    Reluctant(simulation.stepper, lambda time: 0.25)
+    Reluctant(simulation.stepper, lambda time: 0.5)
     *_, cut = march(simulation, 1.0, 2.0)
-    *_, plain = march(simulation_of(sheared(scene_of, count=8, **table)), *np.arange(0.25, 2.1, 0.25))
+    *_, plain = march(simulation_of(sheared(scene_of, count=4, **table)), 0.5, 1.0, 1.5, 2.0)
     size = np.abs(plain.state.p).max()
     assert_allclose(cut.state.p, plain.state.p, rtol=0, atol=1e-8 * size)  # solver.tolerance is 1e-11
     assert_allclose(cut.state.energy.dissipation, plain.state.energy.dissipation, rtol=1e-8)
