@@ -44,7 +44,7 @@ class Observer:
 
     def __call__(self, accepted: Accepted) -> StepResult:
         system, state = accepted.stepper.system, accepted.state
-        cell_stress = self.stress(state.u)
+        cell_stress, nodal = self.stress(state.u), self.stress.displacement.x.array
         contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
         return StepResult(
             time=state.time,
@@ -57,7 +57,7 @@ class Observer:
             contacts=contacts,
             obstacles=self._obstacles(accepted.state, contacts),
             supports=system.reactions(state.residual),
-            probes={name: self._probe(where, state.u, cell_stress) for name, where in self.probes.items()},
+            probes={name: self._probe(where, nodal, cell_stress) for name, where in self.probes.items()},
             energy=state.energy,
             iteration_error=iteration_error(accepted),
             law_error=law_error(accepted),
@@ -130,15 +130,13 @@ class Observer:
             found[name] = (moved, force, moment - np.cross(axis_point, force))
         return found
 
-    def _probe(self, where: tuple[int, Array] | None, u: Any, cell_stress: Array) -> tuple[Array, Array]:
+    def _probe(self, where: tuple[int, Array] | None, nodal: Array, cell_stress: Array) -> tuple[Array, Array]:
+        """Displacement and stress; nodal: all displacements that this rank knows, those of its neighbours too [m]."""
         system = self.stepper.system
-        function = dx.fem.Function(system.space)
-        dx.petsc_vector(function).array[:] = u.array
-        function.x.scatter_forward()
         found = None
         if where is not None:
             cell, basis = where
-            values = function.x.array.reshape(-1, system.mesh.dim)[dx.cell_dofs(system.space)[cell]]
+            values = nodal.reshape(-1, system.mesh.dim)[dx.cell_dofs(system.space)[cell]]
             found = (basis @ values, cell_stress[cell])
         offers = [offer for offer in system.mesh.comm.allgather(found) if offer is not None]
         found_first: tuple[Array, Array] = offers[0]
