@@ -123,7 +123,7 @@ class Attempts:
         steps: Any = {"relaxation": solver.relaxation, "friction_update": solver.friction_update}
         inner = InnerTolerance(rule=solver.inner_rule, share=solver.inner_tolerance)
         if self.stage.method == "nonlinear-uzawa":
-            return NonlinearUzawa(inner=inner, **steps, **stop)
+            return NonlinearUzawa(inner=inner, outer_metric=solver.outer_metric, **steps, **stop)
         if self.stage.method == "inexact-uzawa":
             assert isinstance(self.volume, IterativeVolume)
             self.volume.remember(1)  # conjugate gradients as published: of earlier solves, their answer alone

@@ -53,7 +53,7 @@ METHODS: Mapping[str, Applicability] = {
         floating=False,
         use="compliant faces: they belong to the bodies, friction alone is iterated; without it once is enough",
         matrix_free=False,
-        keys=("relaxation", "friction_update", *INNER),
+        keys=("outer_metric", "relaxation", "friction_update", *INNER),
         contends=False,
     ),
     "regularised": Applicability(

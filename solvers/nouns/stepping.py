@@ -45,6 +45,10 @@ class Solver(Noun):
         Literal["every iteration", "outer"],
         Key("-", "when Uzawa's methods renew the friction bound; outer: once the problem of given friction is solved"),
     ] = "every iteration"
+    outer_metric: Annotated[
+        Literal["points", "jacobian"],
+        Key("-", "nonlinear-uzawa: Q_k of its step; jacobian: B V_k^-1 B^T of the bodies with their compliant faces"),
+    ] = "points"
     inner_rule: Annotated[
         Literal["elman-golub", "bramble-pasciak-vassilev"],
         Key("-", "what inner solves are measured by: the outer residual, or their own where they begin"),
