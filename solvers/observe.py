@@ -44,7 +44,6 @@ class Observer:
 
     def __call__(self, accepted: Accepted) -> StepResult:
         system, state = accepted.stepper.system, accepted.state
-        contact = system.contact_forces(*accepted.stepper.split(state.p))
         cell_stress = self.stress(state.u)
         contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
         return StepResult(
@@ -57,7 +56,7 @@ class Observer:
             stress=self.by_cell(cell_stress),
             contacts=contacts,
             obstacles=self._obstacles(accepted.state, contacts),
-            supports=system.reactions(state.u, state.load, contact),
+            supports=system.reactions(state.residual),
             probes={name: self._probe(where, state.u, cell_stress) for name, where in self.probes.items()},
             energy=state.energy,
             iteration_error=iteration_error(accepted),

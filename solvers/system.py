@@ -89,9 +89,18 @@ class System:
     def pull(self, time: float, load: Any, u_s: Any) -> Any:
         """T^T (load - K u_s) over the free numbers [N]; of a rigid motion u_s not even rounding is left."""
         found = self.T.createVecRight()
-        resisted = self.lifting.followed(time) is None
-        self.T.multTranspose(load - self.K * u_s if resisted else load, found)
+        self.T.multTranspose(load - self.K * u_s if self._resisted(time) else load, found)
         return found
+
+    def displacement(self, time: float, q: Any, u_s: Any) -> tuple[Any, Any]:
+        """u = T q + u_s over all displacements [m], and the part of it that bodies resist."""
+        moved = self.T * q
+        u = moved + u_s
+        return u, u if self._resisted(time) else moved
+
+    def _resisted(self, time: float) -> bool:
+        """Whether u_s is more than a rigid motion."""
+        return self.lifting.followed(time) is None
 
     @cached_property
     def lifting(self) -> Lifting:
@@ -133,9 +142,8 @@ class System:
 
     def contact_forces(self, p_n: list[Array], t: list[Array]) -> Any:
         """B^T p over all displacements [N]."""
-        total = self.vector()
-        for c, pressure, tangential in zip(self.contacts, p_n, t, strict=True):
-            total += self.contact_force(c, pressure, tangential)
+        total, parts = self.vector(), zip(self.contacts, p_n, t, strict=True)
+        self._surface.add(total, np.concatenate([np.zeros(0), *(c.nodal_forces(*p).ravel() for c, *p in parts)]))
         return total
 
     def contact_force(self, c: ContactRows, p_n: Array, t: Array) -> Any:
@@ -163,11 +171,8 @@ class System:
         against = self.scene.contacts[c.name].against
         return np.array([by_axis[axis] * (name == against) for name, axis in self.driven], float)
 
-    def reactions(self, u: Any, load: Any, contact: Any) -> dict[str, tuple[Array, Array]]:
-        """Force (d,) [N] and moment about the origin [N m] that each support exerts."""
-        residual = self.K * u
-        residual -= load
-        residual += contact
+    def reactions(self, residual: Any) -> dict[str, tuple[Array, Array]]:
+        """Force (d,) [N] and moment about the origin [N m] that each support exerts; residual: see `State` [N]."""
         return self.constraints.reactions(self._prescribed.read(residual).reshape(-1, self.mesh.dim))
 
     @cached_property
