@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from geometry.amplitude import Amplitude, value_at
+from geometry.amplitude import value_at
 from geometry.errors import MachineError
-from solvers.nouns.load import Load
+from solvers.drives import drives
 from solvers.nouns.scene import Scene
 from solvers.quantities import CONTACT_NUMBERS, ENERGIES, values
 from solvers.step_result import Array, ContactState, StepResult
 from workflows.writers.tables import append_rows
 
 NAME = "steps.csv"
+DRIVEN = {  # what is prescribed of them; where an obstacle goes is told with what comes of its force
+    "supports": ("displacement",),
+    "loads": ("pressure", "traction", "force"),
+    "obstacles": ("rotation",),
+}
 EFFORT = ("substeps", "iterations", "volume_solves", "residual")
 
 
@@ -33,7 +37,9 @@ def write_by_time(folder: Path, index: int, scene: Scene, step: StepResult) -> N
 def row_of(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
     """By column: SI units; resultants act on the slave side."""
     found: dict[str, float] = {"step": index, "time": step.time}
-    found |= {name: value_at(amplitude, step.time, scene.steps.end) for name, amplitude in drives(scene)}
+    for place, amplitude in drives(scene).items():
+        if place.table in DRIVEN and place.quantity in DRIVEN[place.table]:
+            found[str(place).replace("s.", ".", 1)] = value_at(amplitude, step.time, scene.steps.end)
     numbers = values(step)
     for name, contact in step.contacts.items():
         found |= {f"{name}.{key}": numbers.pop(f"{name}.{key}") for key in CONTACT_NUMBERS}
@@ -47,17 +53,6 @@ def row_of(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
     return {
         name: float(n) if isinstance(n, float) else int(n) for name, n in (found | numbers | energies | effort).items()
     }
-
-
-def drives(scene: Scene) -> Iterator[tuple[str, Amplitude]]:
-    """What the scene prescribes in time, by column; an obstacle's displacement is told with what comes of its force."""
-    for name, support in scene.supports.items():
-        yield from ((f"support.{name}.displacement.{axis}", a) for axis, a in support.displacement.items())
-    for name, load in scene.loads.items():
-        yield from _load(f"load.{name}", load)
-    for name, obstacle in scene.obstacles.items():
-        if obstacle.rotation is not None:
-            yield f"obstacle.{name}.rotation", obstacle.rotation.angle
 
 
 def read_by_time(folder: Path) -> dict[str, Array]:
@@ -74,13 +69,6 @@ def read_by_time(folder: Path) -> dict[str, Array]:
     except (OSError, ValueError) as error:
         raise MachineError(f"{path}: cannot be read: {error}") from error
     return dict(zip(header, table.T, strict=True))
-
-
-def _load(name: str, load: Load) -> Iterator[tuple[str, Amplitude]]:
-    if load.pressure is not None:
-        yield f"{name}.pressure", load.pressure
-    for key in ("traction", "force"):
-        yield from ((f"{name}.{key}.{axis}", a) for axis, a in zip("xyz", getattr(load, key) or (), strict=False))
 
 
 def _vectors(name: str, contact: ContactState, axisymmetric: bool) -> dict[str, float]:
