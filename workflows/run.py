@@ -24,6 +24,7 @@ from workflows.interrupt import Interrupt
 from workflows.mesh_report import MeshReport, report_mesh
 from workflows.results import Outcome, summary, write_result
 from workflows.small import Smallness
+from workflows.writers.by_time import write_by_time
 from workflows.writers.steps import read_step, step_name, write_step
 from workflows.writers.tables import write_history, write_tables
 from workflows.writers.xdmf import FieldFiles
@@ -55,7 +56,7 @@ class Run:
     smallness: Smallness = field(init=False)
 
     def __post_init__(self) -> None:
-        self.fields = FieldFiles(self.folder, self.simulation.data)
+        self.fields = FieldFiles(self.folder, self.simulation.data, self.simulation.scene.output.every)
         if self.rank == 0:
             self.smallness = Smallness(self.simulation.data)
 
@@ -93,18 +94,12 @@ class Run:
 
         def write() -> None:
             write_tables(self.folder, index, self.simulation.data, step)
+            write_by_time(self.folder, index, self.simulation.scene, step)
             write_step(self.folder, index, step)
-            self._show(ended=False)
+            self.fields.add(index, step.time)
             self.smallness.see(step)
 
         self.on_rank_0(write)
-
-    def _show(self, ended: bool) -> None:
-        """The XDMF files: every n-th step, and the last one when the run has ended, however."""
-        every = self.simulation.scene.output.every
-        last = len(self.steps) if ended else 0
-        shown = [(i, s.time) for i, s in enumerate(self.steps, start=1) if i % every == 0 or i == last]
-        self.fields.write(shown)
 
     def audit(self) -> list[Audit]:
         """Every step against equilibrium and the laws, from its file."""
@@ -146,7 +141,7 @@ class Run:
             return summary(self.simulation, status, self.steps, audits, total, reference)
 
         self.on_rank_0(lambda: write_result(self.folder, content()))  # before the pictures: they can fail
-        self.on_rank_0(lambda: self._show(ended=True))
+        self.on_rank_0(self.fields.finish)
         if scene.output.pictures and self.steps:
             self.on_rank_0(lambda: _draw(self.folder, self.simulation, self.steps[-1]))
         seconds.output += clock.perf_counter() - began
