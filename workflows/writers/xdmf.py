@@ -60,6 +60,11 @@ class FieldFiles:
         self._folder, self._mesh = folder, mesh
         self._checksum: str | None = None  # of the mesh in fields.h5, once it is known
 
+    @property
+    def checksum(self) -> str:
+        """Of the mesh."""
+        return checksum(_arrays(self._mesh), {})
+
     def write(self, steps: Sequence[tuple[int, float]]) -> None:
         """Write them; again after each step, while ParaView reads them.
 
