@@ -89,6 +89,17 @@ class CondensedSurface(Bodies):
         self.volume.contact.write(total, self.forces(p)[:own])
         return self.volume.expand(load.f_q - total, u_c[:own])
 
+    def kept(self) -> dict[str, Any]:
+        known = {"condensed": self._condensed.kept(), "forces": self._forces, "inverted": "flexibility" in self._dense}
+        return super().kept() | known
+
+    def restore(self, kept: dict[str, Any]) -> None:
+        super().restore(kept)
+        self._condensed.restore(kept["condensed"], self.volume.K.createVecRight())
+        self._forces = kept["forces"]
+        if kept["inverted"]:  # from then on displacements came from the inverse, with its rounding
+            _ = self.flexibility
+
     def adopt(self, other: Bodies) -> None:
         assert isinstance(other, CondensedSurface)
         self._condensed, self._dense = other._condensed, other._dense
