@@ -29,9 +29,9 @@ from workflows.mesh_report import report_mesh
 from workflows.results import Outcome, summary, write_json, write_result
 from workflows.run_log import RunLog
 from workflows.small import Smallness
-from workflows.writers.by_time import write_by_time
 from workflows.together import raise_together
 from workflows.watch import Watch, tell
+from workflows.writers.by_time import write_by_time
 from workflows.writers.learnt import LearntFiles
 from workflows.writers.steps import read_step, step_name, write_step
 from workflows.writers.tables import write_history, write_tables
@@ -130,6 +130,10 @@ class Run:
             self.learnt.keep_only(self._references)
 
         self.on_rank_0(write)
+
+    def _seconds(self) -> float:
+        """Of all processes that worked on this run."""
+        return self._total + clock.perf_counter() - self.began
 
     def _show(self, index: int, time: float) -> None:
         self.on_rank_0(lambda: self.fields.add(index, time))
