@@ -39,6 +39,10 @@ class ResultsFolder:
         return self.target.with_name(f"{self.target.name}.1")
 
     @property
+    def _rubbish(self) -> Path:
+        return self.target.with_name(f".{self.target.name}.1.removed")
+
+    @property
     def kept_steps(self) -> int:
         """How many steps a run that was killed has left in `work`."""
         return len(list(self.work.glob("steps/[0-9]*.h5")))
@@ -114,8 +118,11 @@ class ResultsFolder:
         """Put the results in place by rename; the former ones are kept as `.1`."""
         with disk_errors(self.target):
             if self.target.exists():
-                shutil.rmtree(self._old, ignore_errors=True)
+                if self._old.exists():  # out of the way first: a kill may leave it half removed
+                    shutil.rmtree(self._rubbish, ignore_errors=True)
+                    self._old.rename(self._rubbish)
                 self.target.rename(self._old)
+                shutil.rmtree(self._rubbish, ignore_errors=True)
             self.work.rename(self.target)
         return self.target
 

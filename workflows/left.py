@@ -101,11 +101,11 @@ def _read(folder: Path, times: Sequence[float]) -> Left:
             break
         if index > len(times) or step.time != times[index - 1]:  # as far as a step came that failed
             break
-        steps = [*(s.without_fields() for s in steps), step]
+        steps = [*steps[:-1], *(s.without_fields() for s in steps[-1:]), step]
         going = reached
         references.append(going.learnt)
     learnt = LearntFiles(folder).read(references[-1]) if going else None
-    if going and learnt is None:
+    if going and learnt is None and len(steps) < len(times):
         notes.append("what the method had learnt is lost: the answer is the same to the tolerance, not to the last bit")
     before = references[-2] if going else ""
     return Left(steps=tuple(steps), going=going, before=before, learnt=learnt, notes=tuple(notes))

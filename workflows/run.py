@@ -91,7 +91,7 @@ class Run:
             for index, step in enumerate(marching, start=len(self.steps) + 1):
                 began = clock.perf_counter()
                 self._write(index, step)
-                self.steps = [*(s.without_fields() for s in self.steps), step]
+                self.steps = [*self.steps[:-1], *(s.without_fields() for s in self.steps[-1:]), step]
                 self._show(index, step.time)
                 tell.on_step(step)
                 self.simulation.seconds.output += clock.perf_counter() - began
@@ -103,9 +103,13 @@ class Run:
             return "no_equilibrium" if isinstance(error, NoEquilibriumError) else "not_converged", str(error)
         except KeyboardInterrupt:
             count = len(self.simulation.scene.requested_times())
-            return "interrupted", f"stopped by {self.interrupt.by} after {len(self.steps)} of {count} steps"
+            return (
+                "interrupted",
+                f"stopped by {self.interrupt.by or 'the user'} after {len(self.steps)} of {count} steps",
+            )
         except MachineError as error:
-            raise MachineError(f"{error}; {len(self.steps)} steps are kept, go on with --resume") from None
+            kept = f"; {len(self.steps)} steps are kept, go on with --resume" if self.steps else ""
+            raise MachineError(f"{error}{kept}") from None
         return "converged", ""
 
     def _write(self, index: int, step: StepResult) -> None:
