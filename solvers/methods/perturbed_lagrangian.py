@@ -24,9 +24,9 @@ class PerturbedLagrangian:
     """K (ΔU, ΔΣ) = -R with K = K_B + Σ_s K_C^s, R = R_B + Σ_s R_C^s, and a line search on |R|.
 
     ω is led up from where springs are as soft as the bodies, E / depth, by factors of 10 to what it is to be, each
-    level solved from the one before: with stiff springs at once, Newton's status of the elements cycles. Floating
-    bodies start with every element bonded. K_B is that of the contact dofs, condensed; ΔΣ is eliminated element by
-    element, as -1/ω can always be divided by.
+    level solved from the one before: with stiff springs at once, Newton's status of the elements cycles. Where cells
+    are large it is there first. Floating bodies start with every element bonded. K_B is that of the contact dofs,
+    condensed; ΔΣ is eliminated element by element, as -1/ω can always be divided by.
 
     The residual of the history is the natural one with the springs taken off, that of the solution has them in. What
     the springs change in the displacement is stated: (u_ω, p_ω) solves the contact laws themselves with gaps moved by
@@ -50,10 +50,9 @@ class PerturbedLagrangian:
         newton = Newton(problem, self.max_it, on_step, u_c, problem.surface.W * p)
         levels = self._levels(problem)
         if floating:
-            newton.bond(levels[0] * self.omega, p)
-        for level in levels:
-            omega = level * self.omega
-            status = newton.solve(omega, p, self.rtol if level == 1.0 else max(self.rtol, START))
+            newton.bond(levels[0], p)
+        for omega in levels:
+            status = newton.solve(omega, p, self.rtol if omega is levels[-1] else max(self.rtol, START))
             if status is not Status.CONVERGED:
                 break
         found, w = newton.Sigma / problem.surface.W, problem.relative_displacement(newton.u_c)
@@ -61,10 +60,10 @@ class PerturbedLagrangian:
         error = least_energy(problem, (found - p) / self.omega)
         return Solution(found, w, newton.u_c, status, residual, tuple(newton.history), law_error=error)
 
-    def _levels(self, problem: SurfaceProblem) -> Array:
-        """Parts of ω (levels,), increasing to 1."""
+    def _levels(self, problem: SurfaceProblem) -> list[Array]:
+        """Penalties (rows,) [Pa/m] that lead to ω."""
         steps = np.ceil(np.log(np.max(self.omega / problem.gamma)) / np.log(FACTOR))
-        return np.asarray(FACTOR ** -np.arange(max(steps, 0.0), -1.0, -1.0))
+        return [np.minimum(self.omega, problem.gamma * FACTOR**k) for k in range(max(int(steps), 0) + 1)]
 
 
 class Newton:
