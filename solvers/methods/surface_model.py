@@ -60,7 +60,7 @@ class SurfaceModel:
             residual = self.problem.natural_residual(at, w)
             if best is None or not best.residual <= residual:  # NaN is worst
                 best = Found(at, b, residual)
-            if residual <= enough or np.isnan(residual):  # what is no number stays none
+            if residual <= enough:
                 break
             p_hat = at + gamma * (w - self.problem.gap)
         return best

@@ -54,8 +54,10 @@ def test_cycles_that_differ_are_noticed() -> None:
     assert not failures(shifted)  # from cycle 2 on any five steps in a row come again
     grown = [*steps[:-1], replace(steps[-1], contacts=steps[-2].contacts)]
     assert {name.split(": ")[1].split(",")[0] for name in failures(repeats("another end", grown[1:], len(PATH)))} == {
-        "tractions", "slip increments", "gaps", "forces", "dissipation [J]",
+        "tractions", "slip increments", "gaps", "forces",
     }  # fmt: skip
+    still = [*steps[:-1], replace(steps[-1], contacts=steps[-3].contacts)]  # only sticks, and loses nothing
+    assert "dissipation [J]" in " ".join(failures(repeats("another end", still[1:], len(PATH))))
 
 
 @pytest.mark.parametrize("method", METHODS)
