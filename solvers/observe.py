@@ -119,7 +119,7 @@ class Observer:
         """Translation of each obstacle, force and moment that it exerts on the bodies."""
         system, end = self.stepper.system, self.stepper.system.scene.steps.end
         found = {}
-        for name, obstacle in system.scene.obstacles.items():
+        for name, obstacle in system.course.scene.obstacles.items():
             moved = obstacle.translation(state.time, end, system.mesh.dim)
             for (driven, axis), size in zip(system.driven, state.driven, strict=True):
                 moved[axis] += size * (driven == name)

@@ -85,6 +85,7 @@ class Stepper:
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma = trial_stiffness(system)
         self.turns = system.scene.turns()
+        self.reported: Accepted | None = None  # the last one that was
         self._meet_bodies()
 
     def _meet_bodies(self) -> None:
@@ -162,6 +163,8 @@ class Stepper:
         names = [c.name for c in self.system.contacts if self.system.scene.contacts[c.name].sliding]
         if not names:
             return self, *self._solve(state, end, history, on_iteration)
+        if self.stage is not self.attempts.stage:
+            self._meet_bodies()  # what other pairs share
         where = positions(self.system, state, names)
         for _ in range(SEARCHES):
             stepper = self._searched(where)

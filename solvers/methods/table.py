@@ -53,7 +53,7 @@ METHODS: Mapping[str, Applicability] = {
         floating=False,
         use="compliant faces: they belong to the bodies, friction alone is iterated; without it once is enough",
         matrix_free=False,
-        keys=("relaxation", "friction_update", *INNER),
+        keys=("outer_metric", "relaxation", "friction_update", *INNER),
         contends=False,
     ),
     "regularised": Applicability(
@@ -64,6 +64,7 @@ METHODS: Mapping[str, Applicability] = {
         k_T=False,
         multibody=False,
         matrix_free=False,
+        keys=("smoothing",),
     ),
     "perturbed-lagrangian": Applicability(
         floating=True,

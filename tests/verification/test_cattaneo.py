@@ -1,5 +1,7 @@
 """Two cylinders pressed and sheared: Hertz, Cattaneo, Mindlin, whichever side is the slave and however it is meshed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -31,7 +33,13 @@ def test_nodes_against_segments_are_wrong_on_every_mesh_and_mortar_is_not() -> N
     assert not failures(cattaneo_case.nodes_to_segments())
 
 
-def test_turns_repeat() -> None:
+@pytest.mark.parametrize("method", ["condensed-newton", "surface-uzawa"])
+def test_turns_repeat(method: str) -> None:
+    assert not failures(cattaneo_case.reversals(replace(cattaneo_case.COARSE, method=method)))
+
+
+@pytest.mark.slow
+def test_turns_repeat_on_the_mesh_of_the_figures() -> None:
     assert not failures(cattaneo_case.reversals())
 
 

@@ -30,8 +30,9 @@ from solvers.observe import Observer  # noqa: E402
 from solvers.simulation import Simulation  # noqa: E402
 from solvers.step_result import StepResult  # noqa: E402
 from workflows import run as running  # noqa: E402
-from workflows.run import Run, Watch  # noqa: E402
+from workflows.run import Run  # noqa: E402
 from workflows.scene import read  # noqa: E402
+from workflows.watch import Watch  # noqa: E402
 from workflows.writers.xdmf import FieldFiles  # noqa: E402
 
 CYCLES = 5
