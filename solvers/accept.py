@@ -36,6 +36,13 @@ def relative_displacement(system: System, u: Any, time: float, driven: Array) ->
     return stack(system.contacts, [v - motion[c.name] for c, v in zip(system.contacts, surfaces, strict=True)])
 
 
+def displacement(system: System, time: float, q: Any, u_s: Any) -> tuple[Any, Any]:
+    """u = T q + u_s over all displacements [m], and what of it bodies resist: not u_s where that is a rigid motion."""
+    moved = system.T * q
+    u = moved + u_s
+    return u, u if system.lifting.followed(time) is None else moved
+
+
 def new_state(
     system: System,
     old: State,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from geometry.errors import SolverError
 from solvers import failure
-from solvers.accept import new_state, relative_displacement, split
+from solvers.accept import displacement, new_state, relative_displacement, split
 from solvers.attempts import Attempts
 from solvers.bodies import Load
 from solvers.cone import Cone
@@ -84,7 +84,6 @@ class Stepper:
         self.cone = Cone(system.contacts, 0.0, system.scene.steps.end)
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma = trial_stiffness(system)
-        self.turns = system.scene.turns()
         self.reported: Accepted | None = None  # the last one that was
         self._meet_bodies()
 
@@ -234,7 +233,7 @@ class Stepper:
             if solution.status is not Status.CONVERGED:
                 return solution, problem, None
             q = problem.surface.recover(problem.load, solution.p, solution.u_c)
-            u, strained = system.displacement(end, q, u_s)
+            u, strained = displacement(system, end, q, u_s)
         except (SolverError, np.linalg.LinAlgError) as error:
             log.warning("t = %g: %s", end, error)
             residual = rows[-1].residual if rows else np.inf
@@ -247,8 +246,8 @@ class Stepper:
 
     def _start(self, state: State, end: float) -> Array:
         """Tractions to begin with: they go on as in the last step, unless the loads and motions take a turn."""
-        before = state.before
-        if before is None or any(abs(turn - state.time) <= ROUNDING * state.time for turn in self.turns):
+        before, turns = state.before, self.system.course.scene.turns()
+        if before is None or any(abs(turn - state.time) <= ROUNDING * state.time for turn in turns):
             return state.p
         return state.p + (end - state.time) / (state.time - before.time) * (state.p - before.p)
 

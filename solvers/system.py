@@ -95,18 +95,9 @@ class System:
     def pull(self, time: float, load: Any, u_s: Any) -> Any:
         """T^T (load - K u_s) over the free numbers [N]; of a rigid motion u_s not even rounding is left."""
         found = self.T.createVecRight()
-        self.T.multTranspose(load - self.K * u_s if self._resisted(time) else load, found)
+        resisted = self.lifting.followed(time) is None
+        self.T.multTranspose(load - self.K * u_s if resisted else load, found)
         return found
-
-    def displacement(self, time: float, q: Any, u_s: Any) -> tuple[Any, Any]:
-        """u = T q + u_s over all displacements [m], and the part of it that bodies resist."""
-        moved = self.T * q
-        u = moved + u_s
-        return u, u if self._resisted(time) else moved
-
-    def _resisted(self, time: float) -> bool:
-        """Whether u_s is more than a rigid motion."""
-        return self.lifting.followed(time) is None
 
     @cached_property
     def lifting(self) -> Lifting:
