@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from solvers.condensed import CondensedSurface
-from solvers.methods.contact_element import STICK, Answer, ContactElements, kept
+from solvers.methods.contact_element import SLIP, STICK, Answer, ContactElements, kept
 from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
 from solvers.surface_problem import SurfaceProblem
 
@@ -16,6 +18,7 @@ FACTOR = 10.0  # from one level of ω to the next
 START = 1e-4  # residual at which a softer level is a good start for the next
 NEWTON_STEPS = 50  # at one level; half a dozen are enough if the level before was a good start
 HALVINGS = 6  # of a Newton step; a shorter one leads nowhere
+BALANCE = 1e-6  # force out of balance, relative, at which a Newton step is none
 DESCENT = 1e-4  # part of the predicted decrease that a shortened step must bring (Armijo)
 
 
@@ -24,9 +27,10 @@ class PerturbedLagrangian:
     """K (ΔU, ΔΣ) = -R with K = K_B + Σ_s K_C^s, R = R_B + Σ_s R_C^s, and a line search on |R|.
 
     ω is led up from where springs are as soft as the bodies, E / depth, by factors of 10 to what it is to be, each
-    level solved from the one before: with stiff springs at once, Newton's status of the elements cycles. Floating
-    bodies start with every element bonded. K_B is that of the contact dofs, condensed; ΔΣ is eliminated element by
-    element, as -1/ω can always be divided by.
+    level solved from the one before, whose sticking elements stick at first: with stiff springs at once, or with the
+    old displacement behind new springs, Newton's status of the elements cycles. Floating bodies start with every
+    element bonded. K_B is that of the contact dofs, condensed; ΔΣ is eliminated element by element, as -1/ω can always
+    be divided by.
 
     The residual of the history is the natural one with the springs taken off, that of the solution has them in. What
     the springs change in the displacement is stated: (u_ω, p_ω) solves the contact laws themselves with gaps moved by
@@ -51,8 +55,10 @@ class PerturbedLagrangian:
         levels = self._levels(problem)
         if floating:
             newton.bond(levels[0] * self.omega, p)
-        for level in levels:
+        for level, softer in zip(levels, [0.0, *levels], strict=False):
             omega = level * self.omega
+            if softer and newton.iteration < self.max_it:
+                newton.stiffen(omega, softer * self.omega, p)
             status = newton.solve(omega, p, self.rtol if level == 1.0 else max(self.rtol, START))
             if status is not Status.CONVERGED:
                 break
@@ -80,10 +86,22 @@ class Newton:
     def bond(self, omega: Array, p_old: Array) -> None:
         """Go to where every element is closed and sticks: contact alone holds a floating body."""
         elements = ContactElements.of(self.problem, omega, p_old)
-        G = elements.gaps(self.u_c)
-        stuck = Answer(elements.omega * G, sparse.diags(elements.omega).tocsr(), np.full(len(G), STICK))
-        Delta_U, Delta_Sigma = newton_step(elements, stuck, self.u_c, self.Sigma)
+        self._go(elements, np.full(len(p_old), True))
+
+    def stiffen(self, omega: Array, softer: Array, p_old: Array) -> None:
+        """Go to where what stuck behind softer springs (rows,) [Pa/m] still does, and all else keeps its forces."""
+        before = ContactElements.of(self.problem, softer, p_old)
+        sticks = before.answer(before.gaps(self.u_c)).status == STICK
+        with suppress(np.linalg.LinAlgError):
+            self._go(ContactElements.of(self.problem, omega, p_old), sticks)
+
+    def _go(self, elements: ContactElements, sticks: NDArray[np.bool_]) -> None:
+        stiff = np.where(sticks, elements.omega, 0.0)
+        Sigma = np.where(sticks, elements.omega * elements.gaps(self.u_c), self.Sigma)
+        answer = Answer(Sigma, sparse.diags(stiff).tocsr(), np.where(sticks, STICK, SLIP))
+        Delta_U, Delta_Sigma = newton_step(elements, answer, self.u_c, self.Sigma)
         self.u_c, self.Sigma = self.u_c + Delta_U, self.Sigma + Delta_Sigma
+        self.iteration += 1
 
     def solve(self, omega: Array, p_old: Array, rtol: float) -> Status:
         """Go on to the solution with these penalties (rows,) [Pa/m]."""
@@ -139,6 +157,9 @@ def newton_step(elements: ContactElements, answer: Answer, u_c: Array, Sigma: Ar
 
     ( K_B       N^T  ) ( ΔU )     ( R_U )
     ( Σ*'N/ω   -1/ω  ) ( ΔΣ ) = - ( R_Σ )
+
+    Raises:
+        LinAlgError: the elements do not hold the bodies.
     """
     R_U, R_Sigma = residual(elements, answer, u_c, Sigma)
     to_dofs, to_forces, K_C = elements.tangent(answer)
@@ -146,7 +167,12 @@ def newton_step(elements: ContactElements, answer: Answer, u_c: Array, Sigma: Ar
     follows = give[:, None] * to_forces.toarray()  # ΔΣ = ω (R_Σ + Σ*'N/ω ΔU)
     K = bodies(elements.problem).S + to_dofs @ follows
     Delta_U = np.linalg.solve(K, -R_U - to_dofs @ (give * R_Sigma))
-    return Delta_U, give * R_Sigma + follows @ Delta_U
+    Delta_Sigma = give * R_Sigma + follows @ Delta_U
+    inner, outer = bodies(elements.problem).S @ (u_c + Delta_U), to_dofs @ (Sigma + Delta_Sigma)
+    left = inner + outer - elements.problem.load.f_c  # K is nearly singular where it is much
+    if not np.abs(left).sum() <= BALANCE * (np.abs(inner).sum() + np.abs(outer).sum()):
+        raise np.linalg.LinAlgError("the elements do not hold the bodies")
+    return Delta_U, Delta_Sigma
 
 
 def least_energy(problem: SurfaceProblem, w: Array) -> float:
