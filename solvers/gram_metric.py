@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
-from scipy.linalg import cho_factor, cho_solve, eigh
+from scipy.linalg import eigh, eigvalsh
 from scipy.sparse.csgraph import dijkstra
 
 from geometry import dolfinx_versions as dx
@@ -29,6 +29,7 @@ from solvers.volume import Volume
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+RANK = 1e-13  # of the largest eigenvalue; a smaller one is zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,8 @@ class Scaled:
 
     surface: Bodies
     Q: Array  # (rows, rows), as a metric of tractions
-    carrying: NDArray[np.bool_]  # (rows,) that may carry a traction: on these Q is positive definite
+    carrying: NDArray[np.bool_]  # (rows,) that may carry a traction
+    root: Array  # of the inverse of Q on these, see `inverse_root`
     alpha: float
 
     @cached_property
@@ -49,17 +51,13 @@ class Scaled:
     def diagonal(self) -> Array:
         return np.diag(self.matrix)
 
-    @cached_property
-    def _factor(self) -> Any:
-        return cho_factor(self.Q[np.ix_(self.carrying, self.carrying)])
-
     def __call__(self, p: Array) -> Array:
         return np.asarray(self.matrix @ p)
 
     def inverse(self, w: Array) -> Array:
         """alpha Q^-1 W w."""
         found = np.zeros_like(w)
-        found[self.carrying] = self.alpha * cho_solve(self._factor, (self.surface.W * w)[self.carrying])
+        found[self.carrying] = self.alpha * self.root @ (self.root.T @ (self.surface.W * w)[self.carrying])
         return found
 
 
@@ -79,8 +77,9 @@ class GramMetric:
         if key not in self._last:
             self._last.clear()  # of other pairs
             Q = self.on_tractions(surface, problem.cone)
-            largest = self.spectrum(surface, problem.cone)[-1] if carrying.any() else 1.0
-            self._last[key] = Scaled(surface, Q, carrying, relaxation / float(largest))
+            root = inverse_root(Q[np.ix_(carrying, carrying)])
+            largest = self._spectrum(surface, carrying, root).max(initial=0.0) or 1.0
+            self._last[key] = Scaled(surface, Q, carrying, root, relaxation / float(largest))
         return self._last[key]
 
     def on_tractions(self, surface: Bodies, cone: Cone) -> Array:
@@ -94,10 +93,23 @@ class GramMetric:
 
     def spectrum(self, surface: Bodies, cone: Cone) -> Array:
         """Eigenvalues of Q^-1 B K_B^-1 B^T on the rows that carry tractions, increasing."""
+        on = cone.carrying
+        return self._spectrum(surface, on, inverse_root(self.on_tractions(surface, cone)[np.ix_(on, on)]))
+
+    def _spectrum(self, surface: Bodies, on: NDArray[np.bool_], root: Array) -> Array:
         assert isinstance(surface, CondensedSurface)
-        on = np.ix_(cone.carrying, cone.carrying)
-        BKB = surface.W[:, None] * (surface.N @ surface.flexibility @ surface.N.T) * surface.W
-        return np.asarray(eigh(BKB[on], self.on_tractions(surface, cone)[on], eigvals_only=True))
+        B = surface.N[on].T.multiply(surface.W[on]) @ root  # forces on the contact dofs (c, r)
+        return np.asarray(eigvalsh(B.T @ surface.flexibility @ B))
+
+
+def inverse_root(Q: Array) -> Array:
+    """T (rows, r) with T T^T = Q^-1; of the rank r that Q has.
+
+    It is not full where a compliant face has more points than nodes: tractions that push no node have no norm either.
+    """
+    values, vectors = eigh(Q)
+    kept = values > RANK * values.max(initial=0.0)
+    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
 
 
 def drop_of(gram: Gram) -> float | None:

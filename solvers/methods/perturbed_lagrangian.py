@@ -18,7 +18,7 @@ FACTOR = 10.0  # from one level of ω to the next
 START = 1e-4  # residual at which a softer level is a good start for the next
 NEWTON_STEPS = 50  # at one level; half a dozen are enough if the level before was a good start
 HALVINGS = 6  # of a Newton step; a shorter one leads nowhere
-BALANCE = 1e-6  # force out of balance, relative, at which a Newton step is none
+BALANCE = 1e-6  # force out of balance, beside that of p_ref, at which a Newton step is none
 DESCENT = 1e-4  # part of the predicted decrease that a shortened step must bring (Armijo)
 
 
@@ -168,9 +168,8 @@ def newton_step(elements: ContactElements, answer: Answer, u_c: Array, Sigma: Ar
     K = bodies(elements.problem).S + to_dofs @ follows
     Delta_U = np.linalg.solve(K, -R_U - to_dofs @ (give * R_Sigma))
     Delta_Sigma = give * R_Sigma + follows @ Delta_U
-    inner, outer = bodies(elements.problem).S @ (u_c + Delta_U), to_dofs @ (Sigma + Delta_Sigma)
-    left = inner + outer - elements.problem.load.f_c  # K is nearly singular where it is much
-    if not np.abs(left).sum() <= BALANCE * (np.abs(inner).sum() + np.abs(outer).sum()):
+    left, _ = residual(elements, answer, u_c + Delta_U, Sigma + Delta_Sigma)  # much where K is nearly singular
+    if not np.abs(left).sum() <= BALANCE * elements.problem.p_ref * elements.problem.surface.W.sum():
         raise np.linalg.LinAlgError("the elements do not hold the bodies")
     return Delta_U, Delta_Sigma
 
