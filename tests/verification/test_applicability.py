@@ -11,7 +11,7 @@ from shared.cells import FORMS, MODELS, REFERENCE, Cell, largest, reference, sol
 from solvers import stepping
 from solvers.methods.table import METHODS
 from solvers.plan import make_plan
-from workflows.verification.regularised_case import difference
+from workflows.verification.agreement_case import Answer
 
 TOLERANCE = 1e-9
 SAME = 1e-6  # that, times the condition of friction, and digits to spare
@@ -38,7 +38,7 @@ def wrong(cell: Cell, limit: int = 10000) -> str | None:
     expected = reference(replace(cell, method=REFERENCE), TOLERANCE)
     if steps[-1].law_error:
         allowed = COARSE if cell.method == "regularised" and cell.normal == "compliance" else steps[-1].law_error
-        off = max(difference(simulation, a, b) for a, b in zip(steps, expected, strict=True))
+        off = max(Answer(simulation, tuple(steps)).energy_norm(Answer(simulation, tuple(expected))))
     else:
         off, allowed = largest(steps, expected), SAME
     return None if off <= allowed else f"{cell}: {off:.1e} off, {allowed:.1e} allowed"
