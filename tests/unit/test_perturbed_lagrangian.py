@@ -409,7 +409,7 @@ def test_the_least_displacement_is_one_of_least_energy(scene_of: SceneOf, simula
 
 
 def test_a_floating_body_under_a_given_bound_is_solved(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    """Where all of it slips, Tresca's bound gives the tangent no stiffness: the search passes by nearly singular ones."""
+    """Where all of it slips, Tresca's bound gives the tangent no stiffness: the search passes by singular ones."""
     floating = {"supports": {}, "loads": {"top": {"boundary": "block.top", "traction": [0.005, -0.1]}}}
     scene = pressed(scene_of, friction={"law": "tresca", "bound": 0.01}, **floating)
     (step,) = simulation_of(scene).steps()
