@@ -103,6 +103,8 @@ class Attempts:
 
     def method(self, system: System, surface: Bodies) -> Callable[[State], Method]:
         """The method for the step that follows a state. What it has learnt of the bodies, it keeps."""
+        if self.stage.method == "perturbed-lagrangian":  # its springs belong to the rows, not to the bodies
+            return self._make(system, surface)
         if self.stage not in self._methods:
             self._methods[self.stage] = self._make(system, surface)
         return self._methods[self.stage]
@@ -141,7 +143,7 @@ class Attempts:
         steps: Any = {"relaxation": solver.relaxation, "friction_update": solver.friction_update}
         inner = InnerTolerance(rule=solver.inner_rule, share=solver.inner_tolerance)
         if self.stage.method == "nonlinear-uzawa":
-            return NonlinearUzawa(inner=inner, **steps, **stop)
+            return NonlinearUzawa(inner=inner, outer_metric=solver.outer_metric, **steps, **stop)
         if self.stage.method == "inexact-uzawa":
             assert isinstance(self.volume, IterativeVolume)
             self.volume.remember(1)  # conjugate gradients as published: of earlier solves, their answer alone

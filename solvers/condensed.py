@@ -59,7 +59,7 @@ class CondensedSurface(Bodies):
     def factor(self, tangent: Array | None) -> Any:
         """Cholesky factor of S + tangent + rho R R^T."""
         total = self.S + self.rho * self.R @ self.R.T if self.floating else self.S
-        return cho_factor(total if tangent is None else total + tangent, lower=True)
+        return cho_factor(total if tangent is None else total + tangent, lower=True, check_finite=False)
 
     def row_stiffness(self, carrying: NDArray[np.bool_]) -> RowStiffness | None:
         """The bodies in terms of these rows (rows,), if they measure every contact dof once; see `RowStiffness`."""

@@ -14,6 +14,7 @@ from solvers.history import HistoryRow
 from solvers.nouns.scene import Scene
 from solvers.observe import Observer, mesh_data
 from solvers.plan import PlanRow, make_plan
+from solvers.script import Script
 from solvers.state import State
 from solvers.step_result import MeshData, StepResult
 from solvers.stepping import StepError, Stepper
@@ -82,6 +83,10 @@ class Simulation:
             self.seconds.output += clock.perf_counter() - solved
             yield result
             state = accepted.state
+
+    def script(self) -> Script:
+        """A history of its own, from rest, whose steps are told one by one; nothing is prepared again."""
+        return Script(self.scene, self.stepper, self.observer)
 
 
 def prepare(scene: Scene, comm: Any = None, reached: Reached | None = None) -> Simulation:

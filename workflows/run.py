@@ -31,6 +31,7 @@ from workflows.run_log import RunLog
 from workflows.small import Smallness
 from workflows.together import raise_together
 from workflows.watch import Watch, tell
+from workflows.writers.by_time import write_by_time
 from workflows.writers.learnt import LearntFiles
 from workflows.writers.steps import read_step, step_name, write_step
 from workflows.writers.tables import write_history, write_tables
@@ -59,7 +60,8 @@ class Run:
         self._checkpoints = Checkpoints(self.simulation.stepper)
         self._state, self._total = None, 0.0
         self._references = [self.left.before, going.learnt if going else ""]  # to what was learnt
-        self.fields = FieldFiles(self.folder, self.simulation.data)
+        self.fields = FieldFiles(self.folder, self.simulation.data, self.simulation.scene.output.every)
+        self.fields.know([step.time for step in self.steps])
         self.learnt = LearntFiles(self.folder, self._references[-1])
         if self.rank == 0:
             self.smallness = Smallness(self.simulation.data)
@@ -92,7 +94,7 @@ class Run:
                 began = clock.perf_counter()
                 self._write(index, step)
                 self.steps = [*self.steps[:-1], *(s.without_fields() for s in self.steps[-1:]), step]
-                self.on_rank_0(lambda: self._show(ended=False))
+                self._show(index, step.time)
                 tell.on_step(step)
                 self.simulation.seconds.output += clock.perf_counter() - began
         except StepError as error:
@@ -116,6 +118,7 @@ class Run:
             self.smallness.see(step)
             self._references = [self._references[-1], self.learnt.write(index, learnt)]
             write_tables(self.folder, index, self.simulation.data, step)
+            write_by_time(self.folder, index, self.simulation.scene, step)
             going = Going(
                 checkpoint=checkpoint,
                 seconds=self.simulation.seconds,
@@ -132,12 +135,8 @@ class Run:
         """Of all processes that worked on this run."""
         return self._total + clock.perf_counter() - self.began
 
-    def _show(self, ended: bool) -> None:
-        """The XDMF files: every n-th step, and the last one when the run has ended, however."""
-        every = self.simulation.scene.output.every
-        last = len(self.steps) if ended else 0
-        shown = [(i, s.time) for i, s in enumerate(self.steps, start=1) if i % every == 0 or i == last]
-        self.fields.write(shown)
+    def _show(self, index: int, time: float) -> None:
+        self.on_rank_0(lambda: self.fields.add(index, time))
 
     def audit(self) -> list[Audit]:
         """Every step against equilibrium and the laws, from its file."""
@@ -178,7 +177,7 @@ class Run:
             return summary(self.simulation, status, self.steps, audits, self._seconds(), reference)
 
         self.on_rank_0(lambda: write_result(self.folder, content()))  # before the pictures: they can fail
-        self.on_rank_0(lambda: self._show(ended=True))
+        self.on_rank_0(self.fields.finish)
         if scene.output.pictures and self.steps:
             self.on_rank_0(lambda: _draw(self.folder, self.simulation, self.steps[-1]))
         seconds.output += clock.perf_counter() - began
@@ -282,9 +281,10 @@ def _open(results: ResultsFolder, simulation: Simulation, left: Left) -> None:
 def _draw(folder: Path, simulation: Simulation, step: StepResult) -> None:
     """Draw; a machine that cannot is told so, its results stand."""
     try:
-        from workflows.pictures import draw
+        from workflows.pictures import draw, draw_course
 
         draw(folder, simulation.data, step, simulation.scene.title)
+        draw_course(folder, simulation.scene)
     except (ImportError, RuntimeError) as error:
         log.warning("no pictures: %s", error)
         print(f"stickslip: no pictures could be drawn: {error}", file=sys.stderr)
