@@ -86,8 +86,6 @@ class Run:
             tell.on_iteration(row)
             self.interrupt.check(comm)
 
-        if self.steps:
-            self.on_rank_0(lambda: self._show(ended=False))  # without what was taken back
         try:
             marching = self.simulation.steps(on_iteration, len(self.steps), self._state)
             for index, step in enumerate(marching, start=len(self.steps) + 1):
