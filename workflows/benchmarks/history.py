@@ -11,6 +11,7 @@ import os
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[threads] = "1"  # before numpy starts them
 
+import logging  # noqa: E402
 import tempfile  # noqa: E402
 import time as clock  # noqa: E402
 from collections import defaultdict  # noqa: E402
@@ -25,27 +26,33 @@ import numpy as np  # noqa: E402
 import typer  # noqa: E402
 
 from geometry.errors import SolverError  # noqa: E402
+from solvers.checkpoint import Checkpoints  # noqa: E402
 from solvers.nouns.scene import Scene  # noqa: E402
 from solvers.observe import Observer  # noqa: E402
 from solvers.simulation import Simulation  # noqa: E402
 from solvers.step_result import StepResult  # noqa: E402
 from workflows import run as running  # noqa: E402
 from workflows.run import Run  # noqa: E402
+from workflows.run_log import LOGGERS  # noqa: E402
 from workflows.scene import read  # noqa: E402
 from workflows.watch import Watch  # noqa: E402
+from workflows.writers.learnt import LearntFiles  # noqa: E402
 from workflows.writers.xdmf import FieldFiles  # noqa: E402
 
 CYCLES = 5
 AMPLITUDE = 0.04  # [m] of the shear, beside 0.05 m of pressing: the sides of the contact slip, its middle sticks
 PHASES: Mapping[str, tuple[Any, str]] = {  # of output: what is called
     "observe": (Observer, "__call__"),
+    "checkpoint": (Checkpoints, "take"),
+    "learnt": (LearntFiles, "write"),
     "tables": (running, "write_tables"),
+    "by time": (running, "write_by_time"),
     "step files": (running, "write_step"),
-    "XDMF": (FieldFiles, "write"),
+    "XDMF": (FieldFiles, "add"),
     "audit": (Run, "audit"),
     "result.json": (running, "write_result"),
 }
-BLOCK = 50  # steps whose seconds are shown together
+BLOCK = 100  # steps whose seconds are shown together
 
 
 @dataclass
@@ -81,7 +88,7 @@ def scene(steps: int, points: int, method: str = "auto") -> Scene:
         "block",
         [
             f"geometry.contact_mesh_size={size!r}",
-            "geometry.mesh_size=0.2",
+            f"geometry.mesh_size={max(0.2, size)!r}",
             f"supports.top.displacement={{ x = {shear}, y = [[0, 0], [1, -0.05]] }}",
             f"steps={{ end = {float(steps)}, count = {steps} }}",
             f'solver.method="{method}"',
@@ -147,12 +154,14 @@ def measure(steps: int, points: int, method: str, folder: Path) -> Cost:
 
 
 def main(
-    steps: Annotated[int, typer.Option(help="load steps")] = 1000,
+    steps: Annotated[int, typer.Option(help="load steps", min=4 * CYCLES + 1)] = 1000,
     points: Annotated[int, typer.Option(help="contact points")] = 500,
     method: Annotated[str, typer.Option(help="solver.method")] = "auto",
     output: Annotated[Path | None, typer.Option("-o", "--output", help="where the results stay")] = None,
 ) -> None:
     """Run the history and print what it took."""
+    for name in LOGGERS:
+        logging.getLogger(name).propagate = False  # FFCx has given the root logger a handler
     with tempfile.TemporaryDirectory() as folder:
         for line in measure(steps, points, method, output or Path(folder) / "run").lines():
             print(line)
