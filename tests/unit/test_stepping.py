@@ -44,12 +44,14 @@ class Reluctant:
 
     def __init__(self, stepper: Stepper, allowed: Callable[[float], float]) -> None:
         self.whole, self.allowed, self.tried = stepper.method_after, allowed, list[tuple[float, float]]()
+        self.starts = list[Any]()
         stepper.method_after = self.after  # type: ignore[method-assign]
 
     def after(self, state: State) -> Callable[[SurfaceProblem, Any, OnStep], Solution]:
         method = self.whole(state)
 
         def solve(problem: SurfaceProblem, p: Any, on_step: OnStep) -> Solution:
+            self.starts.append(p.copy())
             found = method(problem, p, on_step)
             self.tried.append((state.time, problem.cone.time))
             too_long = problem.cone.time - state.time > self.allowed(state.time) * (1 + 1e-9)
@@ -181,6 +183,29 @@ def test_what_was_reached_before_the_smallest_step_failed_is_kept(
     assert (step.time, step.substeps) == (0.5, 2)
     with pytest.raises(StepError, match=r"t = 0\.50390.*: contacts\.base .*the residual stopped falling: try another"):
         next(steps)
+
+
+def test_a_step_starts_where_the_last_one_was_heading_unless_the_load_turns(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """The press ends at t = 1, where the shear begins."""
+    simulation = simulation_of(sheared(scene_of, count=8))
+    reluctant = Reluctant(simulation.stepper, lambda time: 1.0)
+    states = [simulation.stepper.start(), *(step.state for step in march(simulation, 0.25, 0.75, 1.0, 1.25, 1.5))]
+    p = [state.p for state in states]
+    expected = [p[0], p[1] + 2 * (p[1] - p[0]), p[2] + (p[2] - p[1]) / 2, p[3], p[4] + p[4] - p[3]]
+    for found, start in zip(reluctant.starts, expected, strict=True):
+        assert_array_equal(found, start)
+
+
+def test_steps_of_a_load_that_grows_alone_take_no_iterations(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """All of the contact sticks: the answer is in proportion, and each start is right."""
+    sticky = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "stick"}}}
+    press = {"top": {"boundary": "block.top", "displacement": {"x": 0.01, "y": -0.05}}}
+    first, *others = simulation_of(scene_of(contacts=sticky, supports=press, steps={"count": 5})).steps()
+    assert first.iterations > 0
+    assert [step.iterations for step in others] == [0] * 4
+    assert others[-1].contacts["base"].normal_force == pytest.approx(5 * first.contacts["base"].normal_force)
 
 
 @pytest.mark.parametrize("part", ["normal", "tangential"])
