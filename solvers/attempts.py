@@ -103,6 +103,8 @@ class Attempts:
 
     def method(self, system: System, surface: Bodies) -> Callable[[State], Method]:
         """The method for the step that follows a state. What it has learnt of the bodies, it keeps."""
+        if self.stage.method == "perturbed-lagrangian":  # its springs belong to the rows, not to the bodies
+            return self._make(system, surface)
         if self.stage not in self._methods:
             self._methods[self.stage] = self._make(system, surface)
         return self._methods[self.stage]

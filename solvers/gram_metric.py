@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
-from scipy.linalg import eigh
+from scipy.linalg import eigvalsh
 from scipy.sparse.csgraph import dijkstra
 
 from geometry import dolfinx_versions as dx
@@ -17,7 +17,7 @@ from solvers.bodies import Bodies
 from solvers.condensed import CondensedSurface
 from solvers.cone import Cone
 from solvers.counters import Counters
-from solvers.dense_metric import DenseMetric
+from solvers.dense_metric import DenseMetric, inverse_root
 from solvers.free_stiffness import free_stiffness
 from solvers.incomplete_cholesky import incomplete_cholesky
 from solvers.nouns.gram import Gram
@@ -46,8 +46,9 @@ class GramMetric:
         if key not in self._last:
             self._last.clear()  # of other pairs
             Q = self.on_tractions(surface, problem.cone)
-            largest = self.spectrum(surface, problem.cone)[-1] if carrying.any() else 1.0
-            self._last[key] = DenseMetric(surface, Q, carrying, relaxation / float(largest))
+            root = inverse_root(Q[np.ix_(carrying, carrying)])
+            largest = self._spectrum(surface, carrying, root).max(initial=0.0) or 1.0
+            self._last[key] = DenseMetric(surface, Q, carrying, root, relaxation / float(largest))
         return self._last[key]
 
     def on_tractions(self, surface: Bodies, cone: Cone) -> Array:
@@ -61,10 +62,13 @@ class GramMetric:
 
     def spectrum(self, surface: Bodies, cone: Cone) -> Array:
         """Eigenvalues of Q^-1 B K_B^-1 B^T on the rows that carry tractions, increasing."""
+        on = cone.carrying
+        return self._spectrum(surface, on, inverse_root(self.on_tractions(surface, cone)[np.ix_(on, on)]))
+
+    def _spectrum(self, surface: Bodies, on: NDArray[np.bool_], root: Array) -> Array:
         assert isinstance(surface, CondensedSurface)
-        on = np.ix_(cone.carrying, cone.carrying)
-        BKB = surface.W[:, None] * (surface.N @ surface.flexibility @ surface.N.T) * surface.W
-        return np.asarray(eigh(BKB[on], self.on_tractions(surface, cone)[on], eigvals_only=True))
+        B = surface.N[on].T.multiply(surface.W[on]) @ root  # forces on the contact dofs (c, r)
+        return np.asarray(eigvalsh(B.T @ surface.flexibility @ B))
 
 
 def drop_of(gram: Gram) -> float | None:

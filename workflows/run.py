@@ -281,9 +281,10 @@ def _open(results: ResultsFolder, simulation: Simulation, left: Left) -> None:
 def _draw(folder: Path, simulation: Simulation, step: StepResult) -> None:
     """Draw; a machine that cannot is told so, its results stand."""
     try:
-        from workflows.pictures import draw
+        from workflows.pictures import draw, draw_course
 
         draw(folder, simulation.data, step, simulation.scene.title)
+        draw_course(folder, simulation.scene)
     except (ImportError, RuntimeError) as error:
         log.warning("no pictures: %s", error)
         print(f"stickslip: no pictures could be drawn: {error}", file=sys.stderr)

@@ -15,7 +15,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from geometry.errors import SolverError
 from solvers.condensed import CondensedSurface
 from solvers.cone import Place
-from solvers.dense_metric import DenseMetric
+from solvers.dense_metric import DenseMetric, inverse_root
 from solvers.effects.compliance import Compliance
 from solvers.methods.inner_tolerance import Allowed
 from solvers.methods.solution import Array
@@ -105,7 +105,7 @@ class CompliantBodies:
         Q, on = np.zeros((size, size)), np.zeros(size, bool)
         Q[np.ix_(self.others, self.others)] = B @ cho_solve(V, B.T)
         on[self.others] = True
-        return DenseMetric(self.surface, Q, on, alpha=1.0)
+        return DenseMetric(self.surface, Q, on, inverse_root(Q[np.ix_(on, on)]), alpha=1.0)
 
     def _left(self, p: Array, u_c: Array) -> Array:
         """delta (c,) [N]."""

@@ -56,14 +56,18 @@ def test_strip_is_pulled_let_go_pushed_and_pulled_again() -> None:
     assert not failures(shear_lag_case.figures(METHOD))
 
 
-@pytest.mark.parametrize("normal", [shear_lag_case.HELD, Unilateral()])
-@pytest.mark.parametrize("friction", [shear_lag_case.TRESCA, shear_lag_case.COULOMB])
-def test_cycles_repeat(friction: FrictionLaw, normal: NormalLaw) -> None:
-    assert not failures(shear_lag_case.cycled(METHOD, friction, normal, n=25))
+@pytest.mark.parametrize(
+    ("method", "friction", "normal"),
+    [
+        (METHOD, shear_lag_case.COULOMB, Unilateral()),
+        ("surface-uzawa", shear_lag_case.TRESCA, shear_lag_case.HELD),
+    ],
+)
+def test_cycles_repeat(method: str, friction: FrictionLaw, normal: NormalLaw) -> None:
+    assert not failures(shear_lag_case.cycled(method, friction, normal, n=25))
 
 
-@pytest.mark.slow
-def test_cycles_repeat_on_the_tabulated_mesh() -> None:
+def test_cycles_repeat_on_the_tabulated_mesh_and_lose_as_much_as_tabulated() -> None:
     assert not failures(shear_lag_case.cycled(METHOD))
 
 

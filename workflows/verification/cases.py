@@ -12,6 +12,8 @@ from workflows.verification import (
     column_case,
     hertz_case,
     incline_case,
+    lifted_case,
+    limits_case,
     manufactured_case,
     pair_case,
     patch_case,
@@ -28,6 +30,7 @@ from workflows.verification import (
 from workflows.verification.check import Check
 
 METHODS = ("condensed-newton", "uzawa")
+MORE = (*METHODS, "surface-uzawa")  # for histories
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,13 +44,17 @@ class Case:
 
 CASES: Mapping[str, Case] = {
     "column": Case(about="column on a compliant foundation, against the closed form", checks=column_case.checks),
-    "sheared_column": Case(about="stick, slip, reversal, dissipation, closed form", checks=sheared_column_case.checks),
+    "sheared_column": Case(
+        about="stick, slip, reversal, dissipation, closed form", checks=sheared_column_case.checks, methods=MORE
+    ),
     "circular_drive": Case(about="the round friction cone in 3D, closed form", checks=circular_drive_case.checks),
-    "raous": Case(about="block of Raous, Chabrand and Lebon, published figures", checks=raous_case.checks),
+    "raous": Case(about="block of Raous, Chabrand and Lebon, published", checks=raous_case.checks, methods=MORE),
     "manufactured": Case(about="rates of convergence, both orders, three laws", checks=manufactured_case.checks),
     "incline": Case(about="layer that friction holds, and one that it cannot", checks=incline_case.checks),
     "slivers": Case(about="cells of aspect 1000, closed forms and iterations", checks=slivers_case.checks),
-    "shear_lag": Case(about="a strip slips from its end: partial slip, hysteresis", checks=shear_lag_case.checks),
+    "shear_lag": Case(about="a strip slips from its end: hysteresis", checks=shear_lag_case.checks, methods=MORE),
+    "lifted": Case(about="contact lost and regained, closed form", checks=lifted_case.checks, methods=MORE),
+    "limits": Case(about="blocks held up to a known time", checks=limits_case.checks, methods=MORE),
     "raous_compliance": Case(
         about="the same block, its face compliant: the shift", checks=raous_compliance_case.checks
     ),
@@ -56,7 +63,9 @@ CASES: Mapping[str, Case] = {
     "patch": Case(about="two blocks, meshes of 1:1 to 1:20: a uniform pressure goes over", checks=patch_case.checks),
     "pair": Case(about="two bodies with friction, turned as a whole: nothing changes", checks=pair_case.checks),
     "shrink_fit": Case(about="a ring pressed into another one, Lamé's closed form", checks=shrink_fit_case.checks),
-    "cattaneo": Case(about="two cylinders pressed and sheared: Hertz, Cattaneo, Mindlin", checks=cattaneo_case.checks),
+    "cattaneo": Case(
+        about="two cylinders pressed and sheared: Hertz, Cattaneo, Mindlin", checks=cattaneo_case.checks, methods=MORE
+    ),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
     "units": Case(about="every scene in mm, N, MPa: the same answers", checks=units_case.checks),
     "agreement": Case(

@@ -25,7 +25,7 @@ from solvers.step_result import SLIP, ContactState, StepResult
 from workflows.verification import shear_lag
 from workflows.verification.check import Check, within
 from workflows.verification.circular_drive import Array
-from workflows.verification.cycles import CYCLES, accounted, matrix_free, repeats
+from workflows.verification.cycles import CYCLES, accounted, repeats
 from workflows.verification.shear_lag import FORCE, HEIGHT, STRIP
 
 N = 100  # cells along the strip
@@ -58,7 +58,7 @@ def scene(
             "top": Load(boundary="block.top", pressure=((0.0, shear_lag.PRESSURE),)),
         },
         steps=Steps(end=times[-1], count=len(pulls)),
-        solver=Solver(method=method, tolerance=1e-11),
+        solver=Solver(method=method, tolerance=1e-12),
     )
 
 
@@ -92,8 +92,8 @@ def solve(
     friction: FrictionLaw = TRESCA,
     n: int = N,
 ) -> Answer:
-    """All pulls."""
-    simulation = prepare(matrix_free(scene(method, pulls, normal, friction, n)))
+    """All pulls. Bodies are condensed: iterative solves of so slender a strip reach 1e-8, and no further."""
+    simulation = prepare(scene(method, pulls, normal, friction, n))
     points = simulation.data.points
     end = np.flatnonzero(np.isclose(points[:, 0], 0.0, atol=1e-9))
     end = end[np.argsort(points[end, 1])]

@@ -21,6 +21,7 @@ from workflows.writers.render import Image, View
 DPI = 200
 INK, PALE = "#222222", "#666666"
 COLOURS = "viridis"
+CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d31", "#7f7f7f")  # told apart by all
 STATUS_COLOURS = {OPEN: "#d9d9d9", SLIP: "#e6862d", STICK: "#2f6db3"}
 STATUS_WORDS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
 
