@@ -240,6 +240,21 @@ def test_the_worst_contact_is_the_one_that_is_off(
     assert told == f"contacts.{name} at ({x:.4g}, {y:.4g}): {part} "
 
 
+def test_a_step_without_a_residual_says_so(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    (reached,) = march(simulation_of(sheared(scene_of)), 1.0)
+    nothing = np.zeros(reached.stepper.surface.size)
+    broken = Solution(reached.state.p, reached.state.w, nothing, Status.BROKEN, np.inf, ())
+    told = failure.in_words(reached.problem, broken, 1e-8, 0.25)
+    assert told == f"no residual in a step of 0.25 s after 0 iterations; {Status.BROKEN.value}"
+    assert failure.in_words(None, broken, 1e-8, 0.25) == told
+
+
+@pytest.mark.parametrize("status", sorted(set(Status) - {Status.CONVERGED, Status.NO_EQUILIBRIUM}, key=str))
+def test_every_bad_ending_says_what_to_try(status: Status) -> None:
+    """But where there is no equilibrium: that says which body moves, and how."""
+    assert any(f"{word} " in status.value for word in ("try", "raise", "check"))
+
+
 @given(
     st.lists(st.floats(SMALLEST, 2.0), min_size=1, max_size=40),
     st.floats(1e-3, 1e3),

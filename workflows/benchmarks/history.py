@@ -105,6 +105,7 @@ class Cost:
     points: int
     method: str
     seconds: Mapping[str, float]  # by phase
+    cpu: float  # of all phases [s]: less than their sum where others use the machine or the disk is slow
     blocks: tuple[
         tuple[float, float, float], ...
     ]  # seconds, iterations and volume solves a step, of `BLOCK` steps each
@@ -116,6 +117,7 @@ class Cost:
         yield f"{'phase':12} {'seconds':>9} {'share':>7}"
         for phase, seconds in self.seconds.items():
             yield f"{phase:12} {seconds:9.2f} {100 * seconds / total:6.1f} %"
+        yield f"CPU seconds  {self.cpu:8.2f}"
         yield f"{'step':>5} {'s/step':>9} {'iterations':>11} {'volume solves':>14}"
         for k, (seconds, iterations, solves) in enumerate(self.blocks):
             yield f"{BLOCK * k + 1:5} {seconds:9.4f} {iterations:11.2f} {solves:14.2f}"
@@ -132,6 +134,7 @@ def measure(steps: int, points: int, method: str, folder: Path) -> Cost:
     def on_prepared(simulation: Simulation) -> None:
         marks[0] = clock.perf_counter()
 
+    before = clock.process_time()
     with ExitStack() as stack:
         for phase, place in PHASES.items():
             stack.enter_context(watch.on(phase, *place))
@@ -149,6 +152,7 @@ def measure(steps: int, points: int, method: str, folder: Path) -> Cost:
         points=content["contact_points"],
         method=content["method"],
         seconds=seconds | {"other": told["total"] - sum(seconds.values()), "total": told["total"]},
+        cpu=clock.process_time() - before,
         blocks=tuple(tuple(rows[k : k + BLOCK].mean(axis=0)) for k in range(0, len(rows), BLOCK)),
     )
 
