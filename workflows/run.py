@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -142,8 +142,8 @@ class Run:
 
         self.on_rank_0(lambda: write_result(self.folder, content()))  # before the pictures: they can fail
         self.on_rank_0(self.fields.finish)
-        if scene.output.pictures and self.steps:
-            self.on_rank_0(lambda: _draw(self.folder, self.simulation, self.steps[-1]))
+        if self.steps:
+            self.on_rank_0(lambda: _draw(self.folder, self.simulation, self.steps, status != "interrupted"))
         seconds.output += clock.perf_counter() - began
         if scene.output.linear_reference and status != "interrupted":
             reference = linear_reference(self.simulation.system)
@@ -227,13 +227,19 @@ def raise_together(comm: Any, act: Callable[[], object]) -> None:
         raise failure
 
 
-def _draw(folder: Path, simulation: Simulation, step: StepResult) -> None:
-    """Draw; a machine that cannot is told so, its results stand."""
+def _draw(folder: Path, simulation: Simulation, steps: Sequence[StepResult], animated: bool) -> None:
+    """Draw what is wanted; a machine that cannot is told so, its results stand."""
+    scene, wanted = simulation.scene, simulation.scene.output
     try:
-        from workflows.pictures import draw, draw_course
+        if wanted.pictures:
+            from workflows.pictures import draw, draw_course
 
-        draw(folder, simulation.data, step, simulation.scene.title)
-        draw_course(folder, simulation.scene)
+            draw(folder, simulation.data, steps[-1], scene.title)
+            draw_course(folder, scene)
+        if wanted.animation == "gif" and animated:
+            from workflows.writers.animation import animate
+
+            animate(folder, scene, simulation.data, len(steps))
     except (ImportError, RuntimeError) as error:
         log.warning("no pictures: %s", error)
         print(f"stickslip: no pictures could be drawn: {error}", file=sys.stderr)
