@@ -59,7 +59,7 @@ class CondensedSurface(Bodies):
     def factor(self, tangent: Array | None) -> Any:
         """Cholesky factor of S + tangent + rho R R^T."""
         total = self.S + self.rho * self.R @ self.R.T if self.floating else self.S
-        return cho_factor(total if tangent is None else total + tangent, lower=True)
+        return cho_factor(total if tangent is None else total + tangent, lower=True, check_finite=False)
 
     def row_stiffness(self, carrying: NDArray[np.bool_]) -> RowStiffness | None:
         """The bodies in terms of these rows (rows,), if they measure every contact dof once; see `RowStiffness`."""
@@ -88,6 +88,17 @@ class CondensedSurface(Bodies):
         total, own = load.f_q.duplicate(), len(u_c) - self.driven
         self.volume.contact.write(total, self.forces(p)[:own])
         return self.volume.expand(load.f_q - total, u_c[:own])
+
+    def kept(self) -> dict[str, Any]:
+        known = {"condensed": self._condensed.kept(), "forces": self._forces, "inverted": "flexibility" in self._dense}
+        return super().kept() | known
+
+    def restore(self, kept: dict[str, Any]) -> None:
+        super().restore(kept)
+        self._condensed.restore(kept["condensed"], self.volume.K.createVecRight())
+        self._forces = kept["forces"]
+        if kept["inverted"]:  # from then on displacements came from the inverse, with its rounding
+            _ = self.flexibility
 
     def adopt(self, other: Bodies) -> None:
         assert isinstance(other, CondensedSurface)

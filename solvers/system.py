@@ -140,9 +140,8 @@ class System:
 
     def contact_forces(self, p_n: list[Array], t: list[Array]) -> Any:
         """B^T p over all displacements [N]."""
-        total = self.vector()
-        for c, pressure, tangential in zip(self.contacts, p_n, t, strict=True):
-            total += self.contact_force(c, pressure, tangential)
+        total, parts = self.vector(), zip(self.contacts, p_n, t, strict=True)
+        self._surface.add(total, np.concatenate([np.zeros(0), *(c.nodal_forces(*p).ravel() for c, *p in parts)]))
         return total
 
     def contact_force(self, c: ContactRows, p_n: Array, t: Array) -> Any:
@@ -170,11 +169,8 @@ class System:
         against = self.scene.contacts[c.name].against
         return np.array([by_axis[axis] * (name == against) for name, axis in self.driven], float)
 
-    def reactions(self, u: Any, load: Any, contact: Any) -> dict[str, tuple[Array, Array]]:
-        """Force (d,) [N] and moment about the origin [N m] that each support exerts."""
-        residual = self.K * u
-        residual -= load
-        residual += contact
+    def reactions(self, residual: Any) -> dict[str, tuple[Array, Array]]:
+        """Force (d,) [N] and moment about the origin [N m] that each support exerts; residual: see `State` [N]."""
         return self.constraints.reactions(self._prescribed.read(residual).reshape(-1, self.mesh.dim))
 
     @cached_property

@@ -78,7 +78,8 @@ def by_tractions(laws: LinearisedLaws, surface: CondensedSurface) -> tuple[Array
     load = np.column_stack([surface.rho * R, problem.load.f_c - N.T @ (W * p_0)])
     if spring.any():
         factor = surface.factor((N.T @ sparse.diags(W * k) @ N).toarray())
-        moved, Y = cho_solve(factor, load), cho_solve(factor, B.toarray())
+        # what is no number makes the residual none: that ends by name
+        moved, Y = (cho_solve(factor, side, check_finite=False) for side in (load, B.toarray()))
     else:
         moved, Y = surface.flexibility @ load, (B.T @ surface.flexibility).T
     Z, u_0 = moved[:, :-1], moved[:, -1]

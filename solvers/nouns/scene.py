@@ -95,16 +95,19 @@ class Scene(Noun):
     def requested_times(self) -> tuple[float, ...]:
         """Equal steps and every time of a table up to the end; t = 0 only if a load or motion starts from a value."""
         end, count = self.steps.end, self.steps.count
-        drives = list(self._drives())
-        bounds = [a for c in self.contacts.values() if c.friction is not None for a in c.friction.amplitudes()]
         times = {end * (k + 1) / count for k in range(count)}
-        times |= {t for table in (*drives, *bounds) for t in listed_times(table) if 0 < t <= end}
-        if any(0.0 in listed_times(table) and value_at(table, 0.0, end) != 0 for table in drives):
+        times |= {t for t in self.turns() if 0 < t <= end}
+        if any(0.0 in listed_times(table) and value_at(table, 0.0, end) != 0 for table in self._drives()):
             times.add(0.0)
         close = 1e-12 * end
         ordered = sorted(times)
         later = [*ordered[1:], np.inf]
         return tuple(t for t, after in zip(ordered, later, strict=True) if after - t > close)
+
+    def turns(self) -> frozenset[float]:
+        """Times at which the rate of a load, a motion or a bound may change."""
+        bounds = [a for c in self.contacts.values() if c.friction is not None for a in c.friction.amplitudes()]
+        return frozenset(t for table in (*self._drives(), *bounds) for t in listed_times(table))
 
     def _drives(self) -> Iterator[Amplitude]:
         """Loads and motions in time."""

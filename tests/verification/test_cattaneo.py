@@ -1,5 +1,7 @@
 """Two cylinders pressed and sheared: Hertz, Cattaneo, Mindlin, whichever side is the slave and however it is meshed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,7 +18,14 @@ def test_pressure_shear_and_stick_are_those_of_the_closed_form(name: str) -> Non
 
 
 def test_uzawa_finds_them_too() -> None:
-    assert not failures(cattaneo_case.checks("uzawa"))
+    loose = Two(order=1, ratio=RATIO, method="uzawa", tolerance=1e-7)
+    assert not failures(cattaneo_case.figures("linear cells that do not match", loose))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["uzawa", "surface-uzawa"])
+def test_other_methods_find_them_too_and_repeat(method: str) -> None:
+    assert not failures(cattaneo_case.checks(method))
 
 
 def test_slave_and_master_may_change_places() -> None:
@@ -33,6 +42,10 @@ def test_nodes_against_segments_are_wrong_on_every_mesh_and_mortar_is_not() -> N
 
 def test_turns_repeat() -> None:
     assert not failures(cattaneo_case.reversals())
+
+
+def test_turns_repeat_where_bodies_are_not_condensed() -> None:
+    assert not failures(cattaneo_case.reversals(replace(cattaneo_case.COARSE, method="surface-uzawa")))
 
 
 def test_checks_notice_the_nodal_operator() -> None:

@@ -1,9 +1,12 @@
 """A strip on a frictional bed: pulled it slips from its end, let go it keeps part of the slip, cycled it only loses."""
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import lsq_linear
 
+from solvers.effects.laws import FrictionLaw, NormalLaw
+from solvers.effects.unilateral import Unilateral
 from workflows.verification import shear_lag, shear_lag_case
 from workflows.verification.check import failures
 from workflows.verification.shear_lag import FORCE, STRIP
@@ -53,7 +56,18 @@ def test_strip_is_pulled_let_go_pushed_and_pulled_again() -> None:
     assert not failures(shear_lag_case.figures(METHOD))
 
 
-def test_cycles_repeat() -> None:
+@pytest.mark.parametrize(
+    ("method", "friction", "normal"),
+    [
+        (METHOD, shear_lag_case.COULOMB, Unilateral()),
+        ("surface-uzawa", shear_lag_case.TRESCA, shear_lag_case.HELD),
+    ],
+)
+def test_cycles_repeat(method: str, friction: FrictionLaw, normal: NormalLaw) -> None:
+    assert not failures(shear_lag_case.cycled(method, friction, normal, n=25))
+
+
+def test_cycles_repeat_on_the_tabulated_mesh_and_lose_as_much_as_tabulated() -> None:
     assert not failures(shear_lag_case.cycled(METHOD))
 
 

@@ -1,6 +1,7 @@
 """A sheared column sticks below its bound, slips at it, comes back, and dissipates bound times slip."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from solvers.effects.tangential_compliance import TangentialCompliance
 from solvers.simulation import prepare
 from workflows.verification import sheared_column, sheared_column_case
 from workflows.verification.check import Check, failures
+from workflows.verification.cycles import accounted, repeats
 from workflows.verification.sheared_column_case import (
     BY_PENETRATION,
     K_T,
@@ -36,10 +38,26 @@ def test_column_sticks_slips_and_reverses_as_the_closed_form(method: str, law: s
     assert not failures(driven(method, law, laws()[law]))
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("k_T", [None, K_T])
-def test_every_cycle_of_many_dissipates_the_same(method: str, k_T: float | None) -> None:
-    assert not failures(cycled(method, k_T=k_T))
+@pytest.mark.parametrize("method", [*METHODS, "surface-uzawa"])
+@pytest.mark.parametrize(("k_T", "dim"), [(None, 2), (K_T, 2), (None, 3)])
+def test_every_cycle_of_many_is_the_second_one_again(method: str, k_T: float | None, dim: int) -> None:
+    assert not failures(cycled(method, k_T=k_T, dim=dim))
+
+
+def test_cycles_that_differ_are_noticed() -> None:
+    steps = sheared_column_case.solve(
+        scene(dim=2, method="condensed-newton", E=E, friction=Coulomb(mu=MU), path=np.tile(PATH, (5, 1)))
+    )
+    same = repeats("as they are", steps[1:], len(PATH))
+    shifted = repeats("a step too early", steps[:-1], len(PATH))
+    assert not failures(same)
+    assert not failures(shifted)  # from cycle 2 on any five steps in a row come again
+    grown = [*steps[:-1], replace(steps[-1], contacts=steps[-2].contacts)]
+    assert {name.split(": ")[1].split(",")[0] for name in failures(repeats("another end", grown[1:], len(PATH)))} == {
+        "tractions", "slip increments", "gaps", "forces",
+    }  # fmt: skip
+    still = [*steps[:-1], replace(steps[-1], contacts=steps[-3].contacts)]  # only sticks, and loses nothing
+    assert "dissipation [J]" in " ".join(failures(repeats("another end", still[1:], len(PATH))))
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -108,6 +126,16 @@ def test_checks_fail_without_friction(method: str, law: str) -> None:
     assert passing <= {"dissipation so far"}  # the moves that only stick dissipate nothing either way
     assert len(failures(checks)) == len(checks) - 1
     assert len(failures(cycled(method, mu=0.0))) == 4
+
+
+def test_energy_that_is_lost_is_noticed() -> None:
+    steps = sheared_column_case.solve(scene(dim=2, method="condensed-newton", E=E, friction=Coulomb(mu=MU), path=PATH))
+    assert not failures(accounted("as it is", steps))
+    energy, base = steps[3].energy, steps[3].contacts["base"]
+    lost = replace(steps[3], energy=replace(energy, external=energy.external * (1 + 1e-8)))
+    assert len(failures(accounted("work without an effect", [*steps[:3], lost]))) == 1
+    driven = replace(steps[3], contacts={"base": replace(base, dissipation=-1e-9 * energy.external)})
+    assert len(failures(accounted("friction that drives", [*steps[:3], driven]))) == 1
 
 
 def test_dissipation_of_the_last_state_is_the_sum_over_the_moves() -> None:

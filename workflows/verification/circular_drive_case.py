@@ -10,15 +10,18 @@ from functools import lru_cache
 import numpy as np
 
 from solvers.effects.friction import Coulomb
+from solvers.step_result import StepResult
 from workflows.verification import circular_drive
 from workflows.verification.check import Check
-from workflows.verification.circular_drive import DISSIPATION_ERROR, DRIVE, SteadyTurn
+from workflows.verification.circular_drive import DISSIPATION_ERROR, DRIVE, Array, SteadyTurn
+from workflows.verification.cycles import accounted, matrix_free
 from workflows.verification.prepared import observed
 from workflows.verification.sheared_column_case import MU, scene
 from workflows.verification.turned import rotation, turned_system
 
 E = 1000.0  # [Pa]
 TURNS = 3
+COUNTS = (16, 32, 64, 128)  # steps a turn
 TOLERANCE = 1e-9  # the solver's 1e-12 per step, carried over the steps of a turn, and a digit to spare
 FRAME_TOLERANCE = 1e-10
 FIGURES = {"face_radius": "face radius [m]", "lag": "lag [rad]", "dissipation": "dissipation a turn [J]"}
@@ -27,21 +30,31 @@ SKEW = (1.0, 2.0, 3.0)  # along no edge, face or diagonal of the mesh
 
 
 @lru_cache
-def last_turn(method: str, n: int, start: float = 0.0, mu: float = MU, tilt: float = 0.0) -> SteadyTurn:
-    """Press, go to the circle at angle `start`, and take three turns of n steps; the last one's figures.
+def turns(method: str, n: int, start: float = 0.0, mu: float = MU, tilt: float = 0.0) -> tuple[StepResult, ...]:
+    """Press, go to the circle at angle `start`, and take three turns of n steps.
 
     `tilt` turns the whole scene about a skew axis: mesh, floor and drive. The frames of friction turn otherwise.
     """
-    angles = start + 2 * np.pi * np.arange(TURNS * n + 1) / n
-    path = DRIVE.radius * np.column_stack([np.cos(angles), np.sin(angles)])
-    drawn, Q = scene(dim=3, method=method, E=E, friction=Coulomb(mu=mu), path=path), rotation(SKEW, tilt)
-    states = [step.contacts["base"] for step in observed(turned_system(drawn, Q)) if step.time > 0]
-    w, V = states[-1].slip.mean(axis=0) @ Q[:, :2], path[-1]
+    drawn = scene(dim=3, method=method, E=E, friction=Coulomb(mu=mu), path=_path(n, start))
+    turned = turned_system(matrix_free(drawn), rotation(SKEW, tilt))
+    return tuple(step for step in observed(turned) if step.time > 0)
+
+
+def last_turn(method: str, n: int, start: float = 0.0, mu: float = MU, tilt: float = 0.0) -> SteadyTurn:
+    """The last turn's figures."""
+    states = [step.contacts["base"] for step in turns(method, n, start, mu, tilt)]
+    w, V = states[-1].slip.mean(axis=0) @ rotation(SKEW, tilt)[:, :2], _path(n, start)[-1]
     return SteadyTurn(
         face_radius=float(np.linalg.norm(w)),
         lag=float(np.arctan2(w[0] * V[1] - w[1] * V[0], w @ V)),
         dissipation=states[-1].dissipation_total - states[-1 - n].dissipation_total,
     )
+
+
+def _path(n: int, start: float) -> Array:
+    """Of the top (steps, 2) [m]."""
+    angles = start + 2 * np.pi * np.arange(TURNS * n + 1) / n
+    return np.asarray(DRIVE.radius * np.column_stack([np.cos(angles), np.sin(angles)]))
 
 
 def steady(method: str, n: int, start: float = 0.0, mu: float = MU) -> list[Check]:
@@ -56,7 +69,17 @@ def steady(method: str, n: int, start: float = 0.0, mu: float = MU) -> list[Chec
         Check(f"{name}: dissipation a turn [J]", found.dissipation, exact.dissipation, TOLERANCE, relative=True),
         # tabulated to one decimal of a per cent
         Check(f"{name}: error of the dissipation", error, DISSIPATION_ERROR[n], 0.0005, relative=False),
+        *accounted(name, turns(method, n, start, mu)),
     ]
+
+
+def first_order(method: str, counts: tuple[int, ...] = COUNTS) -> list[Check]:
+    """The dissipation's error falls as the step: the slope of a line through all of them."""
+    exact = circular_drive.steady(DRIVE).dissipation
+    errors = [abs(last_turn(method, n).dissipation - exact) for n in counts]
+    slope = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+    # the polygon's own is 1.0092 over 16 to 128 steps, and goes to 1
+    return [Check(f"{counts[0]} to {counts[-1]} steps a turn: order", float(slope), 1.0, 0.1, relative=False)]
 
 
 def turned(method: str, n: int, by: float = TURNED) -> list[Check]:
@@ -75,5 +98,5 @@ def turned(method: str, n: int, by: float = TURNED) -> list[Check]:
 
 def checks(method: str, mu: float = MU) -> list[Check]:
     """All of them; with another mu than 0.3 they must fail."""
-    found = [check for n in (16, 32) for check in steady(method, n, mu=mu)]
-    return found + turned(method, 16)
+    found = [check for n in COUNTS for check in steady(method, n, mu=mu)]
+    return found + first_order(method) + turned(method, 16)

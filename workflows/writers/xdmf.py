@@ -73,6 +73,14 @@ class FieldFiles:
         self._shown: list[tuple[int, float]] = []
         self._written = 0  # so many of them stand in the files
 
+    def know(self, times: Sequence[float]) -> None:
+        """Steps that were written before, from the first on, of a run that is resumed."""
+        for step in enumerate(times, start=1):
+            self._last = step
+            if step[0] % self._every == 0:
+                self._shown.append(step)
+        self._written = len(self._shown)
+
     def add(self, index: int, time: float) -> None:
         """A step has its file: show it, at once or with those that follow; ParaView reads meanwhile.
 
@@ -101,6 +109,11 @@ class FieldFiles:
     def _write_shown(self) -> None:
         self.write(self._shown)
         self._written = len(self._shown)
+
+    @property
+    def checksum(self) -> str:
+        """Of the mesh."""
+        return checksum(_arrays(self._mesh), {})
 
     def write(self, steps: Sequence[tuple[int, float]]) -> None:
         """Write them all.

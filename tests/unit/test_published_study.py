@@ -1,0 +1,275 @@
+"""The study of the published methods: its rows against what is known elsewhere, its verdicts against made-up rows."""
+
+import csv
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from workflows.studies.published import claims_tangent as t
+from workflows.studies.published import claims_uzawa as u
+from workflows.studies.published.__main__ import measured
+from workflows.studies.published.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows, chosen
+from workflows.studies.published.measurements import MEASURED, Measurement, Sizes, measurements
+from workflows.studies.published.page import CLAIMS, claims, write_page
+from workflows.studies.published.spectrum import LEARNING, PLAIN
+
+TINY = Sizes(
+    meshes=((2, 4), (2, 8), (3, 2)),
+    spectra=((2, 4), (2, 8)),
+    tangents=((2, 4),),
+    at=(2, 4),
+    mu=(0.3,),
+    omega=(1e2, 1e3),
+    inner=(0.3,),
+    parts=(0.9, 1.1),
+    methods=("condensed-newton", "uzawa", "gram-uzawa"),
+    rules=("exact", "worst residual, .3"),
+)
+EMPTY: Rows = {name: [] for name in MEASURED}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("published") / "page"
+
+
+@pytest.fixture(scope="module")
+def rows(folder: Path) -> Rows:
+    found = measured(folder, TINY)
+    write_page(folder, found)
+    return found
+
+
+def test_the_page_shows_every_study_and_every_claim(folder: Path, rows: Rows) -> None:
+    page = (folder / "published.md").read_text()
+    for claim in CLAIMS:
+        assert f"| {claim.says} | **{claim.judge(rows).verdict}** |" in page
+    assert page.count("\n## ") == 1 + len(MEASURED)
+    for name in ("h", "mu", "omega", "spectrum", "tangent"):
+        assert f"]({name}.png)" in page
+        assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+    for name, found in rows.items():
+        with (folder / f"{name}.csv").open() as file:
+            assert len(list(csv.DictReader(file))) == len(found) > 0
+
+
+def test_what_was_measured_is_not_measured_again(folder: Path, rows: Rows, monkeypatch: pytest.MonkeyPatch) -> None:
+    lost = next(iter(measurements(TINY)))
+    (folder / "rows" / f"{lost.name}.json").unlink()
+    called: list[str] = []
+
+    def counting(name: str, whole: Callable[..., list[Row]]) -> Callable[..., list[Row]]:
+        return lambda **keys: called.append(name) or whole(**keys)
+
+    again: Mapping[str, Any] = {name: counting(name, whole) for name, whole in MEASURED.items()}
+    monkeypatch.setattr("workflows.studies.published.measurements.MEASURED", again)
+    found = measured(folder, TINY)
+    assert called == [lost.study]
+    assert found == rows
+    assert claims(found) in (folder / "published.md").read_text()
+
+
+def test_no_two_measurements_share_a_file() -> None:
+    names = [m.name for m in measurements(Sizes())]
+    assert len(set(names)) == len(names)
+
+
+def test_condition_numbers_are_those_of_the_gram_study(rows: Rows) -> None:
+    """Orders in h: W^-1 S like 1/h, of the multipliers' Gram matrix h^-3, bounded of the volume's complete factor."""
+
+    def grown(metric: str) -> float:
+        small, large = (row["condition"] for row in chosen(rows["spectrum"], metric=metric))
+        return float(large / small)
+
+    assert grown(PLAIN) == pytest.approx(2, rel=0.1)
+    assert grown("multiplier") == pytest.approx(8, rel=0.15)
+    assert grown("volume, complete") < 1.1
+    assert grown(LEARNING) < 1.1
+    assert grown("volume, IC(0)") > 1.5
+    for row in rows["spectrum"]:
+        assert row["condition"] == pytest.approx(row["values"][-1] / row["values"][0])
+        assert row["values"] == sorted(row["values"])
+
+
+def test_methods_that_solve_the_same_problem_need_different_effort(rows: Rows) -> None:
+    count = {row["method"]: row["iterations"] for row in chosen(rows["h"], dim=2, n=8)}
+    assert count["condensed-newton"] < count["gram-uzawa"] < count["uzawa"]
+    assert u.gram_iterations(rows).cases["2D"]
+
+
+def test_the_stated_error_bounds_the_true_one_and_both_fall_like_one_over_omega(rows: Rows) -> None:
+    soft, stiff = rows["omega"]
+    assert soft["stated"] > soft["error"] > 0
+    assert stiff["stated"] > stiff["error"] > 0
+    assert soft["error"] / stiff["error"] == pytest.approx(10, rel=0.1)
+
+
+def test_mumps_is_exact_and_gmres_as_exact_as_asked(rows: Rows) -> None:
+    for row in rows["tangent"]:
+        if row["solver"] == "MUMPS":
+            assert row["residual"] < 1e-12
+            assert row["ratio"] == 1.0
+            assert row["unsymmetry"] > 0 < row["sliding"]
+        elif row["status"] == "converged":
+            assert row["residual"] <= 1e-7
+        else:
+            assert row["ratio"] is None
+
+
+def test_the_bound_of_the_source_is_seen(rows: Rows) -> None:
+    assert u.bound(rows).verdict == HOLDS
+    assert u.richardson(rows).verdict == HOLDS
+    assert u.inexact_bound(rows).verdict == HOLDS_NOT  # the least favourable delta_k of .3 diverges
+
+
+def part(value: float, measured: float, exact: bool = True) -> Row:
+    inner = "exact" if exact else "inexact"
+    return {"C": "0", "inner": inner, "exact": exact, "part": value, "measured": measured, "theory": 0.98}
+
+
+def mesh(n: int, **more: Any) -> Row:
+    return {"dim": 2, "n": n, "status": "converged"} | more
+
+
+def counted(method: str, *iterations: int) -> list[Row]:
+    return [mesh(4 * 2**i, method=method, iterations=count) for i, count in enumerate(iterations)]
+
+
+def spectra(metric: str, *conditions: float) -> Rows:
+    return {"spectrum": [mesh(4 * 2**i, metric=metric, condition=c) for i, c in enumerate(conditions)]}
+
+
+def inner(iterations: int) -> Rows:
+    keys = {"method": "inexact-uzawa", "inner_rule": "elman-golub", "inner_tolerance": 0.3}
+    counts = {"iterations": iterations, "linear_iterations": 5, "volume_solves": 10}
+    return {"inner": [mesh(4, **keys, **counts)], "h": counted("uzawa", 100)}
+
+
+def falling(*factors: float) -> Rows:
+    history = np.cumprod(np.repeat([1.0, *factors], 20)).tolist()
+    keys = {"method": "nonlinear-uzawa", "inner_rule": "elman-golub", "inner_tolerance": 0.3}
+    return {"inner": [mesh(4, **keys, history=history)]}
+
+
+def system(solver: str, n: int = 8, **more: Any) -> Row:
+    found = {"mu": 0.3, "omega_factor": 1e3, "form": "displacements", "solver": solver, "iterations": 10, "ratio": 1.0}
+    about: Row = {
+        "condition": 1e5,
+        "unsymmetry": 0.1,
+        "fill": 3.0,
+        "error": 1e-10,
+        "residual": 1e-15,
+        "iterations": None,
+    }
+    return mesh(n) | found | (about if solver == t.DIRECT else {}) | more
+
+
+def systems(*found: Row) -> Rows:
+    return {"tangent": list(found)}
+
+
+def two(solver: str, key: str, **values: tuple[Any, Any]) -> Rows:
+    """Two systems that differ in n or ω."""
+    at = (8, 16) if key == "n" else (1e2, 1e4)
+    return systems(*(system(solver, **{key: at[i]}, **{name: v[i] for name, v in values.items()}) for i in (0, 1)))
+
+
+def bounded(below: str, above: str, friction: str) -> Rows:
+    found = [{"friction": friction, "part": 0.9, "status": below}, {"friction": friction, "part": 1.1, "status": above}]
+    return {"step": found, "linear": []}
+
+
+def springs(*errors: float, stated: float = 1.0) -> Rows:
+    rows = [{"omega_factor": 10.0 ** (i + 1), "status": "converged", "error": e} for i, e in enumerate(errors)]
+    return {"omega": [row | {"stated": stated} for row in rows]}
+
+
+def ended(key: str, status: str) -> Rows:
+    return {key: [mesh(8, method="uzawa", mu=0.3, iterations=3) | {"status": status}]}
+
+
+OK, BAD = "converged", "the iterations ran out"
+RELAXED, STABILISED = f"{t.RELAXED}0.9", f"{t.STABILISED}0.01"
+FLIPS: list[tuple[Callable[[Rows], Finding], Rows, Rows]] = [
+    (u.bound, {"linear": [part(0.99, 0.98), part(1.01, 1.02)], "step": []}, {"linear": [part(0.99, 1.02)], "step": []}),
+    (u.bound, bounded(OK, BAD, "stick"), bounded(OK, OK, "stick")),
+    (u.bound_with_friction, bounded(OK, OK, "coulomb"), bounded(BAD, OK, "coulomb")),
+    (u.richardson, {"linear": [part(0.99, 0.981)]}, {"linear": [part(0.99, 0.9)]}),
+    (u.inexact_bound, {"linear": [part(0.9, 0.99, False)]}, {"linear": [part(0.9, 1.01, False)]}),
+    (u.inexact_contact, inner(105), inner(120)),
+    (u.superlinear, falling(0.9, 0.4), falling(0.9, 0.9)),
+    (u.condition_grows, spectra(PLAIN, 10, 20, 40), spectra(PLAIN, 10, 11, 10)),
+    (u.gram_is_free_of_h, spectra("volume, complete", 9.4, 9.5), spectra("volume, complete", 9.4, 12)),
+    (u.gram_iterations, {"h": counted("gram-uzawa", 80, 82)}, {"h": counted("gram-uzawa", 80, 120)}),
+    (
+        u.gram_saves,
+        {"h": [*counted("gram-uzawa", 50), *counted("uzawa", 100)]},
+        {"h": [*counted("gram-uzawa", 150), *counted("uzawa", 100)]},
+    ),
+    (u.any_friction, ended("mu", OK), ended("mu", BAD)),
+    (u.given_friction, ended("given", OK), ended("given", BAD)),
+    (t.quadratic, {"newton": [mesh(4, history=[1, 1e-4, 1e-7])]}, {"newton": [mesh(4, history=[1, 1e-4, 1e-5])]}),
+    (t.first_order, springs(1e-1, 1e-2), springs(1e-1, 3e-2)),
+    (t.stated, springs(0.9, 0.1), springs(1.1, 1.2)),
+    (t.unsymmetric, systems(system(t.DIRECT)), systems(system(t.DIRECT, unsymmetry=1e-17))),
+    (
+        t.ill_conditioned,
+        two(t.DIRECT, "n", condition=(1e5, 4e5)),
+        two(t.DIRECT, "n", condition=(1e5, 1.1e5)),
+    ),
+    (
+        t.direct_is_slow,
+        systems(system(t.DIRECT), system(t.PLAIN, ratio=0.5)),
+        systems(system(t.DIRECT), system(t.PLAIN, ratio=2.0)),
+    ),
+    (t.direct_is_wrong, systems(system(t.DIRECT, error=1e-3)), systems(system(t.DIRECT))),
+    (
+        t.classical_is_slow,
+        systems(system(t.DIRECT), system(t.CLASSICAL, status="diverged")),
+        systems(system(t.DIRECT), system(t.CLASSICAL)),
+    ),
+    (
+        t.relaxed,
+        systems(system(t.PLAIN), system(RELAXED, iterations=9)),
+        systems(system(t.PLAIN), system(RELAXED, iterations=11)),
+    ),
+    (
+        t.stabilised,
+        systems(system(t.PLAIN), system(STABILISED, iterations=9)),
+        systems(system(t.PLAIN), system(STABILISED, status="broke down")),
+    ),
+    (t.ilu_is_free_of_h, two(t.PLAIN, "n", iterations=(20, 20)), two(t.PLAIN, "n", iterations=(20, 40))),
+    (
+        t.ilu_stands_penalties,
+        two(t.PLAIN, "omega_factor", iterations=(20, 19)),
+        two(t.PLAIN, "omega_factor", iterations=(20, 30)),
+    ),
+]
+
+
+@pytest.mark.parametrize(("judge", "so", "otherwise"), FLIPS, ids=lambda x: getattr(x, "__name__", ""))
+def test_a_verdict_follows_from_the_rows(judge: Callable[[Rows], Finding], so: Rows, otherwise: Rows) -> None:
+    assert judge({**EMPTY, **so}).verdict == HOLDS
+    assert judge({**EMPTY, **otherwise}).verdict == HOLDS_NOT
+
+
+def test_every_claim_is_tried_both_ways_and_none_is_decided_without_rows() -> None:
+    assert {claim.judge for claim in CLAIMS} == {judge for judge, *_ in FLIPS}
+    assert {claim.judge(EMPTY).verdict for claim in CLAIMS} == {UNKNOWN}
+    assert claims(EMPTY).count(UNKNOWN) == len(CLAIMS)
+
+
+def test_a_claim_that_holds_in_some_cases_says_in_which() -> None:
+    both: Rows = {**EMPTY, "mu": [*ended("mu", OK)["mu"], *({"method": "other", **ended("mu", BAD)["mu"][0]},)]}
+    both["mu"][1]["method"] = "other"
+    assert u.any_friction(both).verdict == "holds only for uzawa"
+
+
+def test_a_method_that_fails_is_a_row_with_its_words(tmp_path: Path) -> None:
+    keys = {"dim": 2, "n": 4, "method": "uzawa", "max_iterations": 3}
+    (row,) = Measurement("h", keys).rows(tmp_path)
+    assert "the iterations ran out" in row["status"]
+    assert "iterations" not in row

@@ -1,0 +1,84 @@
+"""The table of applicability: every cell runs and finds what condensed-newton finds, or is refused, of need."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+
+from geometry.errors import SceneError
+from shared.cells import FORMS, MODELS, REFERENCE, Cell, largest, reference, solved, whole
+from solvers import stepping
+from solvers.methods.table import METHODS
+from solvers.plan import make_plan
+from workflows.verification.regularised_case import difference
+
+TOLERANCE = 1e-9
+SAME = 1e-6  # that, times the condition of friction, and digits to spare
+COARSE = 0.05  # regularised, compliance with friction: the bound is that of nodes, which costs with the mesh size
+ENOUGH = 400  # iterations of a step; none of these cells takes more
+EVERY = 41  # a prime: the sample takes each method through laws, operators, models and more by turns
+CELLS = [cell for method in METHODS for model in MODELS for cell in whole(method, model)]
+OPEN = {"normal": None, "friction": None, "operators": None, "k_T": True, "sliding": True, "floating": True}
+
+
+def refused(cell: Cell) -> str | None:
+    """The sentence."""
+    try:
+        make_plan(cell.scene(TOLERANCE))
+    except SceneError as error:
+        return str(error)
+    return None
+
+
+def wrong(cell: Cell, limit: int = 10000) -> str | None:
+    """What is wrong with what it finds, if anything is."""
+    scene = cell.scene(TOLERANCE)
+    simulation, steps = solved(replace(scene, solver=replace(scene.solver, max_iterations=limit)))
+    expected = reference(replace(cell, method=REFERENCE), TOLERANCE)
+    if steps[-1].law_error:
+        allowed = COARSE if cell.method == "regularised" and cell.normal == "compliance" else steps[-1].law_error
+        off = max(difference(simulation, a, b) for a, b in zip(steps, expected, strict=True))
+    else:
+        off, allowed = largest(steps, expected), SAME
+    return None if off <= allowed else f"{cell}: {off:.1e} off, {allowed:.1e} allowed"
+
+
+@contextmanager
+def opened(cell: Cell, patch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The table without what refuses the cell."""
+    table = METHODS[cell.method]
+    fields = {"matrix_free": True, "condensed": True} if cell.more in FORMS else OPEN
+    with patch.context() as now:
+        now.setitem(METHODS, cell.method, replace(table, **fields))
+        now.setattr(stepping, "HALVINGS", 0)
+        yield
+
+
+def judged(cell: Cell, patch: pytest.MonkeyPatch) -> str | None:
+    sentence = refused(cell)
+    if sentence is None:
+        try:
+            return wrong(cell)
+        except Exception as error:
+            return f"{cell}: not refused, and {type(error).__name__}: {error}"
+    if "\n" in sentence or f"solver.method = {cell.method}" not in sentence or "use " not in sentence:
+        return f"{cell}: refused by {sentence!r}"
+    with opened(cell, patch):
+        try:
+            runs = wrong(cell, ENOUGH) is None
+        except Exception:
+            runs = False
+    return f"{cell}: refused, and would run" if runs else None
+
+
+@pytest.mark.parametrize("cell", CELLS[::EVERY], ids=str)
+def test_sample(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert judged(cell, monkeypatch) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("method", METHODS)
+def test_every_cell(method: str, model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert [s for cell in whole(method, model) if (s := judged(cell, monkeypatch))] == []

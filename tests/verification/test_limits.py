@@ -1,0 +1,101 @@
+"""A history that becomes unsolvable ends by name, as near to that time as the smallest step comes."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shared.command import table
+from solvers.effects.compliance import Compliance
+from solvers.nouns.scene import Scene
+from solvers.nouns.stepping import Output, Steps
+from solvers.simulation import prepare
+from workflows.results import Outcome
+from workflows.run import run
+from workflows.verification import column_case, limits_case
+from workflows.verification.check import failures
+from workflows.verification.circular_drive import Array
+from workflows.verification.limits import END, LIMITS, NONE, STEADY, Limit
+from workflows.writers.steps import read_step
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_block_is_held_to_its_limit_and_no_further(name: str) -> None:
+    assert not failures(limits_case.held("condensed-newton", name, LIMITS[name]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LIMITS)
+def test_bodies_that_are_not_condensed_are_held_as_long(name: str) -> None:
+    assert not failures(limits_case.held("surface-uzawa", name, LIMITS[name]))
+
+
+def test_checks_notice_another_coefficient() -> None:
+    pushed = LIMITS["pushed"]
+    steps, proved = limits_case.reached(limits_case.scene("condensed-newton", replace(pushed, mu=1.01 * pushed.mu)))
+    assert proved
+    assert steps[-1].time > pushed.time + limits_case.NEAR
+
+
+def test_loads_that_are_held_to_the_end_have_no_limit() -> None:
+    with pytest.raises(ValueError, match="held to the end"):
+        _ = Limit(length=1.0, height=1.0, mu=0.5, press=STEADY, push=NONE).time
+
+
+def ended(scene: Scene, folder: Path) -> tuple[Outcome, dict[str, Any]]:
+    """Run it; what stands in the files must be what was reached."""
+    outcome, content = run(replace(scene, output=Output(pictures=False)), folder)
+    assert json.loads((folder / "result.json").read_text())["status"] == outcome.status == content["status"]
+    times = [step["time"] for step in content["steps"]]
+    stored = sorted((folder / "steps").iterdir())
+    assert [read_step(path).time for path in stored] == times
+    assert max(content["audit"].values()) <= 1e-8  # what is kept is in equilibrium, and obeys the laws
+    rows = table(folder / "history.csv")
+    assert {row["step"] for row in rows} >= {str(k + 1) for k in range(len(times))}
+    assert outcome.sentence
+    return outcome, content
+
+
+@pytest.mark.parametrize("name", ["tipped", "shaken"])
+def test_run_without_equilibrium_ends_with_3_and_keeps_what_was_reached(name: str, tmp_path: Path) -> None:
+    outcome, content = ended(limits_case.scene("condensed-newton", LIMITS[name]), tmp_path / "out")
+    assert (outcome.status, outcome.exit_code) == ("no_equilibrium", 3)
+    times, limit = [step["time"] for step in content["steps"]], LIMITS[name].time
+    assert times[:-1] == [t for k in range(limits_case.STEPS + 1) if (t := k * END / limits_case.STEPS) < limit]
+    assert limit - limits_case.NEAR < times[-1] < limit
+
+
+def test_iterations_that_do_not_suffice_from_some_time_on_end_with_3_there(tmp_path: Path) -> None:
+    """A column comes down on its foundation at t = 0.6: before there is nothing to iterate, then there is."""
+    scene = column_case.scene(dim=2, method="uzawa", c_n=1e6, m=2, g=0.006, top=0.01)
+    scene = replace(scene, steps=Steps(end=1.0, count=4))
+    assert len(list(prepare(scene).steps())) == 4
+    outcome, content = ended(replace(scene, solver=replace(scene.solver, max_iterations=3)), tmp_path / "out")
+    assert (outcome.status, outcome.exit_code) == ("not_converged", 3)
+    assert "max_iterations" in outcome.sentence
+    times = [step["time"] for step in content["steps"]]
+    assert times[:2] == [0.25, 0.5]
+    assert 0.6 - 0.25 / 128 < times[-1] < 0.6 + 0.25 / 128  # a first touch is too light to take many iterations
+    rows = table(tmp_path / "out" / "history.csv")
+    assert max(float(row["time"]) for row in rows) > times[-1]  # the failed attempts are told too
+
+
+@pytest.mark.parametrize("method", ["condensed-newton", "uzawa"])
+def test_law_that_stops_giving_numbers_ends_with_3_where_it_does(
+    method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A foundation without an answer beyond 5 Pa, which the column's closed form reaches at a known time."""
+    press, law, whole = 0.01, Compliance(c_n=1e4, m_n=1.0), Compliance.penetration
+    limit = (5.0 / column_case.M + law.penetration(np.array([5.0]))[0]) / press  # p = M (U - d), U = t press
+
+    def torn(self: Compliance, p: Array) -> Array:
+        return np.where(p > 5.0, np.nan, whole(self, p))
+
+    monkeypatch.setattr(Compliance, "penetration", torn)
+    scene = column_case.scene(dim=2, method=method, c_n=law.c_n, m=law.m_n, g=0.0, top=press)
+    outcome, content = ended(replace(scene, steps=Steps(end=1.0, count=4)), tmp_path / "out")
+    assert (outcome.status, outcome.exit_code) == ("not_converged", 3)
+    assert limit - 0.25 / 128 < content["steps"][-1]["time"] < limit  # as `limits_case.NEAR`
