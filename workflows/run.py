@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import sys
 import time as clock
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -22,6 +21,7 @@ from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
 from solvers.stepping import NoEquilibriumError, StepError
 from workflows.changes import identity
+from workflows.drawing import draw_wanted
 from workflows.folder import MARK, ResultsFolder
 from workflows.interrupt import Interrupt
 from workflows.left import BEGUN, DECIDES_NOTHING, Going, Left, cut_back, find_left
@@ -176,8 +176,8 @@ class Run:
 
         self.on_rank_0(lambda: write_result(self.folder, content()))  # before the pictures: they can fail
         self.on_rank_0(self.fields.finish)
-        if scene.output.pictures and self.steps:
-            self.on_rank_0(lambda: _draw(self.folder, self.simulation, self.steps[-1]))
+        if self.steps:
+            self.on_rank_0(lambda: draw_wanted(self.folder, scene, self.simulation.data, self.steps, status))
         seconds.output += clock.perf_counter() - began
         if scene.output.linear_reference and status != "interrupted":
             reference = linear_reference(self.simulation.system)
@@ -274,15 +274,3 @@ def _open(results: ResultsFolder, simulation: Simulation, left: Left) -> None:
         raise MachineError(f"{results.target}: gmsh meshes this scene differently now; leave out --resume")
     else:
         cut_back(results.take_up(left.folder), left)
-
-
-def _draw(folder: Path, simulation: Simulation, step: StepResult) -> None:
-    """Draw; a machine that cannot is told so, its results stand."""
-    try:
-        from workflows.pictures import draw, draw_course
-
-        draw(folder, simulation.data, step, simulation.scene.title)
-        draw_course(folder, simulation.scene)
-    except (ImportError, RuntimeError) as error:
-        log.warning("no pictures: %s", error)
-        print(f"stickslip: no pictures could be drawn: {error}", file=sys.stderr)
