@@ -66,7 +66,9 @@ def direct_is_slow(rows: Rows) -> Finding:
         timed = [r for r in found if r["solver"] != DIRECT and r.get("ratio")]
         best = min(timed, key=lambda r: r["ratio"], default=None)
         cases[name] = best is not None and best["ratio"] < 1
-        told = f"{best['solver']} takes {best['ratio']:.2g} of its time" if best else "nothing else converges"
+        told = "nothing else converges"
+        if best is not None:
+            told = f"{best['solver']} takes {best['ratio']:.2g} of its time, to an error of {best['error']:.0e}"
         figures.append(f"{name}: {told}, its factor has {fill:.2g} times the entries of K")
     return Finding(cases, "; ".join(figures))
 

@@ -68,9 +68,14 @@ def slope(rows: Iterable[Row], x: str, y: str) -> float | None:
 
 
 def slopes(rows: list[Row], y: str, **keys: Any) -> dict[str, float]:
-    """Against n, by dimension: "2D", "3D"."""
-    found = {f"{dim}D": slope(chosen(rows, dim=dim, **keys), "n", y) for dim in sorted(set(different(rows, "dim")))}
-    return {dim: value for dim, value in found.items() if value is not None}
+    """Against n between the two finest meshes that have both, by dimension: "2D", "3D"."""
+    found: dict[str, float] = {}
+    for dim in sorted(set(different(rows, "dim"))):
+        last = sorted((row for row in chosen(rows, dim=dim, **keys) if row.get(y)), key=lambda row: int(row["n"]))[-2:]
+        value = slope(last, "n", y)
+        if value is not None:
+            found[f"{dim}D"] = value
+    return found
 
 
 def said(figures: Mapping[str, float], form: str = ".2g") -> str:
