@@ -258,6 +258,16 @@ FLIPS: list[tuple[Callable[[Rows], Finding], Rows, Rows]] = [
         two(t.PLAIN, "omega_factor", iterations=(20, 19)),
         two(t.PLAIN, "omega_factor", iterations=(20, 30)),
     ),
+    (
+        t.ilu_stands_penalties,
+        two(t.PLAIN, "omega_factor", error=(1e-6, 1e-4)),
+        two(t.PLAIN, "omega_factor", error=(1e-6, 1e-2)),
+    ),
+    (
+        t.quadratic,
+        {"newton": [mesh(4, history=[1e-5, 1e-11, 1e-16])]},
+        {"newton": [mesh(4, history=[1e-5, 2e-7, 1e-9])]},
+    ),
 ]
 
 

@@ -64,7 +64,7 @@ def slope(rows: Iterable[Row], x: str, y: str) -> float | None:
     if len(np.unique(points[:, 0])) < 2:
         return None
     at, value = np.log(points).T
-    return round(float(np.polyfit(at, value, 1)[0]), 9)
+    return round(float(np.polyfit(at, value, 1)[0]), 9) + 0.0  # no -0
 
 
 def slopes(rows: list[Row], y: str, **keys: Any) -> dict[str, float]:
@@ -76,6 +76,15 @@ def slopes(rows: list[Row], y: str, **keys: Any) -> dict[str, float]:
         if value is not None:
             found[f"{dim}D"] = value
     return found
+
+
+def between(values: Iterable[float], form: str = ".2g") -> str:
+    """
+    >>> between([0.5, 2.0, 1.0])
+    '0.5 to 2'
+    """
+    known = list(values)
+    return f"{min(known):{form}} to {max(known):{form}}" if known else "none"
 
 
 def said(figures: Mapping[str, float], form: str = ".2g") -> str:

@@ -14,7 +14,7 @@ PULL = 2.0  # dragged that many times mu as far as pressed, a part of the base s
 
 def slipping(dim: int, mu: float) -> float:
     """Drag [m] for that."""
-    return PULL * mu * PRESSED[dim]
+    return round(PULL * mu * PRESSED[dim], 9)
 
 
 def scene(
