@@ -7,17 +7,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from workflows.studies.published import claims_tangent as t
 from workflows.studies.published import claims_uzawa as u
 from workflows.studies.published.__main__ import measured
+from workflows.studies.published.contact import march
 from workflows.studies.published.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows, chosen
 from workflows.studies.published.measurements import MEASURED, Measurement, Sizes, measurements
 from workflows.studies.published.page import CLAIMS, claims, write_page
+from workflows.studies.published.scenes import scene
 from workflows.studies.published.spectrum import LEARNING, PLAIN
 
 TINY = Sizes(
-    meshes=((2, 4), (2, 8), (3, 2)),
+    meshes=((2, 4), (2, 8)),
     spectra=((2, 4), (2, 8)),
     tangents=((2, 4),),
     at=(2, 4),
@@ -287,6 +290,13 @@ def test_a_claim_that_holds_in_some_cases_says_in_which() -> None:
     both: Rows = {**EMPTY, "mu": [*ended("mu", OK)["mu"], *({"method": "other", **ended("mu", BAD)["mu"][0]},)]}
     both["mu"][1]["method"] = "other"
     assert u.any_friction(both).verdict == "holds only for uzawa"
+
+
+def test_the_cube_is_dragged_along_both_axes() -> None:
+    _, accepted, status = march(scene(3, 2, drag=0.03, method="condensed-newton"))
+    assert status == "converged"
+    moved = accepted[-1].state.u_s.array.reshape(-1, 3)
+    assert_allclose(moved[moved[:, 2] < 0][0], [0.03, 0.015, -0.05])
 
 
 def test_a_method_that_fails_is_a_row_with_its_words(tmp_path: Path) -> None:
