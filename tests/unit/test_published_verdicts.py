@@ -41,8 +41,7 @@ def inner(iterations: int) -> Rows:
 
 def falling(*factors: float) -> Rows:
     history = np.cumprod(np.repeat([1.0, *factors], 20)).tolist()
-    keys = {"method": "nonlinear-uzawa", "inner_rule": "elman-golub", "inner_tolerance": 0.3}
-    return {"inner": [mesh(4, **keys, history=history)]}
+    return {"chen": [mesh(4, outer_metric="jacobian", iterations=len(history), history=history)]}
 
 
 def system(solver: str, n: int = 8, **more: Any) -> Row:
