@@ -21,7 +21,7 @@ from solvers.nouns.contact import Contact
 from solvers.nouns.load import Load
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Probe, Solver, Steps
+from solvers.nouns.stepping import Probe, Steps
 from solvers.nouns.support import Support
 from solvers.simulation import prepare
 from solvers.step_result import ContactState
@@ -30,6 +30,7 @@ from workflows.verification.cattaneo import Cattaneo, cattaneo
 from workflows.verification.check import Check, within
 from workflows.verification.hertz import Array, Hertz
 from workflows.verification.hertz_case import ellipse
+from workflows.verification.solver import solver
 
 R, E, NU, MU = 8.0, 200.0, 0.3, 0.2
 P = 10.0  # [N/m]
@@ -91,7 +92,7 @@ def _scene(pair: Two, supports: dict[str, Support], friction: Coulomb | None = N
             )
         },
         supports=supports | {"base": base},
-        solver=Solver(method=pair.method, tolerance=pair.tolerance),
+        solver=solver(pair.method, pair.tolerance),
         **more,  # type: ignore[arg-type]
     )  # fmt: skip
 

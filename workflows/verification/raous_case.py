@@ -15,13 +15,14 @@ from solvers.nouns.contact import Contact
 from solvers.nouns.load import Load
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver, Steps
+from solvers.nouns.stepping import Steps
 from solvers.nouns.support import Support
 from solvers.simulation import prepare
 from solvers.step_result import OPEN, SLIP, STICK, StepResult
 from workflows.verification import raous
 from workflows.verification.check import Check, within
 from workflows.verification.circular_drive import Array
+from workflows.verification.solver import solver
 
 N = 32
 CELL = raous.SIDE / N  # [m]
@@ -53,7 +54,7 @@ def scene(method: str, steps: int = 1, mu: float = raous.MU, n: int = N, k: floa
             "left": Load(boundary="block.left", pressure=raous.SIDE_PRESSURE),
         },
         steps=Steps(count=steps),
-        solver=Solver(method=method, tolerance=1e-11),
+        solver=solver(method, 1e-11),
     )
 
 

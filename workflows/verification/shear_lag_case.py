@@ -18,7 +18,7 @@ from solvers.nouns.contact import Contact
 from solvers.nouns.load import Load
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver, Steps
+from solvers.nouns.stepping import Steps
 from solvers.nouns.support import Support
 from solvers.simulation import prepare
 from solvers.step_result import SLIP, ContactState
@@ -26,6 +26,7 @@ from workflows.verification import shear_lag
 from workflows.verification.check import Check, close, within
 from workflows.verification.circular_drive import Array
 from workflows.verification.shear_lag import FORCE, HEIGHT, STRIP
+from workflows.verification.solver import solver
 
 N = 100  # cells along the strip
 PULLS = (FORCE, 0.0, -FORCE, FORCE)
@@ -57,7 +58,7 @@ def scene(
             "top": Load(boundary="block.top", pressure=((0.0, shear_lag.PRESSURE),)),
         },
         steps=Steps(end=times[-1], count=len(pulls)),
-        solver=Solver(method=method, tolerance=1e-11),
+        solver=solver(method, 1e-11),
     )
 
 
