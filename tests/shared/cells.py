@@ -60,9 +60,10 @@ class Cell:
             return False
         if friction is not None and (normal.ties or friction.refuses(normal)):
             return False
+        turns = self.model != "axisymmetric"  # with one rigid motion, gram-uzawa happens to hold what it need not
         # a disc on a disc as large: whether its last node has slid off is a matter of rounding
         ends = self.model == "axisymmetric" and self.operator in FACETS.values()
-        needs = {"k_T": friction, "floating": friction or normal.ties, "sliding": not (normal.ties or ends)}
+        needs = {"k_T": friction, "floating": (friction or normal.ties) and turns, "sliding": not (normal.ties or ends)}
         return bool(needs.get(self.more, True)) and (self.more != "driven" or self.operator == RIGID)
 
     def scene(self, tolerance: float) -> Scene:
