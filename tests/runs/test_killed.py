@@ -104,7 +104,7 @@ def _moments(count: int) -> list[float]:
 
 def test_killed_at_moments_of_writing_it_goes_on(tmp_path: Path, whole: Path) -> None:
     last = operations(tmp_path / "counted")
-    for part in _moments(4):
+    for part in _moments(2):
         folder = tmp_path / f"{part}" / "out"
         assert killed_at(1 + int(part * last), folder, resume=False)
         run(read("block", SCENE), folder, resume=True)
@@ -127,7 +127,7 @@ def test_killed_at_any_time_it_goes_on(tmp_path: Path, whole: Path) -> None:
     began = clock.monotonic()
     run(read("block", SCENE), tmp_path / "timed")
     usual = clock.monotonic() - began
-    for number, part in enumerate(_moments(3)):
+    for number, part in enumerate(_moments(2)):
         folder = tmp_path / f"{number}" / "out"
         process = in_a_process_of_its_own(lambda where=folder: run(read("block", SCENE), where))
         clock.sleep(part * usual)
