@@ -112,7 +112,7 @@ class Reporter:
             return
         folder = outcome.folder
         print(f"results in {folder}: fields.xdmf and contact_*.xdmf for ParaView, result.json and *.csv for scripts,")
-        pictures = sorted(path.name for path in folder.glob("*.png"))
+        pictures = sorted(path.name for path in folder.iterdir() if path.suffix in (".png", ".gif"))
         print(f"pictures {', '.join(pictures)}" if pictures else "no pictures")
 
 

@@ -75,6 +75,9 @@ class Output(Noun):
 
     every: Annotated[int, Key("-", "keep the fields of every n-th reported step, and of the last")] = 1
     pictures: Annotated[bool, Key("-", "draw PNG pictures of the last step")] = True
+    animation: Annotated[
+        Literal["none", "gif"], Key("-", "gif: draw animation.gif, the bodies and contacts from step to step")
+    ] = "none"
     linear_reference: Annotated[bool, Key("-", "after the run, time one linear solve of the same mesh")] = False
 
     def __post_init__(self) -> None:
