@@ -86,7 +86,7 @@ def scene(steps: int, points: int, method: str = "auto") -> Scene:
     return read(
         "strip",
         [
-            f"geometry.mesh_size={LENGTH / (points - 1)!r}",
+            f"geometry.mesh_size={LENGTH / points!r}",  # the last node is held by the grip
             f"supports.grip.displacement={{ x = {draw}, y = 0.0 }}",
             f"steps={{ end = {float(steps)}, count = {steps} }}",
             f'solver.method="{method}"',
