@@ -90,8 +90,9 @@ class CondensedSurface(Bodies):
         return self.volume.expand(load.f_q - total, u_c[:own])
 
     def kept(self) -> dict[str, Any]:
-        known = {"condensed": self._condensed.kept(), "forces": self._forces, "inverted": "flexibility" in self._dense}
-        return super().kept() | known
+        inverted = "flexibility" in self._dense
+        counted = 0 if inverted else self._forces  # it matters only until then
+        return super().kept() | {"condensed": self._condensed.kept(), "forces": counted, "inverted": inverted}
 
     def restore(self, kept: dict[str, Any]) -> None:
         super().restore(kept)

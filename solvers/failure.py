@@ -6,25 +6,27 @@ import numpy as np
 
 from solvers.cone import Place
 from solvers.equilibrium import decide
-from solvers.methods.solution import Solution, Status
+from solvers.methods.solution import Solution
 from solvers.surface_problem import SurfaceProblem
 
 
 def in_words(problem: SurfaceProblem | None, solution: Solution, tolerance: float, tried: float) -> str:
     """Why the smallest step, `tried` [s] long, was given up."""
-    where = worst(problem, solution) if problem is not None else ""
     known = ""
-    if problem is not None and problem.surface.floating and solution.status is not Status.NO_EQUILIBRIUM:
+    if problem is not None and problem.surface.floating:
         known = f" ({decide(problem).value})"
+    residual = "no residual"
+    if np.isfinite(solution.residual):
+        where = worst(problem, solution) if problem is not None else ""
+        residual = f"{where}residual {solution.residual:.1e}, not {tolerance:g},"
     return (
-        f"{where}residual {solution.residual:.1e}, not {tolerance:g}, in a step of {tried:.3g} s "
-        f"after {solution.iterations} iterations; {solution.status.value}{known}"
+        f"{residual} in a step of {tried:.3g} s after {solution.iterations} iterations; {solution.status.value}{known}"
     )
 
 
 def worst(problem: SurfaceProblem, solution: Solution) -> str:
     """Contact, point and part of the law that the residual is largest at; empty where it is not known of any."""
-    if not np.isfinite(solution.residual) or not len(solution.p) or problem.p_ref == 0:
+    if not len(solution.p) or problem.p_ref == 0:
         return ""
     residual = problem.cone.natural_residual(solution.p, solution.w - problem.gap, problem.p_ref / problem.u_ref)
     row = int(np.argmax(np.abs(residual)))

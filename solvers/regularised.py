@@ -112,8 +112,8 @@ class NextStep:
         newton.snes.destroy()  # it holds what holds it
         u_c = method.volume.contact.read(q)
         w = problem.relative_displacement(u_c)
-        forces = newton.f - method.system.K_B * q  # what penetrations ask for, without their rounding
-        p = method.rows.tractions(w - problem.gap, method.volume.contact.read(forces))
+        read, given = method.volume.contact.read, newton.f - method.system.K_B * q
+        p = method.rows.tractions(w - problem.gap, asked=read(method.contact.forces(q)), given=read(given))
         residual = problem.natural_residual(p, w)
         history = tuple(newton.history)
         law_error, slack = apart / (np.sqrt(FACTOR) - 1), 1 - SLIPPING / np.hypot(SLIPPING, 1)
@@ -206,12 +206,19 @@ class _Recovery:
         empty = gram.diagonal() == 0  # directions in which a support holds the node
         self.gram = splu((gram + sparse.diags(empty.astype(float))).tocsc()) if self.nodal.any() else None
 
-    def tractions(self, r: Array, force: Array) -> Array:
-        """p (rows,): compliance pressure by its law at w - gap, the rest so that N^T W p = force (c,)."""
+    def tractions(self, r: Array, asked: Array, given: Array) -> Array:
+        """p (rows,): compliance pressure by its law at w - gap, the rest so that N^T W p is the force on the bodies.
+
+        Args:
+            r: w - gap (rows,) [m].
+            asked: force (c,) [N] by the laws: 0 where nothing touches, elsewhere with the rounding of penetrations.
+            given: force (c,) [N] that the bodies' equilibrium gives: the same, more exactly.
+        """
         p = np.zeros_like(r)
         for rows, law in self.compliant:
             p[rows] = law.pressure(r[rows])
         if self.gram is not None:
-            rest = force - self.surface.forces(p)
-            p[self.nodal] = self.gram.solve(self.N @ rest) / self.surface.W[self.nodal]
+            compliant, W = self.surface.forces(p), self.surface.W[self.nodal]
+            found, touching = self.gram.solve(self.N @ (given - compliant)) / W, self.N @ (asked - compliant) != 0
+            p[self.nodal] = np.where(touching, found, 0.0)
         return p

@@ -245,9 +245,15 @@ class Stepper:
         return solution, problem, replace(new, before=before, law_error=state.law_error + solution.law_error)
 
     def _start(self, state: State, end: float) -> Array:
-        """Tractions to begin with: they go on as in the last step, unless the loads and motions take a turn."""
+        """Tractions to begin with: they go on as in the last step, unless the loads and motions take a turn.
+
+        Measured, with exact bodies that saves a third to two thirds of Newton's iterations and an eighth to a quarter
+        of Uzawa's; where volume solves are iterative it costs a fifth more.
+        """
         before, turns = state.before, self.system.course.scene.turns()
-        if before is None or any(abs(turn - state.time) <= ROUNDING * state.time for turn in turns):
+        if before is None or not self.surface.exact:
+            return state.p
+        if any(abs(turn - state.time) <= ROUNDING * state.time for turn in turns):
             return state.p
         return state.p + (end - state.time) / (state.time - before.time) * (state.p - before.p)
 

@@ -124,11 +124,13 @@ class ResultsFolder:
                 self.target.rename(self._old)
                 shutil.rmtree(self._rubbish, ignore_errors=True)
             self.work.rename(self.target)
+        self.release()
         return self.target
 
     def abandon(self) -> None:
-        """Leave no trace of a run that did not reach its first step."""
+        """Leave no trace of what has not come to anything."""
         shutil.rmtree(self.work, ignore_errors=True)
+        self.release()
 
 
 def at_work() -> str:

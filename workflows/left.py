@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,9 +20,8 @@ from workflows.writers.learnt import LearntFiles
 from workflows.writers.steps import read_checkpoint, step_name
 from workflows.writers.tables import cut_tables
 
-SCENE = "scene.json"
+BEGUN = "begun.json"  # the scene and the mesh that a run was begun with
 DECIDES_NOTHING = ("title", "output")
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,11 +71,11 @@ def find_left(results: ResultsFolder, scene: Scene) -> Left:
         SceneError: the scene was another one.
         MachineError: a step before the last is damaged or missing.
     """
-    folder = next((f for f in (results.work, results.target) if (f / SCENE).is_file()), None)
+    folder = next((f for f in (results.work, results.target) if (f / BEGUN).is_file()), None)
     if folder is None:
         return Left(notes=(f"nothing to resume in {results.target}: begins at the start",))
     results.lock(folder)
-    begun = _json(folder / SCENE)
+    begun = _json(folder / BEGUN)
     refuse_changes(begun["scene"], identity(scene, DECIDES_NOTHING), results.target)
     ended = _json(folder / "result.json") if folder == results.target else {}
     if ended.get("status") == "converged":

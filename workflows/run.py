@@ -24,7 +24,7 @@ from workflows.changes import identity
 from workflows.drawing import draw_wanted
 from workflows.folder import MARK, ResultsFolder
 from workflows.interrupt import Interrupt
-from workflows.left import DECIDES_NOTHING, SCENE, Going, Left, cut_back, find_left
+from workflows.left import BEGUN, DECIDES_NOTHING, Going, Left, cut_back, find_left
 from workflows.mesh_report import report_mesh
 from workflows.results import Outcome, summary, write_json, write_result
 from workflows.run_log import RunLog
@@ -102,14 +102,8 @@ class Run:
             self.on_rank_0(lambda: write_history(self.folder, len(self.steps) + (not written), rows))
             return "no_equilibrium" if isinstance(error, NoEquilibriumError) else "not_converged", str(error)
         except KeyboardInterrupt:
-            count = len(self.simulation.scene.requested_times())
-            return (
-                "interrupted",
-                f"stopped by {self.interrupt.by or 'the user'} after {len(self.steps)} of {count} steps",
-            )
-        except MachineError as error:
-            kept = f"; {len(self.steps)} steps are kept, go on with --resume" if self.steps else ""
-            raise MachineError(f"{error}{kept}") from None
+            count, by = len(self.simulation.scene.requested_times()), self.interrupt.by or "the user"
+            return "interrupted", f"stopped by {by} after {len(self.steps)} of {count} steps"
         return "converged", ""
 
     def _write(self, index: int, step: StepResult) -> None:
@@ -255,12 +249,16 @@ def _solve(
         with RunLog(work / MARK) if comm.rank == 0 else nullcontext():
             if comm.rank == 0:
                 tell(simulation, report, left, watch)
-            going = Run(simulation, work, began, interrupt, left)
-            status, sentence = going.march(watch)
-            doubts = going.smallness.warnings() if comm.rank == 0 else ()
-            for warning in doubts:
-                log.warning("%s", warning)
-            content = going.finish(status)
+            working = Run(simulation, work, began, interrupt, left)
+            try:
+                status, sentence = working.march(watch)
+                doubts = working.smallness.warnings() if comm.rank == 0 else ()
+                for warning in doubts:
+                    log.warning("%s", warning)
+                content = working.finish(status)
+            except MachineError as error:
+                kept = f"; {len(working.steps)} steps are kept, go on with --resume" if working.steps else ""
+                raise MachineError(f"{error}{kept}") from None
         raise_together(comm, lambda: results[0].finish())
     return Outcome(status, sentence, place, doubts), content
 
@@ -271,7 +269,7 @@ def _open(results: ResultsFolder, simulation: Simulation, left: Left) -> None:
     if left.folder is None:
         folder = results.start()
         begun = {"scene": identity(simulation.scene, DECIDES_NOTHING), "mesh": mesh}
-        write_json(folder / SCENE, begun)
+        write_json(folder / BEGUN, begun)
     elif left.mesh != mesh:
         raise MachineError(f"{results.target}: gmsh meshes this scene differently now; leave out --resume")
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shlex
 import shutil
@@ -15,6 +16,7 @@ import pytest
 from shared.command import Call, result
 from shared.histories import LEARNS, SMALL, assert_same, names_in, rows
 from workflows.folder import ResultsFolder
+from workflows.left import BEGUN
 from workflows.run import run
 from workflows.scene import READY, from_dict, read
 from workflows.watch import Watch
@@ -183,6 +185,17 @@ def test_damaged_or_missing_earlier_step_is_named_and_nothing_is_touched(
     code, _, err = call(*WORDS, "--resume")
     assert (code, err.count("\n")) == (4, 1)
     assert "steps/000002.h5: " in err
+    assert {name: (stopped / name).read_bytes() for name in names_in(stopped)} == before
+
+
+def test_another_mesh_is_refused(call: Call, stopped: Path) -> None:
+    """As another version of gmsh may make of the same scene."""
+    begun = json.loads((stopped / BEGUN).read_text())
+    (stopped / BEGUN).write_text(json.dumps(begun | {"mesh": "0" * 64}))
+    before = {name: (stopped / name).read_bytes() for name in names_in(stopped)}
+    code, _, err = call(*WORDS, "--resume")
+    assert (code, err.count("\n")) == (4, 1)
+    assert "gmsh meshes this scene differently now" in err
     assert {name: (stopped / name).read_bytes() for name in names_in(stopped)} == before
 
 

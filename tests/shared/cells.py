@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from geometry.errors import SceneError
 from solvers.effects.laws import FrictionLaw, NormalLaw
 from solvers.methods.table import RIGID
 from solvers.nouns.scene import Scene
 from solvers.operators import OPERATORS
+from solvers.plan import make_plan
 from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
 from workflows.scene import from_dict
@@ -153,3 +155,12 @@ def largest(found: list[StepResult], expected: list[StepResult]) -> float:
         size = max(np.abs(of(step)).max() for step in expected)
         most = max(most, *(np.abs(of(a) - of(b)).max() / size for a, b in zip(found, expected, strict=True)))
     return float(most)
+
+
+def refused(cell: Cell) -> str | None:
+    """The sentence that refuses it, if there is one."""
+    try:
+        make_plan(cell.scene(1e-9))
+    except SceneError as error:
+        return str(error)
+    return None

@@ -408,20 +408,12 @@ def test_the_least_displacement_is_one_of_least_energy(scene_of: SceneOf, simula
     assert least == pytest.approx(float(np.sqrt(best @ surface.S @ best)), rel=1e-9)
 
 
-def test_a_body_that_slips_everywhere_is_held_by_nothing(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    """Tresca's bound gives the tangent no stiffness: what a nearly singular solve leaves is no Newton step."""
+def test_a_floating_body_under_a_given_bound_is_solved(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """Where all of it slips, Tresca's bound gives the tangent no stiffness: the search passes by singular ones."""
     floating = {"supports": {}, "loads": {"top": {"boundary": "block.top", "traction": [0.005, -0.1]}}}
     scene = pressed(scene_of, friction={"law": "tresca", "bound": 0.01}, **floating)
-    simulation = simulation_of(scene)
-    (step,) = simulation.steps()
+    (step,) = simulation_of(scene).steps()
     base = step.contacts["base"]
     assert_allclose(base.force, [-0.01, 0.2], atol=1e-9)  # of 2 m; the line is in balance
     assert base.slip_area > 0
     assert base.stick_area > 0
-    problem, u_c, _ = problem_of(simulation)
-    elements = ContactElements.of(problem, penalties(simulation.system), np.zeros(problem.cone.size))
-    pushed = u_c + problem.surface.R[:, 0] * problem.u_ref  # along x: all slip
-    answer = elements.answer(elements.gaps(pushed))
-    assert (answer.status[problem.surface.normal_rows :] == SLIP).all()
-    with pytest.raises(np.linalg.LinAlgError, match="do not hold the bodies"):
-        newton_step(elements, answer, pushed, answer.Sigma)

@@ -105,6 +105,9 @@ def test_the_stated_error_bounds_the_true_one_and_both_fall_like_one_over_omega(
     assert soft["stated"] > soft["error"] > 0
     assert stiff["stated"] > stiff["error"] > 0
     assert soft["error"] / stiff["error"] == pytest.approx(10, rel=0.1)
+    # K_C = -W/ω is added to every eigenvalue: the softer the springs, the better the condition
+    (rigid,) = chosen(rows["spectrum"], dim=2, n=4, metric=PLAIN)
+    assert 1 < soft["condition"] < stiff["condition"] < rigid["condition"] * 1.5
 
 
 def test_mumps_is_exact_and_gmres_as_exact_as_asked(rows: Rows) -> None:
@@ -155,7 +158,15 @@ def falling(*factors: float) -> Rows:
 
 
 def system(solver: str, n: int = 8, **more: Any) -> Row:
-    found = {"mu": 0.3, "omega_factor": 1e3, "form": "displacements", "solver": solver, "iterations": 10, "ratio": 1.0}
+    found = {
+        "mu": 0.3,
+        "omega_factor": 1e3,
+        "form": "displacements",
+        "solver": solver,
+        "iterations": 10,
+        "ratio": 1.0,
+        "error": 1e-6,
+    }
     about: Row = {
         "condition": 1e5,
         "unsymmetry": 0.1,
@@ -246,6 +257,16 @@ FLIPS: list[tuple[Callable[[Rows], Finding], Rows, Rows]] = [
         t.ilu_stands_penalties,
         two(t.PLAIN, "omega_factor", iterations=(20, 19)),
         two(t.PLAIN, "omega_factor", iterations=(20, 30)),
+    ),
+    (
+        t.ilu_stands_penalties,
+        two(t.PLAIN, "omega_factor", error=(1e-6, 1e-4)),
+        two(t.PLAIN, "omega_factor", error=(1e-6, 1e-2)),
+    ),
+    (
+        t.quadratic,
+        {"newton": [mesh(4, history=[1e-5, 1e-11, 1e-16])]},
+        {"newton": [mesh(4, history=[1e-5, 2e-7, 1e-9])]},
     ),
 ]
 

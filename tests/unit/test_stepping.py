@@ -44,12 +44,14 @@ class Reluctant:
 
     def __init__(self, stepper: Stepper, allowed: Callable[[float], float]) -> None:
         self.whole, self.allowed, self.tried = stepper.method_after, allowed, list[tuple[float, float]]()
+        self.starts = list[Any]()
         stepper.method_after = self.after  # type: ignore[method-assign]
 
     def after(self, state: State) -> Callable[[SurfaceProblem, Any, OnStep], Solution]:
         method = self.whole(state)
 
         def solve(problem: SurfaceProblem, p: Any, on_step: OnStep) -> Solution:
+            self.starts.append(p.copy())
             found = method(problem, p, on_step)
             self.tried.append((state.time, problem.cone.time))
             too_long = problem.cone.time - state.time > self.allowed(state.time) * (1 + 1e-9)
@@ -183,6 +185,29 @@ def test_what_was_reached_before_the_smallest_step_failed_is_kept(
         next(steps)
 
 
+def test_a_step_starts_where_the_last_one_was_heading_unless_the_load_turns(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """The press ends at t = 1, where the shear begins."""
+    simulation = simulation_of(sheared(scene_of, count=8))
+    reluctant = Reluctant(simulation.stepper, lambda time: 1.0)
+    states = [simulation.stepper.start(), *(step.state for step in march(simulation, 0.25, 0.75, 1.0, 1.25, 1.5))]
+    p = [state.p for state in states]
+    expected = [p[0], p[1] + 2 * (p[1] - p[0]), p[2] + (p[2] - p[1]) / 2, p[3], p[4] + p[4] - p[3]]
+    for found, start in zip(reluctant.starts, expected, strict=True):
+        assert_array_equal(found, start)
+
+
+def test_steps_of_a_load_that_grows_alone_take_no_iterations(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """All of the contact sticks: the answer is in proportion, and each start is right."""
+    sticky = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "stick"}}}
+    press = {"top": {"boundary": "block.top", "displacement": {"x": 0.01, "y": -0.05}}}
+    first, *others = simulation_of(scene_of(contacts=sticky, supports=press, steps={"count": 5})).steps()
+    assert first.iterations > 0
+    assert [step.iterations for step in others] == [0] * 4
+    assert others[-1].contacts["base"].normal_force == pytest.approx(5 * first.contacts["base"].normal_force)
+
+
 @pytest.mark.parametrize("part", ["normal", "tangential"])
 @pytest.mark.parametrize("name", ["base", "wall"])
 def test_the_worst_contact_is_the_one_that_is_off(
@@ -213,6 +238,21 @@ def test_the_worst_contact_is_the_one_that_is_off(
     node = np.argmax(np.abs(measured)) // 2  # whose displacement the row is
     x, y = place.rows.surface.points[node]
     assert told == f"contacts.{name} at ({x:.4g}, {y:.4g}): {part} "
+
+
+def test_a_step_without_a_residual_says_so(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    (reached,) = march(simulation_of(sheared(scene_of)), 1.0)
+    nothing = np.zeros(reached.stepper.surface.size)
+    broken = Solution(reached.state.p, reached.state.w, nothing, Status.BROKEN, np.inf, ())
+    told = failure.in_words(reached.problem, broken, 1e-8, 0.25)
+    assert told == f"no residual in a step of 0.25 s after 0 iterations; {Status.BROKEN.value}"
+    assert failure.in_words(None, broken, 1e-8, 0.25) == told
+
+
+@pytest.mark.parametrize("status", sorted(set(Status) - {Status.CONVERGED, Status.NO_EQUILIBRIUM}, key=str))
+def test_every_bad_ending_says_what_to_try(status: Status) -> None:
+    """But where there is no equilibrium: that says which body moves, and how."""
+    assert any(f"{word} " in status.value for word in ("try", "raise", "check"))
 
 
 @given(

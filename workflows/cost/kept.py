@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 
 from geometry.errors import FolderError
@@ -12,7 +11,7 @@ from workflows.changes import identity, refuse_changes
 from workflows.cost.run_record import Run, load, store
 from workflows.folder import ResultsFolder
 from workflows.results import write_json
-from workflows.writers.aside import disk_errors, make_folder
+from workflows.writers.aside import make_folder
 
 SCENE, RUNS = "scene.json", "runs"
 DECIDES_NOTHING = ("title", "output", "exact")
@@ -34,7 +33,9 @@ class Kept:
         if resume and source is not None:
             refuse_changes(json.loads((source / SCENE).read_text(encoding="utf-8")), plain, target)
         self.runs = load(source / RUNS) if resume and source is not None else []
-        if not (resume and source == self._folder.work):
+        if resume and source == self._folder.work:
+            self._folder.take_up(source)
+        else:
             self._folder.start()
             make_folder(self.path / RUNS)
             for run in self.runs:
@@ -56,5 +57,4 @@ class Kept:
 
     def abandon(self) -> None:
         """Leave no trace of a study without runs."""
-        with disk_errors(self.path):
-            shutil.rmtree(self.path, ignore_errors=True)
+        self._folder.abandon()

@@ -29,12 +29,12 @@ REFERENCE = "condensed-newton"  # what the other methods are compared with
 ALL = tuple(method for method in METHODS if method != "auto")
 TOLERANCE = 1e-11  # of the residual
 AGREEMENT = 1e-8  # of what is compared, relative: that tolerance times the condition of these scenes
-BLOCK = ("geometry.mesh_size=0.2", "geometry.contact_mesh_size=0.1")
+BLOCK = ("geometry.mesh_size=0.4", "geometry.contact_mesh_size=0.2")
 # half of an arc may never touch: were it a candidate, Uzawa's methods would take steps 5 times as small
 CYLINDERS = (
     "geometry.mesh_size=2.0",
     "geometry.lower_mesh_size=2.7",
-    "geometry.contact_mesh_size=0.25",
+    "geometry.contact_mesh_size=0.4",
     "contacts.line.search_distance=0.2",
     "steps.count=2",
 )

@@ -256,7 +256,7 @@ def reversals(pair: Two = Two(order=1, ratio=RATIO)) -> list[Check]:
     ]
 
 
-COARSE = Two(cells=3.0, order=1, ratio=RATIO)  # for histories, which repeat on any mesh
+COARSE = Two(cells=3.0, order=1, ratio=RATIO, tolerance=1e-11)  # for histories, which repeat on any mesh
 PAIRS: dict[str, Two] = {
     "cells that match": Two(),
     "cells that match, lower slave": Two(slave="lower"),

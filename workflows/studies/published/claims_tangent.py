@@ -2,24 +2,42 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
-from workflows.studies.published.finding import FREE_OF_H, Claim, Finding, Row, Rows, chosen, different, said, slope
+from workflows.studies.published.finding import (
+    FREE_OF_H,
+    Claim,
+    Finding,
+    Row,
+    Rows,
+    between,
+    chosen,
+    different,
+    said,
+    slope,
+)
 from workflows.studies.published.tangent import CLASSICAL, DIRECT, PLAIN, RELAXED, STABILISED
 
 SYMMETRIC = 1e-12  # unsymmetry that is rounding
 GROWS = 0.5  # slope from which something grows
 OFF = 1e-6  # relative error of a solution that computation has spoilt
 FIRST_ORDER = 0.1  # by which a slope may miss -1
+SQUARABLE = 1e-7  # residual whose square rounding does not hide
 CONSTANT = 100.0  # of quadratic convergence, residuals relative to p_ref
+SPOILT = 1e-3  # relative error of a solution that is of no use
 FEW = 100  # iterations
 
 
 def quadratic(rows: Rows) -> Finding:
-    """The last step of Newton's iteration squares the residual, to a constant."""
+    """The last step of Newton's iteration whose square is no rounding squares the residual, to a constant."""
     cases, steps = {}, list[str]()
     for row in chosen(rows["newton"], status="converged"):
-        before, last = row["history"][-2:]
+        steps_of = [pair for pair in pairwise(row["history"]) if pair[0] >= SQUARABLE]
+        if not steps_of:
+            continue
+        before, last = steps_of[-1]
         cases[f"{row['dim']}D"] = last <= CONSTANT * before**2
         steps.append(f"{row['dim']}D {before:.1e} -> {last:.1e}")
     return Finding(cases, f"residual in the last step: {'; '.join(steps)}")
@@ -42,7 +60,8 @@ def stated(rows: Rows) -> Finding:
 
 def unsymmetric(rows: Rows) -> Finding:
     """Wherever something slides."""
-    found = {f"mu = {row['mu']:g}": row["unsymmetry"] for row in _direct(rows) if row["form"] == "displacements"}
+    direct = sorted(chosen(_direct(rows), form="displacements"), key=lambda row: float(row["mu"]))
+    found = {f"mu = {row['mu']:g}": row["unsymmetry"] for row in direct}
     return Finding({mu: value > SYMMETRIC for mu, value in found.items()}, f"|K - Kᵀ|/|K|: {said(found)}")
 
 
@@ -66,7 +85,9 @@ def direct_is_slow(rows: Rows) -> Finding:
         timed = [r for r in found if r["solver"] != DIRECT and r.get("ratio")]
         best = min(timed, key=lambda r: r["ratio"], default=None)
         cases[name] = best is not None and best["ratio"] < 1
-        told = f"{best['solver']} takes {best['ratio']:.2g} of its time" if best else "nothing else converges"
+        told = "nothing else converges"
+        if best is not None:
+            told = f"{best['solver']} takes {best['ratio']:.2g} of its time, to an error of {best['error']:.0e}"
         figures.append(f"{name}: {told}, its factor has {fill:.2g} times the entries of K")
     return Finding(cases, "; ".join(figures))
 
@@ -108,19 +129,21 @@ def ilu_is_free_of_h(rows: Rows) -> Finding:
             value = slope(_alike(chosen(tangents, solver=solver, dim=dim), "n"), "n", "iterations")
             if value is not None and "ILU" in solver:
                 found[f"{solver}, {dim}D"] = value
-    return Finding({name: abs(value) < FREE_OF_H for name, value in found.items()}, f"slope: {said(found)}")
+    return Finding({name: abs(value) < FREE_OF_H for name, value in found.items()}, f"slope: {between(found.values())}")
 
 
 def ilu_stands_penalties(rows: Rows) -> Finding:
-    """No more iterations for large omega than for small ones."""
+    """No more iterations for large omega than for small ones, and a solution that a residual of 1e-8 vouches for."""
     cases, figures = {}, list[str]()
     for form in different(rows["tangent"], "form"):
         found = _alike(chosen(rows["tangent"], form=form, solver=PLAIN), "omega_factor")
         counts = [row["iterations"] if row["status"] == "converged" else np.inf for row in found]
         if len(counts) > 1:
-            cases[form] = max(counts) < np.inf and counts[-1] <= counts[0]
-            figures.append(f"{form}: {', '.join(f'{count:g}' for count in counts)}")
-    return Finding(cases, f"iterations of {PLAIN}, ω growing: {'; '.join(figures)}")
+            errors = [row["error"] or np.inf for row in found]
+            cases[form] = max(counts) < np.inf and counts[-1] <= counts[0] and max(errors) < SPOILT
+            told = (f"{count:g} (error {error:.0e})" for count, error in zip(counts, errors, strict=True))
+            figures.append(f"{form}: {', '.join(told)}")
+    return Finding(cases, f"iterations of {PLAIN} to a residual of 1e-8, ω growing: {'; '.join(figures)}")
 
 
 def _better(rows: Rows, kind: str) -> Finding:

@@ -9,11 +9,14 @@ from mpi4py import MPI
 
 from geometry.errors import StickslipError
 from solvers.certificate import law_error
+from solvers.condensed import CondensedSurface
 from solvers.methods.uzawa import Uzawa
 from solvers.nouns.scene import Scene
+from solvers.penalties import penalties
 from solvers.simulation import Simulation, prepare
 from solvers.stepping import Accepted
 from workflows.studies.published.scenes import scene
+from workflows.studies.published.spectrum import plain
 
 Row = dict[str, Any]
 EXACT = 1e-10  # tolerance of a reference
@@ -33,10 +36,18 @@ def march(found: Scene) -> tuple[Simulation, list[Accepted], str]:
     return simulation, accepted, "converged"
 
 
-def solved(dim: int, n: int, method: str, mu: float = 0.3, normal: str = "unilateral", **solver: Any) -> list[Row]:
+def solved(
+    dim: int,
+    n: int,
+    method: str,
+    mu: float = 0.3,
+    normal: str = "unilateral",
+    drag: float | None = None,
+    **solver: Any,
+) -> list[Row]:
     """One row: both steps together, so that a method that fails has no counts."""
-    simulation, accepted, status = march(scene(dim, n, mu, normal, method=method, **solver))
-    row: Row = {"dim": dim, "n": n, "method": method, "mu": mu, "normal": normal} | solver
+    simulation, accepted, status = march(scene(dim, n, mu, normal, drag, method=method, **solver))
+    row: Row = {"dim": dim, "n": n, "method": method, "mu": mu, "normal": normal, "drag": drag} | solver
     row |= {"status": status, "dofs": simulation.system.constraints.free_total}
     if status != "converged":
         return [row]
@@ -47,18 +58,24 @@ def solved(dim: int, n: int, method: str, mu: float = 0.3, normal: str = "unilat
 
 
 def springs(dim: int, n: int, omega_factor: float) -> list[Row]:
-    """The perturbed Lagrangian beside condensed-newton: its error in energy norm, true and stated."""
+    """The perturbed Lagrangian beside condensed-newton: its error in energy norm, true and stated.
+
+    Its condition number is that of B K_B^-1 B^T - K_C, K_C = -W/ω.
+    """
     exact = march(scene(dim, n, method="condensed-newton", tolerance=EXACT))
-    _, accepted, status = march(
+    simulation, accepted, status = march(
         scene(dim, n, method="perturbed-lagrangian", omega_factor=omega_factor, tolerance=EXACT)
     )
     row: Row = {"dim": dim, "n": n, "omega_factor": omega_factor, "status": status}
     if status != "converged":
         return [row]
     K, u = exact[0].system.K, exact[1][-1].state.u
-    off = accepted[-1].state.u - u
+    off, problem = accepted[-1].state.u - u, accepted[-1].problem
+    assert isinstance(problem.surface, CondensedSurface)
+    values = plain(problem.surface, problem.cone, 1 / penalties(simulation.system))
     return [
         row
+        | {"condition": values[-1] / values[0]}
         | {"iterations": sum(a.iterations for a in accepted), "stated": law_error(accepted[-1])}
         | {"error": float(np.sqrt((K * off).dot(off) / (K * u).dot(u)))}
     ]

@@ -64,13 +64,27 @@ def slope(rows: Iterable[Row], x: str, y: str) -> float | None:
     if len(np.unique(points[:, 0])) < 2:
         return None
     at, value = np.log(points).T
-    return round(float(np.polyfit(at, value, 1)[0]), 9)
+    return round(float(np.polyfit(at, value, 1)[0]), 9) + 0.0  # no -0
 
 
 def slopes(rows: list[Row], y: str, **keys: Any) -> dict[str, float]:
-    """Against n, by dimension: "2D", "3D"."""
-    found = {f"{dim}D": slope(chosen(rows, dim=dim, **keys), "n", y) for dim in sorted(set(different(rows, "dim")))}
-    return {dim: value for dim, value in found.items() if value is not None}
+    """Against n between the two finest meshes that have both, by dimension: "2D", "3D"."""
+    found: dict[str, float] = {}
+    for dim in sorted(set(different(rows, "dim"))):
+        last = sorted((row for row in chosen(rows, dim=dim, **keys) if row.get(y)), key=lambda row: int(row["n"]))[-2:]
+        value = slope(last, "n", y)
+        if value is not None:
+            found[f"{dim}D"] = value
+    return found
+
+
+def between(values: Iterable[float], form: str = ".2g") -> str:
+    """
+    >>> between([0.5, 2.0, 1.0])
+    '0.5 to 2'
+    """
+    known = list(values)
+    return f"{min(known):{form}} to {max(known):{form}}" if known else "none"
 
 
 def said(figures: Mapping[str, float], form: str = ".2g") -> str:

@@ -11,6 +11,7 @@ from typing import Any
 from solvers.methods.table import METHODS
 from workflows.studies.published.contact import solved, springs, stepped
 from workflows.studies.published.linear import linear
+from workflows.studies.published.scenes import slipping
 from workflows.studies.published.spectrum import spectrum
 from workflows.studies.published.tangent import tangent
 from workflows.studies.saddle_points import RULES, SOFTNESS
@@ -41,8 +42,8 @@ class Sizes:
     """How far each study goes; meshes are dimension and n, cells over the height."""
 
     meshes: tuple[Mesh, ...] = ((2, 4), (2, 8), (2, 16), (2, 32), (3, 2), (3, 4), (3, 8))
-    spectra: tuple[Mesh, ...] = ((2, 4), (2, 8), (2, 16), (2, 32), (3, 2), (3, 4), (3, 6))
-    tangents: tuple[Mesh, ...] = ((2, 8), (2, 16), (2, 32), (2, 64), (3, 4), (3, 8), (3, 16))
+    spectra: tuple[Mesh, ...] = ((2, 4), (2, 8), (2, 16), (2, 32), (3, 4), (3, 8), (3, 10))
+    tangents: tuple[Mesh, ...] = ((2, 8), (2, 16), (2, 32), (2, 64), (3, 4), (3, 8), (3, 12))
     at: Mesh = (2, 16)  # of the studies against anything but h
     mu: tuple[float, ...] = (0.0, 0.1, 0.3, 1.0, 3.0)
     omega: tuple[float, ...] = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6)
@@ -106,8 +107,9 @@ def measurements(sizes: Sizes) -> Iterator[Measurement]:
             yield Measurement("h", {"dim": d, "n": m, "method": method})
     for mu in sizes.mu:
         for method in sizes.methods:
-            yield Measurement("mu", here | {"method": method, "mu": mu})
-        yield Measurement("given", here | {"method": "uzawa", "mu": mu, "friction_update": "outer"})
+            yield Measurement("mu", here | {"method": method, "mu": mu, "drag": slipping(dim, mu)})
+        given = {"method": "uzawa", "mu": mu, "drag": slipping(dim, mu), "friction_update": "outer"}
+        yield Measurement("given", here | given)
     for method, normal in (("inexact-uzawa", "unilateral"), ("nonlinear-uzawa", "compliance")):
         for rule in INNER_RULES:
             for share in sizes.inner:

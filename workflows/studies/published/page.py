@@ -28,7 +28,8 @@ SECTIONS: Mapping[str, tuple[str, str]] = {
     ),
     "mu": (
         "Against friction",
-        "The same on one mesh, by mu; empty where the method failed, see the CSV for its words.",
+        "The same on one mesh, dragged the farther the larger mu, so that a part of the base slips; empty where the "
+        "method failed, see the CSV for its words.",
     ),
     "given": (
         "Given friction",
@@ -42,7 +43,7 @@ SECTIONS: Mapping[str, tuple[str, str]] = {
     "omega": (
         "Against the penalties of the perturbed Lagrangian",
         "True error against condensed-newton on the same mesh, and the one that is stated: relative, energy norm. "
-        "Penalties in E/h.",
+        "Penalties in E/h. The condition number is that of W⁻¹(B K_B⁻¹Bᵀ − K_C), K_C = −W/ω.",
     ),
     "newton": ("Newton's last iterations", "Natural residuals of the last step to 1e-11; ω is led up level by level."),
     "linear": (
@@ -73,7 +74,7 @@ def write_page(folder: Path, rows: Rows) -> Path:
     parts = [INTRODUCTION, "## Claims", claims(rows)]
     for study, (title, words) in SECTIONS.items():
         parts += [f"## {title}", words]
-        if study in PICTURES:
+        if study in PICTURES and rows[study]:
             write_aside(folder / f"{study}.png", PICTURES[study](rows[study]))
             parts.append(f"![{title}]({study}.png)")
         parts += list(TABLES[study](rows[study]))
@@ -121,12 +122,12 @@ def _by_inner(rows: list[Row]) -> Iterator[str]:
 
 def _by_omega(rows: list[Row]) -> Iterator[str]:
     lines = [
-        [f"{r['omega_factor']:g}", *([str(r["iterations"]), f"{r['error']:.2e}", f"{r['stated']:.2e}"])]
+        [f"{r['omega_factor']:g}", str(r["iterations"]), *(f"{r[key]:.2e}" for key in ("error", "stated", "condition"))]
         if r["status"] == "converged"
-        else [f"{r['omega_factor']:g}", r["status"], "", ""]
+        else [f"{r['omega_factor']:g}", r["status"], "", "", ""]
         for r in rows
     ]
-    yield markdown(["ω h/E", "iterations", "true error", "stated error"], lines)
+    yield markdown(["ω h/E", "iterations", "true error", "stated error", "condition"], lines)
 
 
 def _histories(rows: list[Row]) -> Iterator[str]:

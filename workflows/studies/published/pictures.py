@@ -17,6 +17,7 @@ from workflows.studies.published.finding import Row, chosen, different
 from workflows.studies.published.tangent import DIRECT
 
 DPI = 110
+DASHES, MARKS = ("-", "--", ":", "-."), "os^vD"  # lines that lie on each other stay visible
 
 
 def methods(rows: list[Row]) -> bytes:
@@ -36,8 +37,7 @@ def friction(rows: list[Row]) -> bytes:
     """Iterations against mu, on a scale that has a zero."""
     figure = Figure(figsize=(9, 5), layout="constrained")
     axes = figure.subplots(1, 1, squeeze=False)
-    _lines(axes[0, 0], rows, "method", "mu", "iterations")
-    axes[0, 0].set_xscale("symlog", linthresh=0.1)
+    _lines(axes[0, 0], rows, "method", "mu", "iterations", "symlog")
     axes[0, 0].set(title="iterations", xlabel="mu")
     return _png(figure, axes)
 
@@ -80,10 +80,9 @@ def tangents(rows: list[Row]) -> bytes:
     for line, form in zip(axes, forms, strict=True):
         found = [row for row in chosen(rows, form=form) if row["solver"] != DIRECT]
         for axis, (dim, key) in zip(line, ((2, "n"), (3, "n"), (2, "omega_factor"), (2, "mu")), strict=True):
-            _lines(axis, _varying(chosen(found, dim=dim), key), "solver", key, "iterations")
+            scale = "symlog" if key == "mu" else "log"
+            _lines(axis, _varying(chosen(found, dim=dim), key), "solver", key, "iterations", scale)
             axis.set(title=f"{form}, {dim}D", xlabel={"omega_factor": "ω h/E"}.get(key, key))
-            if key == "mu":
-                axis.set_xscale("symlog", linthresh=0.1)
     return _png(figure, axes)
 
 
@@ -97,13 +96,26 @@ def _varying(rows: list[Row], key: str) -> list[Row]:
     return sorted(best, key=lambda row: float(row[key]))
 
 
-def _lines(axis: Any, rows: list[Row], kind: str, x: str, y: str) -> None:
-    """A line for each kind; rows without a value are left out."""
+def _lines(axis: Any, rows: list[Row], kind: str, x: str, y: str, scale: str = "log") -> None:
+    """A line for each kind; rows without a value are left out. "symlog" has a zero."""
     kinds = different(rows, kind)
-    for name, colour in zip(kinds, _colours(kinds), strict=True):
+    axis.set_yscale("log")
+    axis.set_xscale(scale, **({"linthresh": 0.1} if scale == "symlog" else {}))
+    for i, (name, colour) in enumerate(zip(kinds, _colours(kinds), strict=True)):
         points = [(row[x], row[y]) for row in chosen(rows, **{kind: name}) if row.get(y)]
         if points:
-            axis.loglog(*zip(*points, strict=True), marker="o", ms=4, color=colour, label=name)
+            axis.plot(
+                *zip(*points, strict=True),
+                ls=DASHES[i % 4],
+                marker=MARKS[i % 5],
+                ms=5,
+                mfc="none",
+                color=colour,
+                label=name,
+            )
+    at = sorted({row[x] for row in rows})
+    axis.set_xticks(at, [f"{value:g}" for value in at])
+    axis.minorticks_off()
     axis.grid(alpha=0.3)
 
 

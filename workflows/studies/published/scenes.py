@@ -9,6 +9,12 @@ from workflows.scene import read
 
 PRESSED = {2: 0.1, 3: 0.05}  # m, in the first step
 DRAGGED = {2: 0.05, 3: 0.02}  # m, in the second
+PULL = 2.0  # dragged that many times mu as far as pressed, a part of the base slips whatever mu
+
+
+def slipping(dim: int, mu: float) -> float:
+    """Drag [m] for that."""
+    return round(PULL * mu * PRESSED[dim], 9)
 
 
 def scene(

@@ -5,13 +5,28 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from solvers.condensed import CondensedSurface
+from solvers.cone import Cone
 from solvers.surface_metric import surface_metric
 from workflows.studies import gram
 
 Row = dict[str, Any]
+Array = NDArray[np.float64]
 PLAIN, LEARNING = "W (uzawa)", "boundary operator (surface-uzawa)"
+
+
+def plain(surface: CondensedSurface, cone: Cone, give: Array | float = 0.0) -> Array:
+    """Eigenvalues of W^-1 (B K_B^-1 B^T - K_C) on the rows that carry tractions [m/Pa], increasing; see (5.5).
+
+    Args:
+        give: 1/ω (rows,) [m/Pa].
+    """
+    N, root = surface.N.toarray(), np.sqrt(surface.W)
+    S = root[:, None] * (N @ surface.flexibility @ N.T) * root + np.diag(np.broadcast_to(give, root.shape))
+    return np.asarray(np.linalg.eigvalsh(S[np.ix_(cone.carrying, cone.carrying)]))
 
 
 def spectrum(dim: int, n: int) -> list[Row]:
@@ -22,8 +37,7 @@ def spectrum(dim: int, n: int) -> list[Row]:
     guessed = surface_metric(system)(np.eye(surface.size))
     on, N = cone.carrying, surface.N.toarray()
     given, guess = ((N @ F @ N.T)[np.ix_(on, on)] for F in (surface.flexibility, guessed))
-    root = np.sqrt(surface.W[on])
-    rows.append((PLAIN, np.linalg.eigvalsh(root[:, None] * given * root), None))
+    rows.append((PLAIN, plain(surface, cone), None))
     rows.append((LEARNING, eigh(given, guess, eigvals_only=True), None))
     return [
         {"dim": dim, "n": n, "metric": metric, "least": values[0], "largest": values[-1]}

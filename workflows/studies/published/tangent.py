@@ -12,10 +12,9 @@ from solvers.penalties import penalties
 from solvers.slip_tangent import SlipTangent, unsymmetry
 from solvers.tangent_solves import ILU, Solve, condition, gauss_seidel, gmres, mumps
 from workflows.studies.published.contact import march
-from workflows.studies.published.scenes import PRESSED, scene
+from workflows.studies.published.scenes import scene, slipping
 
 Row = dict[str, Any]
-PULL = 2.0  # dragged that many times mu as far as pressed: part of the base slips, whatever mu
 FORMS = ("displacements", "displacements and forces")
 DIRECT, PLAIN, CLASSICAL = "MUMPS", "GMRES, ILU(0)", "Gauss-Seidel"
 RELAXED, STABILISED = "GMRES, relaxed ILU, ", "GMRES, stabilised ILU, "
@@ -38,17 +37,15 @@ SOLVERS: Mapping[str, Callable[[Any, Any], Solve]] = {
 
 def tangent(dim: int, n: int, mu: float, omega_factor: float) -> list[Row]:
     """A row for each solver and form: the forces eliminated, or unknowns as in (4.5)."""
-    drag = PULL * mu * PRESSED[dim]
-    simulation, accepted, status = march(
-        scene(dim, n, mu, drag=drag, method="perturbed-lagrangian", omega_factor=omega_factor)
-    )
+    found = scene(dim, n, mu, drag=slipping(dim, mu), method="perturbed-lagrangian", omega_factor=omega_factor)
+    simulation, accepted, status = march(found)
     row: Row = {"dim": dim, "n": n, "mu": mu, "omega_factor": omega_factor}
     if status != "converged":
         names = [(form, solver) for form in FORMS for solver in (DIRECT, *SOLVERS)]
         return [row | {"form": form, "solver": solver, "status": f"no tangent: {status}"} for form, solver in names]
-    found = SlipTangent.at(simulation.system, accepted[-1], penalties(simulation.system))
-    row["sliding"] = found.share(SLIP)
-    systems = dict(zip(FORMS, (found.of_displacements, found.of_both), strict=True))
+    matrix = SlipTangent.at(simulation.system, accepted[-1], penalties(simulation.system))
+    row["sliding"] = matrix.share(SLIP)
+    systems = dict(zip(FORMS, (matrix.of_displacements, matrix.of_both), strict=True))
     return [solve for form, (K, f) in systems.items() for solve in _solved(row | {"form": form}, K, f)]
 
 
