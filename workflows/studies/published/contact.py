@@ -43,10 +43,11 @@ def solved(
     mu: float = 0.3,
     normal: str = "unilateral",
     drag: float | None = None,
+    given: float | None = None,
     **solver: Any,
 ) -> list[Row]:
     """One row: both steps together, so that a method that fails has no counts."""
-    simulation, accepted, status = march(scene(dim, n, mu, normal, drag, method=method, **solver))
+    simulation, accepted, status = march(scene(dim, n, mu, normal, drag, given=given, method=method, **solver))
     row: Row = {"dim": dim, "n": n, "method": method, "mu": mu, "normal": normal, "drag": drag} | solver
     row |= {"status": status, "dofs": simulation.system.constraints.free_total}
     if status != "converged":

@@ -26,6 +26,7 @@ MEASURED: Mapping[str, Callable[..., list[Row]]] = {
     "mu": solved,
     "inner": solved,
     "given": solved,
+    "chen": solved,
     "newton": solved,
     "omega": springs,
     "spectrum": spectrum,
@@ -33,6 +34,7 @@ MEASURED: Mapping[str, Callable[..., list[Row]]] = {
 }
 Mesh = tuple[int, int]
 TIGHT = 1e-11  # tolerance by which the order of convergence is seen
+GIVEN = 0.006  # bound of friction [Pa] with which a part slips
 MU, OMEGA = 0.3, 1e3  # of the ready scenes, and by default
 INNER_RULES = ("elman-golub", "bramble-pasciak-vassilev")
 
@@ -115,6 +117,9 @@ def measurements(sizes: Sizes) -> Iterator[Measurement]:
             for share in sizes.inner:
                 keys = {"method": method, "normal": normal, "inner_rule": rule, "inner_tolerance": share}
                 yield Measurement("inner", here | keys)
+    for outer_metric in ("points", "jacobian"):
+        chen = {"method": "nonlinear-uzawa", "normal": "compliance", "given": GIVEN, "tolerance": TIGHT}
+        yield Measurement("chen", here | chen | {"outer_metric": outer_metric})
     for d, m in (sizes.at, *[mesh for mesh in sizes.meshes if mesh[0] == 3][-1:]):
         yield Measurement("newton", {"dim": d, "n": m, "method": "perturbed-lagrangian", "tolerance": TIGHT})
     yield from _tangents(sizes)

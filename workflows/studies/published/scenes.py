@@ -24,11 +24,13 @@ def scene(
     normal: str = "unilateral",
     drag: float | None = None,
     sticks: bool = False,
+    given: float | None = None,
     **solver: Any,
 ) -> Scene:
     """
     Args:
         sticks: without a bound of friction.
+        given: that bound itself [Pa], whatever mu.
         normal: "unilateral" or "compliance", of 20 Pa/m: twenty times as stiff as the body over its depth, or more.
         drag: m, absent as the ready scene has it.
         solver: keys of [solver].
@@ -39,6 +41,8 @@ def scene(
     law = '{ law = "compliance", c_n = 20.0, m_n = 1.0 }' if normal == "compliance" else f'{{ law = "{normal}" }}'
     keys = ", ".join(f"{key} = {_toml(value)}" for key, value in ({"tolerance": 1e-6} | solver).items())
     friction = '{ law = "stick" }' if sticks else f'{{ law = "coulomb", mu = {mu!r} }}'
+    if given is not None:
+        friction = f'{{ law = "tresca", bound = [[0, {given!r}]] }}'
     settings = [
         f"geometry.mesh_size={size!r}",
         'geometry.cells="tensor"',
