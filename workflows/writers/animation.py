@@ -153,7 +153,7 @@ class _Film:
     def _line(self, name: str, moved: Array, status: NDArray[np.int8]) -> pv.PolyData:
         """The contact line where it has moved to, each half of a facet in the colour of the node at its end."""
         size = float(np.ptp(self.mesh.points, axis=0).max())
-        points = moved[self.nodes[name]] + np.array([0.0, 0.0, 1e-3 * size])  # before the bodies
+        points = moved[self.nodes[name]] + np.array([0.0, 0.0, 1e-2 * size])  # before the bodies
         pairs = np.concatenate(
             [np.stack(pair, axis=1) for pair in pairwise(_along(self.mesh.surfaces[name][1]))]
         )  # neighbours along the facets
