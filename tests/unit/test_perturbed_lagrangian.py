@@ -441,5 +441,6 @@ def test_a_floating_body_under_a_given_bound_is_solved(scene_of: SceneOf, simula
     (step,) = simulation_of(scene).steps()
     base = step.contacts["base"]
     assert_allclose(base.force, [-0.01, 0.2], atol=1e-9)  # of 2 m; the line is in balance
+    assert abs(step.displacement).max() < 1.0  # a part sticks
     assert base.slip_area > 0
     assert base.stick_area > 0
