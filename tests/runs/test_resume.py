@@ -7,6 +7,7 @@ import shlex
 import shutil
 import signal
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pytest
 
 from shared.command import Call, result
 from shared.histories import LEARNS, SMALL, Stop, assert_same, names_in, rows
+from solvers.methods.surface_uzawa import SurfaceUzawa
 from workflows.folder import ResultsFolder
 from workflows.left import BEGUN
 from workflows.run import run
@@ -78,6 +80,22 @@ def test_every_method_goes_on_to_the_same_bits(name: str, tmp_path: Path) -> Non
     assert (outcome.status, len(result(tmp_path / "out")["steps"])) == ("interrupted", 2)
     outcome, _ = run(scene, tmp_path / "out", resume=True)
     assert outcome.status == "converged"
+    assert_same(tmp_path / "out", tmp_path / "whole")
+
+
+@pytest.mark.parametrize("name", ["cube", pytest.param("sliding", marks=pytest.mark.slow)])
+def test_methods_that_were_given_up_stay_so(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever would be chosen with the memory that is free when the run goes on."""
+    solve, few = SurfaceUzawa.__call__, 2
+    monkeypatch.setattr(SurfaceUzawa, "__call__", lambda self, *rest: solve(replace(self, max_it=few), *rest))
+    scene = read(name, [*(CUBE if name == "cube" else SLIDING), "solver.surface=matrix-free"])
+    run(scene, tmp_path / "whole")
+    run(scene, tmp_path / "out", Watch(on_step=Stop(2)))
+    with monkeypatch.context() as patched:
+        patched.setattr("solvers.choice.available", lambda: 0)
+        run(scene, tmp_path / "out", resume=True)
+    done = result(tmp_path / "out")
+    assert [switch["after"] for switch in done["switches"]][-1] == "condensed-newton (condensed)"
     assert_same(tmp_path / "out", tmp_path / "whole")
 
 
