@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 log = logging.getLogger(__name__)
 SEARCHES = 6  # of a step whose points leave their facets
 ROUNDING = 1e-12  # times that differ by less are the same
+FAR = 100.0  # times the last step: farther ahead, what its iteration left would count as motion
 EASY = 0.5  # of the iterations allowed: a step that takes more was not easy
 
 
@@ -253,9 +254,10 @@ class Stepper:
         before, turns = state.before, self.system.course.scene.turns()
         if before is None or not self.surface.exact:
             return state.p
-        if any(abs(turn - state.time) <= ROUNDING * state.time for turn in turns):
+        far = (end - state.time) / (state.time - before.time)
+        if far > FAR or any(abs(turn - state.time) <= ROUNDING * state.time for turn in turns):
             return state.p
-        return state.p + (end - state.time) / (state.time - before.time) * (state.p - before.p)
+        return state.p + far * (state.p - before.p)
 
     def split(self, p: Array) -> tuple[list[Array], list[Array]]:
         """Flat tractions to normal (m_n,) and tangential (m_t, d-1) ones of each contact."""

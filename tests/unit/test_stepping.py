@@ -191,9 +191,10 @@ def test_a_step_starts_where_the_last_one_was_heading_unless_the_load_turns(
     """The press ends at t = 1, where the shear begins."""
     simulation = simulation_of(sheared(scene_of, count=8))
     reluctant = Reluctant(simulation.stepper, lambda time: 1.0)
-    states = [simulation.stepper.start(), *(step.state for step in march(simulation, 0.25, 0.75, 1.0, 1.25, 1.5))]
-    p = [state.p for state in states]
-    expected = [p[0], p[1] + 2 * (p[1] - p[0]), p[2] + (p[2] - p[1]) / 2, p[3], p[4] + p[4] - p[3]]
+    times = 0.25, 0.75, 1.0, 1.25, 1.5, 1.501, 1.75
+    p = [simulation.stepper.start().p, *(step.state.p for step in march(simulation, *times))]
+    ahead = p[5] + (1.501 - 1.5) / 0.25 * (p[5] - p[4])
+    expected = [p[0], p[1] + 2 * (p[1] - p[0]), p[2] + (p[2] - p[1]) / 2, p[3], p[4] + p[4] - p[3], ahead, p[6]]
     for found, start in zip(reluctant.starts, expected, strict=True):
         assert_array_equal(found, start)
 
