@@ -28,7 +28,7 @@ def test_phases_make_up_the_whole(tmp_path: Path) -> None:
 def test_the_history_goes_to_and_fro_in_whole_steps(steps: int) -> None:
     scene = history.scene(steps, POINTS)
     assert len(scene.requested_times()) == steps
-    shear = scene.supports["top"].displacement["x"]
+    shear = scene.supports["grip"].displacement["x"]
     values = [value_at(shear, time, scene.steps.end) for time in scene.requested_times()]
     turns = sum(abs(value) == pytest.approx(history.AMPLITUDE) for value in values)
     assert turns == 2 * history.CYCLES

@@ -14,7 +14,7 @@ from solvers.step_result import StepResult
 from workflows.verification import circular_drive
 from workflows.verification.check import Check
 from workflows.verification.circular_drive import DISSIPATION_ERROR, DRIVE, Array, SteadyTurn
-from workflows.verification.cycles import accounted, matrix_free
+from workflows.verification.cycles import accounted
 from workflows.verification.prepared import observed
 from workflows.verification.sheared_column_case import MU, scene
 from workflows.verification.turned import rotation, turned_system
@@ -36,7 +36,7 @@ def turns(method: str, n: int, start: float = 0.0, mu: float = MU, tilt: float =
     `tilt` turns the whole scene about a skew axis: mesh, floor and drive. The frames of friction turn otherwise.
     """
     drawn = scene(dim=3, method=method, E=E, friction=Coulomb(mu=mu), path=_path(n, start))
-    turned = turned_system(matrix_free(drawn), rotation(SKEW, tilt))
+    turned = turned_system(drawn, rotation(SKEW, tilt))
     return tuple(step for step in observed(turned) if step.time > 0)
 
 
