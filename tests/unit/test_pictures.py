@@ -388,7 +388,9 @@ def test_nothing_that_moves_under_a_force_is_no_picture(tmp_path: Path) -> None:
 
 
 def test_a_history_of_a_few_steps_has_no_picture_over_time(tmp_path: Path) -> None:
-    scene = stickslip.read("block", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "steps.count=4"])
+    scene = stickslip.read(
+        "block", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "steps.end=1.5", "steps.count=3"]
+    )
     for index, step in enumerate(stickslip.steps(scene), start=1):
         write_by_time(tmp_path, index, scene, step)
         drawn = [path.name for path in draw_course(tmp_path, scene)]
