@@ -27,18 +27,29 @@ from solvers.volume import METIS, Volume
 
 Array = NDArray[np.float64]
 FACTOR = 10**0.5  # from level to level; with 10, Newton crawls
-LEVELS = tuple(FACTOR**-k for k in range(9))  # of smoothing, relative to u_ref and p_ref: 1 to 1e-4
 NEWTON_STEPS = 50  # at one level; half a dozen are enough if the levels before were a good start
+ROUNDING = 1e-6  # of a number of levels that is whole
+PENETRATION = 4 * float(np.finfo(float).eps)  # known to so much of u_ref
 SLIPPING = 10  # a point that moved by so many eps counts as slipping
+
+
+def levels(smoothing: float) -> tuple[float, ...]:
+    """Of smoothing, relative to u_ref and p_ref, at least two: how far they are apart tells the error.
+
+    >>> [round(level, 3) for level in levels(0.1)]
+    [1.0, 0.316, 0.1]
+    """
+    count = max(int(np.ceil(-np.log(smoothing) / np.log(FACTOR) - ROUNDING)), 1)
+    return tuple(smoothing * FACTOR**k for k in range(count, -1, -1))
 
 
 class Regularised:
     """t = s Du_T / sqrt(|Du_T|² + eps²), and p_n = (u_n - g)_+ / delta where the normal law is rigid.
 
-    eps = level u_ref, delta = level u_ref / p_ref, with the level falling from 1 to 1e-4 by sqrt(10), each solved from
-    the ones before. The laws are taken at the nodes, weighted as the multipliers of the other methods: as the level
-    falls, the answer tends to theirs. Two exceptions vanish with the mesh size only: at a compliant contact the
-    friction bound is that of the node's own pressure, not of its average around the node, and a node whose motion a
+    eps = level u_ref, delta = level u_ref / p_ref, with the level falling from about 1 to `smoothing` by sqrt(10), each
+    solved from the ones before. The laws are taken at the nodes, weighted as the multipliers of the other methods: as
+    the level falls, the answer tends to theirs. Two exceptions vanish with the mesh size only: at a compliant contact
+    the friction bound is that of the node's own pressure, not of its average around the node, and a node whose motion a
     support prescribes keeps its contact force to itself.
 
     The error stated is an estimate in the energy norm, an upper one if the error e falls at least like the square root
@@ -55,6 +66,7 @@ class Regularised:
         self.rows = _Recovery(system, surface)
         solver = system.scene.solver
         self.rtol, self.max_it = solver.tolerance, solver.max_iterations
+        self.levels = levels(solver.smoothing)
 
     def free_part(self, u: Any, time: float) -> Any:
         """q with u = T q + u_s(t), but for the prescribed part of u."""
@@ -89,10 +101,10 @@ class NextStep:
         method.contact.begin(self.u, self.motion, problem.cone.time)
         newton = VolumeNewton(method, problem, on_step)
         found, status = [method.free_part(self.u, problem.cone.time)], Status.CONVERGED
-        for level in LEVELS:
+        for level in method.levels:
             method.contact.widths.set(level, problem.u_ref, problem.p_ref)
             found.append(_predicted(found))
-            status = newton.solve(found[-1])
+            status = newton.solve(found[-1], level)
             if status is not Status.CONVERGED:
                 break
         q, step = found[-1], found[-1] - found[-2]
@@ -100,7 +112,8 @@ class NextStep:
         newton.snes.destroy()  # it holds what holds it
         u_c = method.volume.contact.read(q)
         w = problem.relative_displacement(u_c)
-        p = method.rows.tractions(w - problem.gap, method.volume.contact.read(method.contact.forces(q)))
+        read, given = method.volume.contact.read, newton.f - method.system.K_B * q
+        p = method.rows.tractions(w - problem.gap, asked=read(method.contact.forces(q)), given=read(given))
         residual = problem.natural_residual(p, w)
         history = tuple(newton.history)
         law_error, slack = apart / (np.sqrt(FACTOR) - 1), 1 - SLIPPING / np.hypot(SLIPPING, 1)
@@ -129,10 +142,10 @@ class VolumeNewton:
         system.T.multTranspose(system.load(time) - system.K * system.prescribed(time), self.f)
         self.snes = self._snes(system.K_B)
 
-    def solve(self, q: Any) -> Status:
-        """Overwrite q with the solution at the present level."""
+    def solve(self, q: Any, level: float) -> Status:
+        """Overwrite q with the solution at this level, as closely as the rounding of penetrations allows."""
         allowed = self.method.max_it - self.iteration
-        atol = self.method.rtol * self.scale
+        atol = max(self.method.rtol, PENETRATION / level) * self.scale
         self.snes.setTolerances(rtol=0.0, atol=atol, stol=0.0, max_it=min(allowed, NEWTON_STEPS))
         self.snes.solve(None, q)
         if self.snes.getConvergedReason() > 0:
@@ -193,12 +206,19 @@ class _Recovery:
         empty = gram.diagonal() == 0  # directions in which a support holds the node
         self.gram = splu((gram + sparse.diags(empty.astype(float))).tocsc()) if self.nodal.any() else None
 
-    def tractions(self, r: Array, force: Array) -> Array:
-        """p (rows,): compliance pressure by its law at w - gap, the rest so that N^T W p = force (c,)."""
+    def tractions(self, r: Array, asked: Array, given: Array) -> Array:
+        """p (rows,): compliance pressure by its law at w - gap, the rest so that N^T W p is the force on the bodies.
+
+        Args:
+            r: w - gap (rows,) [m].
+            asked: force (c,) [N] by the laws: 0 where nothing touches, elsewhere with the rounding of penetrations.
+            given: force (c,) [N] that the bodies' equilibrium gives: the same, more exactly.
+        """
         p = np.zeros_like(r)
         for rows, law in self.compliant:
             p[rows] = law.pressure(r[rows])
         if self.gram is not None:
-            rest = force - self.surface.forces(p)
-            p[self.nodal] = self.gram.solve(self.N @ rest) / self.surface.W[self.nodal]
+            compliant, W = self.surface.forces(p), self.surface.W[self.nodal]
+            found, touching = self.gram.solve(self.N @ (given - compliant)) / W, self.N @ (asked - compliant) != 0
+            p[self.nodal] = np.where(touching, found, 0.0)
         return p

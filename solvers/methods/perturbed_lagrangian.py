@@ -13,8 +13,9 @@ from solvers.methods.solution import Array, OnStep, Solution, Status, Step, igno
 from solvers.surface_problem import SurfaceProblem
 
 FACTOR = 10.0  # from one level of ω to the next
-START = 1e-4  # residual at which a softer level is a good start for the next
-NEWTON_STEPS = 50  # at one level; half a dozen are enough if the level before was a good start
+START = 1e-8  # residual at which the status of all elements at a softer level is a good start for the next
+NEWTON_STEPS = 20  # at one level; half a dozen are enough if the level before was a good start
+DETOURS = 8  # levels between others, where Newton stalls
 HALVINGS = 6  # of a Newton step; a shorter one leads nowhere
 DESCENT = 1e-4  # part of the predicted decrease that a shortened step must bring (Armijo)
 
@@ -23,10 +24,10 @@ DESCENT = 1e-4  # part of the predicted decrease that a shortened step must brin
 class PerturbedLagrangian:
     """K (ΔU, ΔΣ) = -R with K = K_B + Σ_s K_C^s, R = R_B + Σ_s R_C^s, and a line search on |R|.
 
-    ω is led up from where springs are as soft as the bodies, E / depth, by factors of 10 to what it is to be, each
-    level solved from the one before: with stiff springs at once, Newton's status of the elements cycles. Floating
-    bodies start with every element bonded. K_B is that of the contact dofs, condensed; ΔΣ is eliminated element by
-    element, as -1/ω can always be divided by.
+    Springs are led from where they are as soft as the bodies, E / depth, by factors of 10 to what they are to be, each
+    level solved from where the two before point to, for the answer is smooth in 1/ω but where a status changes: with
+    stiff springs at once, Newton's status of the elements cycles. Floating bodies start with every element bonded. K_B
+    is that of the contact dofs, condensed; ΔΣ is eliminated element by element, as -1/ω can always be divided by.
 
     The residual of the history is the natural one with the springs taken off, that of the solution has them in. What
     the springs change in the displacement is stated: (u_ω, p_ω) solves the contact laws themselves with gaps moved by
@@ -48,23 +49,33 @@ class PerturbedLagrangian:
             w = problem.relative_displacement(u_c)
             return Solution(p, w, u_c, Status.CONVERGED, 0.0, ())
         newton = Newton(problem, self.max_it, on_step, u_c, problem.surface.W * p)
-        levels = self._levels(problem)
+        path, detours = list(self._path(problem)), DETOURS
         if floating:
-            newton.bond(levels[0] * self.omega, p)
-        for level in levels:
-            omega = level * self.omega
-            status = newton.solve(omega, p, self.rtol if level == 1.0 else max(self.rtol, START))
+            newton.bond(self._softened(path[0], problem), p)
+        while path:
+            h = path[0]
+            status = newton.follow(h, self._softened(h, problem), p, self.rtol if h == 0 else max(self.rtol, START))
+            if status is Status.STALLED and newton.reached and detours:
+                detours -= 1
+                before = newton.reached[-1][0]
+                path.insert(0, np.sqrt(before * h) if h else before / FACTOR)
+                continue
             if status is not Status.CONVERGED:
                 break
+            path.pop(0)
         found, w = newton.Sigma / problem.surface.W, problem.relative_displacement(newton.u_c)
         residual = problem.natural_residual(found, w)
         error = least_energy(problem, (found - p) / self.omega)
         return Solution(found, w, newton.u_c, status, residual, tuple(newton.history), law_error=error)
 
-    def _levels(self, problem: SurfaceProblem) -> Array:
-        """Parts of ω (levels,), increasing to 1."""
+    def _path(self, problem: SurfaceProblem) -> Array:
+        """Flexibilities that springs have besides 1/ω, in units of the bodies' own: decreasing to 0."""
         steps = np.ceil(np.log(np.max(self.omega / problem.gamma)) / np.log(FACTOR))
-        return np.asarray(FACTOR ** -np.arange(max(steps, 0.0), -1.0, -1.0))
+        return np.append(FACTOR ** -np.arange(max(steps, 0.0) + 1), 0.0)
+
+    def _softened(self, h: float, problem: SurfaceProblem) -> Array:
+        """Penalties (rows,) [Pa/m] there."""
+        return np.asarray(1 / (1 / self.omega + h / problem.gamma))
 
 
 class Newton:
@@ -74,6 +85,7 @@ class Newton:
         """Start at a displacement of the contact dofs (c,) [m] and forces (rows,) [N] that balance each other."""
         self.problem, self.max_it, self.on_step = problem, max_it, on_step
         self.u_c, self.Sigma = u_c, Sigma
+        self.reached: list[tuple[float, Array, Array]] = []  # levels that were solved
         self.history: list[Step] = []
         self.iteration = 0
 
@@ -84,6 +96,19 @@ class Newton:
         stuck = Answer(elements.omega * G, sparse.diags(elements.omega).tocsr(), np.full(len(G), STICK))
         Delta_U, Delta_Sigma = newton_step(elements, stuck, self.u_c, self.Sigma)
         self.u_c, self.Sigma = self.u_c + Delta_U, self.Sigma + Delta_Sigma
+
+    def follow(self, h: float, omega: Array, p_old: Array, rtol: float) -> Status:
+        """The solution with the flexibility h of the path, from where the last two point to."""
+        if self.reached:
+            _, self.u_c, self.Sigma = self.reached[-1]
+        if len(self.reached) > 1:
+            (h_0, *x_0), (h_1, *x_1) = self.reached[-2:]
+            part = (h - h_1) / (h_1 - h_0)
+            self.u_c, self.Sigma = (new + part * (new - old) for old, new in zip(x_0, x_1, strict=True))
+        status = self.solve(omega, p_old, rtol)
+        if status is Status.CONVERGED:
+            self.reached.append((h, self.u_c, self.Sigma))
+        return status
 
     def solve(self, omega: Array, p_old: Array, rtol: float) -> Status:
         """Go on to the solution with these penalties (rows,) [Pa/m]."""
@@ -97,7 +122,7 @@ class Newton:
             self.on_step(self.history[-1])
             if not np.isfinite(residual):
                 return Status.NOT_FINITE
-            if residual <= rtol:
+            if residual <= rtol and k:  # where springs are stiff, forces are known before penetrations are
                 return Status.CONVERGED
             if self.iteration >= self.max_it:
                 return Status.MAX_IT

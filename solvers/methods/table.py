@@ -64,6 +64,7 @@ METHODS: Mapping[str, Applicability] = {
         k_T=False,
         multibody=False,
         matrix_free=False,
+        keys=("smoothing",),
     ),
     "perturbed-lagrangian": Applicability(
         floating=True,

@@ -37,6 +37,10 @@ class Solver(Noun):
     omega_factor: Annotated[
         float, Key("-", "perturbed-lagrangian: its penalties, in units of E / h of the facets that touch")
     ] = 1000.0
+    smoothing: Annotated[
+        float,
+        Key("-", "regularised: slip and penetration that its laws are rounded off by, in units of u_ref of a step"),
+    ] = 1e-4
     relaxation: Annotated[
         float, Key("-", "step of Uzawa's methods, alpha = relaxation / lambda_max; 2 is the sharp bound")
     ] = 1.5
@@ -55,6 +59,7 @@ class Solver(Noun):
         require(0 < self.tolerance < 1, "tolerance", self.tolerance, "must lie between 0 and 1, for example 1e-8")
         require(self.max_iterations >= 1, "max_iterations", self.max_iterations, "must be at least 1")
         require(self.omega_factor > 0, "omega_factor", self.omega_factor, "must be positive, for example 1000")
+        require(0 < self.smoothing <= 1, "smoothing", self.smoothing, "must be above 0 and at most 1, for example 1e-4")
         require(0 < self.relaxation < 2, "relaxation", self.relaxation, "must lie between 0 and 2")
         require(self.alpha is None or self.alpha > 0, "alpha", self.alpha, "must be positive, in Pa/m")
         require(0 < self.inner_tolerance < 1, "inner_tolerance", self.inner_tolerance, "must lie between 0 and 1")

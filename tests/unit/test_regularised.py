@@ -13,6 +13,7 @@ from geometry.errors import SceneError
 from solvers import regularised as module
 from solvers.methods.table import METHODS
 from solvers.nouns.scene import Scene
+from solvers.nouns.stepping import Solver
 from solvers.plan import make_plan
 from solvers.regularised import NextStep
 from solvers.simulation import Simulation
@@ -52,7 +53,8 @@ def pressed(
 
 def exactly(scene: Scene) -> Scene:
     """The same, solved by the reference method."""
-    return replace(scene, solver=replace(scene.solver, method="condensed-newton"))
+    other = replace(scene.solver, method="condensed-newton", smoothing=Solver().smoothing)
+    return replace(scene, solver=other)
 
 
 def energy_norm(simulation: Simulation, step: StepResult, reference: StepResult) -> float:
@@ -121,12 +123,12 @@ def test_in_axisymmetry_radial_friction_agrees(scene_of: SceneOf, simulation_of:
 
 
 def test_the_error_falls_with_the_level_and_stays_below_what_is_stated(
-    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+    scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
     scene, found = pressed(scene_of), []
-    for count in (7, 9, 11):  # levels down to 1e-3, 1e-4, 1e-5
-        monkeypatch.setattr(module, "LEVELS", tuple(10 ** (-k / 2) for k in range(count)))
-        step, _, apart = difference(scene, simulation_of)
+    for smoothing in (1e-3, 1e-4, 1e-5):
+        level = replace(scene, solver=replace(scene.solver, smoothing=smoothing))
+        step, _, apart = difference(level, simulation_of)
         assert apart <= step.law_error
         found.append(apart)
     assert found[1] < found[0] / 5  # proportional to the level, or nearly so
@@ -193,7 +195,7 @@ def test_tractions_add_up_to_the_assembled_forces(
     step: Any = stepper.method_after(stepper.start())
     contact = step.method.contact
     contact.begin(step.u, step.motion, 1.0)
-    contact.widths.set(module.LEVELS[-1], accepted.problem.u_ref, accepted.problem.p_ref)
+    contact.widths.set(step.method.levels[-1], accepted.problem.u_ref, accepted.problem.p_ref)
     assembled = stepper.attempts.volume.contact.read(
         contact.forces(step.method.free_part(accepted.state.u, accepted.state.time))
     )
@@ -230,6 +232,12 @@ def test_what_contact_alone_holds_is_refused(scene_of: SceneOf) -> None:
         make_plan(pressed(scene_of, supports={}))
 
 
+def test_a_level_of_smoothing_must_lie_between_0_and_1(scene_of: SceneOf) -> None:
+    for value in (0.0, 2.0):
+        with pytest.raises(SceneError, match=rf"smoothing = {value}: must be above 0 and at most 1"):
+            pressed(scene_of, solver={"method": "regularised", "smoothing": value})
+
+
 def test_it_says_when_newton_ran_out_of_iterations(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     solver = {"method": "regularised", "max_iterations": 3}
     with pytest.raises(StepError, match="after 3 iterations; the iterations ran out"):
@@ -239,7 +247,7 @@ def test_it_says_when_newton_ran_out_of_iterations(scene_of: SceneOf, simulation
 def test_it_says_when_newton_stalls(
     scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "LEVELS", (1e-8,))  # without the levels that lead there
+    monkeypatch.setattr(module, "levels", lambda smoothing: (1e-8,))  # without the levels that lead there
     monkeypatch.setattr(module, "NEWTON_STEPS", 10)
     stepper = simulation_of(pressed(scene_of, 2)).stepper
     with pytest.raises(StepError, match="the residual stopped falling"):
@@ -247,10 +255,13 @@ def test_it_says_when_newton_stalls(
 
 
 def test_each_iteration_costs_a_factorisation(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    simulation = simulation_of(pressed(scene_of))
+    scene = pressed(scene_of)
+    simulation = simulation_of(scene)
     (step,) = simulation.steps()
     assert simulation.counters.factorisations == 1 + step.iterations  # one more for the condensed surface
-    assert len(step.history) == step.iterations + len(module.LEVELS)  # each level measures where it starts
+    assert len(step.history) == step.iterations + len(
+        module.levels(scene.solver.smoothing)
+    )  # each level measures where it starts
 
 
 def test_the_user_can_stop_it(scene_of: SceneOf, simulation_of: SimulationOf) -> None:

@@ -12,7 +12,7 @@ from workflows.verify import verify
 def test_named_problem_is_solved_and_tabulated(capsys: pytest.CaptureFixture[str]) -> None:
     assert verify(["zeros"])
     printed = capsys.readouterr().out
-    for word in ("no increment", "condensed-newton", "uzawa", "deviation", "checks passed"):
+    for word in ("no increment", "condensed-newton", "uzawa", "surface-uzawa", "deviation", "checks passed"):
         assert word in printed
 
 
