@@ -46,13 +46,13 @@ CASES: Mapping[str, Case] = {
     "column": Case(about="column on a compliant foundation, against the closed form", checks=column_case.checks),
     "sheared_column": Case(about="stick, slip, reversal, dissipation, closed form", checks=sheared_column_case.checks),
     "circular_drive": Case(about="the round friction cone in 3D, closed form", checks=circular_drive_case.checks),
-    "raous": Case(about="block of Raous, Chabrand and Lebon, published", checks=raous_case.checks),
+    "raous": Case(about="block of Raous, Chabrand and Lebon, published figures", checks=raous_case.checks),
     "manufactured": Case(about="rates of convergence, both orders, three laws", checks=manufactured_case.checks),
     "incline": Case(about="layer that friction holds, and one that it cannot", checks=incline_case.checks),
     "slivers": Case(about="cells of aspect 1000, closed forms and iterations", checks=slivers_case.checks, methods=TWO),
-    "shear_lag": Case(about="a strip slips from its end: hysteresis", checks=shear_lag_case.checks),
-    "lifted": Case(about="contact lost and regained, closed form", checks=lifted_case.checks),
-    "limits": Case(about="blocks held up to a known time", checks=limits_case.checks),
+    "shear_lag": Case(about="a strip slips from its end: partial slip, hysteresis", checks=shear_lag_case.checks),
+    "lifted": Case(about="grazing, contact lost and regained, closed form", checks=lifted_case.checks),
+    "limits": Case(about="blocks that friction holds up to a known time, statics", checks=limits_case.checks),
     "raous_compliance": Case(
         about="the same block, its face compliant: the shift", checks=raous_compliance_case.checks
     ),
