@@ -323,7 +323,9 @@ def circle(count: int = 24) -> tuple[stickslip.Scene, dict[str, Array]]:
     columns = {f"support.top.{key}.{a}": np.zeros(count) for key in ("displacement", "force") for a in "xy"}
     columns |= {f"base.{key}.{a}": np.zeros(count) for key in ("force", "tangential_force", "slip") for a in "xy"}
     columns |= {f"obstacle.foundation.{key}.{a}": np.zeros(count) for key in ("displacement", "force") for a in "xy"}
-    columns |= {f"energy.{key}": np.linspace(0.0, 9.0, count) for key in ("external", "stored", "dissipated")}
+    columns |= {
+        f"energy.{key}": np.linspace(0.0, 9.0, count) for key in ("external", "stored", "contact", "dissipated")
+    }
     columns |= {"time": time, "support.top.displacement.x": x, "support.top.force.x": force, "base.slip.x": slip}
     columns |= {"base.tangential_force.x": -force, "base.force.x": -force, "base.force.y": np.full(count, 9.0)}
     columns |= {"base.normal_force": np.full(count, 9.0), "base.tangential_force": abs(force)}
