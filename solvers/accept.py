@@ -36,18 +36,35 @@ def relative_displacement(system: System, u: Any, time: float, driven: Array) ->
     return stack(system.contacts, [v - motion[c.name] for c, v in zip(system.contacts, surfaces, strict=True)])
 
 
+def displacement(system: System, time: float, q: Any, u_s: Any) -> tuple[Any, Any]:
+    """u = T q + u_s over all displacements [m], and what of it bodies resist: not u_s where that is a rigid motion."""
+    moved = system.T * q
+    u = moved + u_s
+    return u, u if system.lifting.followed(time) is None else moved
+
+
 def new_state(
-    system: System, old: State, problem: SurfaceProblem, u: Any, u_s: Any, load: Any, p: Array, driven: Array
+    system: System,
+    old: State,
+    problem: SurfaceProblem,
+    u: Any,
+    strained: Any,
+    u_s: Any,
+    load: Any,
+    p: Array,
+    driven: Array,
 ) -> State:
     """The state at the problem's time.
 
     Args:
-        u: displacement [m], u_s its prescribed part, load the external forces [N]: over all displacements.
+        u: displacement [m], strained what of it the bodies resist, u_s its prescribed part, load the external forces
+            [N]: over all displacements.
         p: tractions (rows,) [Pa].
         driven: motion (o,) of driven obstacles [m].
     """
     cone, W, contacts, time = problem.cone, problem.surface.W, system.contacts, problem.cone.time
-    residual = system.K * u - load + system.contact_forces(*split(cone, p))
+    inner = system.K * strained
+    residual = inner - load + system.contact_forces(*split(cone, p))
     w, motion = relative_displacement(system, u, time, driven), system.obstacle_motion(time, driven)
     external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
     contact, slip = 0.0, {}
@@ -62,7 +79,7 @@ def new_state(
     slipping = W * p * (w - problem.gap - cone.give(p))
     energy = Energy(
         external=old.energy.external + external,
-        stored=(system.K * u).dot(u) / 2,
+        stored=inner.dot(strained) / 2,
         contact=old.energy.contact + contact,
         compliance=float(W @ cone.energy(p)),
         dissipation=old.energy.dissipation + np.array([slipping[place.tangential].sum() for place in cone.places]),

@@ -50,21 +50,38 @@ class Switch:
     because: str
 
 
+@dataclass(frozen=True)
+class Reached:
+    """How far down its chain of methods a run has come."""
+
+    choice: Choice
+    at: int
+    switches: tuple[Switch, ...]
+
+
 class Attempts:
     """Where a run stands in its chain of methods. A switch holds: what failed would fail again."""
 
-    def __init__(self, system: System) -> None:
-        """Prepare the bodies for the first method, and a coarse mesh if it is worth its while; collective."""
-        self.choice: Choice = choose(system)
-        self.at = 0
-        self.switches: list[Switch] = []
+    def __init__(self, system: System, reached: Reached | None = None) -> None:
+        """Prepare the bodies for the first method, and a coarse mesh if it is worth its while; collective.
+
+        Args:
+            reached: where to go on, whatever would be chosen with the memory that is free now.
+        """
+        reached = reached or Reached(choose(system), 0, ())
+        self.choice, self.at, self.switches = reached.choice, reached.at, list(reached.switches)
         self.volume = prepare_volume(system, self.stage.surface)
         self.coarse = CoarseMesh.beside(system) if self.choice.coarse else None
         self._methods: dict[Stage, Callable[[State], Method]] = {}
+        self.learning: dict[Stage, SurfaceUzawa] = {}  # methods that are better for what earlier steps taught them
 
     @property
     def stage(self) -> Stage:
         return self.choice.stages[self.at]
+
+    @property
+    def reached(self) -> Reached:
+        return Reached(self.choice, self.at, tuple(self.switches))
 
     def advance(self, system: System, time: float, solution: Solution) -> bool:
         """Go on to the next method, if there is one that memory has room for; collective."""
@@ -86,6 +103,8 @@ class Attempts:
 
     def method(self, system: System, surface: Bodies) -> Callable[[State], Method]:
         """The method for the step that follows a state. What it has learnt of the bodies, it keeps."""
+        if self.stage.method == "perturbed-lagrangian":  # its springs belong to the rows, not to the bodies
+            return self._make(system, surface)
         if self.stage not in self._methods:
             self._methods[self.stage] = self._make(system, surface)
         return self._methods[self.stage]
@@ -104,6 +123,7 @@ class Attempts:
                 max_it=solver.max_iterations,
                 safety=SAFE if self.stage.safe else 1.0,
             )
+            self.learning[self.stage] = learning
             return lambda state: learning
         if self.stage.method == "gram-uzawa":
             metric = GramMetric(system, solver.gram)
@@ -123,7 +143,7 @@ class Attempts:
         steps: Any = {"relaxation": solver.relaxation, "friction_update": solver.friction_update}
         inner = InnerTolerance(rule=solver.inner_rule, share=solver.inner_tolerance)
         if self.stage.method == "nonlinear-uzawa":
-            return NonlinearUzawa(inner=inner, **steps, **stop)
+            return NonlinearUzawa(inner=inner, outer_metric=solver.outer_metric, **steps, **stop)
         if self.stage.method == "inexact-uzawa":
             assert isinstance(self.volume, IterativeVolume)
             self.volume.remember(1)  # conjugate gradients as published: of earlier solves, their answer alone

@@ -97,6 +97,15 @@ class Bodies(ABC):
     def adopt(self, other: Bodies) -> None:
         """Take over what another one, of the same bodies and contact dofs with other pairs, has learnt of them."""
 
+    def kept(self) -> dict[str, Any]:
+        """What later answers depend on beside the bodies, to the last bit; see `restore`."""
+        return {"lambda_max": self.__dict__.get("lambda_max")}
+
+    def restore(self, kept: dict[str, Any]) -> None:
+        """Go on as the one that `kept` this."""
+        if kept["lambda_max"] is not None:
+            self.__dict__["lambda_max"] = kept["lambda_max"]
+
     @cached_property
     def lambda_max(self) -> float:
         """Largest eigenvalue of W^-1 B K_B^-1 B^T [m/Pa] by Lanczos (SLEPc), with its error bound added."""

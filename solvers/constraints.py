@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy.linalg import null_space
 
-from geometry.amplitude import Amplitude, value_at
 from geometry.errors import SceneError
 from geometry.nodes import Nodes
+from solvers.course import Course, Drive
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -31,10 +31,10 @@ SMALL = 1e-10  # sine of the angle below which directions are the same
 
 @dataclass(frozen=True)
 class Row:
-    """One prescribed component: direction . u = amplitude(t)."""
+    """One prescribed component: direction . u = what drives it at t."""
 
     direction: Array  # (d,) unit
-    amplitude: Amplitude
+    drive: Drive
     support: str
 
 
@@ -45,7 +45,7 @@ class Alike:
     at: Ints  # (k,) places in `Constraints.held`
     directions: Array  # (k, r, d)
     inverse: Array  # (k, d, r) pseudo-inverse of the directions
-    amplitudes: Ints  # (k, r) which amplitude
+    drives: Ints  # (k, r) which drive
     supports: Ints  # (k, r) which support
 
 
@@ -55,7 +55,7 @@ class Constraints:
 
     nodes: Nodes
     dim: int
-    end: float  # time at which bare numbers are reached
+    course: Course
     rows: Mapping[int, tuple[Row, ...]]  # by global node; for periodic nodes by their root
     root: Mapping[int, int]  # eliminated periodic node -> the node that it follows
     points: Mapping[int, Array]  # coordinates of the nodes named above
@@ -150,10 +150,9 @@ class Constraints:
         return _places(self.held, self.roots(self.prescribed_nodes))[1]
 
     @cached_property
-    def _amplitudes(self) -> dict[int, tuple[int, Amplitude]]:
-        """Number of each amplitude object and itself, by identity."""
-        every = {id(row.amplitude): row.amplitude for rows in self.rows.values() for row in rows}
-        return {key: (number, amplitude) for number, (key, amplitude) in enumerate(every.items())}
+    def _drives(self) -> dict[Drive, int]:
+        """Number of each drive."""
+        return {drive: i for i, drive in enumerate(dict.fromkeys(r.drive for n in self.rows.values() for r in n))}
 
     @cached_property
     def _supports(self) -> dict[str, int]:
@@ -175,7 +174,7 @@ class Constraints:
                     at=np.array(places),
                     directions=directions,
                     inverse=np.linalg.pinv(directions, rcond=SMALL) if count > 1 else np.swapaxes(directions, 1, 2),
-                    amplitudes=np.array([self._amplitudes[id(r.amplitude)][0] for r in rows]).reshape(-1, count),
+                    drives=np.array([self._drives[r.drive] for r in rows]).reshape(-1, count),
                     supports=np.array([self._supports[r.support] for r in rows]).reshape(-1, count),
                 )
             )
@@ -183,8 +182,8 @@ class Constraints:
 
     def wanted(self, time: float) -> list[Array]:
         """What each row of `alike` asks for, (k, r) [m]."""
-        values = np.array([value_at(amplitude, time, self.end) for _, amplitude in self._amplitudes.values()])
-        return [values[alike.amplitudes] for alike in self.alike]
+        values = np.array([self.course.value(drive, time) for drive in self._drives])
+        return [values[alike.drives] for alike in self.alike]
 
     def prescribed(self, time: float) -> Array:
         """u_s (k, d) [m] at `prescribed_nodes`.

@@ -9,16 +9,20 @@ from typing import Any
 import numpy as np
 
 from geometry import dolfinx_versions as dx
-from geometry.amplitude import Amplitude
 from geometry.dolfinx_versions import ufl
 from geometry.mesh import Mesh
 from solvers.counters import Counters
+from solvers.course import Drive
 from solvers.effects.compliance import Compliance
 from solvers.nouns.contact import Contact
 from solvers.nouns.scene import Scene
 
-LoadForm = tuple[Amplitude, Any]  # amplitude in time, linear form in v at amplitude 1
+LoadForm = tuple[Drive, Any]  # what drives it in time, linear form in v at value 1
 Field = Callable[..., tuple[Any, ...]]  # coordinates to components, with operators alone
+
+
+def _drive(load: str, component: int) -> Drive:
+    return lambda scene: scene.loads[load].amplitudes()[component]
 
 
 @dataclass(frozen=True)
@@ -103,13 +107,13 @@ class WeakForms:
         """The scene's surface loads; effects add theirs."""
         found: list[LoadForm] = []
         normal = ufl.FacetNormal(self.mesh.domain)
-        for load in self.scene.loads.values():
+        for name, load in self.scene.loads.items():
             ds = self.boundary(load.boundary)
             if load.pressure is not None:
-                found.append((load.pressure, -ufl.inner(normal, self.v) * ds))
+                found.append((_drive(name, 0), -ufl.inner(normal, self.v) * ds))
                 continue
             spread = self.constant(1 / self.area(load.boundary) if load.force is not None else 1.0)
-            found += [(a, spread * self.v[i] * ds) for i, a in enumerate(load.amplitudes()) if a != 0]
+            found += [(_drive(name, i), spread * self.v[i] * ds) for i, a in enumerate(load.amplitudes()) if a != 0]
         return found
 
     def field(self, components: Field) -> Any:

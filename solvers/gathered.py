@@ -1,4 +1,4 @@
-"""Values that the ranks own, brought together on rank 0 in the order of the gmsh model."""
+"""Values that the ranks own, brought together on rank 0 in the order of the gmsh model, and given back."""
 
 from __future__ import annotations
 
@@ -22,9 +22,21 @@ class Gathered:
         self._counts = np.array(comm.allgather(len(numbers)))
         every = self._together(np.asarray(numbers, np.int64))
         self._order = np.argsort(every)
+        self.numbers = every  # (all,) of the gmsh model, as the ranks own them; on rank 0, nothing elsewhere
 
     def __call__(self, values: NDArray[Any]) -> NDArray[Any]:
         return np.asarray(self._together(values)[self._order])
+
+    def back(self, values: NDArray[Any]) -> NDArray[Any]:
+        """What this rank owns (own, ...) of values (all, ...) on rank 0, (0, ...) elsewhere; collective."""
+        every = np.empty_like(values)
+        every[self._order] = values
+        if self._comm.size == 1:
+            return every
+        width = int(np.prod(values.shape[1:], initial=1))
+        own = np.empty((self._counts[self._comm.rank], *values.shape[1:]), values.dtype)
+        self._comm.Scatterv((every, self._counts * width), own)
+        return own
 
     def _together(self, values: NDArray[Any]) -> NDArray[Any]:
         if self._comm.size == 1:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
-from scipy.linalg import cho_factor, cho_solve, eigh
+from scipy.linalg import eigvalsh
 from scipy.sparse.csgraph import dijkstra
 
 from geometry import dolfinx_versions as dx
@@ -19,6 +17,7 @@ from solvers.bodies import Bodies
 from solvers.condensed import CondensedSurface
 from solvers.cone import Cone
 from solvers.counters import Counters
+from solvers.dense_metric import DenseMetric, inverse_root
 from solvers.free_stiffness import free_stiffness
 from solvers.incomplete_cholesky import incomplete_cholesky
 from solvers.nouns.gram import Gram
@@ -31,38 +30,6 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-@dataclass(frozen=True, eq=False)
-class Scaled:
-    """Q / alpha on the rows: what tractions cause if the bodies were the Gram matrix; see `methods.surface_system`."""
-
-    surface: Bodies
-    Q: Array  # (rows, rows), as a metric of tractions
-    carrying: NDArray[np.bool_]  # (rows,) that may carry a traction: on these Q is positive definite
-    alpha: float
-
-    @cached_property
-    def matrix(self) -> Array:
-        """W^-1 Q / alpha (rows, rows) [m/Pa]."""
-        return np.asarray(self.Q / (self.alpha * self.surface.W[:, None]))
-
-    @cached_property
-    def diagonal(self) -> Array:
-        return np.diag(self.matrix)
-
-    @cached_property
-    def _factor(self) -> Any:
-        return cho_factor(self.Q[np.ix_(self.carrying, self.carrying)])
-
-    def __call__(self, p: Array) -> Array:
-        return np.asarray(self.matrix @ p)
-
-    def inverse(self, w: Array) -> Array:
-        """alpha Q^-1 W w."""
-        found = np.zeros_like(w)
-        found[self.carrying] = self.alpha * cho_solve(self._factor, (self.surface.W * w)[self.carrying])
-        return found
-
-
 class GramMetric:
     """Q of a scene, once for all steps; on the rows of a surface problem, with the step that Uzawa's method takes."""
 
@@ -70,17 +37,18 @@ class GramMetric:
         """Assemble and factorise the Gram matrix; collective."""
         self.gram, self.length = gram, gram.length or system.extent
         self._compliance = None if gram.space == "multiplier" else np.linalg.inv(volume_block(system, gram))
-        self._last: dict[tuple[Bodies, float], Scaled] = {}
+        self._last: dict[tuple[Bodies, float], DenseMetric] = {}
 
-    def on(self, problem: SurfaceProblem, relaxation: float) -> Scaled:
+    def on(self, problem: SurfaceProblem, relaxation: float) -> DenseMetric:
         """Q / alpha with alpha = relaxation / lambda_max(Q^-1 B K_B^-1 B^T)."""
         surface, carrying = problem.surface, problem.cone.carrying
         key = surface, relaxation
         if key not in self._last:
             self._last.clear()  # of other pairs
             Q = self.on_tractions(surface, problem.cone)
-            largest = self.spectrum(surface, problem.cone)[-1] if carrying.any() else 1.0
-            self._last[key] = Scaled(surface, Q, carrying, relaxation / float(largest))
+            root = inverse_root(Q[np.ix_(carrying, carrying)])
+            largest = self._spectrum(surface, carrying, root).max(initial=0.0) or 1.0
+            self._last[key] = DenseMetric(surface, Q, carrying, root, relaxation / float(largest))
         return self._last[key]
 
     def on_tractions(self, surface: Bodies, cone: Cone) -> Array:
@@ -94,10 +62,13 @@ class GramMetric:
 
     def spectrum(self, surface: Bodies, cone: Cone) -> Array:
         """Eigenvalues of Q^-1 B K_B^-1 B^T on the rows that carry tractions, increasing."""
+        on = cone.carrying
+        return self._spectrum(surface, on, inverse_root(self.on_tractions(surface, cone)[np.ix_(on, on)]))
+
+    def _spectrum(self, surface: Bodies, on: NDArray[np.bool_], root: Array) -> Array:
         assert isinstance(surface, CondensedSurface)
-        on = np.ix_(cone.carrying, cone.carrying)
-        BKB = surface.W[:, None] * (surface.N @ surface.flexibility @ surface.N.T) * surface.W
-        return np.asarray(eigh(BKB[on], self.on_tractions(surface, cone)[on], eigvals_only=True))
+        B = surface.N[on].T.multiply(surface.W[on]) @ root  # forces on the contact dofs (c, r)
+        return np.asarray(eigvalsh(B.T @ surface.flexibility @ B))
 
 
 def drop_of(gram: Gram) -> float | None:

@@ -43,6 +43,14 @@ class IterativeVolume:
         self._multigrid.destroy()
         self.remember(1)
 
+    def kept(self) -> dict[str, Any]:
+        """What solves have learnt; see `restore`."""
+        return self._cg.directions.kept()
+
+    def restore(self, kept: dict[str, Any]) -> None:
+        """Know what was `kept` by another one of the same bodies."""
+        self._cg.directions.restore(kept)
+
     def solve_contact(self, f: Any, v: Any, error: float, relative: float) -> None:
         """Improve v until its contact dofs are right within `error` [m], or `relative` to the largest; collective."""
         local, response = self.contact.local, self._cg.directions.response

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from solvers.bodies import Bodies, Load
 from solvers.iterative_volume import IterativeVolume
+from solvers.plain import Own
 
 Array = NDArray[np.float64]
 EXACT = 1e-12  # relative error of the contact dofs where 0 is asked for: rounding
@@ -68,6 +69,13 @@ class MatrixFreeSurface(Bodies):
     def agreed(self, value: Any) -> Any:
         """Each solve is collective: were ranks to differ in when to stop, they would wait for each other for ever."""
         return self.volume.K.comm.tompi4py().bcast(value)
+
+    def kept(self) -> dict[str, Any]:
+        return super().kept() | {"last": Own(self._last.array_r)}
+
+    def restore(self, kept: dict[str, Any]) -> None:
+        super().restore(kept)
+        self._last.array[:] = kept["last"]
 
     def adopt(self, other: Bodies) -> None:
         assert isinstance(other, MatrixFreeSurface)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +43,7 @@ class Observer:
 
     def __call__(self, accepted: Accepted) -> StepResult:
         system, state = accepted.stepper.system, accepted.state
-        contact = system.contact_forces(*accepted.stepper.split(state.p))
-        cell_stress = self.stress(state.u)
+        cell_stress, nodal = self.stress(state.u), self.stress.displacement.x.array
         contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
         return StepResult(
             time=state.time,
@@ -57,8 +55,8 @@ class Observer:
             stress=self.by_cell(cell_stress),
             contacts=contacts,
             obstacles=self._obstacles(accepted.state, contacts),
-            supports=system.reactions(state.u, state.load, contact),
-            probes={name: self._probe(where, state.u, cell_stress) for name, where in self.probes.items()},
+            supports=system.reactions(state.residual),
+            probes={name: self._probe(where, nodal, cell_stress) for name, where in self.probes.items()},
             energy=state.energy,
             iteration_error=iteration_error(accepted),
             law_error=law_error(accepted),
@@ -120,7 +118,7 @@ class Observer:
         """Translation of each obstacle, force and moment that it exerts on the bodies."""
         system, end = self.stepper.system, self.stepper.system.scene.steps.end
         found = {}
-        for name, obstacle in system.scene.obstacles.items():
+        for name, obstacle in system.course.scene.obstacles.items():
             moved = obstacle.translation(state.time, end, system.mesh.dim)
             for (driven, axis), size in zip(system.driven, state.driven, strict=True):
                 moved[axis] += size * (driven == name)
@@ -131,15 +129,13 @@ class Observer:
             found[name] = (moved, force, moment - np.cross(axis_point, force))
         return found
 
-    def _probe(self, where: tuple[int, Array] | None, u: Any, cell_stress: Array) -> tuple[Array, Array]:
+    def _probe(self, where: tuple[int, Array] | None, nodal: Array, cell_stress: Array) -> tuple[Array, Array]:
+        """Displacement and stress; nodal: all displacements that this rank knows, those of its neighbours too [m]."""
         system = self.stepper.system
-        function = dx.fem.Function(system.space)
-        dx.petsc_vector(function).array[:] = u.array
-        function.x.scatter_forward()
         found = None
         if where is not None:
             cell, basis = where
-            values = function.x.array.reshape(-1, system.mesh.dim)[dx.cell_dofs(system.space)[cell]]
+            values = nodal.reshape(-1, system.mesh.dim)[dx.cell_dofs(system.space)[cell]]
             found = (basis @ values, cell_stress[cell])
         offers = [offer for offer in system.mesh.comm.allgather(found) if offer is not None]
         found_first: tuple[Array, Array] = offers[0]

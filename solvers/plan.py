@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.errors import SceneError
+from solvers.applicable import refuse_method
 from solvers.effects import EFFECTS
 from solvers.effects.effect import Effect
 from solvers.held import free_motions
-from solvers.methods.table import METHODS
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver
 
 Array = NDArray[np.float64]
 FACING = 1e-6  # cosine of the angle below which two surfaces do not face each other
@@ -44,20 +43,7 @@ def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
     _refuse_on_axis(scene)
     _refuse_reversed(scene)
     _refuse_unheld(scene)
-    method = scene.solver.method
-    _refuse_keys(scene, method)
-    _refuse_laws(scene, method)
-    if not METHODS[method].floating:
-        if free_motions(scene, with_contacts=False)[0].shape[1]:
-            raise SceneError(
-                f"solver.method = {method}: needs bodies that their supports hold; this one is held by contact alone, "
-                "use condensed-newton"
-            )
-        for name, obstacle in scene.obstacles.items():
-            if obstacle.driven():
-                raise SceneError(
-                    f"solver.method = {method}: cannot move obstacles.{name} by a force; use condensed-newton"
-                )
+    refuse_method(scene)
     return tuple(PlanRow(e.name, bool(e.because(scene)), e.because(scene) or "not in the scene") for e in EFFECTS)
 
 
@@ -71,57 +57,6 @@ def warnings(scene: Scene) -> tuple[str, ...]:
         for name, material in scene.bodies.items()
         if material.nu > LOCKING
     )
-
-
-def _refuse_keys(scene: Scene, method: str) -> None:
-    """Keys that would change nothing."""
-    for key in dict.fromkeys(key for other in METHODS.values() for key in other.keys):
-        value = getattr(scene.solver, key)
-        if key not in METHODS[method].keys and value != getattr(Solver(), key):
-            knowing = [name for name, other in METHODS.items() if key in other.keys]
-            raise SceneError(
-                f"solver.{key} = {value}: solver.method = {method} does not know it; use {' or '.join(knowing)}"
-            )
-
-
-def _refuse_laws(scene: Scene, method: str) -> None:
-    """Laws that the method does not know."""
-    table = METHODS[method]
-    if scene.solver.surface == "matrix-free" and not table.matrix_free:
-        raise SceneError(
-            f"solver.surface = matrix-free: solver.method = {method} needs the condensed form of the bodies; use "
-            "surface-uzawa"
-        )
-    if scene.solver.surface == "condensed" and not table.condensed:
-        raise SceneError(
-            f"solver.surface = condensed: solver.method = {method} solves the bodies iteratively; use uzawa"
-        )
-    for name, contact in scene.contacts.items():
-        if contact.sliding and not table.multibody:
-            raise SceneError(
-                f"contacts.{name}.sliding = true: solver.method = {method} finds contact where the bodies are at the "
-                "start; use condensed-newton"
-            )
-        if contact.against not in scene.obstacles and not table.multibody:
-            raise SceneError(
-                f"contacts.{name}.against = {contact.against}: solver.method = {method} knows rigid obstacles alone; "
-                "use condensed-newton"
-            )
-        if contact.friction is not None and contact.friction.k_T is not None and not table.k_T:
-            raise SceneError(
-                f"contacts.{name}.friction.k_T = {contact.friction.k_T}: solver.method = {method} knows no tangential "
-                "stiffness; use condensed-newton"
-            )
-        for key, law, known in (
-            ("normal", contact.normal, table.normal),
-            ("friction", contact.friction, table.friction),
-        ):
-            chosen = getattr(law, "law", None)  # absent: no friction
-            if chosen is not None and known is not None and chosen not in known:
-                raise SceneError(
-                    f"contacts.{name}.{key}.law = {chosen}: solver.method = {method} works with {', '.join(known)}; "
-                    "use condensed-newton"
-                )
 
 
 def _refuse_on_axis(scene: Scene) -> None:

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from solvers.plain import Own
+
 Array = NDArray[np.float64]
 KEPT = 8  # vectors; loads that turn steadily through more directions than that gain nothing
 ROUNDING = 1e-13  # what is left of a vector, beside it, when it lies in the span
@@ -40,3 +42,15 @@ class Remembered:
             if len(self._met) < KEPT:
                 self._met.append((rest, its_image))
         return image
+
+    def kept(self) -> dict[str, Any]:
+        """All that was met; see `restore`."""
+        return {"vectors": [Own(v.array_r) for v, _ in self._met], "images": [image for _, image in self._met]}
+
+    def restore(self, kept: dict[str, Any], like: Any) -> None:
+        """Know what was `kept`, each vector laid out like that one."""
+        self._met = []
+        for own, image in zip(kept["vectors"], kept["images"], strict=True):
+            vector = like.duplicate()
+            vector.array[:] = own
+            self._met.append((vector, image))

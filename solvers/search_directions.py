@@ -8,6 +8,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from solvers.plain import Own
+
 Array = NDArray[np.float64]
 MOST = 40  # directions; of 80, the last are rounding for slender bodies. One costs two vectors, and two products a step
 
@@ -52,3 +54,14 @@ class SearchDirections:
         np.divide(d, norm, out=self._D[place])
         np.divide(Ad, norm, out=self._AD[place])
         self.count += 1
+
+    def kept(self) -> dict[str, Any]:
+        """All that is remembered; see `restore`."""
+        k = min(self.count, self.most)
+        return {"count": self.count, "D": Own(self._D[:k].T), "AD": Own(self._AD[:k].T)}
+
+    def restore(self, kept: dict[str, Any]) -> None:
+        """Remember what was `kept`."""
+        self.count = kept["count"]
+        k = min(self.count, self.most)
+        self._D[:k], self._AD[:k] = kept["D"].T, kept["AD"].T

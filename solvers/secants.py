@@ -31,7 +31,8 @@ class Secants:
             forces, displacements: independent pairs (c, s) that are known to begin with and never dropped.
         """
         self.guess, self._sure = guess, forces.shape[1]
-        self._S, self._Y, self._guessed = forces, displacements, guess(forces)
+        self._S, self._Y = np.ascontiguousarray(forces), np.ascontiguousarray(displacements)
+        self._guessed = np.ascontiguousarray(guess(forces))
         self._prepare()
 
     @property
@@ -67,7 +68,19 @@ class Secants:
         self._prepare()
 
     def _keep(self, chosen: NDArray[np.int64]) -> None:
-        self._S, self._Y, self._guessed = self._S[:, chosen], self._Y[:, chosen], self._guessed[:, chosen]
+        # in C's order, as they are read from a file: rounding depends on it
+        self._S, self._Y, self._guessed = (
+            np.ascontiguousarray(pairs[:, chosen]) for pairs in (self._S, self._Y, self._guessed)
+        )
+
+    def kept(self) -> dict[str, Array]:
+        """All that was learnt; see `restore`."""
+        return {"forces": self._S, "displacements": self._Y, "guessed": self._guessed}
+
+    def restore(self, kept: dict[str, Array]) -> None:
+        """Know what was `kept` by one with the same guess, instead of what was known to begin with."""
+        self._S, self._Y, self._guessed = kept["forces"], kept["displacements"], kept["guessed"]
+        self._prepare()
 
     def _prepare(self) -> None:
         more, less = _root(self._Y, self._S.T @ self._Y), _root(self._guessed, self._S.T @ self._guessed)

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from geometry.mesh import Mesh, build_mesh
+from solvers.attempts import Attempts, Reached
 from solvers.counters import Counters
 from solvers.history import HistoryRow
 from solvers.nouns.scene import Scene
 from solvers.observe import Observer, mesh_data
 from solvers.plan import PlanRow, make_plan
+from solvers.script import Script
+from solvers.state import State
 from solvers.step_result import MeshData, StepResult
 from solvers.stepping import StepError, Stepper
 from solvers.system import System, assemble
@@ -27,6 +30,11 @@ class Seconds:
     prepare: float = 0.0
     iterate: float = 0.0
     output: float = 0.0
+
+    def add(self, earlier: Seconds) -> None:
+        """Take in those of a process before this one."""
+        for f in fields(self):
+            setattr(self, f.name, getattr(self, f.name) + getattr(earlier, f.name))
 
 
 @dataclass(frozen=True)
@@ -43,22 +51,32 @@ class Simulation:
     seconds: Seconds
     data: MeshData = field(repr=False)
 
-    def steps(self, on_iteration: Callable[[HistoryRow], None] = lambda row: None) -> Iterator[StepResult]:
-        """Results of the requested times, one after the other.
+    def steps(
+        self,
+        on_iteration: Callable[[HistoryRow], None] = lambda row: None,
+        done: int = 0,
+        state: State | None = None,
+    ) -> Iterator[StepResult]:
+        """Results of the requested times, one after the other; `stepper.reported` is what the last one was read off.
+
+        Args:
+            done: how many of them were reported before, and the state that the last of these left.
 
         Raises:
             StepError: a step could not be solved; its last good substep was yielded before.
         """
         observe = self.observer
-        state = self.stepper.start()
-        for time in self.scene.requested_times():
+        state = state or self.stepper.start()
+        for time in self.scene.requested_times()[done:]:
             began = clock.perf_counter()
             try:
                 accepted = self.stepper.reach(state, time, on_iteration)
             except StepError as failure:
                 if failure.reached is not None:
+                    self.stepper.reported = failure.reached
                     yield observe(failure.reached)
                 raise
+            self.stepper.reported = accepted
             solved = clock.perf_counter()
             result = observe(accepted)
             self.seconds.iterate += solved - began
@@ -66,9 +84,16 @@ class Simulation:
             yield result
             state = accepted.state
 
+    def script(self) -> Script:
+        """A history of its own, from rest, whose steps are told one by one; nothing is prepared again."""
+        return Script(self.scene, self.stepper, self.observer)
 
-def prepare(scene: Scene, comm: Any = None) -> Simulation:
+
+def prepare(scene: Scene, comm: Any = None, reached: Reached | None = None) -> Simulation:
     """Plan, mesh, assemble, factorise; collective.
+
+    Args:
+        reached: how far down its chain of methods a run has come that is to be resumed.
 
     Raises:
         SceneError: the scene cannot be solved, known before solving.
@@ -84,7 +109,7 @@ def prepare(scene: Scene, comm: Any = None) -> Simulation:
     system = assemble(scene, mesh, counters)
     _ = system.K_B  # assembled too
     assembled = clock.perf_counter()
-    stepper = Stepper(system)
+    stepper = Stepper(system, Attempts(system, reached))
     seconds.mesh, seconds.assemble = meshed - began, assembled - meshed
     seconds.prepare = clock.perf_counter() - assembled
     return Simulation(scene, plan, mesh, system, stepper, Observer(stepper), counters, seconds, mesh_data(system))

@@ -26,14 +26,19 @@ def positions(system: System, state: State, names: Iterable[str]) -> dict[str, A
 def told_in(state: State, system: System) -> State:
     """The state in the rows of `system`: tractions are carried by the slave's nodes and turned with their frames."""
     places = Cone(state.rows, state.time, 1.0).places
-    normal, tangential = [], []
-    for old, place, c in zip(state.rows, places, system.contacts, strict=True):
-        p_n, t = state.p[place.normal], state.p[place.tangential].reshape(-1, place.components)
-        normal.append(c.normal_of_nodes(old.node_pressure(p_n)))
-        tangential.append(c.tangential_of_nodes(old.node_traction(t)).ravel())
+
+    def told(p: Array) -> Array:
+        normal, tangential = [np.zeros(0)], []
+        for old, place, c in zip(state.rows, places, system.contacts, strict=True):
+            p_n, t = p[place.normal], p[place.tangential].reshape(-1, place.components)
+            normal.append(c.normal_of_nodes(old.node_pressure(p_n)))
+            tangential.append(c.tangential_of_nodes(old.node_traction(t)).ravel())
+        return np.concatenate([*normal, *tangential])
+
     moved = positions(system, state, [c.name for c in system.contacts])
-    p = np.concatenate([np.zeros(0), *normal, *tangential])
-    return replace(state, p=p, w=stack(system.contacts, [moved[c.name] for c in system.contacts]), rows=system.contacts)
+    w = stack(system.contacts, [moved[c.name] for c in system.contacts])
+    before = state.before and replace(state.before, p=told(state.before.p))
+    return replace(state, p=told(state.p), w=w, before=before, rows=system.contacts)
 
 
 def stay(system: System, before: Mapping[str, Array], after: Mapping[str, Array]) -> bool:

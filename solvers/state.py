@@ -11,8 +11,17 @@ from numpy.typing import NDArray
 
 from solvers.energy import Energy
 from solvers.operators.rows import ContactRows
+from solvers.pace import Pace
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Before:
+    """The state before a state, as far as the start of the next step is extrapolated from it."""
+
+    time: float
+    p: Array  # (rows,) in the same rows as the state's own [Pa]
 
 
 @dataclass(frozen=True)
@@ -32,4 +41,6 @@ class State:
     forces: Mapping[str, Array]  # (n_all, d) B^T p of each contact, in the rows that the step was solved in [N]
     rows: tuple[ContactRows, ...]  # that p and w are told in
     energy: Energy
+    before: Before | None = None  # none: the start, or nothing to be learnt from it
+    pace: Pace = Pace()
     law_error: float = 0.0  # added up since t = 0, see `Solution` [J^(1/2)]

@@ -1,4 +1,4 @@
-"""Load steps: each starts from the slip of the one before; one that fails is halved."""
+"""Load steps: each starts from the slip of the one before; one that fails is tried again in smaller substeps."""
 
 from __future__ import annotations
 
@@ -13,25 +13,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.errors import SolverError
-from solvers.accept import new_state, relative_displacement, split
+from solvers import failure
+from solvers.accept import displacement, new_state, relative_displacement, split
 from solvers.attempts import Attempts
 from solvers.bodies import Load
 from solvers.cone import Cone
 from solvers.energy import Energy
-from solvers.equilibrium import decide, unbalanced_motion
+from solvers.equilibrium import unbalanced_motion
 from solvers.history import HistoryRow
 from solvers.methods.solution import OnStep, Solution, Status, Step
 from solvers.motion_in_words import in_words
+from solvers.pace import HALVINGS
 from solvers.prepare import prepare_surface, trial_stiffness
 from solvers.sliding import positions, stay, told_in
-from solvers.state import State
+from solvers.state import Before, State
 from solvers.surface_problem import SurfaceProblem
 from solvers.system import System
 
 Array = NDArray[np.float64]
 log = logging.getLogger(__name__)
 SEARCHES = 6  # of a step whose points leave their facets
-HALVINGS = 8  # a step is cut to 1/256 before it is given up
+ROUNDING = 1e-12  # times that differ by less are the same
+EASY = 0.5  # of the iterations allowed: a step that takes more was not easy
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,6 +84,7 @@ class Stepper:
         self.cone = Cone(system.contacts, 0.0, system.scene.steps.end)
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma = trial_stiffness(system)
+        self.reported: Accepted | None = None  # the last one that was
         self._meet_bodies()
 
     def _meet_bodies(self) -> None:
@@ -102,52 +106,53 @@ class Stepper:
         )
 
     def reach(self, start: State, target: float, on_iteration: Callable[[HistoryRow], None]) -> Accepted:
-        """Solve up to `target`, halving steps that fail; each retry starts from the last accepted state.
+        """Solve up to `target`, by substeps where that fails; each retry starts from the last accepted state.
 
         Raises:
             StepError: the smallest step failed; it carries what was reached.
         """
-        state, substeps = start, 0
+        state, substeps, pace = start, 0, start.pace
         history: list[HistoryRow] = []
         unbalanced: tuple[float, str] | None = None  # the earliest time known to have no equilibrium
         solves = self.system.counters.volume_solves
-        size = target - start.time
-        smallest = size / 2**HALVINGS
+        step = target - start.time
+        smallest = step / 2**HALVINGS
         reached: Accepted | None = None
         while reached is None or state.time < target:
-            last = target - state.time <= size * (1 + 1e-9)
-            end = target if last else state.time + size
+            left = target - state.time
+            tried = pace.part(left, smallest)
+            end = target if tried == left else state.time + tried
             stepper, solution, problem, new = self._follow(state, end, history, on_iteration)
             if solution.status is Status.NO_EQUILIBRIUM:
                 unbalanced = end, f"{solution.status.value}: {in_words(stepper.system, solution.u_c)}"
-            if new is not None:
-                assert problem is not None
-                before_substep, state, substeps = state, new, substeps + 1
-                if stepper is not self:
-                    unbalanced = None  # it was known for the pairs of another place
-                reached = Accepted(
-                    stepper=stepper,
-                    state=state,
-                    before=start,
-                    last=before_substep,
-                    problem=problem,
-                    substeps=substeps,
-                    iterations=_iterations(history),
-                    volume_solves=self.system.counters.volume_solves - solves,
-                    residual=solution.residual,
-                    slack=solution.slack,
-                    linear_error=stepper.surface.linear_error,
-                    history=tuple(history),
-                )
-            elif size <= smallest * (1 + 1e-9):
-                if unbalanced is not None:
-                    raise NoEquilibriumError(*unbalanced, tuple(history), reached)
-                text = f"residual {solution.residual:.1e} after {solution.iterations} iterations"
-                known = f" ({decide(problem).value})" if problem and self.surface.floating else ""
-                raise StepError(end, f"{text}; {solution.status.value}{known}", tuple(history), reached)
-            else:
-                size /= 2
-                log.warning("t = %g: %s; the step is halved", end, solution.status.value)
+            if new is None:
+                if tried <= smallest * (1 + 1e-9):
+                    if unbalanced is not None:
+                        raise NoEquilibriumError(*unbalanced, tuple(history), reached)
+                    text = failure.in_words(problem, solution, self.system.scene.solver.tolerance, tried)
+                    raise StepError(end, text, tuple(history), reached)
+                pace = pace.failed(tried, smallest)
+                log.warning("t = %g: %s; the step is cut to %.3g s", end, solution.status.value, pace.size)
+                continue
+            assert problem is not None
+            pace = pace.succeeded(tried, step, solution.iterations <= EASY * self.system.scene.solver.max_iterations)
+            before_substep, state, substeps = state, replace(new, pace=pace), substeps + 1
+            if stepper is not self:
+                unbalanced = None  # it was known for the pairs of another place
+            reached = Accepted(
+                stepper=stepper,
+                state=state,
+                before=start,
+                last=before_substep,
+                problem=problem,
+                substeps=substeps,
+                iterations=_iterations(history),
+                volume_solves=self.system.counters.volume_solves - solves,
+                residual=solution.residual,
+                slack=solution.slack,
+                linear_error=stepper.surface.linear_error,
+                history=tuple(history),
+            )
         return reached
 
     def _follow(
@@ -157,6 +162,8 @@ class Stepper:
         names = [c.name for c in self.system.contacts if self.system.scene.contacts[c.name].sliding]
         if not names:
             return self, *self._solve(state, end, history, on_iteration)
+        if self.stage is not self.attempts.stage:
+            self._meet_bodies()  # what other pairs share
         where = positions(self.system, state, names)
         for _ in range(SEARCHES):
             stepper = self._searched(where)
@@ -218,22 +225,37 @@ class Stepper:
         problem = None
         try:
             problem = self._problem(state, end, u_s, self.surface.load(system.pull(end, load, u_s), driving), force)
-            start = state.p if problem.p_ref > 0 else np.zeros_like(state.p)  # no load, no motion: no traction
+            start = self._start(state, end) if problem.p_ref > 0 else np.zeros_like(state.p)  # no load: no traction
             motion = unbalanced_motion(problem) if self.surface.floating else None
             if motion is not None:
                 return Solution(start, state.w, motion, Status.NO_EQUILIBRIUM, np.inf, ()), problem, None
             solution = self.method_after(state)(problem, start, tell)
             if solution.status is not Status.CONVERGED:
                 return solution, problem, None
-            u = system.T * problem.surface.recover(problem.load, solution.p, solution.u_c) + u_s
+            q = problem.surface.recover(problem.load, solution.p, solution.u_c)
+            u, strained = displacement(system, end, q, u_s)
         except (SolverError, np.linalg.LinAlgError) as error:
             log.warning("t = %g: %s", end, error)
             residual = rows[-1].residual if rows else np.inf
             none = np.zeros(self.surface.size)
             return Solution(state.p, state.w, none, Status.BROKEN, residual, tuple(rows)), problem, None
         driven = solution.u_c[len(solution.u_c) - len(driving) :]
-        new = new_state(system, state, problem, u, u_s, load, solution.p, driven)
-        return solution, problem, replace(new, law_error=state.law_error + solution.law_error)
+        new = new_state(system, state, problem, u, strained, u_s, load, solution.p, driven)
+        before = Before(state.time, state.p) if end > state.time else None
+        return solution, problem, replace(new, before=before, law_error=state.law_error + solution.law_error)
+
+    def _start(self, state: State, end: float) -> Array:
+        """Tractions to begin with: they go on as in the last step, unless the loads and motions take a turn.
+
+        Measured, with exact bodies that saves a third to two thirds of Newton's iterations and an eighth to a quarter
+        of Uzawa's; where volume solves are iterative it costs a fifth more.
+        """
+        before, turns = state.before, self.system.course.scene.turns()
+        if before is None or not self.surface.exact:
+            return state.p
+        if any(abs(turn - state.time) <= ROUNDING * state.time for turn in turns):
+            return state.p
+        return state.p + (end - state.time) / (state.time - before.time) * (state.p - before.p)
 
     def split(self, p: Array) -> tuple[list[Array], list[Array]]:
         """Flat tractions to normal (m_n,) and tangential (m_t, d-1) ones of each contact."""

@@ -14,13 +14,13 @@ Array = NDArray[np.float64]
 
 
 class CellStress:
-    """sigma(u) (own cells, 3, 3) [Pa]; the strain is compiled once."""
+    """sigma(u) (own cells, 3, 3) [Pa]; the strain is compiled once, u is left in `displacement`."""
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self._u = dx.fem.Function(system.space)
+        self.displacement = dx.fem.Function(system.space)
         mesh = system.mesh
-        self._strain = dx.CellExpression(system.weak.strain(self._u), dx.midpoint(mesh.domain), mesh.domain)
+        self._strain = dx.CellExpression(system.weak.strain(self.displacement), dx.midpoint(mesh.domain), mesh.domain)
         system.counters.forms += 1
         count = mesh.domain.topology.index_map(mesh.dim).size_local
         self._cells = np.arange(count)
@@ -31,8 +31,8 @@ class CellStress:
             self._lame[members[members < count]] = material.lame_lambda, material.lame_mu
 
     def __call__(self, u: Any) -> Array:
-        dx.petsc_vector(self._u).array[:] = u.array
-        self._u.x.scatter_forward()
+        dx.petsc_vector(self.displacement).array[:] = u.array
+        self.displacement.x.scatter_forward()
         strain = np.zeros((len(self._cells), 3, 3))
         found = self._strain(self._cells)
         d = round(found.shape[-1] ** 0.5)

@@ -8,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from geometry.amplitude import Amplitude
 from geometry.errors import GeometryError, SceneError
 from geometry.mesh import Mesh
 from geometry.nodes import Nodes
 from geometry.surface import gather_surface
 from solvers.constraints import AXES, AXIS, Constraints, Row
+from solvers.course import Course, Drive
 from solvers.nouns.scene import Scene
+from solvers.nouns.support import Direction
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -36,19 +39,26 @@ def find_constraints(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes) -> Cons
             normals = np.zeros_like(x)
         points |= dict(zip(where.tolist(), x, strict=True))
         part |= dict(zip(where.tolist(), of.tolist(), strict=True))
-        for axis, amplitude in support.displacement.items():
+        for axis in support.displacement:
             directions = normals if axis == "normal" else np.eye(mesh.dim)[[AXES[axis]]]
-            alike = [Row(direction, amplitude, name) for direction in directions]
+            drive = _drive(name, axis)
+            alike = [Row(direction, drive, name) for direction in directions]
             for i, node in enumerate(where.tolist()):
                 rows.setdefault(root.get(node, node), []).append(alike[i % len(alike)])
     if mesh.axisymmetric:
         for node, x, its_part in _on_axis(mesh, nodes):
-            rows.setdefault(root.get(node, node), []).append(Row(np.array([1.0, 0.0]), 0.0, AXIS))
+            rows.setdefault(root.get(node, node), []).append(Row(np.array([1.0, 0.0]), _rest, AXIS))
             points[node], part[node] = x, its_part
     ordered = {n: tuple(r) for n, r in sorted(rows.items())}
-    return Constraints(
-        nodes, mesh.dim, scene.steps.end, ordered, root, points, part, mesh.part_count, mesh.axisymmetric
-    )
+    return Constraints(nodes, mesh.dim, Course(scene), ordered, root, points, part, mesh.part_count, mesh.axisymmetric)
+
+
+def _drive(support: str, axis: Direction) -> Drive:
+    return lambda scene: scene.supports[support].displacement[axis]
+
+
+def _rest(scene: Scene) -> Amplitude:
+    return 0.0
 
 
 def _on_axis(mesh: Mesh, nodes: Nodes) -> list[tuple[int, Array, int]]:

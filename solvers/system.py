@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from geometry import dolfinx_versions as dx
-from geometry.amplitude import Amplitude, value_at
+from geometry.amplitude import value_at
 from geometry.errors import SceneError
 from geometry.mesh import Mesh
 from geometry.nodes import Nodes
 from geometry.surface import Surface, gather_surface
 from solvers.constraints import AXES, Constraints
 from solvers.counters import Counters
+from solvers.course import Course, Drive
 from solvers.forms import WeakForms
 from solvers.free_stiffness import free_stiffness
 from solvers.lifting import Lifting
@@ -53,7 +54,12 @@ class System:
     contacts: tuple[ContactRows, ...]
     assembled: Callable[[], Any]  # makes K once
     T: Any  # (all, all), columns of eliminated numbers are zero
-    load_terms: tuple[tuple[Amplitude, Any], ...]  # amplitude, PETSc vector at amplitude 1 [N]
+    load_terms: tuple[tuple[Drive, Any], ...]  # what drives it, PETSc vector at value 1 [N]
+
+    @property
+    def course(self) -> Course:
+        """What drives the scene in time."""
+        return self.constraints.course
 
     @property
     def K(self) -> Any:
@@ -72,8 +78,8 @@ class System:
     def load(self, time: float) -> Any:
         """External forces without reactions, over all displacements [N]."""
         total = self.vector()
-        for amplitude, vector in self.load_terms:
-            total.axpy(value_at(amplitude, time, self.scene.steps.end), vector)
+        for drive, vector in self.load_terms:
+            total.axpy(self.course.value(drive, time), vector)
         return total
 
     def prescribed(self, time: float) -> Any:
@@ -104,13 +110,14 @@ class System:
 
     def driving_force(self, time: float) -> Array:
         """Forces (o,) on the driven obstacles [N]."""
-        end, obstacles = self.scene.steps.end, self.scene.obstacles
+        scene = self.course.scene
+        end, obstacles = scene.steps.end, scene.obstacles
         found = [value_at(obstacles[name].force["xyz"[axis]], time, end) for name, axis in self.driven]  # type: ignore[index]
         return np.array(found, float)
 
     def motion_of(self, contact: Contact, points: Array, time: float, driven: Array) -> Array:
         """Motion (m, d) [m] of a contact's obstacle as seen from `points`; `driven` (o,) are the unknown ones."""
-        obstacle = self.scene.obstacles[contact.against]
+        obstacle = self.course.scene.obstacles[contact.against]
         motion = obstacle.motion(points, time, self.scene.steps.end, tied=contact.normal.ties)
         for (name, axis), size in zip(self.driven, driven, strict=True):
             if name == contact.against:
@@ -133,9 +140,8 @@ class System:
 
     def contact_forces(self, p_n: list[Array], t: list[Array]) -> Any:
         """B^T p over all displacements [N]."""
-        total = self.vector()
-        for c, pressure, tangential in zip(self.contacts, p_n, t, strict=True):
-            total += self.contact_force(c, pressure, tangential)
+        total, parts = self.vector(), zip(self.contacts, p_n, t, strict=True)
+        self._surface.add(total, np.concatenate([np.zeros(0), *(c.nodal_forces(*p).ravel() for c, *p in parts)]))
         return total
 
     def contact_force(self, c: ContactRows, p_n: Array, t: Array) -> Any:
@@ -163,11 +169,8 @@ class System:
         against = self.scene.contacts[c.name].against
         return np.array([by_axis[axis] * (name == against) for name, axis in self.driven], float)
 
-    def reactions(self, u: Any, load: Any, contact: Any) -> dict[str, tuple[Array, Array]]:
-        """Force (d,) [N] and moment about the origin [N m] that each support exerts."""
-        residual = self.K * u
-        residual -= load
-        residual += contact
+    def reactions(self, residual: Any) -> dict[str, tuple[Array, Array]]:
+        """Force (d,) [N] and moment about the origin [N m] that each support exerts; residual: see `State` [N]."""
         return self.constraints.reactions(self._prescribed.read(residual).reshape(-1, self.mesh.dim))
 
     @cached_property
@@ -288,5 +291,5 @@ def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
         contacts=contacts,
         assembled=cache(lambda: dx.assemble_matrix(weak.compile(weak.elasticity()))),
         T=constraints.transformation(mesh.comm),
-        load_terms=tuple((amplitude, dx.assemble_vector(weak.compile(form))) for amplitude, form in loads),
+        load_terms=tuple((drive, dx.assemble_vector(weak.compile(form))) for drive, form in loads),
     )

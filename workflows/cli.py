@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import shlex
 import sys
 from collections.abc import Callable
 from dataclasses import asdict
@@ -31,6 +32,7 @@ def run_command(
     scene: SceneArgument,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="results folder [results/NAME]")] = None,
     override: SetOption = None,
+    resume: Annotated[bool, typer.Option("--resume", help="go on where an earlier run of it was stopped")] = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="say nothing but errors")] = False,
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="one line an iteration")] = False,
 ) -> None:
@@ -43,11 +45,21 @@ def run_command(
     folder = output or Path("results") / find(scene).stem
     reporter = Reporter(quiet=quiet or not _speaks(), verbose=verbose)
     with reporter, named(scene):
-        outcome, content = run(loaded, folder, reporter.watch())
+        outcome, content = run(loaded, folder, reporter.watch(), resume)
     reporter.table(content)
     reporter.files(outcome)
     if outcome.sentence and _speaks():
-        typer.echo(f"stickslip: {outcome.status.replace('_', ' ')}: {outcome.sentence}", err=True)
+        again = [
+            "stickslip",
+            "run",
+            scene,
+            "-o",
+            str(folder),
+            *(f"--set={word}" for word in override or ()),
+            "--resume",
+        ]
+        how = f"; go on with: {shlex.join(again)}" if outcome.status == "interrupted" else ""
+        typer.echo(f"stickslip: {outcome.status.replace('_', ' ')}: {outcome.sentence}{how}", err=True)
     raise typer.Exit(outcome.exit_code)
 
 

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
+import re
 import shutil
+import socket
 from pathlib import Path
+from typing import Any
 
 from geometry.errors import FolderError
-from workflows.writers.aside import disk_errors, make_folder
+from workflows.writers.aside import disk_errors, make_folder, sync_folder
 
 MARK = "run.log"  # every folder that a run has made holds it
+AT_WORK = "process {pid} on {host}"  # a line of it
 
 
 class ResultsFolder:
-    """`target` is where the results will stand, `work` where they grow until then."""
+    """`target` is where the results will stand, `work` where they grow until then, locked by the process at work."""
 
     def __init__(self, target: Path) -> None:
         """
@@ -23,6 +29,7 @@ class ResultsFolder:
             raise FolderError(f"-o {target}: name a folder that may be made and replaced, for example results/mine")
         self.target = target
         self.work = target.with_name(f".{target.name}.running")
+        self._held: Any = None
         for folder in (target, self.work, self._old):
             if folder.exists() and not _ours(folder):
                 raise FolderError(f"{folder}: is not the result of a run and not empty; choose another folder with -o")
@@ -31,26 +38,109 @@ class ResultsFolder:
     def _old(self) -> Path:
         return self.target.with_name(f"{self.target.name}.1")
 
+    @property
+    def _rubbish(self) -> Path:
+        return self.target.with_name(f".{self.target.name}.1.removed")
+
+    @property
+    def kept_steps(self) -> int:
+        """How many steps a run that was killed has left in `work`."""
+        return len(list(self.work.glob("steps/[0-9]*.h5")))
+
+    def refuse_to_lose(self) -> None:
+        """
+        Raises:
+            FolderError: another run is at work, or one that was killed has left steps.
+        """
+        if not self.work.exists():
+            return
+        self.lock(self.work)
+        if self.kept_steps:
+            self.release()
+            raise FolderError(
+                f"{self.target}: a run that was stopped has left {self.kept_steps} steps in {self.work}; go on with "
+                "--resume, or remove that folder"
+            )
+
     def start(self) -> Path:
-        """An empty working folder; what a run that was killed left there is removed."""
-        with disk_errors(self.work):
-            shutil.rmtree(self.work, ignore_errors=True)
+        """An empty working folder; what a run that was killed before its first step left there is removed.
+
+        Raises:
+            FolderError: another run is at work, or one that was killed has left steps.
+        """
+        self.refuse_to_lose()
         make_folder(self.work)
-        (self.work / MARK).touch()
+        self.lock(self.work)
+        with disk_errors(self.work):
+            for path in self.work.iterdir():
+                if path.is_dir():
+                    shutil.rmtree(path)
+                elif path.name != MARK:
+                    path.unlink()
+            (self.work / MARK).write_text("", encoding="utf-8")
         return self.work
+
+    def take_up(self, folder: Path) -> Path:
+        """Work on in `folder`, which may be the target."""
+        self.lock(folder)
+        if folder != self.work:
+            with disk_errors(folder):
+                folder.rename(self.work)
+                sync_folder(folder.parent)
+        return self.work
+
+    def lock(self, folder: Path) -> None:
+        """Keep other processes out until `release`; the system does that when this one is killed.
+
+        Raises:
+            FolderError: another one is at work there.
+        """
+        if self._held is not None:
+            return
+        with disk_errors(folder):
+            held = (folder / MARK).open("a", encoding="utf-8")
+            try:
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                held.close()
+                raise FolderError(
+                    f"{self.target}: {_who(folder)} is writing it; choose another folder with -o"
+                ) from None
+        self._held = held
+
+    def release(self) -> None:
+        """Let others in."""
+        if self._held is not None:
+            self._held.close()
+            self._held = None
 
     def finish(self) -> Path:
         """Put the results in place by rename; the former ones are kept as `.1`."""
         with disk_errors(self.target):
             if self.target.exists():
-                shutil.rmtree(self._old, ignore_errors=True)
+                if self._old.exists():  # out of the way first: a kill may leave it half removed
+                    shutil.rmtree(self._rubbish, ignore_errors=True)
+                    self._old.rename(self._rubbish)
                 self.target.rename(self._old)
+                shutil.rmtree(self._rubbish, ignore_errors=True)
             self.work.rename(self.target)
+        self.release()
         return self.target
 
     def abandon(self) -> None:
-        """Leave no trace of a run that did not reach its first step."""
+        """Leave no trace of what has not come to anything."""
         shutil.rmtree(self.work, ignore_errors=True)
+        self.release()
+
+
+def at_work() -> str:
+    """What `run.log` says of the process that writes it."""
+    return AT_WORK.format(pid=os.getpid(), host=socket.gethostname())
+
+
+def _who(folder: Path) -> str:
+    said = re.findall(AT_WORK.format(pid=r"\d+", host=r"\S+"), (folder / MARK).read_text(encoding="utf-8"))
+    return said[-1] if said else "another process"
 
 
 def _ours(folder: Path) -> bool:

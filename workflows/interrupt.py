@@ -1,4 +1,4 @@
-"""Ctrl-C that waits for a safe moment: the end of an iteration or of a step, never the middle of a file."""
+"""Signals that wait for a safe moment: the end of an iteration or of a step, never the middle of a file."""
 
 from __future__ import annotations
 
@@ -7,40 +7,45 @@ import threading
 from types import FrameType
 from typing import Any
 
-IMPATIENT = 3  # presses after which the program stops at once
+NOTED = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)  # Ctrl-C, and what batch queues send ahead of the end
+IMPATIENT = 3  # presses of Ctrl-C after which the program stops at once
 
 
 class Interrupt:
-    """Context in which Ctrl-C is only noted; `check` raises it where the run can stop."""
+    """Context in which signals are only noted; `check` raises where the run can stop."""
 
     def __init__(self) -> None:
         self._presses = 0
-        self._former: Any = None
+        self._former: dict[signal.Signals, Any] = {}
+        self.by = ""  # the first signal, on whatever rank
 
     def __enter__(self) -> Interrupt:
         if threading.current_thread() is threading.main_thread():  # signals reach the main thread only
-            self._former = signal.signal(signal.SIGINT, self._note)
+            self._former = {number: signal.signal(number, self._note) for number in NOTED}
         return self
 
     def __exit__(self, *error: object) -> None:
-        if self._former is not None:
-            signal.signal(signal.SIGINT, self._former)
+        for number, former in self._former.items():
+            signal.signal(number, former)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        self._presses += 1
+        self.by = self.by or signal.Signals(number).name
+        self._presses += number == signal.SIGINT
         if self._presses >= IMPATIENT:
             signal.default_int_handler(number, frame)
 
     @property
     def pressed(self) -> bool:
-        """Whether Ctrl-C was pressed on this rank."""
-        return self._presses > 0
+        """Whether a signal came to this rank."""
+        return bool(self.by)
 
     def check(self, comm: Any) -> None:
-        """Stop here if Ctrl-C was pressed on any rank; collective.
+        """Stop here if a signal came to any rank; collective.
 
         Raises:
             KeyboardInterrupt: on every rank.
         """
-        if any(comm.allgather(self.pressed)):
+        named = next((name for name in comm.allgather(self.by) if name), "")
+        if named:
+            self.by = named
             raise KeyboardInterrupt

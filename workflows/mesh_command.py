@@ -19,7 +19,7 @@ from geometry.window import open_window
 from solvers.nouns.scene import Scene
 from workflows.count import look
 from workflows.report import console, print_mesh, print_table
-from workflows.run import raise_together
+from workflows.together import raise_together
 
 
 def report(scene: Scene, target: Path | None) -> None:

@@ -1,14 +1,20 @@
-"""Pictures of one step for a report."""
+"""Pictures for a report: of one step, and of a history."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from solvers.nouns.scene import Scene
 from solvers.step_result import MeshData, StepResult
 from workflows.writers.aside import make_folder
 from workflows.writers.body_picture import draw_body
+from workflows.writers.by_time import read_by_time
 from workflows.writers.contact_curves import draw_line
 from workflows.writers.contact_maps import draw_surface
+from workflows.writers.history_picture import draw_history
+from workflows.writers.loops import draw_loops
+
+HISTORY = 3  # steps that are worth a picture over time
 
 
 def draw(folder: Path, mesh: MeshData, result: StepResult, title: str) -> list[Path]:
@@ -28,3 +34,16 @@ def draw(folder: Path, mesh: MeshData, result: StepResult, title: str) -> list[P
         else:
             drawn.append(draw_line(folder, name, surface[0], surface[1], contact, head))
     return drawn
+
+
+def draw_course(folder: Path, scene: Scene) -> list[Path]:
+    """Draw history.png and force_displacement.png from steps.csv, if there are steps enough. Rank 0 only.
+
+    Raises:
+        MachineError: the disk is full, or steps.csv cannot be read.
+    """
+    columns, title = read_by_time(folder), " ".join(scene.title.split())
+    if len(columns["time"]) < HISTORY:
+        return []
+    loops = draw_loops(folder, scene, columns, title)
+    return [draw_history(folder, scene, columns, title), *([loops] if loops else [])]

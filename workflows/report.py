@@ -16,7 +16,7 @@ from solvers.simulation import Simulation
 from solvers.step_result import StepResult
 from workflows.mesh_report import ContactReport, MeshReport
 from workflows.results import Outcome
-from workflows.run import Watch
+from workflows.watch import Watch
 
 Content = dict[str, Any]
 
@@ -44,7 +44,7 @@ class Reporter:
 
     def watch(self) -> Watch:
         """Callbacks for the run."""
-        return Watch(self._meshed, self._prepared, self._iteration, self._step)
+        return Watch(self._meshed, self._prepared, self._iteration, self._step, self._resumed, self._note)
 
     def _meshed(self, report: MeshReport) -> None:
         for line in report.lines():
@@ -70,6 +70,13 @@ class Reporter:
         self.progress.advance(self.task)
         if not self.console.is_terminal or self.verbose:
             self._line(f"t = {step.time:g}: {step.iterations} iterations, residual {step.residual:.1e}")
+
+    def _resumed(self, done: int, time: float) -> None:
+        self.progress.advance(self.task, done)
+        self._line(f"resumed after step {done}, t = {time:g}")
+
+    def _note(self, line: str) -> None:
+        self.console.print(f"stickslip: {line}", soft_wrap=True)  # also where it is to be quiet
 
     def _line(self, text: str) -> None:
         if not self.quiet:
@@ -105,7 +112,7 @@ class Reporter:
             return
         folder = outcome.folder
         print(f"results in {folder}: fields.xdmf and contact_*.xdmf for ParaView, result.json and *.csv for scripts,")
-        pictures = sorted(path.name for path in folder.glob("*.png"))
+        pictures = sorted(path.name for path in folder.iterdir() if path.suffix in (".png", ".gif"))
         print(f"pictures {', '.join(pictures)}" if pictures else "no pictures")
 
 

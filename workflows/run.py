@@ -3,43 +3,41 @@
 from __future__ import annotations
 
 import logging
-import sys
 import time as clock
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import MachineError, StickslipError
+from geometry.errors import MachineError
 from solvers.audit import Audit, Auditor, Record
+from solvers.checkpoint import Checkpoints
 from solvers.history import HistoryRow
 from solvers.linear_reference import LinearReference, linear_reference
 from solvers.nouns.scene import Scene
-from solvers.plan import warnings
+from solvers.plain import packed
 from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
 from solvers.stepping import NoEquilibriumError, StepError
+from workflows.changes import identity
+from workflows.drawing import draw_wanted
 from workflows.folder import MARK, ResultsFolder
 from workflows.interrupt import Interrupt
-from workflows.mesh_report import MeshReport, report_mesh
-from workflows.results import Outcome, summary, write_result
+from workflows.left import BEGUN, DECIDES_NOTHING, Going, Left, cut_back, find_left
+from workflows.mesh_report import report_mesh
+from workflows.results import Outcome, summary, write_json, write_result
+from workflows.run_log import RunLog
 from workflows.small import Smallness
+from workflows.together import raise_together
+from workflows.watch import Watch, tell
+from workflows.writers.by_time import write_by_time
+from workflows.writers.learnt import LearntFiles
 from workflows.writers.steps import read_step, step_name, write_step
 from workflows.writers.tables import write_history, write_tables
 from workflows.writers.xdmf import FieldFiles
 
 log = logging.getLogger(__name__)
-LOGGERS = ("geometry", "solvers", "workflows")
-
-
-@dataclass(frozen=True)
-class Watch:
-    """What a run tells while it works; rank 0 only."""
-
-    on_mesh: Callable[[MeshReport], None] = lambda report: None
-    on_prepared: Callable[[Simulation], None] = lambda simulation: None
-    on_iteration: Callable[[HistoryRow], None] = lambda row: None
-    on_step: Callable[[StepResult], None] = lambda step: None
 
 
 @dataclass
@@ -50,14 +48,31 @@ class Run:
     folder: Path
     began: float
     interrupt: Interrupt
-    steps: list[StepResult] = field(default_factory=list)  # the last one with its fields, the others without
+    left: Left = Left()  # by the run that this one resumes
+    steps: list[StepResult] = field(init=False)  # the last one with its fields, the others without
     fields: FieldFiles = field(init=False)
+    learnt: LearntFiles = field(init=False)
     smallness: Smallness = field(init=False)
 
     def __post_init__(self) -> None:
-        self.fields = FieldFiles(self.folder, self.simulation.data)
+        """Collective."""
+        going, self.steps = self.left.going, list(self.left.steps)
+        self._checkpoints = Checkpoints(self.simulation.stepper)
+        self._state, self._total = None, 0.0
+        self._references = [self.left.before, going.learnt if going else ""]  # to what was learnt
+        self.fields = FieldFiles(self.folder, self.simulation.data, self.simulation.scene.output.every)
+        self.fields.know([step.time for step in self.steps])
+        self.learnt = LearntFiles(self.folder, self._references[-1])
         if self.rank == 0:
             self.smallness = Smallness(self.simulation.data)
+        if going:
+            self._state, usable = self._checkpoints.put_back(going.checkpoint, self.left.learnt)
+            if self.left.learnt is not None and not usable:
+                log.info("other ranks than before: what the method had learnt is left out")
+            self.simulation.seconds.add(going.seconds)
+            self._total = going.total
+            if self.rank == 0:
+                self.smallness.spread = going.spread
 
     @property
     def rank(self) -> int:
@@ -72,10 +87,12 @@ class Run:
             self.interrupt.check(comm)
 
         try:
-            for index, step in enumerate(self.simulation.steps(on_iteration), start=1):
+            marching = self.simulation.steps(on_iteration, len(self.steps), self._state)
+            for index, step in enumerate(marching, start=len(self.steps) + 1):
                 began = clock.perf_counter()
-                self.steps = [*(s.without_fields() for s in self.steps), step]
                 self._write(index, step)
+                self.steps = [*self.steps[:-1], *(s.without_fields() for s in self.steps[-1:]), step]
+                self._show(index, step.time)
                 tell.on_step(step)
                 self.simulation.seconds.output += clock.perf_counter() - began
         except StepError as error:
@@ -85,26 +102,39 @@ class Run:
             self.on_rank_0(lambda: write_history(self.folder, len(self.steps) + (not written), rows))
             return "no_equilibrium" if isinstance(error, NoEquilibriumError) else "not_converged", str(error)
         except KeyboardInterrupt:
-            return "interrupted", "stopped by the user; the steps so far are kept"
+            count, by = len(self.simulation.scene.requested_times()), self.interrupt.by or "the user"
+            return "interrupted", f"stopped by {by} after {len(self.steps)} of {count} steps"
         return "converged", ""
 
     def _write(self, index: int, step: StepResult) -> None:
-        """Tables, step file, and the XDMF that shows it; all ranks fail or none."""
+        """Tables and step file: when this returns, the step is safe; all ranks fail or none."""
+        accepted = self.simulation.stepper.reported
+        assert accepted is not None
+        checkpoint, learnt = self._checkpoints.take(accepted), self._checkpoints.learnt()
 
         def write() -> None:
-            write_tables(self.folder, index, self.simulation.data, step)
-            write_step(self.folder, index, step)
-            self._show(ended=False)
             self.smallness.see(step)
+            self._references = [self._references[-1], self.learnt.write(index, learnt)]
+            write_tables(self.folder, index, self.simulation.data, step)
+            write_by_time(self.folder, index, self.simulation.scene, step)
+            going = Going(
+                checkpoint=checkpoint,
+                seconds=self.simulation.seconds,
+                total=self._seconds(),
+                spread=self.smallness.spread,
+                learnt=self._references[-1],
+            )
+            write_step(self.folder, index, step, packed(going))
+            self.learnt.keep_only(self._references)
 
         self.on_rank_0(write)
 
-    def _show(self, ended: bool) -> None:
-        """The XDMF files: every n-th step, and the last one when the run has ended, however."""
-        every = self.simulation.scene.output.every
-        last = len(self.steps) if ended else 0
-        shown = [(i, s.time) for i, s in enumerate(self.steps, start=1) if i % every == 0 or i == last]
-        self.fields.write(shown)
+    def _seconds(self) -> float:
+        """Of all processes that worked on this run."""
+        return self._total + clock.perf_counter() - self.began
+
+    def _show(self, index: int, time: float) -> None:
+        self.on_rank_0(lambda: self.fields.add(index, time))
 
     def audit(self) -> list[Audit]:
         """Every step against equilibrium and the laws, from its file."""
@@ -142,18 +172,19 @@ class Run:
         reference: LinearReference | None = None
 
         def content() -> dict[str, Any]:
-            total = clock.perf_counter() - self.began
-            return summary(self.simulation, status, self.steps, audits, total, reference)
+            return summary(self.simulation, status, self.steps, audits, self._seconds(), reference)
 
         self.on_rank_0(lambda: write_result(self.folder, content()))  # before the pictures: they can fail
-        self.on_rank_0(lambda: self._show(ended=True))
-        if scene.output.pictures and self.steps:
-            self.on_rank_0(lambda: _draw(self.folder, self.simulation, self.steps[-1]))
+        self.on_rank_0(self.fields.finish)
+        if self.steps:
+            self.on_rank_0(lambda: draw_wanted(self.folder, scene, self.simulation.data, self.steps, status))
         seconds.output += clock.perf_counter() - began
         if scene.output.linear_reference and status != "interrupted":
             reference = linear_reference(self.simulation.system)
         final = content()
         self.on_rank_0(lambda: write_result(self.folder, final))
+        if status == "converged":
+            self.on_rank_0(self.learnt.remove)
         return final
 
     def on_rank_0(self, act: Callable[[], object]) -> None:
@@ -161,98 +192,85 @@ class Run:
         raise_together(self.simulation.mesh.comm, act)
 
 
-def run(scene: Scene, folder: str | Path, watch: Watch | None = None) -> tuple[Outcome, dict[str, Any]]:
+def run(
+    scene: Scene, folder: str | Path, watch: Watch | None = None, resume: bool = False
+) -> tuple[Outcome, dict[str, Any]]:
     """Run a scene and leave its results in `folder`; collective.
+
+    Args:
+        resume: go on where an earlier run of the same scene was stopped there, if there is one.
 
     Returns:
         How it ended, and the content of result.json.
 
     Raises:
         SceneError, GeometryError: known before solving; nothing is written.
-        MachineError: the results cannot be written.
+        MachineError: the results cannot be written, or a step to resume from is damaged.
     """
     from mpi4py import MPI
 
-    comm, began = MPI.COMM_WORLD, clock.perf_counter()
+    comm, began, watch = MPI.COMM_WORLD, clock.perf_counter(), watch or Watch()
+    place, left = Path(folder), Left()
     results: list[ResultsFolder] = []
-    raise_together(comm, lambda: results.append(ResultsFolder(Path(folder))))
+    raise_together(comm, lambda: results.append(ResultsFolder(place)))
+
+    def look() -> None:
+        nonlocal left
+        if resume:
+            left = find_left(results[0], scene)
+        else:
+            results[0].refuse_to_lose()
+
+    try:
+        raise_together(comm, look)
+        left = left.shared(comm)
+        if left.finished is not None:
+            return Outcome("converged", left.notes[0], place), left.finished
+        return _solve(scene, place, results, left, watch, began)
+    finally:
+        for held in results:
+            held.release()
+
+
+def _solve(
+    scene: Scene, place: Path, results: list[ResultsFolder], left: Left, watch: Watch, began: float
+) -> tuple[Outcome, dict[str, Any]]:
+    """Prepare, march, finish; `results` on rank 0 only."""
+    from mpi4py import MPI
+
+    comm = MPI.COMM_WORLD
     with Interrupt() as interrupt:
-        simulation = prepare(scene, comm)
+        simulation = prepare(scene, comm, left.going.checkpoint.reached if left.going else None)
         interrupt.check(comm)
-        watch = watch or Watch()
         system = simulation.system
         report = report_mesh(scene, simulation.mesh, system.nodes.total, system.contacts)
-        work = Path(folder).with_name(f".{Path(folder).name}.running")
-        raise_together(comm, lambda: results[0].start())
-        handler = _log_to(work / MARK) if comm.rank == 0 else None
-        try:
+        raise_together(comm, lambda: _open(results[0], simulation, left))
+        work = place.with_name(f".{place.name}.running")
+        with RunLog(work / MARK) if comm.rank == 0 else nullcontext():
             if comm.rank == 0:
-                for warning in warnings(scene):
+                tell(simulation, report, left, watch)
+            working = Run(simulation, work, began, interrupt, left)
+            try:
+                status, sentence = working.march(watch)
+                doubts = working.smallness.warnings() if comm.rank == 0 else ()
+                for warning in doubts:
                     log.warning("%s", warning)
-                _tell(report, watch)
-                watch.on_prepared(simulation)
-            going = Run(simulation, work, began, interrupt)
-            status, sentence = going.march(watch)
-            doubts = going.smallness.warnings() if comm.rank == 0 else ()
-            for warning in doubts:
-                log.warning("%s", warning)
-            content = going.finish(status)
-        finally:
-            if handler is not None:
-                _stop_log(handler)
+                content = working.finish(status)
+            except MachineError as error:
+                kept = f"; {len(working.steps)} steps are kept, go on with --resume" if working.steps else ""
+                raise MachineError(f"{error}{kept}") from None
         raise_together(comm, lambda: results[0].finish())
-    return Outcome(status, sentence, Path(folder), doubts), content
+    return Outcome(status, sentence, place, doubts), content
 
 
-def _tell(report: MeshReport, watch: Watch) -> None:
-    for line in report.lines():
-        log.info("%s", line)
-    for line in report.warnings():
-        log.warning("%s", line)
-    watch.on_mesh(report)
-
-
-def raise_together(comm: Any, act: Callable[[], object]) -> None:
-    """Run `act` on rank 0; its error, if any, is raised on every rank."""
-    failure: StickslipError | None = None
-    mistake: Exception | None = None
-    if comm.rank == 0:
-        try:
-            act()
-        except StickslipError as error:
-            failure = error
-        except OSError as error:
-            failure = MachineError(f"{error.filename or 'results'}: {error.strerror or error}")
-        except Exception as error:  # a mistake of ours: rank 0 shows it, the others must not wait for ever
-            failure, mistake = StickslipError(f"rank 0 failed: {error}"), error
-    failure = comm.bcast(failure)
-    if mistake is not None:
-        raise mistake
-    if failure is not None:
-        raise failure
-
-
-def _draw(folder: Path, simulation: Simulation, step: StepResult) -> None:
-    """Draw; a machine that cannot is told so, its results stand."""
-    try:
-        from workflows.pictures import draw
-
-        draw(folder, simulation.data, step, simulation.scene.title)
-    except (ImportError, RuntimeError) as error:
-        log.warning("no pictures: %s", error)
-        print(f"stickslip: no pictures could be drawn: {error}", file=sys.stderr)
-
-
-def _log_to(path: Path) -> logging.Handler:
-    handler = logging.FileHandler(path, encoding="utf-8")
-    handler.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
-    for name in LOGGERS:
-        logging.getLogger(name).addHandler(handler)
-        logging.getLogger(name).setLevel(logging.INFO)
-    return handler
-
-
-def _stop_log(handler: logging.Handler) -> None:
-    for name in LOGGERS:
-        logging.getLogger(name).removeHandler(handler)
-    handler.close()
+def _open(results: ResultsFolder, simulation: Simulation, left: Left) -> None:
+    """The working folder: a new one that says what scene it is for, or the one to go on in."""
+    mesh = FieldFiles(results.work, simulation.data).checksum
+    if left.folder is None:
+        folder = results.start()
+        begun = {"scene": identity(simulation.scene, DECIDES_NOTHING), "mesh": mesh}
+        write_json(folder / BEGUN, begun)
+    elif left.mesh != mesh:
+        raise MachineError(f"{results.target}: gmsh meshes this scene differently now; leave out --resume")
+    else:
+        cut_back(results.take_up(left.folder), left)

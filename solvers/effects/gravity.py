@@ -12,6 +12,7 @@ from geometry.keys import Key, Noun
 from solvers.effects.effect import Effect
 
 if TYPE_CHECKING:
+    from solvers.course import Drive
     from solvers.forms import LoadForm, WeakForms
     from solvers.nouns.scene import Scene
 
@@ -40,11 +41,15 @@ def check_section(scene: Scene) -> None:
         raise SceneError("gravity: no body has a density; set bodies.NAME.density, in kg/m³")
 
 
+def _drive(axis: int) -> Drive:
+    return lambda scene: scene.sections["gravity"].acceleration[axis]
+
+
 def loads(scene: Scene, weak: WeakForms) -> Iterable[LoadForm]:
     for body, material in scene.bodies.items():
-        for axis, amplitude in enumerate(scene.sections["gravity"].acceleration):
+        for axis in range(scene.dim):
             if material.density:
-                yield amplitude, weak.constant(material.density) * weak.v[axis] * weak.volume(body)
+                yield _drive(axis), weak.constant(material.density) * weak.v[axis] * weak.volume(body)
 
 
 EFFECT = Effect(name="gravity", because=because, section=Gravity, check=check_section, loads=loads)

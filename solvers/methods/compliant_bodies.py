@@ -15,6 +15,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from geometry.errors import SolverError
 from solvers.condensed import CondensedSurface
 from solvers.cone import Place
+from solvers.dense_metric import DenseMetric, inverse_root
 from solvers.effects.compliance import Compliance
 from solvers.methods.inner_tolerance import Allowed
 from solvers.methods.solution import Array
@@ -96,6 +97,15 @@ class CompliantBodies:
         start = 1 + np.sin(np.arange(size))  # the same on every rank, no symmetry
         (largest,) = eigsh(operator, k=1, which="LA", v0=start, tol=LANCZOS, return_eigenvectors=False)
         return float(largest) * (1 + LANCZOS)
+
+    def metric(self, V: Any) -> DenseMetric:
+        """B V^-1 B^T on the other rows; the compliant ones keep their pressure while these move."""
+        W, size = self.surface.W, len(self.surface.W)
+        B = (sparse.diags(W[self.others]) @ self.surface.N[self.others]).toarray()
+        Q, on = np.zeros((size, size)), np.zeros(size, bool)
+        Q[np.ix_(self.others, self.others)] = B @ cho_solve(V, B.T)
+        on[self.others] = True
+        return DenseMetric(self.surface, Q, on, inverse_root(Q[np.ix_(on, on)]), alpha=1.0)
 
     def _left(self, p: Array, u_c: Array) -> Array:
         """delta (c,) [N]."""

@@ -22,7 +22,9 @@ class GramUzawa:
 
     The source has no projection, since its Newton steps fix what sticks; here the cone is met in Q itself, a contact
     problem on the surface, whose bound of friction follows the pressure. For 0 < relaxation < 2 and fixed bounds that
-    converges; to clip point by point would be no projection in this metric, and need not.
+    converges; to clip point by point would be no projection in this metric, and need not. On compliant faces, whose
+    tractions live at quadrature points, Q measures the nodal forces that they make and has no full rank; with the
+    law it has.
 
     Source: Pop (1999), (5.6)-(5.7) and its last algorithm.
     """

@@ -16,9 +16,9 @@ from solvers.surface_problem import SurfaceProblem
 class InexactUzawa:
     """K_B u_{k+1} = R_B - B^T p_k + delta_k by conjugate gradients from u_k, ||delta_k|| <= tau_k; then as `Uzawa`.
 
-    Q = W, alpha = relaxation / lambda_max or given. tau_k = 0 is `Uzawa`; where that contracts by rho an iteration,
-    this does by about rho + tau, tau small (Elman & Golub, theorem 3.1). A residual that is small enough is believed
-    only after an inner solve whose error it would show.
+    Q = W, alpha = relaxation / lambda_max or given. tau_k = 0 is `Uzawa`; for small tau_k the rate is close to that
+    (Elman & Golub; `Tied.rate` of solvers/saddle_points.py bounds it). A residual that is small enough is believed only
+    after an inner solve whose error it would show.
 
     Source: Pop (1999), (1.2); Elman & Golub, SIAM J. Numer. Anal. 31 (1994); Bramble, Pasciak & Vassilev, ibid. 34
     (1997), section 4, where the inner iteration need not be linear, as conjugate gradients are not.

@@ -2,33 +2,41 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from solvers.condensed import CondensedSurface
 from solvers.methods.compliant_bodies import CompliantBodies
 from solvers.methods.inner_tolerance import InnerTolerance, negligible
-from solvers.methods.outer_iteration import FrictionUpdate, Outer, Solved
+from solvers.methods.outer_iteration import FrictionUpdate, Outer, Solved, projected
 from solvers.methods.solution import Array, OnStep, Solution, ignore
+from solvers.methods.surface_model import nearest_in_cone
 from solvers.surface_problem import SurfaceProblem
 
+OuterMetric = Literal["points", "jacobian"]
 CHANGED = 0.01  # of the largest spring: faces that have changed less keep their alpha_k
 
 
 @dataclass(frozen=True, kw_only=True)
 class NonlinearUzawa:
-    """F(u_{k+1}) = R_B - B^T p_k + delta_k, then p_{k+1} = P_C(p_k + alpha_k (w(u_{k+1}) - gap)), Q_k = W.
+    """F(u_{k+1}) = R_B - B^T p_k + delta_k, then p_{k+1} = argmin over the cone of |q - p_hat|_(Q_k),
+    p_hat = p_k + alpha_k Q_k^-1 W (w(u_{k+1}) - gap).
 
     F(u) = K_B u + j_n'(u) is strongly monotone and has no derivative where a point just touches; the inner solve is
-    semismooth Newton, ||delta_k|| <= tau_k. p_k are friction, and the pressures of rigid laws. alpha_k is relaxation /
-    lambda_max(W^-1 B V_k^-1 B^T), V_k in the generalised Jacobian of F at u_{k+1}. The source takes Q_k near
-    B V_k^-1 B^T itself, which makes its iteration superlinear; a projection point by point wants it diagonal.
+    semismooth Newton, ||delta_k|| <= tau_k. p_k are friction, and the pressures of rigid laws. With V_k in the
+    generalised Jacobian of F at u_{k+1}:
+
+    points: Q_k = W, the projection is one point by point, alpha_k = relaxation / lambda_max(W^-1 B V_k^-1 B^T).
+    jacobian: Q_k = B V_k^-1 B^T, alpha_k = 1, and tau_k falls with the residual: superlinear where the bounds of
+    friction are given. Bounds that follow the pressure of a compliant face are not in V_k: linear, though fast.
 
     Source: Chen, SIAM J. Numer. Anal. 35 (1998); Pop (1999), (1.3).
     """
 
     inner: InnerTolerance = InnerTolerance()
+    outer_metric: OuterMetric = "points"
     relaxation: float = 1.5  # [-]
     friction_update: FrictionUpdate = "every iteration"
     rtol: float = 1e-8
@@ -39,12 +47,13 @@ class NonlinearUzawa:
         assert isinstance(surface, CondensedSurface)
         bodies = CompliantBodies(problem, surface)
         last: Solved | None = None
-        springs, alpha = np.full(len(p), np.inf), 1.0
+        springs, alpha, V = np.full(len(p), np.inf), 1.0, None
+        exact, inner = self.outer_metric == "jacobian", self.inner
 
         def solve(p: Array) -> Solved:
-            nonlocal last, springs, alpha
+            nonlocal last, springs, alpha, V
             start = problem.load.free if last is None else last.u_c
-            p, u_c, V = bodies.solve(p, start, self.inner(problem, last, p))
+            p, u_c, V = bodies.solve(p, start, inner(problem, last, p))
             if problem.natural_residual(p, problem.relative_displacement(u_c)) <= self.rtol:
                 p, u_c, V = bodies.solve(p, u_c, negligible(problem, self.rtol))
             k = bodies.springs(p)
@@ -53,5 +62,14 @@ class NonlinearUzawa:
             last = Solved(p, u_c, alpha)
             return last
 
-        outer = Outer(rtol=self.rtol, max_it=self.max_it, friction_update=self.friction_update)
+        def advance(step: SurfaceProblem, found: Solved, w: Array, residual: float) -> Array | None:
+            nonlocal inner
+            if not exact:
+                return projected(step, found, w, residual)
+            small = min(residual, 1.0)
+            inner = replace(self.inner, share=self.inner.share * small)
+            nearest = nearest_in_cone(step, bodies.metric(V), found.p, w, max(small**2, self.rtol))
+            return None if nearest is None else nearest.p
+
+        outer = Outer(rtol=self.rtol, max_it=self.max_it, friction_update=self.friction_update, advance=advance)
         return outer(problem, p, solve, on_step)

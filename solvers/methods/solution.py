@@ -17,9 +17,9 @@ class Status(Enum):
 
     CONVERGED = "converged"
     MAX_IT = "the iterations ran out: raise solver.max_iterations"
-    STALLED = "the residual stopped falling: try smaller steps (steps.count)"
-    NOT_FINITE = "the iteration left the range of numbers: try smaller steps (steps.count)"
-    BROKEN = 'a linear solve failed: try smaller steps (steps.count), or solver.surface = "condensed"'
+    STALLED = "the residual stopped falling: try another solver.method, or a larger solver.tolerance"
+    NOT_FINITE = "the iteration left the range of numbers: check the units of E, loads and lengths"
+    BROKEN = 'a linear solve failed: try another solver.method, or solver.surface = "condensed"'
     NO_EQUILIBRIUM = "contact and friction cannot balance the loads"
     NO_HOLD = "contact and friction could not hold the body: check loads, friction and the start of contact"
 

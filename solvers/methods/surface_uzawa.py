@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from solvers.bodies import Bodies
 from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
 from solvers.methods.surface_model import nearest_in_cone
 from solvers.methods.surface_system import Flexibility
@@ -37,7 +39,7 @@ class SurfaceUzawa:
     learnt: dict[str, Secants] = field(default_factory=dict, repr=False)
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
-        surface, flexibility = problem.surface, self._flexibility(problem)
+        surface, flexibility = problem.surface, self._flexibility(problem.surface)
         history: list[Step] = []
         status = Status.MAX_IT
         inner = 0.0 if surface.exact or problem.p_ref == 0 else VOLUME  # no load, no motion: nothing happens
@@ -79,9 +81,17 @@ class SurfaceUzawa:
             w = problem.relative_displacement(u_c + motion)
         return Solution(p, w, u_c + motion, status, residual, tuple(history))
 
-    def _flexibility(self, problem: SurfaceProblem) -> Secants:
+    def kept(self) -> dict[str, Any]:
+        """What earlier steps have taught; see `restore`."""
+        return {name: secants.kept() for name, secants in self.learnt.items()}
+
+    def restore(self, kept: dict[str, Any], surface: Bodies) -> None:
+        """Know what was `kept` by one of the same bodies."""
+        for known in kept.values():
+            self._flexibility(surface).restore(known)
+
+    def _flexibility(self, surface: Bodies) -> Secants:
         """F, which knows what forces that move bodies as rigid ones do: (K_B + rho R R^T)^-1 R = R / rho."""
-        surface = problem.surface
         own = surface.size - surface.driven
 
         def with_driven(guess: Callable[[Array], Array]) -> Secants:

@@ -5,21 +5,32 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+RIGID = "rigid"  # the operator of a rigid obstacle
+
 
 @dataclass(frozen=True, kw_only=True)
 class Applicability:
-    """What a method needs of a scene, and when to use it."""
+    """What a method needs of a scene, and when to use it.
 
-    floating: bool  # works while a body is held by contact and friction alone
+    All of them work in every model, with cells of every kind and order, and on any number of ranks.
+    """
+
+    floating: bool  # works while a body is held by contact and friction alone, or an obstacle is moved by a force
     use: str
     normal: tuple[str, ...] | None = None  # names of the normal laws that it can do; None: all
     friction: tuple[str, ...] | None = None  # of the friction laws
     k_T: bool = True  # tangential stiffness before slip
-    multibody: bool = True  # contact between deformable surfaces
+    operators: tuple[str, ...] | None = None  # RIGID, and those between bodies
+    sliding: bool = True  # contact that is looked for where the bodies have moved to
     matrix_free: bool = True  # meets the bodies through iterative solves too
     condensed: bool = True  # meets them through their dense stiffness too
     keys: tuple[str, ...] = ()  # of [solver], that it knows besides those that all know
     contends: bool = True  # for the best price, where a cost study is free to choose
+
+    def knows(self, what: str, name: str) -> bool:
+        """Whether one of its laws (`normal`, `friction`) or `operators` is one that it can do."""
+        known: tuple[str, ...] | None = getattr(self, what)
+        return known is None or name in known
 
 
 UZAWA = ("relaxation", "alpha", "friction_update")
@@ -36,7 +47,6 @@ METHODS: Mapping[str, Applicability] = {
     "gram-uzawa": Applicability(
         floating=False,
         use="the published preconditioner: to see what it does; surface-uzawa where iterations count",
-        normal=("unilateral", "bilateral", "tied"),  # the multipliers of the others have no H1 basis
         matrix_free=False,
         keys=("gram", "relaxation"),
         contends=False,
@@ -53,7 +63,7 @@ METHODS: Mapping[str, Applicability] = {
         floating=False,
         use="compliant faces: they belong to the bodies, friction alone is iterated; without it once is enough",
         matrix_free=False,
-        keys=("relaxation", "friction_update", *INNER),
+        keys=("outer_metric", "relaxation", "friction_update", *INNER),
         contends=False,
     ),
     "regularised": Applicability(
@@ -62,7 +72,8 @@ METHODS: Mapping[str, Applicability] = {
         normal=("unilateral", "bilateral", "compliance"),
         friction=("coulomb", "tresca"),
         k_T=False,
-        multibody=False,
+        operators=(RIGID,),
+        sliding=False,
         matrix_free=False,
         keys=("smoothing",),
     ),

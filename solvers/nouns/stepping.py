@@ -49,6 +49,10 @@ class Solver(Noun):
         Literal["every iteration", "outer"],
         Key("-", "when Uzawa's methods renew the friction bound; outer: once the problem of given friction is solved"),
     ] = "every iteration"
+    outer_metric: Annotated[
+        Literal["points", "jacobian"],
+        Key("-", "nonlinear-uzawa: Q_k of its step; jacobian: B V_k^-1 B^T of the bodies with their compliant faces"),
+    ] = "points"
     inner_rule: Annotated[
         Literal["elman-golub", "bramble-pasciak-vassilev"],
         Key("-", "what inner solves are measured by: the outer residual, or their own where they begin"),
@@ -71,6 +75,9 @@ class Output(Noun):
 
     every: Annotated[int, Key("-", "keep the fields of every n-th reported step, and of the last")] = 1
     pictures: Annotated[bool, Key("-", "draw PNG pictures of the last step")] = True
+    animation: Annotated[
+        Literal["none", "gif"], Key("-", "gif: draw animation.gif, the bodies and contacts from step to step")
+    ] = "none"
     linear_reference: Annotated[bool, Key("-", "after the run, time one linear solve of the same mesh")] = False
 
     def __post_init__(self) -> None:

@@ -1,9 +1,6 @@
 """The number of ranks changes the seconds, not the answer; and a wrong scene ends on all of them."""
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.ranks import mpirun, options
 from workflows.run import run
 from workflows.scene import read
 from workflows.writers.steps import read_step, step_name
@@ -30,15 +28,6 @@ SCENES = {
 }
 ALWAYS = ["solver.tolerance=1e-11", "output.pictures=false"]
 SAME = 1e-9  # two decades above the tolerance: the residual is relative to p_ref, the answer's condition comes on top
-LIMIT = 100  # s; a rank that waits for the others for ever must not hold up the tests
-MPI = {
-    "OMPI_ALLOW_RUN_AS_ROOT": "1",
-    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-    "OMPI_MCA_hwloc_base_binding_policy": "none",  # tests side by side: do not pin their ranks to the same cores
-    "OMPI_MCA_mpi_yield_when_idle": "1",
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-}
 EXCEPTED = {"seconds", "ranks", "version", "counters"}
 # Numbers of one kind are compared at the size of the largest: a force that is 0 by symmetry is a rounding error.
 KINDS = {
@@ -52,23 +41,6 @@ KINDS = {
 KIND = {key: kind for kind, keys in KINDS.items() for key in keys}
 DEFECTS = {"residual", "iteration", "equilibrium", "penetration", "negative_pressure", "cone", "complementarity"}
 Leaf = tuple[tuple[str, ...], Any]
-
-
-def mpirun(ranks: int, words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run `stickslip WORDS` on several ranks; `timeout` ends mpirun, and mpirun its ranks."""
-    limited = ["timeout", "-k", "5", str(LIMIT), "mpirun", "-n", str(ranks), "--oversubscribe"]
-    return subprocess.run(
-        [*limited, sys.executable, "-m", "workflows.cli", *words],
-        cwd=folder,
-        env={**os.environ, **MPI},  # Python's own copy: MPI has left its variables in the C library's
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
-def options(overrides: list[str]) -> list[str]:
-    return [word for override in overrides for word in ("--set", override)]
 
 
 def leaves(value: Any, path: tuple[str, ...] = ()) -> Iterator[Leaf]:

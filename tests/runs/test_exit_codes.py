@@ -71,10 +71,10 @@ def test_ctrl_c_while_a_step_is_written_leaves_readable_results(
 ) -> None:
     write = write_step
 
-    def press(where: Path, index: int, step: Any) -> Path:
+    def press(where: Path, index: int, *rest: Any) -> Path:
         if index == 3:
             os.kill(os.getpid(), signal.SIGINT)
-        return write(where, index, step)
+        return write(where, index, *rest)
 
     monkeypatch.setattr(workflows.run, "write_step", press)
     code, _, err = call("run", "block", "-q", "-o", "out", *COARSE, "--set=steps.count=8")

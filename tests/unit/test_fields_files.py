@@ -136,4 +136,58 @@ def test_fields_are_rewritten_while_a_run_goes_on(tmp_path: Path) -> None:
     assert (tmp_path / "fields.h5").stat().st_size == before.st_size
 
 
+def test_a_long_history_is_written_again_rarely_and_read_whole(tmp_path: Path) -> None:
+    """A thousand steps: 8 writings up to step 8, then one for each eighth more, ln(125) / ln(1.125) = 41."""
+    mesh = mesh_of("triangle")
+    write_step(tmp_path, 1, result_of(mesh, 1.0))
+    write_step(tmp_path, 1000, result_of(mesh, 1000.0, seed=1))
+    files, writings, before = FieldFiles(tmp_path, mesh), 0, 0
+    for index in range(1, 1001):
+        files.add(index, float(index))
+        now = (tmp_path / "fields.xdmf").stat().st_ino
+        writings, before = writings + (now != before), now
+    assert writings <= 8 + 41 + 1
+    with meshio.xdmf.TimeSeriesReader(tmp_path / "fields.xdmf") as reader:
+        assert 1000 / 1.125 <= reader.num_steps <= 1000  # killed here it shows all but the last few
+    files.finish()
+    with meshio.xdmf.TimeSeriesReader(tmp_path / "fields.xdmf") as reader:
+        reader.read_points_cells()
+        assert reader.num_steps == 1000
+        for index, seed in ((1, 0), (1000, 1)):
+            time, at_nodes, _ = reader.read_data(index - 1)
+            assert time == index
+            assert_array_equal(at_nodes["displacement"], padded(result_of(mesh, seed=seed).displacement))
+    reader_of_vtk: Any = pv.get_reader(tmp_path / "fields.xdmf")  # type: ignore[no-untyped-call]
+    assert_array_equal(reader_of_vtk.time_values, np.arange(1.0, 1001.0))
+    size = (tmp_path / "fields.h5").stat().st_size
+    assert size < 20_000  # the mesh stands there once
+
+
+def test_a_resumed_run_shows_no_step_that_was_taken_away(tmp_path: Path) -> None:
+    mesh, times = mesh_of("triangle"), list(range(1, 21))
+    for index in times:
+        write_step(tmp_path, index, result_of(mesh, float(index)))
+    FieldFiles(tmp_path, mesh).write([(index, float(index)) for index in times])
+    resumed = FieldFiles(tmp_path, mesh)  # the last four were damaged, and one of them is solved again
+    resumed.know([float(index) for index in times[:16]])
+    resumed.add(17, 17.5)
+    reader: Any = pv.get_reader(tmp_path / "fields.xdmf")  # type: ignore[no-untyped-call]
+    assert_array_equal(reader.time_values, [*times[:16], 17.5])
+
+
+@pytest.mark.parametrize(
+    ("every", "count", "shown"), [(1, 3, [1, 2, 3]), (2, 5, [2, 4, 5]), (2, 4, [2, 4]), (9, 2, [2])]
+)
+def test_every_nth_step_is_shown_and_the_last(tmp_path: Path, every: int, count: int, shown: list[int]) -> None:
+    files = FieldFiles(tmp_path, mesh_of("triangle"), every)
+    for index in range(1, count + 1):
+        write_step(tmp_path, index, result_of(mesh_of("triangle"), float(index)))
+        files.add(index, float(index))
+    files.finish()
+    files.finish()
+    for name in ("fields.xdmf", "contact_base.xdmf"):
+        reader: Any = pv.get_reader(tmp_path / name)  # type: ignore[no-untyped-call]
+        assert_array_equal(reader.time_values, shown)
+
+
 # tables

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 from scipy import sparse
 
 from geometry.errors import MachineError, SceneError
+from solvers.effects.compliance import Compliance
 from solvers.gram_metric import GramMetric, contact_last, volume_block, volume_gram
 from solvers.incomplete_cholesky import incomplete_cholesky
 from solvers.methods.gram_uzawa import GramUzawa
@@ -166,6 +167,27 @@ def test_it_finds_what_newton_finds(dim: int, choice: str, scene_of: SceneOf, si
     assert 0 < step.contacts["base"].slip_area < 2.0  # a part slips, a part sticks
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_a_metric_without_full_rank_meets_compliant_faces(
+    dim: int, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """More quadrature points than nodes: the steps of Uzawa's method are bounded by what pushes nodes."""
+    scene = pressed(scene_of, dim, method="condensed-newton")
+    base = replace(scene.contacts["base"], normal=Compliance(c_n=40.0, m_n=2.0))
+    scene = replace(scene, contacts={"base": base})
+    simulation = simulation_of(with_gram(scene, Gram()))
+    surface, cone = simulation.stepper.surface, simulation.stepper.cone
+    metric = GramMetric(simulation.system, Gram())
+    Q, values = metric.on_tractions(surface, cone), metric.spectrum(surface, cone)
+    assert len(values) == np.linalg.matrix_rank(Q) < len(Q)
+    largest = values[-1] * (1 + 1e-9)
+    BKB = surface.W[:, None] * (surface.N @ surface.flexibility @ surface.N.T) * surface.W
+    assert np.linalg.eigvalsh(largest * Q - BKB).min() > -1e-9 * np.linalg.norm(BKB)
+    for step, other in zip(simulation.steps(), simulation_of(scene).steps(), strict=True):
+        size = np.abs(other.displacement).max()
+        assert_allclose(step.displacement, other.displacement, rtol=0, atol=1e-8 * size)
+
+
 def test_a_step_contracts_below_twice_the_inverse_of_lambda_max_and_not_beyond(
     scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -239,8 +261,12 @@ def test_the_answer_goes_by_no_unit_of_length(scene_of: SceneOf, simulation_of: 
 def test_what_has_no_gram_matrix_is_refused(scene_of: SceneOf) -> None:
     base = {"surface": "block.bottom", "against": "foundation", "normal": {"law": "compliance", "c_n": 20.0}}
     scene = pressed(scene_of, method="gram-uzawa")
-    with pytest.raises(SceneError, match=r"law = compliance: solver\.method = gram-uzawa works with unilateral"):
-        make_plan(replace(scene, contacts=scene_of(contacts={"base": base}).contacts))
+    compliant = replace(scene, contacts=scene_of(contacts={"base": base}).contacts)
+    make_plan(compliant)  # forces on the nodes, by the Gram matrix of their displacements
+    for key, value, other in (("space", "multiplier", "volume"), ("unknown", "tractions", "forces")):
+        message = rf"solver\.gram\.{key} = {value}: solver\.method = gram-uzawa has no basis in H1 .*; use {other}"
+        with pytest.raises(SceneError, match=message):
+            make_plan(with_gram(compliant, Gram(**{key: value})))
     with pytest.raises(SceneError, match=r"solver\.surface = matrix-free: solver\.method = gram-uzawa needs"):
         make_plan(replace(scene, solver=replace(scene.solver, surface="matrix-free")))
 

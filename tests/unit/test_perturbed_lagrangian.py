@@ -432,3 +432,15 @@ def test_the_least_displacement_is_one_of_least_energy(scene_of: SceneOf, simula
     free = np.linalg.svd(N)[2][len(w) :].T  # motions that no row sees
     best = some - free @ np.linalg.solve(free.T @ surface.S @ free, free.T @ surface.S @ some)
     assert least == pytest.approx(float(np.sqrt(best @ surface.S @ best)), rel=1e-9)
+
+
+def test_a_floating_body_under_a_given_bound_is_solved(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """Where all of it slips, Tresca's bound gives the tangent no stiffness: the search passes by singular ones."""
+    floating = {"supports": {}, "loads": {"top": {"boundary": "block.top", "traction": [0.005, -0.1]}}}
+    scene = pressed(scene_of, friction={"law": "tresca", "bound": 0.01}, **floating)
+    (step,) = simulation_of(scene).steps()
+    base = step.contacts["base"]
+    assert_allclose(base.force, [-0.01, 0.2], atol=1e-9)  # of 2 m; the line is in balance
+    assert abs(step.displacement).max() < 1.0  # a part sticks
+    assert base.slip_area > 0
+    assert base.stick_area > 0

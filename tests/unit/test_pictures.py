@@ -12,14 +12,18 @@ from matplotlib import pyplot
 from matplotlib.image import imread
 from numpy.typing import NDArray
 
+import stickslip
 from geometry.errors import MachineError
 from solvers.energy import Energy
-from solvers.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
-from workflows.pictures import draw
+from solvers.step_result import OPEN, SLIP, STICK, Array, ContactState, MeshData, StepResult
+from workflows.pictures import draw, draw_course
 from workflows.writers.body_picture import _outline, displacement_scale
+from workflows.writers.by_time import write_by_time
 from workflows.writers.contact_curves import walk
 from workflows.writers.contact_maps import dual_cells, view_of
 from workflows.writers.focus import focus
+from workflows.writers.history_picture import draw_history, most, panels_of
+from workflows.writers.loops import Panel, draw_loops, driving, from_rest, largest, sliding
 from workflows.writers.render import View, grid_of
 
 Ints = NDArray[np.int64]
@@ -304,3 +308,88 @@ def test_the_view_is_to_scale() -> None:
     assert left < 0.0 < 2.0 < right
     assert bottom < 0.0 < 1.0 < top
     assert view.aspect == pytest.approx((right - left) / (top - bottom))
+
+
+def circle(count: int = 24) -> tuple[stickslip.Scene, dict[str, Array]]:
+    """The block's top goes to and fro: what Coulomb's law makes of it with a stiffness of 2 N/m and mu N = 1 N."""
+    scene = stickslip.read("block")
+    time = np.arange(1.0, count + 1.0)
+    x = np.sin(2 * np.pi * time / 12)
+    force, slip = np.zeros(count), np.zeros(count)
+    for k in range(count):
+        before = slip[k - 1] if k else 0.0
+        force[k] = np.clip(2 * (x[k] - before), -1.0, 1.0)
+        slip[k] = x[k] - force[k] / 2
+    columns = {f"support.top.{key}.{a}": np.zeros(count) for key in ("displacement", "force") for a in "xy"}
+    columns |= {f"base.{key}.{a}": np.zeros(count) for key in ("force", "tangential_force", "slip") for a in "xy"}
+    columns |= {f"obstacle.foundation.{key}.{a}": np.zeros(count) for key in ("displacement", "force") for a in "xy"}
+    columns |= {f"energy.{key}": np.linspace(0.0, 9.0, count) for key in ("external", "stored", "dissipated")}
+    columns |= {"time": time, "support.top.displacement.x": x, "support.top.force.x": force, "base.slip.x": slip}
+    columns |= {"base.tangential_force.x": -force, "base.force.x": -force, "base.force.y": np.full(count, 9.0)}
+    columns |= {"base.normal_force": np.full(count, 9.0), "base.tangential_force": abs(force)}
+    sticks = np.where(abs(force) < 1, 4.0, 0.0)
+    return scene, columns | {"base.stick_area": sticks, "base.slip_area": 4 - sticks}
+
+
+def test_loops_show_what_drives_and_what_slips_with_their_signs() -> None:
+    scene, columns = circle()
+    steps = from_rest(columns)
+    assert steps["time"][0] == steps["base.slip.x"][0] == 0.0
+    (pushed,) = largest([panel for panel in driving(scene, steps) if np.ptp(panel.x) > 0])
+    assert (pushed.title, pushed.x_label, pushed.y_label) == ("support top", "displacement, x [m]", "force, x [N/m]")
+    (slipping,) = sliding(scene, steps)
+    assert slipping.y_label == "friction on foundation, x [N/m]"
+    assert slipping.y.min() == -1.0
+    assert slipping.y.max() == 1.0
+    second = slice(12, 25)  # the second cycle is closed: what the top puts in is what friction takes out
+    work = [np.trapz(panel.y[second], panel.x[second]) for panel in (pushed, slipping)]
+    assert work[0] > 0
+    assert work[0] == pytest.approx(work[1], rel=1e-12)
+
+
+def test_a_contact_that_only_sticks_or_goes_round_has_no_loop() -> None:
+    scene, columns = circle()
+    still = columns | {"base.slip.x": 1e-12 * columns["base.slip.x"]}  # things move by 9 J / 9 N = 1 m
+    assert not list(sliding(scene, still))
+    round_it = columns | {"base.force.y": np.full(24, 5.0)}
+    assert not list(sliding(scene, round_it))
+
+
+def test_a_history_is_drawn(tmp_path: Path) -> None:
+    scene, columns = circle()
+    drawn = draw_history(tmp_path, scene, columns, "to and fro"), draw_loops(tmp_path, scene, columns, "to and fro")
+    assert [path and path.name for path in drawn] == ["history.png", "force_displacement.png"]
+    assert all(path and colours(path) > 100 for path in drawn)
+    loops = imread(tmp_path / "force_displacement.png")[..., :3]
+    late = np.array([253, 231, 37]) / 255  # viridis' last colour: in the colour bar, and where the loops end
+    found = np.argwhere(np.abs(loops - late).max(axis=-1) < 0.05)[:, 1]
+    assert (found < 0.6 * loops.shape[1]).any()
+    assert [label for label, _ in panels_of(scene, columns)] == ["motion [m]", "contact force [N/m]", "energy [J/m]"]
+    full = dataclasses.replace(scene, model="axisymmetric")
+    assert [label for label, _ in panels_of(full, columns)] == ["motion [m]", "contact force [N]", "energy [J]"]
+
+
+def test_only_the_largest_curves_and_loops_are_drawn() -> None:
+    curves = {f"c{k}": np.array([0.0, float(k)]) for k in range(9)}
+    assert list(most(curves)) == ["c3", "c4", "c5", "c6", "c7", "c8"]
+    panels = [
+        Panel(str(k), np.array([0.0, 1.0]), np.array([0.0, swing]), "", "")
+        for k, swing in enumerate((3, 1e-9, 5, 4, 4.5))
+    ]
+    assert [panel.title for panel in largest(panels)] == ["2", "3", "4"]
+    assert largest([]) == []
+
+
+def test_nothing_that_moves_under_a_force_is_no_picture(tmp_path: Path) -> None:
+    scene, columns = circle()
+    held = columns | {name: 0 * columns[name] for name in ("support.top.displacement.x", "base.slip.x")}
+    assert draw_loops(tmp_path, scene, held, "held") is None
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_history_of_a_few_steps_has_no_picture_over_time(tmp_path: Path) -> None:
+    scene = stickslip.read("block", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "steps.count=4"])
+    for index, step in enumerate(stickslip.steps(scene), start=1):
+        write_by_time(tmp_path, index, scene, step)
+        drawn = [path.name for path in draw_course(tmp_path, scene)]
+        assert drawn == ([] if index < 3 else ["history.png", "force_displacement.png"])

@@ -100,6 +100,32 @@ def test_other_inner_and_friction_rules_lead_to_the_same_answer(
 
 
 @pytest.mark.parametrize(("dim", "surface"), CASES)
+def test_the_metric_of_the_generalised_jacobian_leads_to_the_same_answer_in_a_few_iterations(
+    dim: int, surface: str, scene_of: SceneOf, simulation_of: SimulationOf, exact: Any
+) -> None:
+    scene = dragged(scene_of, dim, surface, method="nonlinear-uzawa", outer_metric="jacobian")
+    found = steps(simulation_of(scene))
+    assert_equal(found, exact(dim, surface))
+    assert max(s.iterations for s in found) <= 30  # by points it takes hundreds
+
+
+def test_with_given_friction_it_is_superlinear(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """Chen's theorem; by points the rate is linear."""
+    given = {"normal": COMPLIANCE, "friction": {"law": "tresca", "bound": 0.004}}
+    contacts = scene_of(contacts={"base": {"surface": "block.bottom", "against": "foundation"} | given}).contacts
+
+    def rates(metric: str) -> list[float]:
+        scene = dragged(scene_of, 2, "compliance", method="nonlinear-uzawa", outer_metric=metric)
+        residuals = [row[2] for row in steps(simulation_of(replace(scene, contacts=contacts)))[0].history]
+        return [after / before for before, after in pairwise(residuals)]
+
+    fast, slow = rates("jacobian"), rates("points")
+    assert fast[-1] < 0.01 * fast[0]  # ever faster
+    assert len(slow) > 20
+    assert min(slow[-10:]) > 0.1  # it stays as it is
+
+
+@pytest.mark.parametrize(("dim", "surface"), CASES)
 def test_bounds_that_are_frozen_and_renewed_lead_to_the_same_fixed_point(
     dim: int, surface: str, scene_of: SceneOf, simulation_of: SimulationOf, exact: Any
 ) -> None:

@@ -4,8 +4,11 @@ import re
 import tomllib
 from pathlib import Path
 
+import pytest
+
 import workflows
 from solvers.methods.table import METHODS
+from workflows.method_table import ROW, renewed
 from workflows.scene import READY, from_dict, read
 from workflows.scene_reference import FILE, reference
 
@@ -32,9 +35,21 @@ def test_the_readme_scene_is_the_ready_scene_block() -> None:
     assert (shown.contacts, shown.supports, shown.geometry) == (ready.contacts, ready.supports, ready.geometry)
 
 
-def test_the_readme_names_every_method() -> None:
+def test_the_readme_says_of_every_method_what_the_code_says() -> None:
+    """Renew it with `python -m workflows.method_table`."""
     text = README.read_text(encoding="utf-8")
-    assert all(f"`{name}`" in text or f"= `{name}`" in text for name in METHODS)
+    assert text == renewed(text)
+    assert [line.split("`")[1] for line in text.splitlines() if ROW.match(line)][-len(METHODS) :] == list(METHODS)
+
+
+def test_a_method_without_a_row_is_missed() -> None:
+    text = README.read_text(encoding="utf-8")
+    without = "\n".join(line for line in text.split("\n") if not line.startswith("| `uzawa` |"))
+    with pytest.raises(ValueError, match="no row for uzawa"):
+        renewed(without)
+    other = text.replace("| held by supports | matrix-free |", "| held or floating | any |")
+    assert other != text
+    assert renewed(other) == text
 
 
 def test_tables_in_tables_name_their_keys() -> None:

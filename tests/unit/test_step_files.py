@@ -58,7 +58,7 @@ def test_the_checksum_can_be_recomputed_by_others(tmp_path: Path) -> None:
         assert file.attrs["checksum"] == checksum(
             arrays, {name: file.attrs[name].item() for name in ("index", "time", "p_ref", "u_ref")}
         )
-        assert sorted(file) == ["contacts", "displacement", "state", "stress", "von_mises"]
+        assert sorted(file) == ["checkpoint", "contacts", "displacement", "state", "stress", "von_mises"]
 
 
 def test_every_flipped_byte_is_refused(tmp_path: Path) -> None:

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import json
-import shutil
-from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
-from geometry.errors import FolderError, SceneError
-from geometry.user_files.user_file import UserFile
+from geometry.errors import FolderError
 from solvers.nouns.scene import Scene
+from workflows.changes import identity, refuse_changes
 from workflows.cost.run_record import Run, load, store
 from workflows.folder import ResultsFolder
 from workflows.results import write_json
-from workflows.scene import to_dict
-from workflows.writers.aside import disk_errors, make_folder
+from workflows.writers.aside import make_folder
 
 SCENE, RUNS = "scene.json", "runs"
+DECIDES_NOTHING = ("title", "output", "exact")
 
 
 class Kept:
@@ -29,14 +26,16 @@ class Kept:
             FolderError: something else stands there, or there is nothing to resume.
             SceneError: the scene to resume was another one.
         """
-        self._folder, plain = ResultsFolder(target), _identity(scene)
+        self._folder, plain = ResultsFolder(target), identity(scene, DECIDES_NOTHING)
         source = next((f for f in (self._folder.work, target) if (f / SCENE).is_file()), None)
         if resume and source is None:
             raise FolderError(f"{target}: holds no cost study to resume; leave out --resume")
         if resume and source is not None:
-            _refuse_changes(json.loads((source / SCENE).read_text(encoding="utf-8")), plain, target)
+            refuse_changes(json.loads((source / SCENE).read_text(encoding="utf-8")), plain, target)
         self.runs = load(source / RUNS) if resume and source is not None else []
-        if not (resume and source == self._folder.work):
+        if resume and source == self._folder.work:
+            self._folder.take_up(source)
+        else:
             self._folder.start()
             make_folder(self.path / RUNS)
             for run in self.runs:
@@ -58,29 +57,4 @@ class Kept:
 
     def abandon(self) -> None:
         """Leave no trace of a study without runs."""
-        with disk_errors(self.path):
-            shutil.rmtree(self.path, ignore_errors=True)
-
-
-def _identity(scene: Scene) -> dict[str, Any]:
-    """What decides the answers; a geometry file counts by its content."""
-    plain = {key: value for key, value in to_dict(scene).items() if key not in ("output", "exact", "title")}
-    if isinstance(scene.geometry, UserFile):
-        plain["geometry"]["file"] = scene.geometry.digest()
-    return json.loads(json.dumps(plain))  # type: ignore[no-any-return]
-
-
-def _refuse_changes(before: Mapping[str, Any], now: Mapping[str, Any], target: Path) -> None:
-    for key, old, new in _changes(before, now, ()):
-        raise SceneError(
-            f"--resume: {key} was {json.dumps(old)} in {target}, and is {json.dumps(new)}; leave out --resume"
-        )
-
-
-def _changes(before: Any, now: Any, at: tuple[str, ...]) -> Iterator[tuple[str, Any, Any]]:
-    """Keys whose values differ, and both values; None where there is none."""
-    if isinstance(before, Mapping) and isinstance(now, Mapping):
-        for key in dict.fromkeys([*before, *now]):
-            yield from _changes(before.get(key), now.get(key), (*at, key))
-    elif before != now:
-        yield ".".join(at), before, now
+        self._folder.abandon()

@@ -13,9 +13,8 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from workflows.cost.run_record import Run
 from workflows.cost.sentence import sentence
 from workflows.cost.study import Study
-from workflows.writers.sheet import INK, PALE, Sheet
+from workflows.writers.sheet import CURVES, INK, PALE, Sheet
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d31", "#7f7f7f")
 MARKERS = {1: "^", 2: "s"}  # by order
 BAND = "#ececec"
 LETTERS = 118  # of nine points, bold, that fit into a line
@@ -33,7 +32,7 @@ def draw(folder: Path, title: str, study: Study) -> Path:
     sheet = Sheet(10.0, 5.0)
     work, mesh = sheet.axes(0.85, 1.15, 4.9, 3.05), sheet.axes(6.85, 1.15, 2.95, 3.05)
     methods = list(dict.fromkeys(run.rung.method for run in study.runs))
-    colours = dict(zip(methods, COLOURS * len(methods), strict=False))
+    colours = dict(zip(methods, CURVES * len(methods), strict=False))
     shown = study.runs if study.truth.converges else ()
     for axes in (work, mesh):
         axes.set_xscale("log")

@@ -47,8 +47,13 @@ class Row:
 
     n: int
     reading: str
-    condition: float
+    spectrum: NDArray[np.float64]  # increasing
     fill: float | None  # nothing is factorised, or the surface alone
+
+    @property
+    def condition(self) -> float:
+        """Largest beside smallest eigenvalue."""
+        return float(self.spectrum[-1] / self.spectrum[0])
 
 
 def scene(n: int, held: bool = True, dim: int = 2) -> Scene:
@@ -81,11 +86,6 @@ def surface_of(system: System) -> tuple[CondensedSurface, Cone]:
     return prepare_surface(system, volume), Cone(system.contacts, 0.0, system.scene.steps.end)
 
 
-def condition(values: NDArray[np.float64]) -> float:
-    """Largest beside smallest eigenvalue."""
-    return float(values[-1] / values[0])
-
-
 def fill(system: System, gram: Gram) -> float:
     """Entries of P beside those of an IC(0)."""
     matrix, _ = contact_last(volume_gram(system, gram.length or system.extent), system.contact_dofs)
@@ -97,12 +97,12 @@ def rows(n: int, dim: int = 2) -> Iterator[Row]:
     system = block(n, dim=dim)
     surface, cone = surface_of(system)
     carried = surface.N @ surface.flexibility @ surface.N.T
-    yield Row(n, "none", condition(np.linalg.eigvalsh(carried)), None)
+    yield Row(n, "none", np.linalg.eigvalsh(carried), None)
     for reading, gram in READINGS.items():
         values = GramMetric(system, gram).spectrum(surface, cone)
-        yield Row(n, reading, condition(values), fill(system, gram) if gram.space == "volume" else None)
+        yield Row(n, reading, values, fill(system, gram) if gram.space == "volume" else None)
     values = GramMetric(block(n, held=False, dim=dim), METRE).spectrum(surface, cone)
-    yield Row(n, "volume, complete, supports left out", condition(values), None)
+    yield Row(n, "volume, complete, supports left out", values, None)
 
 
 def table(sizes: tuple[int, ...] = SIZES) -> Table:

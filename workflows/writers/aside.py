@@ -36,6 +36,8 @@ def make_folder(folder: Path) -> None:
     Raises:
         MachineError: disk full, no permission.
     """
+    if folder.is_dir():
+        return
     with disk_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         sync_folder(folder.parent)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.colors import Normalize
 
-from solvers.step_result import OPEN, MeshData, StepResult
+from solvers.step_result import OPEN, Array, MeshData, StepResult
 from workflows.writers.render import SHADED, View, grid_of, render
 from workflows.writers.sheet import COLOURS, DPI, Sheet, show_image, span
-from workflows.writers.steps import three
+from workflows.writers.steps import StoredStep, three
 
 VISIBLE = (0.02, 0.2)  # displacements between these parts of the size are drawn as they are
 DRAWN = 0.08  # others so that the largest is about this part
@@ -25,14 +27,40 @@ def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str) -> P
     """Draw deformed.png, with the outline of the undeformed bodies in grey."""
     solid = mesh.points.shape[1] == 3
     scale = displacement_scale(mesh, result)
+    moved, norm = three(mesh.points + scale * result.displacement), span(result.von_mises)
+    add = body_on_stage(mesh, moved, result.von_mises, norm)
+    both = np.vstack([three(mesh.points), moved])
+    view = View.isometric(both) if solid else View.facing(both)
+    width, height = (6.0, 6.0 / view.aspect) if view.aspect > 1.3 else (4.6 * view.aspect, 4.6)
+    beside = view.aspect <= 1.6
+    left = 0.25 if solid else 0.8
+    foot = (0.2 if solid else 0.55) + (0.0 if beside else 0.75)
+    sheet = Sheet(max(4.5, left + width + (1.3 if beside else 0.4)), foot + height + 0.75)
+    show_image(
+        sheet.axes(left, foot, width, height),
+        view,
+        render(view, round(width * DPI), add),
+        None if solid else ("x", "y"),
+    )
+    bar = (left + width + 0.2, foot + 0.1 * height, 0.15, 0.8 * height) if beside else (left, 0.5, width, 0.13)
+    sheet.colour_bar(
+        sheet.axes(*bar), norm, "von Mises stress [Pa]", orientation="vertical" if beside else "horizontal"
+    )
+    drawn = "true displacement" if scale == 1 else f"displacement × {plain(scale)}"
+    sheet.head(title, f"t = {result.time:g} s, {drawn}; grey: undeformed", left)
+    return sheet.save(folder / "deformed.png")
+
+
+def body_on_stage(mesh: MeshData, moved: Array, von_mises: Array, norm: Normalize) -> Callable[[Any], None]:
+    """What puts the bodies on a stage where their nodes have moved to (n, 3), and grey outlines where they were."""
+    solid = mesh.points.shape[1] == 3
     before = grid_of(mesh.points, mesh.cells, mesh.shape)
-    before.cell_data["von_mises"] = result.von_mises
-    before.point_data["moved"] = moved = three(mesh.points + scale * result.displacement)
+    before.cell_data["von_mises"] = von_mises
+    before.point_data["moved"] = moved
     if solid:  # all the rest comes from what can be seen
         before = before.extract_surface()
     after = before.copy()
     after.points = after.point_data["moved"]
-    norm = span(result.von_mises)
 
     def add(stage: Any) -> None:
         stage.add_mesh(
@@ -51,29 +79,10 @@ def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str) -> P
             if outline.n_cells:
                 stage.add_mesh(outline, lighting=False, **look)
 
-    both = np.vstack([three(mesh.points), moved])
-    view = View.isometric(both) if solid else View.facing(both)
-    width, height = (6.0, 6.0 / view.aspect) if view.aspect > 1.3 else (4.6 * view.aspect, 4.6)
-    beside = view.aspect <= 1.6
-    left = 0.25 if solid else 0.8
-    foot = (0.2 if solid else 0.55) + (0.0 if beside else 0.75)
-    sheet = Sheet(max(4.5, left + width + (1.3 if beside else 0.4)), foot + height + 0.75)
-    show_image(
-        sheet.axes(left, foot, width, height),
-        view,
-        render(view, round(width * DPI), add),
-        None if solid else ("x", "y"),
-    )
-    bar = (left + width + 0.2, foot + 0.1 * height, 0.15, 0.8 * height) if beside else (left, 0.5, width, 0.13)
-    sheet.colour_bar(
-        sheet.axes(*bar), norm, "von Mises stress [Pa]", orientation="vertical" if beside else "horizontal"
-    )
-    drawn = "true displacement" if scale == 1 else f"displacement × {_plain(scale)}"
-    sheet.head(title, f"t = {result.time:g} s, {drawn}; grey: undeformed", left)
-    return sheet.save(folder / "deformed.png")
+    return add
 
 
-def displacement_scale(mesh: MeshData, result: StepResult) -> float:
+def displacement_scale(mesh: MeshData, result: StepResult | StoredStep) -> float:
     """A round factor (1, 2 or 5 times a power of ten) that makes displacements visible; 1 where they are already.
 
     A rigid motion common to all nodes counts like any other displacement. Where bodies touch that had a gap between
@@ -107,5 +116,5 @@ def _outline(grid: Any, solid: bool) -> Any:
     )
 
 
-def _plain(scale: float) -> str:
+def plain(scale: float) -> str:
     return f"{scale:,.0f}".replace(",", " ") if 1 <= scale < 1e6 else f"{scale:g}"

@@ -21,6 +21,7 @@ from workflows.writers.render import Image, View
 DPI = 200
 INK, PALE = "#222222", "#666666"
 COLOURS = "viridis"
+CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d31", "#7f7f7f")  # told apart by all
 STATUS_COLOURS = {OPEN: "#d9d9d9", SLIP: "#e6862d", STICK: "#2f6db3"}
 STATUS_WORDS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
 
@@ -28,10 +29,10 @@ STATUS_WORDS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
 class Sheet:
     """A white page of width × height inches."""
 
-    def __init__(self, width: float, height: float) -> None:
-        self.width, self.height = width, height
-        self.figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
-        FigureCanvasAgg(self.figure)
+    def __init__(self, width: float, height: float, dpi: int = DPI) -> None:
+        self.width, self.height, self.dpi = width, height, dpi
+        self.figure = Figure(figsize=(width, height), dpi=dpi, facecolor="white")
+        self.canvas = FigureCanvasAgg(self.figure)
 
     def axes(self, left: float, bottom: float, width: float, height: float, **options: Any) -> Any:
         """Axes by their place in inches."""
@@ -40,10 +41,10 @@ class Sheet:
         axes.tick_params(labelsize=8, color=PALE, labelcolor=INK)
         return axes
 
-    def write(self, x: float, y: float, text: str, **options: Any) -> None:
+    def write(self, x: float, y: float, text: str, **options: Any) -> Any:
         """Text at a place in inches."""
         look: dict[str, Any] = {"fontsize": 8, "color": INK, "va": "baseline", "parse_math": False} | options
-        self.figure.text(x / self.width, y / self.height, text, **look)
+        return self.figure.text(x / self.width, y / self.height, text, **look)
 
     def head(self, title: str, caption: str, left: float) -> None:
         """Title in the top line, what the picture shows in the line below."""
@@ -74,6 +75,12 @@ class Sheet:
         options = {"ncols": 3, "fontsize": 8, "frameon": False, "handlelength": 1.2, "columnspacing": 1.2} | options
         axes.legend(handles=patches, **options)
 
+    def pixels(self) -> Image:
+        """What it looks like now, (rows, columns, 3)."""
+        canvas: Any = self.canvas
+        canvas.draw()
+        return np.array(canvas.buffer_rgba())[..., :3]
+
     def save(self, path: Path) -> Path:
         """Write the page as PNG.
 
@@ -81,7 +88,7 @@ class Sheet:
             MachineError: the disk is full.
         """
         content = io.BytesIO()
-        self.figure.savefig(content, format="png", dpi=DPI)
+        self.figure.savefig(content, format="png", dpi=self.dpi)
         write_aside(path, content.getvalue())
         return path
 
@@ -104,7 +111,7 @@ def frame(axes: Any, *hidden: str) -> None:
         spine.set_linewidth(0.6)
         spine.set_color(PALE)
         spine.set_visible(name not in hidden)
-    inches = axes.get_window_extent().size / DPI
+    inches = axes.get_window_extent().size / axes.figure.dpi
     for axis, length in ((axes.xaxis, inches[0]), (axes.yaxis, inches[1])):
         axis.set_major_locator(_ticks(int(np.clip(length * 2.8, 2, 8))))
         axis.set_major_formatter(number_format())

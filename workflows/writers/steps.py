@@ -1,4 +1,7 @@
-"""One reported step is one file, steps/000012.h5: fields to look at, and the checkpoint to go on from."""
+"""One reported step is one file, steps/000012.h5: fields to look at, and the checkpoint to go on from.
+
+Beside the fields by name stands the group `checkpoint`: the whole `StepResult`, and what the run needs to go on.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.errors import MachineError
+from solvers.plain import Plain, packed, unpacked
 from solvers.step_result import Array, ContactState, StepResult
 from workflows.writers.aside import make_folder
 from workflows.writers.hdf5 import AnyArray, read_arrays, write_arrays
+from workflows.writers.plain_arrays import BYTES, TEXT, from_arrays, to_arrays
+
+CHECKPOINT = "checkpoint"  # a group
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,8 +73,11 @@ def three(values: Array) -> Array:
     return np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
 
 
-def write_step(folder: Path, index: int, result: StepResult) -> Path:
+def write_step(folder: Path, index: int, result: StepResult, going: Plain = None) -> Path:
     """Write the step's file below `folder` and return its path.
+
+    Args:
+        going: what the run needs to go on from here.
 
     Raises:
         MachineError: the disk is full; no half file is left.
@@ -84,6 +94,8 @@ def write_step(folder: Path, index: int, result: StepResult) -> Path:
     }
     for name, contact in result.contacts.items():
         arrays |= {f"contacts/{name}/{key}": value for key, value in _columns(contact).items()}
+    plain = {"result": packed(result), "going": going}
+    arrays |= {f"{CHECKPOINT}/{name}": array for name, array in to_arrays(plain, arrays).items()}
     path = folder / step_name(index)
     make_folder(path.parent)
     write_arrays(
@@ -127,6 +139,21 @@ def read_step(path: Path) -> StoredStep:
             driven=arrays["state/driven"],
             searched={name.split("/")[1]: moved for name, moved in arrays.items() if name.startswith("searched/")},
         )
+    except (KeyError, TypeError, ValueError) as error:
+        raise MachineError(f"{path}: not a step of this version of stickslip") from error
+
+
+def read_checkpoint(path: Path) -> tuple[StepResult, Plain]:
+    """The result of a step to the same bits, and what the run needs to go on.
+
+    Raises:
+        MachineError: missing, cut short, damaged, or not a step.
+    """
+    arrays, _ = read_arrays(path)
+    try:
+        text, content = (arrays.pop(f"{CHECKPOINT}/{name}") for name in (TEXT, BYTES))
+        plain = from_arrays(text, content, arrays)
+        return unpacked(StepResult, plain["result"]), plain["going"]
     except (KeyError, TypeError, ValueError) as error:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error
 

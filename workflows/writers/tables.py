@@ -1,4 +1,4 @@
-"""Tables for spreadsheets and scripts: contact_NAME.csv, probes.csv and history.csv grow by the rows of each step.
+"""Tables for spreadsheets and scripts: what grows by the rows of each step, in columns with names.
 
 Numbers are written so that they read back to the same bits. Write a step's tables before its step file: whatever a
 crash leaves beyond the last step file is then surplus, and `cut_tables` takes it away.
@@ -21,6 +21,7 @@ from workflows.writers.aside import disk_errors, make_folder, write_aside
 
 STATUS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
 HISTORY = ("step", "time", "iteration", "residual", "volume_solves", "seconds", "method")
+OTHERS = ("probes.csv", "history.csv", "steps.csv")  # that `cut_tables` cuts
 Row = Sequence[object]
 
 
@@ -34,9 +35,9 @@ def write_tables(folder: Path, index: int, mesh: MeshData, result: StepResult) -
     dim = mesh.points.shape[1]
     for name, contact in result.contacts.items():
         rows = contact_rows(result.time, mesh.surfaces[name][0], contact)
-        _append(folder / f"contact_{name}.csv", contact_header(dim), rows)
+        append_rows(folder / f"contact_{name}.csv", contact_header(dim), rows)
     if result.probes:
-        _append(folder / "probes.csv", probe_header(dim), probe_rows(result))
+        append_rows(folder / "probes.csv", probe_header(dim), probe_rows(result))
     write_history(folder, index, result.history)
 
 
@@ -46,7 +47,7 @@ def write_history(folder: Path, index: int, history: Iterable[HistoryTuple]) -> 
     Args:
         history: see `HistoryRow`.
     """
-    _append(folder / "history.csv", HISTORY, [(int(index), *_plain(row)) for row in history])
+    append_rows(folder / "history.csv", HISTORY, [(int(index), *_plain(row)) for row in history])
 
 
 def contact_header(dim: int) -> list[str]:
@@ -83,7 +84,7 @@ def cut_tables(folder: Path, time: float) -> None:
     Raises:
         MachineError: a table cannot be read, or the disk is full.
     """
-    for path in [*sorted(folder.glob("contact_*.csv")), folder / "probes.csv", folder / "history.csv"]:
+    for path in [*sorted(folder.glob("contact_*.csv")), *(folder / name for name in OTHERS)]:
         if path.exists():
             header, *rows = _read(path) or [[]]
             when = header.index("time") if "time" in header else 0
@@ -101,7 +102,12 @@ def _read(path: Path) -> list[list[str]]:
     return list(csv.reader(io.StringIO(whole)))
 
 
-def _append(path: Path, header: Sequence[str], rows: Iterable[Row]) -> None:
+def append_rows(path: Path, header: Sequence[str], rows: Iterable[Row]) -> None:
+    """Add rows at the end of a table, which begins with its header.
+
+    Raises:
+        MachineError: the disk is full.
+    """
     with disk_errors(path), path.open("ab") as file:
         first = [header] if file.tell() == 0 else []
         file.write(_text([*first, *rows]).encode())

@@ -18,6 +18,16 @@ from workflows.writers.shapes import Shape, shape_of
 from workflows.writers.steps import step_name, three
 
 MESH_FILE = "fields.h5"
+GROWTH = 1.125  # the files are written again once so many times the steps are there
+HEAD = """<?xml version='1.0' encoding='utf-8'?>
+<Xdmf Version="3.0">
+  <Domain>
+    <Grid Name="time" GridType="Collection" CollectionType="Temporal">
+"""
+TAIL = """    </Grid>
+  </Domain>
+</Xdmf>
+"""
 FLOAT, INT64, INT8 = ("Float", "8"), ("Int", "8"), ("Int", "1")
 WIDTH = {"Scalar": 1, "Vector": 3, "Tensor": 9}
 
@@ -54,14 +64,61 @@ BODY_FIELDS = (
 
 
 class FieldFiles:
-    """fields.h5, fields.xdmf and contact_NAME.xdmf of one mesh."""
+    """fields.h5, fields.xdmf and contact_NAME.xdmf of one mesh: every n-th step, and in the end the last."""
 
-    def __init__(self, folder: Path, mesh: MeshData) -> None:
-        self._folder, self._mesh = folder, mesh
+    def __init__(self, folder: Path, mesh: MeshData, every: int = 1) -> None:
+        self._folder, self._mesh, self._every = folder, mesh, every
         self._checksum: str | None = None  # of the mesh in fields.h5, once it is known
+        self._last: tuple[int, float] | None = None
+        self._shown: list[tuple[int, float]] = []
+        self._written = 0  # so many of them stand in the files
+
+    def know(self, times: Sequence[float]) -> None:
+        """Steps that were written before, from the first on, of a run that is resumed.
+
+        The files may show fewer, or one that has been taken away: the next step writes them again.
+        """
+        for step in enumerate(times, start=1):
+            self._last = step
+            if step[0] % self._every == 0:
+                self._shown.append(step)
+
+    def add(self, index: int, time: float) -> None:
+        """A step has its file: show it, at once or with those that follow; ParaView reads meanwhile.
+
+        The files are written again once an eighth more steps are there: all of a long history together cost then no
+        more than nine times the last writing, whatever the number of steps.
+
+        Raises:
+            MachineError: the disk is full.
+        """
+        self._last = index, time
+        if index % self._every == 0:
+            self._shown.append(self._last)
+        if len(self._shown) >= max(1, GROWTH * self._written) or index == 1:
+            self._write_shown()
+
+    def finish(self) -> None:
+        """Show every step that is to be shown, and the last one.
+
+        Raises:
+            MachineError: the disk is full.
+        """
+        if self._last is not None and self._last not in self._shown[-1:]:
+            self._shown.append(self._last)
+        self._write_shown()
+
+    def _write_shown(self) -> None:
+        self.write(self._shown)
+        self._written = len(self._shown)
+
+    @property
+    def checksum(self) -> str:
+        """Of the mesh."""
+        return checksum(_arrays(self._mesh), {})
 
     def write(self, steps: Sequence[tuple[int, float]]) -> None:
-        """Write them; again after each step, while ParaView reads them.
+        """Write them all.
 
         Args:
             steps: index and time [s] of the steps to show, all of them in their files. None: only fields.h5 is
@@ -120,29 +177,35 @@ def _grid(place: str, name: str, points: Array, cells: NDArray[np.int64], shape:
 
 
 def _series(grid: Grid, fields: Sequence[Field], steps: Sequence[tuple[int, float]]) -> bytes:
-    """The XML of a temporal collection."""
-    root = ET.Element("Xdmf", Version="3.0")
-    domain = ET.SubElement(root, "Domain")
-    series = ET.SubElement(domain, "Grid", Name="time", GridType="Collection", CollectionType="Temporal")
-    for index, time in steps:
-        step = ET.SubElement(series, "Grid", Name=grid.name, GridType="Uniform")
-        ET.SubElement(step, "Time", Value=repr(float(time)))
-        cells = {"TopologyType": grid.shape.xdmf, "NumberOfElements": str(grid.cells)}
-        if grid.shape.xdmf == "Polyline":
-            cells["NodesPerElement"] = str(grid.width)
-        topology = ET.SubElement(step, "Topology", cells)
-        _data(topology, f"{MESH_FILE}:/{grid.place}/cells", (grid.cells, grid.width), INT64)
-        geometry = ET.SubElement(step, "Geometry", GeometryType="XYZ")
-        _data(geometry, f"{MESH_FILE}:/{grid.place}/points", (grid.nodes, 3), FLOAT)
-        for field in fields:
-            about = {"Name": field.name, "AttributeType": field.kind, "Center": field.centre}
-            count, width = grid.nodes if field.centre == "Node" else grid.cells, WIDTH[field.kind]
-            size = (count,) if width == 1 else (count, width)
-            _data(
-                ET.SubElement(step, "Attribute", about), field.place.format(step=step_name(index)), size, field.number
-            )
-    ET.indent(root)
-    return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True))
+    """The XML of a temporal collection; a step's text is made once and then repeated."""
+    any_step = _any_step(grid, fields)
+    ET.indent(any_step, level=3)
+    text = f"      {ET.tostring(any_step, encoding='unicode')}\n"
+    shown = [text.replace("{step}", step_name(index)).replace("{time}", repr(float(time))) for index, time in steps]
+    return "".join([HEAD, *shown, TAIL]).encode()
+
+
+def _any_step(grid: Grid, fields: Sequence[Field]) -> ET.Element:
+    """One step, of `{step}` and `{time}`."""
+    step = ET.Element("Grid", Name=grid.name, GridType="Uniform")
+    ET.SubElement(step, "Time", Value="{time}")
+    cells = {"TopologyType": grid.shape.xdmf, "NumberOfElements": str(grid.cells)}
+    if grid.shape.xdmf == "Polyline":
+        cells["NodesPerElement"] = str(grid.width)
+    topology = ET.SubElement(step, "Topology", cells)
+    _data(topology, f"{MESH_FILE}:/{grid.place}/cells", (grid.cells, grid.width), INT64)
+    geometry = ET.SubElement(step, "Geometry", GeometryType="XYZ")
+    _data(geometry, f"{MESH_FILE}:/{grid.place}/points", (grid.nodes, 3), FLOAT)
+    for field in fields:
+        about = {"Name": field.name, "AttributeType": field.kind, "Center": field.centre}
+        count, width = grid.nodes if field.centre == "Node" else grid.cells, WIDTH[field.kind]
+        _data(
+            ET.SubElement(step, "Attribute", about),
+            field.place,
+            (count,) if width == 1 else (count, width),
+            field.number,
+        )
+    return step
 
 
 def _data(parent: Any, place: str, size: tuple[int, ...], number: tuple[str, str]) -> None:

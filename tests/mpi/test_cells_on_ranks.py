@@ -1,0 +1,70 @@
+"""Every method finds on several ranks what it finds on one: cells of its table, one mpirun for many of them."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shared import on_ranks
+from shared.cells import MODELS, Cell, refused, solved, whole
+from solvers.methods.table import METHODS
+
+SAME = 1e-8  # three decades above the tolerance: friction's condition, and hundreds of iterations
+LIMIT = 600  # s; a rank that waits for the others for ever must not hold up the tests
+TURN = 11  # how far the cell of one method lies from that of the next
+MPI = {
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "OMPI_MCA_hwloc_base_binding_policy": "none",  # tests side by side: do not pin their ranks to the same cores
+    "OMPI_MCA_mpi_yield_when_idle": "1",
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+}
+PATH = os.pathsep.join(str(Path(__file__).parents[up]) for up in (1, 2))  # tests/shared, and the packages
+
+
+def sample() -> Iterator[Cell]:
+    """One cell of each method, in 2D and 3D by turns, other laws and operators for each."""
+    for turn, (method, model) in enumerate(zip(METHODS, cycle(("plane strain", "3d")), strict=False)):
+        cells = [cell for cell in whole(method, model) if cell.friction and refused(cell) is None]
+        yield cells[turn * TURN % len(cells)]
+
+
+def differences(ranks: int, cells: list[Cell], folder: Path) -> list[str]:
+    """A sentence for each cell of which several ranks find something else."""
+    asked, found = folder / "cells.json", folder / "found.npz"
+    asked.write_text(json.dumps([asdict(cell) for cell in cells]))
+    words = ["timeout", "-k", "5", str(LIMIT), "mpirun", "-n", str(ranks), "--oversubscribe", sys.executable]
+    done = subprocess.run(
+        [*words, on_ranks.__file__, str(asked), str(found)],
+        env={**os.environ, **MPI, "PYTHONPATH": PATH},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]  # 124: it hung until the time limit
+    wrong, many = [], np.load(found)
+    for k, cell in enumerate(cells):
+        for name, one in on_ranks.answer(solved(cell.scene(on_ranks.TOLERANCE))[1]).items():
+            off = np.abs(many[f"{k} {name}"] - one).max() / np.abs(one).max()
+            if not off <= SAME:
+                wrong.append(f"{cell}: {name} {off:.1e} off")
+    return wrong
+
+
+def test_each_method_finds_on_two_ranks_what_it_finds_on_one(tmp_path: Path) -> None:
+    assert differences(2, list(sample()), tmp_path) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("model", "ranks"), [*zip(MODELS, (2, 2, 3), strict=True)])
+def test_every_cell_finds_on_several_ranks_what_it_finds_on_one(model: str, ranks: int, tmp_path: Path) -> None:
+    cells = [cell for method in METHODS for cell in whole(method, model) if refused(cell) is None]
+    assert differences(ranks, cells, tmp_path) == []

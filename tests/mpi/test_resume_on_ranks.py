@@ -1,0 +1,65 @@
+"""A run goes on with another number of ranks than before."""
+
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from shared.histories import LEARNS, SMALL, Stop
+from shared.ranks import mpirun
+from workflows.run import run
+from workflows.scene import read
+from workflows.watch import Watch
+from workflows.writers.steps import read_step, step_name
+
+EXACT = "solver.tolerance=1e-12"
+SAME = 1e-10  # relative: the residual of either run is relative to p_ref, the answer's condition comes on top
+SCENES = {
+    "block": [*SMALL, "steps.count=4"],
+    "cube": ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4", *LEARNS],
+    "sliding": ["geometry.mesh_size=0.25", "geometry.lower_mesh_size=0.2", "output.pictures=false", "steps.end=1.5"],
+    "stack": ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"],
+}
+TESTS = Path(__file__).parents[1]
+ON_RANKS = """
+import sys
+
+sys.path.append(sys.argv.pop(1))
+from shared.histories import Stop
+from workflows.run import run
+from workflows.scene import read
+from workflows.watch import Watch
+
+outcome, _ = run(read(sys.argv[1], sys.argv[2:]), "out", Watch(on_step=Stop(2)), resume=True)
+sys.exit(outcome.exit_code)
+"""  # the signal comes to rank 0 alone
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n != "block")) for n in SCENES])
+def test_it_goes_on_to_the_same_answer_on_two_ranks_and_on_one(name: str, tmp_path: Path) -> None:
+    words = [*SCENES[name], EXACT]
+    scene = read(name, words)
+    times = scene.requested_times()
+    run(scene, tmp_path / "whole")
+    run(scene, tmp_path / "out", Watch(on_step=Stop(1)))
+    done = mpirun(2, [str(TESTS), name, *words], tmp_path, ("-c", ON_RANKS))
+    assert done.returncode == 128 + signal.SIGINT, done.stderr
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == "interrupted"
+    outcome, _ = run(scene, tmp_path / "out", resume=True)
+    assert outcome.status == "converged"
+    log = (tmp_path / "out" / "run.log").read_text()
+    assert log.count("resumed after step 1,") == log.count("resumed after step 3,") == 1
+    for index in range(1, len(times) + 1):
+        ours, theirs = (read_step(tmp_path / folder / step_name(index)) for folder in ("out", "whole"))
+        assert ours.time == theirs.time == times[index - 1]
+        for key in ("displacement", "p", "w"):
+            expected, found = getattr(theirs, key), getattr(ours, key)
+            assert_allclose(found, expected, rtol=0, atol=SAME * np.abs(expected).max(initial=0.0), err_msg=key)
+    ours, theirs = (json.loads((tmp_path / folder / "result.json").read_text()) for folder in ("out", "whole"))
+    totals = [[step["energy"][key] for step in steps["steps"]] for steps in (ours, theirs) for key in ("external",)]
+    assert_allclose(totals[0], totals[1], rtol=SAME)

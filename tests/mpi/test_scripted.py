@@ -1,0 +1,52 @@
+"""A scripted history on several ranks: the script reads contacts, decides on every rank alike, and goes on."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.testing import assert_allclose
+
+SCRIPT = """
+import json
+from mpi4py import MPI
+import stickslip
+scene = stickslip.read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25", "solver.tolerance=1e-11"])
+script, x, told = stickslip.prepare(scene).script(), 0.0, []
+step = script.step(to=1.0)
+while step.contacts["base"].slip_area < step.contacts["base"].contact_area and x < 0.2:
+    x += 0.03
+    step = script.step(to=script.time + 1.0, supports={"top": {"x": x}})
+    base = step.contacts["base"]
+    told.append([x, *base.force, base.stick_area, *step.energy.dissipation, *step.supports["top"][0]])
+everywhere = MPI.COMM_WORLD.gather(told)
+if MPI.COMM_WORLD.rank == 0:
+    assert len(step.displacement) > 0
+    print(json.dumps(everywhere))
+"""
+
+
+def told(ranks: int, folder: Path) -> Any:
+    """What each rank has seen, by step."""
+    (folder / "script.py").write_text(SCRIPT, encoding="utf-8")
+    ones = {key: "1" for key in ("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "OMP_NUM_THREADS")}
+    quiet = {"OMPI_MCA_hwloc_base_binding_policy": "none", "OMPI_MCA_mpi_yield_when_idle": "1"}
+    done = subprocess.run(
+        ["timeout", "-k", "5", "100", "mpirun", "-n", str(ranks), "--oversubscribe", sys.executable, "script.py"],
+        cwd=folder,
+        env={**os.environ, **ones, **quiet},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def test_ranks_decide_alike_and_have_the_answer_of_one(tmp_path: Path) -> None:
+    (alone,), (one, other) = told(1, tmp_path), told(2, tmp_path)
+    assert one == other
+    assert len(alone) == len(one) == 5  # slips as a whole at x = 0.15
+    assert_allclose(one, alone, rtol=0, atol=1e-9 * np.abs(alone).max())  # two decades above the solver's tolerance

@@ -1,0 +1,189 @@
+"""Killed at any moment, a run goes on to the result, bit for bit, of one that was left alone."""
+
+from __future__ import annotations
+
+import os
+import random
+import resource
+import signal
+import subprocess
+import time as clock
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from shared.command import Call
+from shared.histories import LEARNS, SMALL, assert_same, names_in
+from solvers.step_result import StepResult
+from workflows.run import run
+from workflows.scene import read
+
+SCENE = [*SMALL, *LEARNS, "steps.count=4"]
+WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in SCENE)]
+DISK = ("fsync", "replace", "rename", "unlink", "mkdir")  # of the module os: what outlives a process
+TORN = 5  # bytes of a last row that a crash keeps from the disk
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of a run that was left alone."""
+    folder = tmp_path_factory.mktemp("whole") / "out"
+    run(read("block", SCENE), folder)
+    return folder
+
+
+def in_a_process_of_its_own(act: Callable[[], object]) -> int:
+    """Start it; the process number. What C libraries have set up is there already."""
+    process = os.fork()
+    if process:
+        return process
+    try:
+        act()
+    finally:
+        os._exit(1)
+
+
+def ended_by(process: int) -> int:
+    """The signal that ended it, or 0."""
+    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+
+
+class Disk:
+    """Counts what is asked of the disk; at the n-th time the process is killed, before it is done."""
+
+    def __init__(self, killed_at: int = 0) -> None:
+        self.killed_at, self.count = killed_at, 0
+
+    def watch(self, patch: pytest.MonkeyPatch) -> None:
+        for name in DISK:
+            patch.setattr(os, name, self._counted(name, getattr(os, name)))
+
+    def _counted(self, name: str, act: Callable[..., Any]) -> Callable[..., Any]:
+        def counted(*arguments: Any, **options: Any) -> Any:
+            self.count += 1
+            if self.count == self.killed_at:
+                if name == "fsync" and os.fstat(arguments[0]).st_size > TORN and _is_table(arguments[0]):
+                    os.truncate(arguments[0], os.fstat(arguments[0]).st_size - TORN)
+                os.kill(os.getpid(), signal.SIGKILL)
+            return act(*arguments, **options)
+
+        return counted
+
+
+def _is_table(descriptor: int) -> bool:
+    return os.readlink(f"/proc/self/fd/{descriptor}").endswith(".csv")
+
+
+def operations(folder: Path) -> int:
+    """How many times a run asks the disk for something."""
+    with pytest.MonkeyPatch.context() as patch:
+        disk = Disk()
+        disk.watch(patch)
+        run(read("block", SCENE), folder)
+    return disk.count
+
+
+def killed_at(operation: int, folder: Path, resume: bool) -> bool:
+    """Whether the run got so far that it was."""
+
+    def act() -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            Disk(operation).watch(patch)
+            run(read("block", SCENE), folder, resume=resume)
+
+    return ended_by(in_a_process_of_its_own(act)) == -signal.SIGKILL
+
+
+def _moments(count: int) -> list[float]:
+    seed = random.SystemRandom().randrange(10**6)
+    print(f"seed {seed}")
+    lots = random.Random(seed)
+    return [lots.random() for _ in range(count)]
+
+
+def test_killed_at_moments_of_writing_it_goes_on(tmp_path: Path, whole: Path) -> None:
+    last = operations(tmp_path / "counted")
+    for part in _moments(2):
+        folder = tmp_path / f"{part}" / "out"
+        assert killed_at(1 + int(part * last), folder, resume=False)
+        run(read("block", SCENE), folder, resume=True)
+        assert_same(folder, whole)
+        assert names_in(folder.parent) == {f"out/{name}" for name in names_in(whole)}
+
+
+@pytest.mark.slow
+def test_killed_at_every_moment_of_writing_it_goes_on(tmp_path: Path, whole: Path) -> None:
+    """And killed again while it resumes, at a moment as early."""
+    for operation in range(1, operations(tmp_path / "counted") + 1):
+        folder = tmp_path / f"{operation}" / "out"
+        assert killed_at(operation, folder, resume=False)
+        killed_at(operation // 2, folder, resume=True)
+        run(read("block", SCENE), folder, resume=True)
+        assert_same(folder, whole)
+
+
+def test_killed_at_any_time_it_goes_on(tmp_path: Path, whole: Path) -> None:
+    began = clock.monotonic()
+    run(read("block", SCENE), tmp_path / "timed")
+    usual = clock.monotonic() - began
+    for number, part in enumerate(_moments(2)):
+        folder = tmp_path / f"{number}" / "out"
+        process = in_a_process_of_its_own(lambda where=folder: run(read("block", SCENE), where))
+        clock.sleep(part * usual)
+        os.kill(process, signal.SIGKILL)
+        ended_by(process)
+        run(read("block", SCENE), folder, resume=True)
+        assert_same(folder, whole)
+
+
+@pytest.mark.slow
+def test_command_killed_at_twenty_random_times_goes_on(
+    folder: Path, command: list[str], environment: dict[str, str], whole: Path
+) -> None:
+    def start(place: Path, *more: str) -> subprocess.Popen[bytes]:
+        place.mkdir(exist_ok=True)
+        return subprocess.Popen([*command, *WORDS, *more], cwd=place, env=environment)
+
+    began = clock.monotonic()
+    assert start(folder / "timed").wait() == 0
+    usual = clock.monotonic() - began
+    for number, part in enumerate(_moments(20)):
+        place = folder / f"{number}"
+        process = start(place)
+        clock.sleep(part * usual)
+        process.kill()
+        process.wait()
+        assert start(place, "--resume").wait() == 0
+        assert_same(place / "out", whole)
+
+
+# a full disk
+
+
+@pytest.mark.parametrize(("room", "name"), [(1_000, "contact_base.csv"), (20_000, "steps/000003.h5")])
+def test_full_disk_loses_no_step_and_the_run_goes_on_when_there_is_room(
+    room: int, name: str, call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After two steps no file can grow beyond `room` bytes: a table, or the next step."""
+    scene, words = [*SMALL, "steps.count=4"], ["run", "block", "-q", "-o", "out"]
+    words += [f"--set={word}" for word in scene]
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def fill(self: object, step: StepResult) -> None:
+        if step.time == 1.0:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("workflows.report.Reporter._step", fill)
+        try:
+            code, _, err = call(*words)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert (code, err.count("\n")) == (4, 1)
+    assert f"{name}: cannot be written: File too large; 2 steps are kept, go on with --resume" in err
+    assert sorted(path.name for path in (folder / ".out.running" / "steps").iterdir()) == ["000001.h5", "000002.h5"]
+    assert call(*words, "--resume") == (0, "", "")
+    run(read("block", scene), folder / "whole")
+    assert_same(folder / "out", folder / "whole")

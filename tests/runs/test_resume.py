@@ -1,0 +1,256 @@
+"""A run that was stopped goes on to the result, bit for bit, of one that was not."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import shutil
+import signal
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from shared.command import Call, result
+from shared.histories import LEARNS, SMALL, Stop, assert_same, names_in, rows
+from workflows.folder import ResultsFolder
+from workflows.left import BEGUN
+from workflows.run import run
+from workflows.scene import READY, from_dict, read
+from workflows.watch import Watch
+from workflows.writers.steps import step_name
+
+CUBE = ["geometry.mesh_size=0.34", "output.pictures=false", "steps.count=4"]
+SLIDING = ["geometry.mesh_size=0.25", "geometry.lower_mesh_size=0.2", "output.pictures=false", "steps.end=1.5"]
+HISTORIES = {
+    "condensed-newton": ("block", [*SMALL, "solver.method=condensed-newton"]),
+    "uzawa": ("block", [*SMALL, "solver.method=uzawa"]),
+    "surface-uzawa": ("cube", [*CUBE, *LEARNS]),
+    "inexact-uzawa": ("block", [*SMALL, "solver.method=inexact-uzawa"]),
+    "nonlinear-uzawa": ("raous", ["output.pictures=false", "solver.method=nonlinear-uzawa", "steps.count=3"]),
+    "perturbed-lagrangian": ("block", [*SMALL, "solver.method=perturbed-lagrangian"]),
+    "regularised": ("block", [*SMALL, "solver.method=regularised"]),
+    "gram-uzawa": ("block", [*SMALL, "solver.method=gram-uzawa"]),
+    "sliding": ("sliding", SLIDING),
+    "sliding, iterative": ("sliding", [*SLIDING, *LEARNS]),
+    "compliance": ("foundation", ["geometry.mesh_size=0.4", "output.pictures=false", "steps.count=4"]),
+    "floating": ("stack", ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"]),
+}
+QUICK = ("condensed-newton", "surface-uzawa", "sliding")
+EACH = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in HISTORIES]
+
+
+def learning(*more: str) -> Any:
+    """A scene whose method learns from step to step."""
+    return read("block", [*SMALL, *LEARNS, *more])
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of a run that was not stopped."""
+    folder = tmp_path_factory.mktemp("whole") / "out"
+    run(learning(), folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def stopped_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("stopped") / "out"
+    run(learning(), folder, Watch(on_step=Stop(3)))
+    return folder
+
+
+@pytest.fixture
+def stopped(folder: Path, stopped_once: Path) -> Path:
+    """The results of the same run, stopped after three steps."""
+    return Path(shutil.copytree(stopped_once, folder / "out"))
+
+
+WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in (*SMALL, *LEARNS))]
+
+
+@pytest.mark.parametrize("name", EACH)
+def test_every_method_goes_on_to_the_same_bits(name: str, tmp_path: Path) -> None:
+    scene = read(*HISTORIES[name])
+    run(scene, tmp_path / "whole")
+    outcome, _ = run(scene, tmp_path / "out", Watch(on_step=Stop(2)))
+    assert (outcome.status, len(result(tmp_path / "out")["steps"])) == ("interrupted", 2)
+    outcome, _ = run(scene, tmp_path / "out", resume=True)
+    assert outcome.status == "converged"
+    assert_same(tmp_path / "out", tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    "number", [signal.SIGUSR1, *(pytest.param(n, marks=pytest.mark.slow) for n in (signal.SIGINT, signal.SIGTERM))]
+)
+def test_signals_end_the_run_after_the_iteration_and_it_goes_on(
+    number: signal.Signals, call: Call, whole: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As often as one likes."""
+    first = sum(row["step"] == "1" for row in rows(whole / "history.csv"))
+    stops = [Stop(first + 2, number), Stop(2, number)]
+    with monkeypatch.context() as patched:
+        patched.setattr("workflows.report.Reporter._iteration", lambda self, row: stops[0](row))
+        code, _, err = call(*WORDS)
+        assert (code, err.count("\n")) == (130, 1)
+        assert f"stopped by {number.name} after 1 of 6 steps; go on with: stickslip run block -o out --set=" in err
+        said = [*shlex.split(err.partition("go on with: stickslip ")[2]), "-q"]
+        stops.pop(0)
+        assert call(*said)[0] == 130
+        assert len(result(folder / "out")["steps"]) == 1
+    assert call(*said) == (0, "", "")
+    assert_same(folder / "out", whole)
+    assert names_in(folder) == {f"out/{name}" for name in names_in(whole)}
+
+
+def test_resume_without_anything_there_begins_at_the_start_and_says_so(call: Call, whole: Path, folder: Path) -> None:
+    """So that a batch script can be the same for the first run and for those that follow."""
+    code, out, err = call(*WORDS, "--resume")
+    assert (code, out, err) == (0, "", "stickslip: nothing to resume in out: begins at the start\n")
+    assert_same(folder / "out", whole)
+
+
+def test_finished_run_is_left_as_it_is(call: Call, whole: Path, folder: Path) -> None:
+    (folder / "out").symlink_to(whole)
+    before = {name: (whole / name).read_bytes() for name in names_in(whole)}
+    code, _, err = call(*WORDS, "--resume")
+    assert (code, err.count("\n")) == (0, 1)
+    assert "the run is finished; nothing was changed" in err
+    assert {name: (whole / name).read_bytes() for name in names_in(whole)} == before
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("bodies.block.nu=0.31", "bodies.block.nu was 0.3 in out, and is 0.31"),
+        ("solver.tolerance=1e-9", "solver.tolerance was 1e-08 in out, and is 1e-09"),
+        ("steps.count=12", "steps.count was 6 in out, and is 12"),
+        ("supports.top.displacement.y=-0.1", "supports.top.displacement.y was [[0.0, 0.0], [1.0, -0.1]] in out, and"),
+        ("contacts.base.search_distance=1.0", "contacts.base.search_distance was null in out, and is 1.0"),
+    ],
+)
+def test_changed_scene_is_refused_and_the_difference_named(change: str, said: str, call: Call, stopped: Path) -> None:
+    before = {name: (stopped / name).read_bytes() for name in names_in(stopped)}
+    code, _, err = call(*WORDS, f"--set={change}", "--resume")
+    assert (code, err.count("\n")) == (2, 1)
+    assert said in err
+    assert {name: (stopped / name).read_bytes() for name in names_in(stopped)} == before
+
+
+def test_what_is_only_shown_may_change(call: Call, stopped: Path) -> None:
+    assert call(*WORDS, "--set=output.every=2", "--set=title=Another", "--resume")[0] == 0
+    done = result(stopped)
+    assert (done["status"], len(done["steps"]), done["scene"]["title"]) == ("converged", 6, "Another")
+
+
+# damage
+
+
+def damage(path: Path, part: float = 0.5) -> None:
+    content = path.read_bytes()
+    path.write_bytes(content[: int(part * len(content))])
+
+
+@pytest.mark.parametrize("part", [0.0, 0.9])
+def test_damaged_last_step_is_solved_again_to_the_same_bits(
+    part: float, call: Call, whole: Path, stopped: Path
+) -> None:
+    damage(stopped / step_name(3), part)
+    code, _, err = call(*WORDS, "--resume")
+    assert (code, err.count("\n")) == (0, 1)
+    assert "steps/000003.h5: damaged" in err
+    assert "solved again" in err
+    assert_same(stopped, whole)
+
+
+@pytest.mark.parametrize("missing", [False, True])
+def test_damaged_or_missing_earlier_step_is_named_and_nothing_is_touched(
+    missing: bool, call: Call, stopped: Path
+) -> None:
+    path = stopped / step_name(2)
+    path.unlink() if missing else damage(path)
+    before = {name: (stopped / name).read_bytes() for name in names_in(stopped)}
+    code, _, err = call(*WORDS, "--resume")
+    assert (code, err.count("\n")) == (4, 1)
+    assert "steps/000002.h5: " in err
+    assert {name: (stopped / name).read_bytes() for name in names_in(stopped)} == before
+
+
+def test_another_mesh_is_refused(call: Call, stopped: Path) -> None:
+    """As another version of gmsh may make of the same scene."""
+    begun = json.loads((stopped / BEGUN).read_text())
+    (stopped / BEGUN).write_text(json.dumps(begun | {"mesh": "0" * 64}))
+    before = {name: (stopped / name).read_bytes() for name in names_in(stopped)}
+    code, _, err = call(*WORDS, "--resume")
+    assert (code, err.count("\n")) == (4, 1)
+    assert "gmsh meshes this scene differently now" in err
+    assert {name: (stopped / name).read_bytes() for name in names_in(stopped)} == before
+
+
+def test_without_what_was_learnt_the_answer_is_the_same_to_the_tolerance(
+    call: Call, whole: Path, stopped: Path
+) -> None:
+    for path in (stopped / "learnt").iterdir():
+        damage(path)
+    code, _, err = call(*WORDS, "--resume")
+    assert (code, err.count("\n")) == (0, 1)
+    assert "learnt is lost" in err
+    ours, theirs = (result(f)["steps"][-1]["contacts"]["base"] for f in (stopped, whole))
+    assert ours["tangential_force"] != theirs["tangential_force"]  # else nothing had been learnt
+    for key in ("normal_force", "tangential_force"):
+        assert ours[key] == pytest.approx(theirs[key], rel=1e-7)  # of a tolerance of 1e-8
+
+
+def test_rows_beyond_the_last_step_are_cut(call: Call, whole: Path, stopped: Path) -> None:
+    """As a crash leaves them: tables are written before the step that makes them valid."""
+    for name in ("contact_base.csv", "probes.csv", "history.csv"):
+        beyond = (whole / name).read_text()[len((stopped / name).read_text()) :]
+        with (stopped / name).open("a") as file:
+            file.write(beyond[: len(beyond) // 2])
+    assert call(*WORDS, "--resume")[0] == 0
+    assert_same(stopped, whole)
+
+
+@pytest.mark.slow
+def test_run_that_failed_tries_that_step_again_and_ends_the_same(folder: Path) -> None:
+    """Pushed ever harder, the block slides off: the last good substep was written, and is no step to go on from."""
+    data = tomllib.loads((READY / "foundation.toml").read_text())
+    del data["supports"], data["exact"], data["obstacles"]["foundation"]["displacement"]
+    data["loads"] = {"side": {"boundary": "block.left", "pressure": [[0.0, 0.0], [1.0, 0.0], [2.0, 3e4]]}}
+    data["geometry"]["mesh_size"], data["output"] = 0.5, {"pictures": False}
+    scene = from_dict(data)
+    first, content = run(scene, folder / "out")
+    assert first.status == "no_equilibrium"
+    assert [step["time"] for step in content["steps"]][:3] == [0.5, 1.0, 1.5]
+    assert 1.5 < content["steps"][3]["time"] < 2.0
+    shutil.copytree(folder / "out", folder / "before")
+    again, _ = run(scene, folder / "out", resume=True)
+    assert (again.status, again.sentence) == (first.status, first.sentence)
+    assert_same(folder / "out", folder / "before")
+
+
+# other processes
+
+
+def test_two_runs_do_not_write_the_same_results(call: Call, folder: Path) -> None:
+    other = ResultsFolder(folder / "out")
+    other.start()
+    for words in (WORDS, [*WORDS, "--resume"]):
+        code, _, err = call(*words)
+        assert (code, err.count("\n")) == (2, 1)
+        assert "process is writing it" in err
+    assert names_in(folder) == {".out.running/run.log"}
+    other.release()
+    assert call(*WORDS)[0] == 0
+
+
+def test_what_a_killed_run_left_is_not_replaced_unasked(call: Call, whole: Path, stopped: Path) -> None:
+    work = stopped.rename(stopped.with_name(".out.running"))  # so it stands after SIGKILL
+    before = names_in(work)
+    code, _, err = call(*WORDS)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "has left 3 steps in .out.running; go on with --resume" in err
+    assert names_in(work) == before
+    assert call(*WORDS, "--resume")[0] == 0
+    assert_same(stopped, whole)

@@ -1,0 +1,39 @@
+"""Several ranks, with a time limit."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+LIMIT = 100  # s; a rank that waits for the others for ever must not hold up the tests
+MPI = {
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "OMPI_MCA_hwloc_base_binding_policy": "none",  # tests side by side: do not pin their ranks to the same cores
+    "OMPI_MCA_mpi_yield_when_idle": "1",
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+}
+STICKSLIP = ("-m", "workflows.cli")
+
+
+def mpirun(
+    ranks: int, words: Sequence[str], folder: Path, program: Sequence[str] = STICKSLIP
+) -> subprocess.CompletedProcess[str]:
+    """Run Python's `program` with these words on several ranks; `timeout` ends mpirun, and mpirun its ranks."""
+    limited = ["timeout", "-k", "5", str(LIMIT), "mpirun", "-n", str(ranks), "--oversubscribe"]
+    return subprocess.run(
+        [*limited, sys.executable, *program, *words],
+        cwd=folder,
+        env={**os.environ, **MPI},  # Python's own copy: MPI has left its variables in the C library's
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def options(overrides: Sequence[str]) -> list[str]:
+    return [word for override in overrides for word in ("--set", override)]

@@ -1,0 +1,95 @@
+"""steps.csv: one row a step, in columns that say what they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import stickslip
+from geometry.errors import MachineError
+from solvers.quantities import values
+from solvers.step_result import StepResult
+from workflows.writers.by_time import read_by_time, row_of, write_by_time
+from workflows.writers.tables import cut_tables
+
+
+@pytest.fixture(scope="module")
+def scene() -> stickslip.Scene:
+    """The block's two steps, pressed by a load too, with a plane that turns away underneath what does not touch it."""
+    block = stickslip.read("block", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5"])
+    far = stickslip.Plane(
+        point=(0.0, -9.0), normal=(0.0, 1.0), rotation=stickslip.Rotation(angle=((2.0, 0.1),), point=(0.0, -9.0))
+    )
+    loads = {
+        "wind": stickslip.Load(boundary="block.left", traction=(((1.0, 1e-3),), 0.0)),
+        "rain": stickslip.Load(boundary="block.right", pressure=((2.0, 1e-3),)),
+    }
+    return replace(block, obstacles={**block.obstacles, "far": far}, loads=loads)
+
+
+@pytest.fixture(scope="module")
+def steps(scene: stickslip.Scene) -> list[StepResult]:
+    return list(stickslip.steps(scene))
+
+
+def test_a_row_tells_what_is_prescribed_and_what_comes_of_it(
+    scene: stickslip.Scene, steps: list[StepResult], tmp_path: Path
+) -> None:
+    for index, step in enumerate(steps, start=1):
+        write_by_time(tmp_path, index, scene, step)
+    found = read_by_time(tmp_path)
+    assert list(found)[:2] == ["step", "time"]
+    assert_array_equal(found["step"], [1, 2])
+    assert_array_equal(found["time"], [1.0, 2.0])
+    assert_array_equal(found["support.top.displacement.x"], [0.0, 0.05])
+    assert_array_equal(found["support.top.displacement.y"], [-0.1, -0.1])
+    assert_array_equal(found["load.wind.traction.x"], [1e-3, 1e-3])
+    assert_array_equal(found["load.wind.traction.y"], [0.0, 0.0])
+    assert_array_equal(found["load.rain.pressure"], [5e-4, 1e-3])
+    assert_array_equal(found["obstacle.far.rotation.angle"], [0.05, 0.1])
+    for k, step in enumerate(steps):  # the same bits as in result.json
+        assert {name: found[name][k] for name in values(step)} == values(step)
+        assert_array_equal([found[f"base.force.{a}"][k] for a in "xy"], step.contacts["base"].force)
+        assert found["support.top.moment.z"][k] == step.supports["top"][1][0]
+        assert found["iterations"][k] == step.iterations
+    # of a flat side all the tangential force is the resultant's, with its sign: the top is pushed to the right
+    assert_array_equal(np.abs(found["base.tangential_force.x"]), found["base.tangential_force"])
+    assert_allclose(found["base.tangential_force.x"], found["base.force.x"], rtol=1e-12)
+    assert found["base.tangential_force.x"][1] < 0 < found["base.slip.x"][1] < 0.05
+
+
+def test_mean_slip_is_that_of_what_presses(scene: stickslip.Scene, steps: list[StepResult]) -> None:
+    base = steps[1].contacts["base"]
+    half = replace(
+        base, pressure=np.where(base.slip[:, 0] > 1e-3, 2.0, 0.0), slip=np.tile([0.01, 0.0], (len(base.slip), 1))
+    )
+    row = row_of(1, scene, replace(steps[1], contacts={"base": half}))
+    assert row["base.slip.x"] == pytest.approx(0.01, rel=1e-14)
+    lifted = replace(half, pressure=0 * half.pressure)
+    assert row_of(1, scene, replace(steps[1], contacts={"base": lifted}))["base.slip.x"] == 0.0
+
+
+def test_rows_of_steps_that_a_crash_has_lost_are_cut_off(
+    scene: stickslip.Scene, steps: list[StepResult], tmp_path: Path
+) -> None:
+    for index, step in enumerate(steps, start=1):
+        write_by_time(tmp_path, index, scene, step)
+    whole = (tmp_path / "steps.csv").read_bytes()
+    with (tmp_path / "steps.csv").open("ab") as file:
+        file.write(b"3,2.5,0.0")  # killed while it wrote
+    cut_tables(tmp_path, steps[0].time)
+    assert_array_equal(read_by_time(tmp_path)["time"], [1.0])
+    write_by_time(tmp_path, 2, scene, steps[1])
+    assert (tmp_path / "steps.csv").read_bytes() == whole
+
+
+def test_a_table_that_is_missing_or_damaged_is_said_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(MachineError, match=r"steps\.csv: cannot be read"):
+        read_by_time(tmp_path)
+    (tmp_path / "steps.csv").write_text("step,time\n1,0.5\n2\n")
+    with pytest.raises(MachineError, match=r"steps\.csv: cannot be read"):
+        read_by_time(tmp_path)

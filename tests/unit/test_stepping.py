@@ -1,0 +1,363 @@
+"""Substeps: a step that fails is tried in parts, each from the last good state, and the parts grow again."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from geometry.amplitude import value_at
+from solvers import failure
+from solvers.methods.solution import OnStep, Solution, Status
+from solvers.nouns.scene import Scene
+from solvers.pace import ENOUGH, HALVINGS, Pace
+from solvers.simulation import Simulation
+from solvers.state import State
+from solvers.step_result import StepResult
+from solvers.stepping import Accepted, StepError, Stepper
+from solvers.surface_problem import SurfaceProblem
+
+SceneOf = Callable[..., Scene]
+SimulationOf = Callable[[Scene], Simulation]
+MU = 0.3
+SMALLEST = 0.5**HALVINGS
+
+
+def sheared(scene_of: SceneOf, count: int = 2, **tables: Any) -> Scene:
+    """Pressed, then drawn until a part slips."""
+    drag = {"x": [[0, 0], [1, 0], [2, 0.02]], "y": [[0, 0], [1, -0.05]]}
+    base = {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": MU}}
+    return scene_of(
+        contacts={"base": base},
+        supports={"top": {"boundary": "block.top", "displacement": drag}},
+        steps={"end": 2.0, "count": count},
+        **tables,
+    )
+
+
+class Reluctant:
+    """A method that fails, after its iterations, at steps that are longer than allowed [s] where they begin."""
+
+    def __init__(self, stepper: Stepper, allowed: Callable[[float], float]) -> None:
+        self.whole, self.allowed, self.tried = stepper.method_after, allowed, list[tuple[float, float]]()
+        self.starts = list[Any]()
+        stepper.method_after = self.after  # type: ignore[method-assign]
+
+    def after(self, state: State) -> Callable[[SurfaceProblem, Any, OnStep], Solution]:
+        method = self.whole(state)
+
+        def solve(problem: SurfaceProblem, p: Any, on_step: OnStep) -> Solution:
+            self.starts.append(p.copy())
+            found = method(problem, p, on_step)
+            self.tried.append((state.time, problem.cone.time))
+            too_long = problem.cone.time - state.time > self.allowed(state.time) * (1 + 1e-9)
+            return replace(found, status=Status.STALLED) if too_long else found
+
+        return solve
+
+
+def ends(tried: list[tuple[float, float]]) -> list[float]:
+    """Where the accepted substeps ended: at the next one's begin, or at the end."""
+    return [*dict.fromkeys(begin for begin, _ in tried[1:] if begin > tried[0][0]), tried[-1][1]]
+
+
+def march(simulation: Simulation, *times: float) -> list[Accepted]:
+    reached: list[Accepted] = []
+    for time in times:
+        before = reached[-1].state if reached else simulation.stepper.start()
+        reached.append(simulation.stepper.reach(before, time, lambda row: None))
+    return reached
+
+
+def test_substeps_shrink_where_it_is_hard_and_grow_back_where_it_is_easy(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    simulation = simulation_of(sheared(scene_of))
+    reluctant = Reluctant(simulation.stepper, lambda time: 1 / 16 if time < 0.25 else 1.0)
+    (step,) = march(simulation, 1.0)
+    sizes = np.diff([0.0, *ends(reluctant.tried)])
+    assert step.state.time == 1.0  # to the last digit
+    assert step.substeps == len(sizes)
+    assert_allclose(sizes[:ENOUGH], 1 / 16)
+    assert sizes.max() >= 1 / 4
+    assert len(reluctant.tried) == len(sizes) + 5  # four halvings, and one attempt at 1/8 that came too early
+
+
+def test_the_next_step_begins_with_what_was_learnt_of_the_size(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    simulation = simulation_of(sheared(scene_of))
+    reluctant = Reluctant(simulation.stepper, lambda time: 0.5)
+    first, second = march(simulation, 1.0, 2.0)
+    assert (first.substeps, second.state.time) == (2, 2.0)
+    of_second = [(begin, end) for begin, end in reluctant.tried if begin >= 1.0]
+    assert of_second[0] == (1.0, 1.5)  # not 2.0
+    assert first.state.pace == Pace(0.5, 2)
+
+
+def test_substeps_are_those_steps(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """Nothing of a failed attempt is left: the answer is that of the same steps asked for, bit for bit."""
+    simulation = simulation_of(sheared(scene_of))
+    Reluctant(simulation.stepper, lambda time: 0.25)
+    cut = march(simulation, 1.0, 2.0)
+    assert cut[-1].substeps == 4
+    plain = march(simulation_of(sheared(scene_of, count=8)), *np.arange(0.25, 2.1, 0.25))
+    assert [cut[0].iterations > sum(step.iterations for step in plain[:4])] == [True]  # those of failed attempts count
+    for one, other in ((cut[0], plain[3]), (cut[1], plain[7])):
+        for name in ("p", "w"):
+            assert_array_equal(getattr(one.state, name), getattr(other.state, name))
+        assert_array_equal(one.state.u.array, other.state.u.array)
+        assert_array_equal(one.state.slip["base"], other.state.slip["base"])
+        assert one.state.energy.external == other.state.energy.external
+        assert_array_equal(one.state.energy.dissipation, other.state.energy.dissipation)
+    (size,) = cut[-1].state.energy.dissipation
+    assert size > 0
+
+
+def test_what_a_method_learnt_in_a_failed_attempt_is_no_harm(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    table = {"solver": {"method": "surface-uzawa", "surface": "matrix-free", "tolerance": 1e-11}}
+    simulation = simulation_of(sheared(scene_of, **table))
+    Reluctant(simulation.stepper, lambda time: 0.5)
+    *_, cut = march(simulation, 1.0, 2.0)
+    *_, plain = march(simulation_of(sheared(scene_of, count=4, **table)), 0.5, 1.0, 1.5, 2.0)
+    size = np.abs(plain.state.p).max()
+    assert_allclose(cut.state.p, plain.state.p, rtol=0, atol=1e-8 * size)  # solver.tolerance is 1e-11
+    assert_allclose(cut.state.energy.dissipation, plain.state.energy.dissipation, rtol=1e-8)
+
+
+def test_few_iterations_force_substeps_which_are_counted(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """A contact that grows and slips: the shorter the way, the fewer points change sides."""
+    base = {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": MU}}
+    drag = {"x": [[0, 0], [1, 0], [2, 0.03]], "y": [[0, 0], [1, -0.001], [2, -0.06]]}
+
+    def steps(limit: int, count: int = 2) -> list[StepResult]:
+        scene = scene_of(
+            geometry={"mesh_size": 0.1},
+            obstacles={"foundation": {"shape": "cylinder", "point": [1.0, -5.0], "radius": 5.0}},
+            contacts={"base": base},
+            supports={"top": {"boundary": "block.top", "displacement": drag}},
+            steps={"end": 2.0, "count": count},
+            solver={"method": "condensed-newton", "max_iterations": limit},
+        )
+        return list(simulation_of(scene).steps())
+
+    limit = 3
+    expected, found = steps(100), steps(limit)
+    assert [step.substeps for step in expected] == [1, 1]
+    assert expected[1].iterations > limit
+    assert [step.time for step in found] == [1.0, 2.0]
+    assert found[1].substeps > 2
+    attempts = sum(row[1] == 0 for row in found[1].history)
+    assert found[1].substeps < attempts  # those that failed are told too
+    assert found[1].iterations > expected[1].iterations
+    assert max(row[1] for row in found[1].history) == limit
+    one, cut, fine = (s[-1].contacts["base"].force for s in (expected, found, steps(100, count=32)))
+    assert_allclose(cut, fine, rtol=0.01)  # the path of friction is followed more closely
+    assert np.abs(one - fine).max() > 3 * np.abs(cut - fine).max()
+
+
+def test_the_smallest_step_that_fails_names_contact_point_law_and_what_to_try(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    scene = sheared(scene_of, solver={"method": "uzawa", "max_iterations": 3})
+    simulation = simulation_of(scene)
+    says = (
+        r"t = 0\.0039\d*: contacts\.base at \(.+, 0\): normal residual \d\.\de-\d+, not 1e-08, in a step of 0\.00391 s "
+        "after 3 iterations; the iterations ran out: raise solver.max_iterations"
+    )
+    with pytest.raises(StepError, match=says) as failed:
+        list(simulation.steps())
+    assert failed.value.reached is None
+    assert {row.time for row in failed.value.history} == {0.5**k for k in range(HALVINGS + 1)}
+
+
+def test_what_was_reached_before_the_smallest_step_failed_is_kept(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    simulation = simulation_of(sheared(scene_of))
+    Reluctant(simulation.stepper, lambda time: 0.25 if time < 0.5 else 0.0)
+    steps = simulation.steps()
+    step = next(steps)
+    assert (step.time, step.substeps) == (0.5, 2)
+    with pytest.raises(StepError, match=r"t = 0\.50390.*: contacts\.base .*the residual stopped falling: try another"):
+        next(steps)
+
+
+def test_a_step_starts_where_the_last_one_was_heading_unless_the_load_turns(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """The press ends at t = 1, where the shear begins."""
+    simulation = simulation_of(sheared(scene_of, count=8))
+    reluctant = Reluctant(simulation.stepper, lambda time: 1.0)
+    states = [simulation.stepper.start(), *(step.state for step in march(simulation, 0.25, 0.75, 1.0, 1.25, 1.5))]
+    p = [state.p for state in states]
+    expected = [p[0], p[1] + 2 * (p[1] - p[0]), p[2] + (p[2] - p[1]) / 2, p[3], p[4] + p[4] - p[3]]
+    for found, start in zip(reluctant.starts, expected, strict=True):
+        assert_array_equal(found, start)
+
+
+def test_steps_of_a_load_that_grows_alone_take_no_iterations(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """All of the contact sticks: the answer is in proportion, and each start is right."""
+    sticky = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "stick"}}}
+    press = {"top": {"boundary": "block.top", "displacement": {"x": 0.01, "y": -0.05}}}
+    first, *others = simulation_of(scene_of(contacts=sticky, supports=press, steps={"count": 5})).steps()
+    assert first.iterations > 0
+    assert [step.iterations for step in others] == [0] * 4
+    assert others[-1].contacts["base"].normal_force == pytest.approx(5 * first.contacts["base"].normal_force)
+
+
+@pytest.mark.parametrize("part", ["normal", "tangential"])
+@pytest.mark.parametrize("name", ["base", "wall"])
+def test_the_worst_contact_is_the_one_that_is_off(
+    name: str, part: str, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    sides = {"base": ("bottom", "foundation"), "wall": ("right", "wall")}
+    rough = {"law": "coulomb", "mu": MU}
+    floor = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+    stop = {"shape": "plane", "point": [2.0, 0.0], "normal": [-1.0, 0.0]}
+    contacts = {k: {"surface": f"block.{s}", "against": o, "friction": rough} for k, (s, o) in sides.items()}
+    simulation = simulation_of(
+        scene_of(
+            obstacles={"foundation": floor, "wall": stop},
+            contacts=contacts,
+            supports={"top": {"boundary": "block.top", "displacement": {"x": 0.03, "y": -0.05}}},
+        )
+    )
+    stepper = simulation.stepper
+    (reached,) = march(simulation, 1.0)
+    (place,) = (p for p in stepper.cone.places if p.rows.name == name)
+    span = {"normal": place.normal, "tangential": place.tangential}[part]
+    p = reached.state.p.copy()
+    p[span.start + 1] -= 10 * reached.problem.p_ref
+    nothing = np.zeros(stepper.surface.size)
+    wrong = Solution(p, reached.state.w, nothing, Status.STALLED, 10.0, ())
+    told = failure.worst(reached.problem, wrong)
+    measured = {"normal": place.rows.N_n, "tangential": place.rows.N_t}[part][1].toarray()
+    node = np.argmax(np.abs(measured)) // 2  # whose displacement the row is
+    x, y = place.rows.surface.points[node]
+    assert told == f"contacts.{name} at ({x:.4g}, {y:.4g}): {part} "
+
+
+def test_a_step_without_a_residual_says_so(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    (reached,) = march(simulation_of(sheared(scene_of)), 1.0)
+    nothing = np.zeros(reached.stepper.surface.size)
+    broken = Solution(reached.state.p, reached.state.w, nothing, Status.BROKEN, np.inf, ())
+    told = failure.in_words(reached.problem, broken, 1e-8, 0.25)
+    assert told == f"no residual in a step of 0.25 s after 0 iterations; {Status.BROKEN.value}"
+    assert failure.in_words(None, broken, 1e-8, 0.25) == told
+
+
+@pytest.mark.parametrize("status", sorted(set(Status) - {Status.CONVERGED, Status.NO_EQUILIBRIUM}, key=str))
+def test_every_bad_ending_says_what_to_try(status: Status) -> None:
+    """But where there is no equilibrium: that says which body moves, and how."""
+    assert any(f"{word} " in status.value for word in ("try", "raise", "check"))
+
+
+@given(
+    st.lists(st.floats(SMALLEST, 2.0), min_size=1, max_size=40),
+    st.floats(1e-3, 1e3),
+    st.lists(st.booleans(), min_size=40, max_size=40),
+)
+def test_a_march_ends_at_its_target_whatever_fails(limits: list[float], step: float, easy: list[bool]) -> None:
+    """`limits`, in units of the step: what can be solved of the substep in that part of the way."""
+    smallest, time, pace, attempts = step * SMALLEST, 0.0, Pace(), 0
+    while time < step:
+        tried = pace.part(step - time, smallest)
+        assert tried <= max(pace.size, smallest) * (1 + 1e-6)
+        assert tried >= min(smallest / 2, step - time) * (1 - 1e-6)
+        attempts += 1
+        if tried > step * limits[int(time / step * len(limits))] * (1 + 1e-6):
+            pace = pace.failed(tried, smallest)
+        else:
+            time = step if tried == step - time else time + tried
+            pace = pace.succeeded(tried, step, easy[attempts % 40])
+    assert attempts <= 4 * 2**HALVINGS
+
+
+def test_a_hard_substep_does_not_let_the_next_ones_grow() -> None:
+    pace = Pace(0.25, ENOUGH - 1)
+    assert pace.succeeded(0.25, 1.0, easy=False) == Pace(0.25)
+    assert pace.succeeded(0.25, 1.0, easy=True) == Pace(0.5)
+    assert pace.succeeded(0.1, 1.0, easy=True) == pace  # so short a one proves nothing
+    assert Pace(0.5, ENOUGH - 1).succeeded(0.5, 1.0, easy=True) == Pace()  # nothing is left to be grown
+
+
+TABLE = [[0.0, 0.0], [0.3, 0.04], [0.7, -0.02]]
+FLOOR = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+RIGHT = "block.right"
+AREA, LENGTH = 2.0, 2.0  # of the block
+
+
+def total_x(step: StepResult) -> float:
+    """What supports and contacts bear of the loads."""
+    return -float(step.contacts["base"].force[0] + step.supports["top"][0][0])
+
+
+def held(against: dict[str, Any] = FLOOR, **tables: Any) -> dict[str, Any]:
+    """The block between a clamped top and the foundation, which pulls too: a linear problem."""
+    contact = {"surface": "block.bottom", "against": "foundation", "normal": {"law": "bilateral"}}
+    top = {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}
+    return {"obstacles": {"foundation": against}, "contacts": {"base": contact}, "supports": {"top": top}} | tables
+
+
+DRIVES: dict[str, tuple[dict[str, Any], Callable[[StepResult], float], float]] = {  # and the measure of a value 1
+    "support": (
+        held(supports={"top": {"boundary": "block.top", "displacement": {"x": TABLE, "y": 0.0}}})
+        | {"probes": {"corner": {"point": [0.0, 1.0]}}},
+        lambda step: float(step.probes["corner"][0][0]),
+        1.0,
+    ),
+    "traction": (held(loads={"side": {"boundary": RIGHT, "traction": [TABLE, 0.0]}}), total_x, 1.0),
+    "pressure": (held(loads={"side": {"boundary": RIGHT, "pressure": TABLE}}), total_x, -1.0),
+    "force": (held(loads={"side": {"boundary": RIGHT, "force": [TABLE, 0.0]}}), total_x, 1.0),
+    "gravity": (
+        held(gravity={"acceleration": [TABLE, 0.0]}, bodies={"block": {"E": 1.0, "nu": 0.3, "density": 3.0}}),
+        total_x,
+        3.0 * AREA,
+    ),
+    "obstacle's displacement": (
+        held(FLOOR | {"displacement": {"y": TABLE}}),
+        lambda step: float(step.obstacles["foundation"][0][1]),
+        1.0,
+    ),
+    "obstacle's force": (
+        held(FLOOR | {"force": {"y": TABLE}}),
+        lambda step: float(step.contacts["base"].force[1]),
+        1.0,
+    ),
+    "obstacle's rotation": (  # about the middle of the bottom, of which the corner is 1 m away
+        held(FLOOR | {"rotation": {"point": [1.0, 0.0], "angle": TABLE}}, probes={"corner": {"point": [2.0, 0.0]}}),
+        lambda step: float(step.probes["corner"][0][1]),
+        1.0,
+    ),
+    "Tresca's bound": (
+        held(
+            FLOOR | {"displacement": {"x": 1.0}},
+            contacts={
+                "base": {
+                    "surface": "block.bottom",
+                    "against": "foundation",
+                    "normal": {"law": "bilateral"},
+                    "friction": {"law": "tresca", "bound": [[t, abs(v)] for t, v in TABLE]},
+                }
+            },
+        ),
+        lambda step: step.contacts["base"].tangential_force,
+        LENGTH,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_times_of_every_table_are_hit_with_its_values(
+    name: str, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    tables, measure, of_one = DRIVES[name]
+    scene = scene_of(**tables, steps={"end": 1.0, "count": 2})
+    table = tuple((t, abs(v) if name == "Tresca's bound" else v) for t, v in TABLE)
+    steps = list(simulation_of(scene).steps())
+    assert [step.time for step in steps] == [0.3, 0.5, 0.7, 1.0]
+    for step in steps:
+        assert_allclose(measure(step), of_one * value_at(table, step.time, 1.0), rtol=1e-8)  # solver.tolerance

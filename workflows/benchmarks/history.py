@@ -1,0 +1,173 @@
+"""What each phase of a long history costs: `python -m workflows.benchmarks.history --steps 1000` prints it.
+
+A heavy strip is drawn to and fro at its end; one core, threads fixed. Steps by the hundred show whether
+a step costs the same at the end as at the beginning.
+"""
+
+from __future__ import annotations
+
+import os
+
+for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[threads] = "1"  # before numpy starts them
+
+import logging  # noqa: E402
+import tempfile  # noqa: E402
+import time as clock  # noqa: E402
+from collections import defaultdict  # noqa: E402
+from collections.abc import Iterator, Mapping  # noqa: E402
+from contextlib import ExitStack, contextmanager  # noqa: E402
+from dataclasses import dataclass, field  # noqa: E402
+from pathlib import Path  # noqa: E402
+from typing import Annotated, Any  # noqa: E402
+from unittest import mock  # noqa: E402
+
+import numpy as np  # noqa: E402
+import typer  # noqa: E402
+
+from geometry.errors import SolverError  # noqa: E402
+from solvers.checkpoint import Checkpoints  # noqa: E402
+from solvers.nouns.scene import Scene  # noqa: E402
+from solvers.observe import Observer  # noqa: E402
+from solvers.simulation import Simulation  # noqa: E402
+from solvers.step_result import StepResult  # noqa: E402
+from workflows import run as running  # noqa: E402
+from workflows.run import Run  # noqa: E402
+from workflows.run_log import LOGGERS  # noqa: E402
+from workflows.scene import read  # noqa: E402
+from workflows.watch import Watch  # noqa: E402
+from workflows.writers.learnt import LearntFiles  # noqa: E402
+from workflows.writers.xdmf import FieldFiles  # noqa: E402
+
+CYCLES = 5
+LENGTH = 2.0  # [m] of the strip
+AMPLITUDE = 0.004  # [m] of its end: slip travels over two thirds of the strip, and back again, in every cycle
+PHASES: Mapping[str, tuple[Any, str]] = {  # of output: what is called
+    "observe": (Observer, "__call__"),
+    "checkpoint": (Checkpoints, "take"),
+    "learnt": (LearntFiles, "write"),
+    "tables": (running, "write_tables"),
+    "by time": (running, "write_by_time"),
+    "step files": (running, "write_step"),
+    "XDMF": (FieldFiles, "add"),
+    "audit": (Run, "audit"),
+    "result.json": (running, "write_result"),
+}
+BLOCK = 100  # steps whose seconds are shown together
+
+
+@dataclass
+class Stopwatch:
+    """Seconds that calls took, by phase."""
+
+    seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
+
+    @contextmanager
+    def on(self, phase: str, owner: Any, name: str) -> Iterator[None]:
+        """Time all calls of `owner.name` meanwhile."""
+        called = getattr(owner, name)
+
+        def timed(*args: Any, **keys: Any) -> Any:
+            began = clock.perf_counter()
+            try:
+                return called(*args, **keys)
+            finally:
+                self.seconds[phase] += clock.perf_counter() - began
+
+        with mock.patch.object(owner, name, timed):
+            yield
+
+
+def scene(steps: int, points: int, method: str = "auto") -> Scene:
+    """The ready scene `strip`, laid down in the first step and drawn `CYCLES` times in the others."""
+    turn = (steps - 1) / (4 * CYCLES)  # steps from one turn to the next, about
+    times = [1 + round(turn * k) for k in range(4 * CYCLES + 1)]  # a table's times are steps, without any between
+    draw = [[0.0, 0.0], *([float(t), AMPLITUDE * (0, 1, 0, -1)[k % 4]] for k, t in enumerate(times))]
+    return read(
+        "strip",
+        [
+            f"geometry.mesh_size={LENGTH / points!r}",  # the last node is held by the grip
+            f"supports.grip.displacement={{ x = {draw}, y = 0.0 }}",
+            f"steps={{ end = {float(steps)}, count = {steps} }}",
+            f'solver.method="{method}"',
+            "output.pictures=false",
+        ],
+    )
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a history took."""
+
+    dofs: int
+    points: int
+    method: str
+    seconds: Mapping[str, float]  # by phase
+    cpu: float  # of all phases [s]: less than their sum where others use the machine or the disk is slow
+    blocks: tuple[
+        tuple[float, float, float], ...
+    ]  # seconds, iterations and volume solves a step, of `BLOCK` steps each
+
+    def lines(self) -> Iterator[str]:
+        """The report."""
+        yield f"{self.dofs} dofs, {self.points} contact points, {self.method}"
+        total = self.seconds["total"]
+        yield f"{'phase':12} {'seconds':>9} {'share':>7}"
+        for phase, seconds in self.seconds.items():
+            yield f"{phase:12} {seconds:9.2f} {100 * seconds / total:6.1f} %"
+        yield f"CPU seconds  {self.cpu:8.2f}"
+        yield f"{'step':>5} {'s/step':>9} {'iterations':>11} {'volume solves':>14}"
+        for k, (seconds, iterations, solves) in enumerate(self.blocks):
+            yield f"{BLOCK * k + 1:5} {seconds:9.4f} {iterations:11.2f} {solves:14.2f}"
+
+
+def measure(steps: int, points: int, method: str, folder: Path) -> Cost:
+    """Run the history, results in a new `folder`."""
+    watch, marks, solved = Stopwatch(), [clock.perf_counter()], list[tuple[int, int]]()
+
+    def on_step(step: StepResult) -> None:
+        solved.append((step.iterations, step.volume_solves))
+        marks.append(clock.perf_counter())
+
+    def on_prepared(simulation: Simulation) -> None:
+        marks[0] = clock.perf_counter()
+
+    before = clock.process_time()
+    with ExitStack() as stack:
+        for phase, place in PHASES.items():
+            stack.enter_context(watch.on(phase, *place))
+        outcome, content = running.run(
+            scene(steps, points, method), folder, Watch(on_prepared=on_prepared, on_step=on_step)
+        )
+    if outcome.status != "converged":
+        raise SolverError(f"the history ended: {outcome.sentence}")
+    told = content["seconds"]
+    seconds = {key: told[key] for key in ("mesh", "assemble", "prepare", "iterate")}
+    seconds |= {phase: watch.seconds[phase] for phase in PHASES}
+    rows = np.column_stack([np.diff(marks), solved])
+    return Cost(
+        dofs=content["dofs"],
+        points=content["contact_points"],
+        method=content["method"],
+        seconds=seconds | {"other": told["total"] - sum(seconds.values()), "total": told["total"]},
+        cpu=clock.process_time() - before,
+        blocks=tuple(tuple(rows[k : k + BLOCK].mean(axis=0)) for k in range(0, len(rows), BLOCK)),
+    )
+
+
+def main(
+    steps: Annotated[int, typer.Option(help="load steps", min=4 * CYCLES + 1)] = 1000,
+    points: Annotated[int, typer.Option(help="contact points")] = 500,
+    method: Annotated[str, typer.Option(help="solver.method")] = "auto",
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="where the results stay")] = None,
+) -> None:
+    """Run the history and print what it took."""
+    for name in LOGGERS:
+        logging.getLogger(name).propagate = False  # FFCx has given the root logger a handler
+    with tempfile.TemporaryDirectory() as folder:
+        for line in measure(steps, points, method, output or Path(folder) / "run").lines():
+            print(line)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,142 @@
+"""What a run has left behind for one that resumes it: its steps, and the newest one's checkpoint."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from geometry.errors import FolderError, MachineError
+from solvers.checkpoint import Checkpoint
+from solvers.nouns.scene import Scene
+from solvers.plain import Plain, shared, unpacked
+from solvers.simulation import Seconds
+from solvers.step_result import StepResult
+from workflows.changes import identity, refuse_changes
+from workflows.folder import ResultsFolder
+from workflows.writers.learnt import LearntFiles
+from workflows.writers.steps import read_checkpoint, step_name
+from workflows.writers.tables import cut_tables
+
+BEGUN = "begun.json"  # the scene and the mesh that a run was begun with
+DECIDES_NOTHING = ("title", "output")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Going:
+    """What goes on from step to step besides the solver's own checkpoint; it stands in each step's file."""
+
+    checkpoint: Checkpoint
+    seconds: Seconds  # until then
+    total: float  # [s]
+    spread: float  # see `Smallness`
+    learnt: str  # reference to its file, see `LearntFiles`
+
+
+@dataclass(frozen=True, kw_only=True)
+class Left:
+    """Nothing, where a run begins."""
+
+    steps: tuple[StepResult, ...] = ()  # the last one with its fields, on rank 0; the others without
+    going: Going | None = None  # of the last one
+    before: str = ""  # reference to what was learnt at the step before
+    learnt: Plain | None = None
+    notes: tuple[str, ...] = ()  # for the user
+    finished: dict[str, Any] | None = None  # content of result.json, if there is nothing to go on with
+    folder: Path | None = None  # where that stands
+    mesh: str = ""  # checksum of the mesh that it was begun with
+
+    def shared(self, comm: Any) -> Left:
+        """The same on every rank, told by rank 0; collective."""
+        steps = comm.bcast([step.without_fields() for step in self.steps])
+        state, learnt = shared(comm, [self.going and self.going.checkpoint.state, self.learnt])
+        rest: Left = comm.bcast(replace(self, steps=(), learnt=None, going=_without_state(self.going)))
+        going = rest.going and replace(rest.going, checkpoint=replace(rest.going.checkpoint, state=state))
+        return replace(rest, steps=self.steps if comm.rank == 0 else tuple(steps), going=going, learnt=learnt)
+
+
+def _without_state(going: Going | None) -> Going | None:
+    return going and replace(going, checkpoint=replace(going.checkpoint, state=None))
+
+
+def find_left(results: ResultsFolder, scene: Scene) -> Left:
+    """What there is to resume, in the folder that grew or, if the run ended early, in its place; rank 0.
+
+    The folder is locked. A damaged last step is left out, with a note: it is solved again.
+
+    Raises:
+        FolderError: another process is at work there.
+        SceneError: the scene was another one.
+        MachineError: a step before the last is damaged or missing.
+    """
+    folder = next((f for f in (results.work, results.target) if (f / BEGUN).is_file()), None)
+    if folder is None:
+        return Left(notes=(f"nothing to resume in {results.target}: begins at the start",))
+    results.lock(folder)
+    begun = _json(folder / BEGUN)
+    refuse_changes(begun["scene"], identity(scene, DECIDES_NOTHING), results.target)
+    ended = _json(folder / "result.json") if folder == results.target else {}
+    if ended.get("status") == "converged":
+        return Left(finished=ended, notes=(f"{results.target}: the run is finished; nothing was changed",))
+    return replace(_read(folder, scene.requested_times()), folder=folder, mesh=begun["mesh"])
+
+
+def _read(folder: Path, times: Sequence[float]) -> Left:
+    steps: list[StepResult] = []
+    references, going, notes = [""], None, []
+    count = max((int(path.stem) for path in folder.glob("steps/[0-9]*.h5")), default=0)
+    for index in range(1, count + 1):
+        try:
+            step, reached = _step(folder / step_name(index))
+        except MachineError as error:
+            if index < count:
+                raise MachineError(
+                    f"{error}; later steps build on it: nothing is resumed, nothing was changed"
+                ) from None
+            notes.append(f"{error}; it is solved again")
+            break
+        if index > len(times) or step.time != times[index - 1]:  # as far as a step came that failed
+            break
+        steps = [*steps[:-1], *(s.without_fields() for s in steps[-1:]), step]
+        going = reached
+        references.append(going.learnt)
+    learnt = LearntFiles(folder).read(references[-1]) if going else None
+    if going and learnt is None and len(steps) < len(times):
+        notes.append("what the method had learnt is lost: the answer is the same to the tolerance, not to the last bit")
+    before = references[-2] if going else ""
+    return Left(steps=tuple(steps), going=going, before=before, learnt=learnt, notes=tuple(notes))
+
+
+def _step(path: Path) -> tuple[StepResult, Going]:
+    """
+    Raises:
+        MachineError: missing, damaged, or of another version.
+    """
+    step, plain = read_checkpoint(path)
+    try:
+        return step, unpacked(Going, plain, lambda whole: whole)
+    except (KeyError, TypeError) as error:
+        raise MachineError(f"{path}: not a step of this version of stickslip") from error
+
+
+def cut_back(work: Path, left: Left) -> None:
+    """Take away what is written beyond the last good step.
+
+    Raises:
+        MachineError: the disk is full.
+    """
+    done = len(left.steps)
+    for path in [*work.glob("steps/[0-9]*.h5"), *work.glob("**/.*.part")]:
+        if path.suffix == ".part" or int(path.stem) > done:
+            path.unlink()
+    cut_tables(work, left.steps[-1].time if left.steps else -1.0)
+
+
+def _json(path: Path) -> dict[str, Any]:
+    try:
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise FolderError(f"{path}: cannot be read: {' '.join(str(error).split())}; leave out --resume") from None
+    return found

@@ -1,0 +1,1 @@
+"""The published methods, measured: what the source claims, and whether it holds."""

@@ -1,0 +1,96 @@
+"""What the rows say of a claim: in which cases it holds, and by what figure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Row = dict[str, Any]
+Rows = Mapping[str, list[Row]]  # by study
+HOLDS, HOLDS_NOT, UNKNOWN = "holds", "does not hold", "not measured"
+FREE_OF_H = 0.1  # slope of log-log below which something does not depend on h
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Cases in which a claim was tried, each true or false, and the figures behind."""
+
+    cases: Mapping[str, bool]
+    figure: str
+
+    @property
+    def verdict(self) -> str:
+        """
+        >>> Finding({"2D": True, "3D": False}, "").verdict
+        'holds only for 2D'
+        """
+        held = [case for case, true in self.cases.items() if true]
+        if not self.cases:
+            return UNKNOWN
+        if len(held) == len(self.cases):
+            return HOLDS
+        return f"holds only for {'; '.join(held)}" if held else HOLDS_NOT
+
+
+@dataclass(frozen=True)
+class Claim:
+    """Where it stands, what it says, and who decides."""
+
+    source: str
+    says: str
+    judge: Callable[[Rows], Finding]
+
+
+def chosen(rows: Iterable[Row], **keys: Any) -> list[Row]:
+    """Rows with these values."""
+    return [row for row in rows if all(row.get(key) == value for key, value in keys.items())]
+
+
+def different(rows: Iterable[Row], key: str) -> list[Any]:
+    """Values of a key, each once, in the order of the rows."""
+    return list(dict.fromkeys(row[key] for row in rows))
+
+
+def slope(rows: Iterable[Row], x: str, y: str) -> float | None:
+    """Of log y against log x, over rows that have both; None of fewer than two.
+
+    >>> slope([{"n": 2, "count": 8}, {"n": 4, "count": 64}, {"n": 8}], "n", "count")
+    3.0
+    """
+    points = np.array([(row[x], row[y]) for row in rows if row.get(y)], float).reshape(-1, 2)
+    if len(np.unique(points[:, 0])) < 2:
+        return None
+    at, value = np.log(points).T
+    return round(float(np.polyfit(at, value, 1)[0]), 9) + 0.0  # no -0
+
+
+def slopes(rows: list[Row], y: str, **keys: Any) -> dict[str, float]:
+    """Against n between the two finest meshes that have both, by dimension: "2D", "3D"."""
+    found: dict[str, float] = {}
+    for dim in sorted(set(different(rows, "dim"))):
+        last = sorted((row for row in chosen(rows, dim=dim, **keys) if row.get(y)), key=lambda row: int(row["n"]))[-2:]
+        value = slope(last, "n", y)
+        if value is not None:
+            found[f"{dim}D"] = value
+    return found
+
+
+def between(values: Iterable[float], form: str = ".2g") -> str:
+    """
+    >>> between([0.5, 2.0, 1.0])
+    '0.5 to 2'
+    """
+    known = list(values)
+    return f"{min(known):{form}} to {max(known):{form}}" if known else "none"
+
+
+def said(figures: Mapping[str, float], form: str = ".2g") -> str:
+    """One behind the other.
+
+    >>> said({"2D": 1.04, "3D": 0.5})
+    '2D 1; 3D 0.5'
+    """
+    return "; ".join(f"{name} {value:{form}}" for name, value in figures.items())

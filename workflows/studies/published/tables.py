@@ -1,0 +1,49 @@
+"""Rows as Markdown tables and as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+Row = dict[str, Any]
+LONG = ("history", "values")  # lists: in the rows' own files, not in the CSV
+
+
+def markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    """
+    >>> print(markdown(["n", "a|b"], [["4", "x"]]))
+    | n | a\\|b |
+    |---|---|
+    | 4 | x |
+    """
+    rows = [heads, ["---"] * len(heads), *lines]
+    cells = [[cell.replace("|", "\\|").replace("\n", " ") for cell in row] for row in rows]
+    return "\n".join(f"|{'|'.join(row)}|" if row[0] == "---" else f"| {' | '.join(row)} |" for row in cells)
+
+
+def pivot(
+    rows: Iterable[Row],
+    line: Callable[[Row], Sequence[str]],
+    column: Callable[[Row], str],
+    cell: Callable[[Row], str],
+    heads: Sequence[str],
+) -> str:
+    """A line for each of `line`'s values, a column for each of `column`'s, both in the order of the rows."""
+    cells: dict[tuple[str, ...], dict[str, str]] = {}
+    columns: dict[str, None] = {}
+    for row in rows:
+        cells.setdefault(tuple(line(row)), {})[column(row)] = cell(row)
+        columns[column(row)] = None
+    return markdown([*heads, *columns], [[*key, *(found.get(c, "") for c in columns)] for key, found in cells.items()])
+
+
+def csv_of(rows: Sequence[Row]) -> str:
+    """All rows of one study, a column for each key that any of them has."""
+    keys = [key for key in dict.fromkeys(key for row in rows for key in row) if key not in LONG]
+    text = io.StringIO()
+    writer = csv.DictWriter(text, keys, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()

@@ -1,0 +1,228 @@
+"""animation.gif: the bodies on their way, coloured by von Mises stress, and where contacts open, slip and stick."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from matplotlib import colormaps
+from matplotlib.colors import Normalize, to_rgb
+from numpy.typing import NDArray
+from PIL import Image as Pillow
+from scipy.spatial import cKDTree
+
+from solvers.nouns.scene import Scene
+from solvers.step_result import OPEN, Array, MeshData
+from workflows.writers.aside import write_aside
+from workflows.writers.body_picture import body_on_stage, displacement_scale, plain
+from workflows.writers.contact_maps import dual_cells, view_of
+from workflows.writers.render import Image, View, render
+from workflows.writers.sheet import COLOURS, STATUS_COLOURS, Sheet, show_image, span
+from workflows.writers.steps import read_step, step_name, three
+
+FRAMES = 100  # at most
+SECONDS, SLOWEST, LAST = 8.0, 0.5, 1.5  # of the whole, of a frame, and of the last one
+DPI = 110
+LINE = 9.0  # pixels
+GREYS = 40  # of the 256 colours of a GIF
+Statuses = Mapping[str, NDArray[np.int8]]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What is shown of a step."""
+
+    time: float
+    displacement: Array  # (nodes, 3)
+    von_mises: Array  # (cells,)
+    status: Statuses  # (n,) by contact
+
+
+@dataclass(frozen=True)
+class Course:
+    """What all frames share, so that they can be compared."""
+
+    norm: Normalize  # of von Mises stress
+    scale: float  # of displacements
+    view: View
+
+
+def animate(folder: Path, scene: Scene, mesh: MeshData, count: int) -> Path:
+    """Draw animation.gif from the files of the `count` steps, evenly chosen if they are many.
+
+    Raises:
+        MachineError: a step's file cannot be read, or the disk is full.
+    """
+    indices = np.unique(np.linspace(1, count, min(count, FRAMES)).round().astype(int)).tolist()
+    course = survey(folder, mesh, indices)
+    drawn = _Film(scene, mesh, course)
+    pictures = [Pillow.fromarray(drawn(frame)) for frame in frames(folder, mesh, indices)]
+    each = min(SLOWEST, SECONDS / len(pictures))
+    content = io.BytesIO()
+    colours = palette(mesh.points.shape[1] == 3)
+    first, *others = [p.quantize(palette=colours, dither=Pillow.Dither.NONE) for p in pictures]
+    durations = [round(1000 * each)] * len(others) + [round(1000 * LAST)]
+    first.save(content, "GIF", save_all=True, append_images=others, duration=durations, loop=0)
+    path = folder / "animation.gif"
+    write_aside(path, content.getvalue())
+    return path
+
+
+def frames(folder: Path, mesh: MeshData, indices: list[int]) -> Iterator[Frame]:
+    """The bodies at rest, then the steps from their files."""
+    at_rest = {name: np.zeros(len(points), np.int8) + OPEN for name, (points, *_) in mesh.surfaces.items()}
+    yield Frame(0.0, np.zeros((len(mesh.points), 3)), np.zeros(len(mesh.cells)), at_rest)
+    for index in indices:
+        step = read_step(folder / step_name(index))
+        yield Frame(step.time, step.displacement, step.von_mises, {n: c.status for n, c in step.contacts.items()})
+
+
+def survey(folder: Path, mesh: MeshData, indices: list[int]) -> Course:
+    """One scale of colours, one of displacements and one window for all frames."""
+    solid = mesh.points.shape[1] == 3
+    points = three(mesh.points)
+    view = View.isometric(points) if solid else View.facing(points)
+    across = np.column_stack([view.right, view.up])
+    highest, scales = 0.0, [np.inf]
+    low, high = np.zeros(2), np.zeros(2)  # of the displacement, as it is seen
+    for index in indices:
+        step = read_step(folder / step_name(index))
+        highest = max(highest, float(step.von_mises.max(initial=0.0)))
+        if step.displacement.any():
+            scales.append(displacement_scale(mesh, step))
+        seen = step.displacement @ across
+        low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
+    scale = min(scales) if len(scales) > 1 else 1.0
+    seen = points @ across
+    corners = np.stack([seen.min(axis=0) + scale * low, seen.max(axis=0) + scale * high])
+    return Course(span(np.array([highest])), scale, View.around(corners @ across.T, view.right, view.up))
+
+
+class _Film:
+    """A sheet on which one frame after the other is drawn."""
+
+    def __init__(self, scene: Scene, mesh: MeshData, course: Course) -> None:
+        self.mesh, self.course = mesh, course
+        self.solid = mesh.points.shape[1] == 3
+        self.nodes = {name: nodes_of(mesh, name, scene.contacts[name].surface.split(".")[0]) for name in mesh.surfaces}
+        self.map = _Map(mesh) if self.solid and mesh.surfaces else None
+        view = course.view
+        width, height = (5.2, 5.2 / view.aspect) if view.aspect > 1.3 else (4.0 * view.aspect, 4.0)
+        left, foot = (0.3, 0.3) if self.solid else (0.8, 0.55)
+        beside = self.map.size(height) if self.map else (0.0, 0.0)
+        self.sheet = Sheet(max(5.0, left + width + 1.35 + beside[0] + 0.2), foot + height + 1.0, DPI)
+        self.window = width
+        axes = self.sheet.axes(left, foot, width, height)
+        blank = np.full((2, 2, 3), 255, np.uint8)
+        show_image(axes, view, blank, None if self.solid else ("x", "y"))
+        self.shown = axes.images[0]
+        bar = self.sheet.axes(left + width + 0.2, foot + 0.1 * height, 0.13, 0.8 * height)
+        self.sheet.colour_bar(bar, course.norm, "von Mises stress [Pa]", orientation="vertical")
+        if self.map:
+            self.map.place(self.sheet, left + width + 1.35, foot, *beside)
+        if mesh.surfaces:
+            self.sheet.status_legend(
+                axes, loc="lower left", bbox_to_anchor=(-0.01, 1.0), borderpad=0, handletextpad=0.5
+            )
+        drawn = "true displacement" if course.scale == 1 else f"displacement × {plain(course.scale)}"
+        self.sheet.head(" ".join(scene.title.split()), f"{drawn}; grey: undeformed", left)
+        self.clock = self.sheet.write(self.sheet.width - 0.2, self.sheet.height - 0.48, "", fontsize=10, ha="right")
+
+    def __call__(self, frame: Frame) -> Image:
+        moved = three(self.mesh.points) + self.course.scale * frame.displacement
+        bodies = body_on_stage(self.mesh, moved, frame.von_mises, self.course.norm)
+        lines = [] if self.solid else [self._line(name, moved, status) for name, status in frame.status.items()]
+
+        def add(stage: Any) -> None:
+            bodies(stage)
+            for line in lines:
+                stage.add_mesh(line, scalars="colour", rgb=True, lighting=False, line_width=LINE)
+
+        self.shown.set_data(render(self.course.view, round(self.window * DPI), add))
+        if self.map:
+            self.map.show(frame.status)
+        self.clock.set_text(f"t = {frame.time:.4g} s")
+        return self.sheet.pixels()
+
+    def _line(self, name: str, moved: Array, status: NDArray[np.int8]) -> pv.PolyData:
+        """The contact line where it has moved to, each half of a facet in the colour of the node at its end."""
+        size = float(np.ptp(self.mesh.points, axis=0).max())
+        points = moved[self.nodes[name]] + np.array([0.0, 0.0, 1e-2 * size])  # before the bodies
+        pairs = np.concatenate(
+            [np.stack(pair, axis=1) for pair in pairwise(_along(self.mesh.surfaces[name][1]))]
+        )  # neighbours along the facets
+        middle = points[pairs].mean(axis=1)
+        ends = np.concatenate([np.stack([points[pairs[:, k]], middle], axis=1) for k in (0, 1)]).reshape(-1, 3)
+        count = 2 * len(pairs)
+        cells = np.column_stack([np.full(count, 2), np.arange(2 * count).reshape(-1, 2)])
+        line = pv.PolyData(ends, lines=cells.ravel())
+        line.cell_data["colour"] = _colours(status)[np.concatenate([pairs[:, 0], pairs[:, 1]])]
+        return line
+
+
+class _Map:
+    """The contact surfaces of a solid model on their own, seen as contact_NAME.png shows them."""
+
+    def __init__(self, mesh: MeshData) -> None:
+        self.view, self.labels = view_of(np.concatenate([three(points) for points, *_ in mesh.surfaces.values()]))
+        self.cells = {name: dual_cells(*surface) for name, surface in mesh.surfaces.items()}
+
+    def size(self, height: float) -> tuple[float, float]:
+        width = min(3.2, 0.75 * height * self.view.aspect)
+        return width, width / self.view.aspect
+
+    def place(self, sheet: Sheet, left: float, foot: float, width: float, height: float) -> None:
+        self.pixels = round(width * DPI)
+        axes = sheet.axes(left, foot, width, height)
+        show_image(axes, self.view, np.full((2, 2, 3), 255, np.uint8), None)
+        axes.set_title("contact", fontsize=9, loc="left")
+        self.shown = axes.images[0]
+
+    def show(self, statuses: Statuses) -> None:
+        def add(stage: Any) -> None:
+            for name, (cells, owners) in self.cells.items():
+                coloured = cells.copy()
+                coloured.cell_data["colour"] = _colours(statuses[name])[owners]
+                stage.add_mesh(coloured, scalars="colour", rgb=True, lighting=False)
+
+        self.shown.set_data(render(self.view, self.pixels, add))
+
+
+def nodes_of(mesh: MeshData, contact: str, body: str) -> NDArray[np.int64]:
+    """Mesh nodes of a contact surface: of two bodies that touch each has its own in the same place."""
+    own = np.unique(mesh.cells[mesh.body == mesh.bodies.index(body)])
+    return np.asarray(own[cKDTree(mesh.points[own]).query(mesh.surfaces[contact][0])[1]])
+
+
+def _along(facets: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
+    """Nodes of line facets in the order in which one walks along them: dolfinx counts middle nodes last."""
+    return (facets[:, 0], *facets[:, 2:].T, facets[:, 1])
+
+
+def _colours(status: NDArray[np.int8]) -> NDArray[np.uint8]:
+    table = np.zeros((max(STATUS_COLOURS) + 1, 3), np.uint8)
+    for s, colour in STATUS_COLOURS.items():
+        table[s] = np.round(255 * np.array(to_rgb(colour)))
+    return table[status]
+
+
+def palette(solid: bool) -> Pillow.Image:
+    """256 colours for all frames, those of von Mises stress among them: chosen by frequency, rare ones would be lost.
+
+    A solid's colours are darker on the sides that turn away from the lamps.
+    """
+    shades = (1.0, 0.88, 0.76) if solid else (1.0,)
+    status = [to_rgb(colour) for colour in STATUS_COLOURS.values()]
+    levels = (256 - GREYS - len(status)) // len(shades)
+    stress = colormaps[COLOURS](np.linspace(0.0, 1.0, levels))[:, :3]
+    greys = np.repeat(np.linspace(0.0, 1.0, GREYS)[:, None], 3, axis=1)
+    colours = np.concatenate([greys, status, *(shade * stress for shade in shades)])
+    found = Pillow.new("P", (1, 1))
+    found.putpalette(np.round(255 * colours).astype(np.uint8).tobytes())
+    return found

@@ -1,0 +1,91 @@
+"""steps.csv: one row a reported step, of what the scene prescribes then and of what comes of it."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from geometry.amplitude import value_at
+from geometry.errors import MachineError
+from solvers.drives import drives
+from solvers.nouns.scene import Scene
+from solvers.quantities import CONTACT_NUMBERS, ENERGIES, values
+from solvers.step_result import Array, ContactState, StepResult
+from workflows.writers.tables import append_rows
+
+NAME = "steps.csv"
+DRIVEN = {  # what is prescribed of them; where an obstacle goes is told with what comes of its force
+    "supports": ("displacement",),
+    "loads": ("pressure", "traction", "force"),
+    "obstacles": ("rotation",),
+}
+EFFORT = ("substeps", "iterations", "volume_solves", "residual")
+
+
+def write_by_time(folder: Path, index: int, scene: Scene, step: StepResult) -> None:
+    """Append the row of a step.
+
+    Raises:
+        MachineError: the disk is full.
+    """
+    row = row_of(index, scene, step)
+    append_rows(folder / NAME, list(row), [list(row.values())])
+
+
+def row_of(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
+    """By column: SI units; resultants act on the slave side."""
+    found: dict[str, float] = {"step": index, "time": step.time}
+    for place, amplitude in drives(scene).items():
+        if place.table in DRIVEN and place.quantity in DRIVEN[place.table]:
+            found[str(place).replace("s.", ".", 1)] = value_at(amplitude, step.time, scene.steps.end)
+    numbers = values(step)
+    for name, contact in step.contacts.items():
+        found |= {f"{name}.{key}": numbers.pop(f"{name}.{key}") for key in CONTACT_NUMBERS}
+        found |= _vectors(name, contact, scene.axisymmetric)
+    energies = {key: numbers.pop(key) for key in (f"energy.{key}" for key in ENERGIES)}
+    for name, (_, moment) in step.supports.items():
+        numbers |= _moment(f"support.{name}", moment)
+    for name, (_, _, moment) in step.obstacles.items():
+        numbers |= _moment(f"obstacle.{name}", moment)
+    effort = {key: getattr(step, key) for key in EFFORT}
+    return {
+        name: float(n) if isinstance(n, float) else int(n) for name, n in (found | numbers | energies | effort).items()
+    }
+
+
+def read_by_time(folder: Path) -> dict[str, Array]:
+    """The columns of steps.csv, each with a value a step.
+
+    Raises:
+        MachineError: it is missing or damaged.
+    """
+    path = folder / NAME
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            header, *rows = csv.reader(file)
+            table = np.array(rows, float).reshape(len(rows), len(header))
+    except (OSError, ValueError) as error:
+        raise MachineError(f"{path}: cannot be read: {error}") from error
+    return dict(zip(header, table.T, strict=True))
+
+
+def _vectors(name: str, contact: ContactState, axisymmetric: bool) -> dict[str, float]:
+    """Components of the resultant, of its tangential part, and of the mean slip, weighted by pressure."""
+    tangential = contact.weight @ contact.traction
+    pressing = contact.weight * np.abs(contact.pressure)
+    slip = pressing @ contact.slip / (pressing.sum() or 1.0)
+    if axisymmetric:  # over the full circle the radial parts balance
+        tangential = tangential * [0, 1]
+    vectors = {"force": contact.force, "tangential_force": tangential, "slip": slip}
+    return {
+        f"{name}.{key}.{axis}": float(x)
+        for key, vector in vectors.items()
+        for axis, x in zip("xyz", vector, strict=False)
+    }
+
+
+def _moment(name: str, moment: Array) -> dict[str, float]:
+    axes = "z" if len(moment) == 1 else "xyz"
+    return {f"{name}.moment.{axis}": float(value) for axis, value in zip(axes, moment, strict=True)}
