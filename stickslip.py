@@ -42,6 +42,7 @@ from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
 from solvers.nouns.stepping import Output, Probe, Solver, Steps
 from solvers.nouns.support import Support
+from solvers.script import Script
 from solvers.simulation import prepare
 from solvers.step_result import StepResult
 from workflows.run import run
@@ -78,6 +79,7 @@ __all__ = [
     "Rings",
     "Rotation",
     "Scene",
+    "Script",
     "Solver",
     "Sphere",
     "Spheres",

@@ -8,6 +8,7 @@ import numpy as np
 
 from geometry.errors import require
 
+ROUNDING = 1e-9  # of the largest rate: by so much the pieces of a straight line differ
 Amplitude = float | tuple[tuple[float, float], ...]
 
 
@@ -29,6 +30,19 @@ def value_at(amplitude: Amplitude, time: float, end: float) -> float:
 def listed_times(amplitude: Amplitude) -> tuple[float, ...]:
     """Times that a table lists; a bare number lists none."""
     return () if isinstance(amplitude, float | int) else tuple(t for t, _ in amplitude)
+
+
+def turns(amplitude: Amplitude, end: float) -> tuple[float, ...]:
+    """Times at which the rate of change changes; a straight line may be listed in many pieces.
+
+    >>> turns(((1.0, 0.1), (2.0, 0.2), (3.0, -0.1)), end=4.0), turns(0.5, end=4.0)
+    ((0.0, 2.0, 3.0), (0.0, 4.0))
+    """
+    table = ((0.0, 0.0), (end, float(amplitude))) if isinstance(amplitude, float | int) else amplitude
+    times, values = np.array(table if table[0][0] == 0.0 else ((0.0, 0.0), *table)).T
+    rates = np.concatenate([[0.0], np.diff(values) / np.diff(times), [0.0]])
+    found = times[np.abs(np.diff(rates)) > ROUNDING * np.abs(rates).max()]
+    return tuple(found.tolist())
 
 
 def check(amplitude: Amplitude, key: str) -> None:

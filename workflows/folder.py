@@ -7,8 +7,8 @@ import os
 import re
 import shutil
 import socket
+import weakref
 from pathlib import Path
-from typing import Any
 
 from geometry.errors import FolderError
 from workflows.writers.aside import disk_errors, make_folder, sync_folder
@@ -29,7 +29,7 @@ class ResultsFolder:
             raise FolderError(f"-o {target}: name a folder that may be made and replaced, for example results/mine")
         self.target = target
         self.work = target.with_name(f".{target.name}.running")
-        self._held: Any = None
+        self._held: weakref.finalize[..., ResultsFolder] | None = None  # called, it closes what is locked
         for folder in (target, self.work, self._old):
             if folder.exists() and not _ours(folder):
                 raise FolderError(f"{folder}: is not the result of a run and not empty; choose another folder with -o")
@@ -98,20 +98,20 @@ class ResultsFolder:
         if self._held is not None:
             return
         with disk_errors(folder):
-            held = (folder / MARK).open("a", encoding="utf-8")
+            descriptor = os.open(folder / MARK, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
             try:
-                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                held.close()
+                os.close(descriptor)
                 raise FolderError(
                     f"{self.target}: {_who(folder)} is writing it; choose another folder with -o"
                 ) from None
-        self._held = held
+        self._held = weakref.finalize(self, os.close, descriptor)
 
     def release(self) -> None:
         """Let others in."""
         if self._held is not None:
-            self._held.close()
+            self._held()
             self._held = None
 
     def finish(self) -> Path:

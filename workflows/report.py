@@ -103,6 +103,15 @@ class Reporter:
         )
         if defects:
             out.print(f"audit (relative defects): {defects}")
+        if content["steps"] and content["steps"][-1]["energy"]["dissipated"] > 0:
+            energy, unit = (
+                content["steps"][-1]["energy"],
+                "J/m" if content["scene"]["model"].startswith("plane") else "J",
+            )
+            out.print(
+                f"friction dissipated {energy['dissipated']:.4g} {unit}, time remainder {energy['time_remainder']:.2g} "
+                f"{unit}: it shrinks with the steps"
+            )
 
     def files(self, outcome: Outcome) -> None:
         """What to doubt, and which files to open."""

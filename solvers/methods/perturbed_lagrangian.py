@@ -17,6 +17,7 @@ START = 1e-8  # residual at which the status of all elements at a softer level i
 NEWTON_STEPS = 20  # at one level; half a dozen are enough if the level before was a good start
 DETOURS = 8  # levels between others, where Newton stalls
 HALVINGS = 6  # of a Newton step; a shorter one leads nowhere
+BALANCE = 1e-6  # force out of balance, beside that of p_ref, with which no level is solved
 DESCENT = 1e-4  # part of the predicted decrease that a shortened step must bring (Armijo)
 
 
@@ -123,12 +124,18 @@ class Newton:
             self.on_step(self.history[-1])
             if not np.isfinite(residual):
                 return Status.NOT_FINITE
-            if residual <= rtol and k:  # where springs are stiff, forces are known before penetrations are
+            # where springs are stiff, forces are known before penetrations are
+            if residual <= rtol and k and self._balanced(elements):
                 return Status.CONVERGED
             if self.iteration >= self.max_it:
                 return Status.MAX_IT
             self._advance(elements)
         return Status.STALLED
+
+    def _balanced(self, elements: ContactElements) -> bool:
+        """Whether R_U is none, as the natural residual takes for granted: what is nearly singular leaves some."""
+        R_U, _ = residual(elements, elements.answer(elements.gaps(self.u_c)), self.u_c, self.Sigma)
+        return bool(np.abs(R_U).sum() <= BALANCE * self.problem.p_ref * self.problem.surface.W.sum())
 
     def _advance(self, elements: ContactElements) -> None:
         """One Newton step, halved until |R| falls; the best of them if it does not."""

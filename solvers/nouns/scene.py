@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from geometry.amplitude import Amplitude, listed_times, value_at
+from geometry.amplitude import Amplitude, listed_times, turns, value_at
 from geometry.builders import Builder
 from geometry.errors import SceneError, nearest, require
 from geometry.keys import Key, Noun
@@ -96,7 +96,7 @@ class Scene(Noun):
         """Equal steps and every time of a table up to the end; t = 0 only if a load or motion starts from a value."""
         end, count = self.steps.end, self.steps.count
         times = {end * (k + 1) / count for k in range(count)}
-        times |= {t for t in self.turns() if 0 < t <= end}
+        times |= {t for a in self._amplitudes() for t in listed_times(a) if 0 < t <= end}
         if any(0.0 in listed_times(table) and value_at(table, 0.0, end) != 0 for table in self._drives()):
             times.add(0.0)
         close = 1e-12 * end
@@ -105,9 +105,14 @@ class Scene(Noun):
         return tuple(t for t, after in zip(ordered, later, strict=True) if after - t > close)
 
     def turns(self) -> frozenset[float]:
-        """Times at which the rate of a load, a motion or a bound may change."""
-        bounds = [a for c in self.contacts.values() if c.friction is not None for a in c.friction.amplitudes()]
-        return frozenset(t for table in (*self._drives(), *bounds) for t in listed_times(table))
+        """Times at which the rate of a load, a motion or a bound changes."""
+        return frozenset(t for a in self._amplitudes() for t in turns(a, self.steps.end))
+
+    def _amplitudes(self) -> Iterator[Amplitude]:
+        """All values in time."""
+        yield from self._drives()
+        for contact in self.contacts.values():
+            yield from contact.friction.amplitudes() if contact.friction is not None else ()
 
     def _drives(self) -> Iterator[Amplitude]:
         """Loads and motions in time."""

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from shared.histories import LEARNS, SMALL
-from shared.ranks import mpirun, options
+from shared.histories import LEARNS, SMALL, Stop
+from shared.ranks import mpirun
 from workflows.run import run
 from workflows.scene import read
+from workflows.watch import Watch
 from workflows.writers.steps import read_step, step_name
 
 EXACT = "solver.tolerance=1e-12"
@@ -24,27 +25,19 @@ SCENES = {
     "sliding": ["geometry.mesh_size=0.25", "geometry.lower_mesh_size=0.2", "output.pictures=false", "steps.end=1.5"],
     "stack": ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"],
 }
-STOPPED = """
-import os, signal, sys
-from mpi4py import MPI
+TESTS = Path(__file__).parents[1]
+ON_RANKS = """
+import sys
+
+sys.path.append(sys.argv.pop(1))
+from shared.histories import Stop
 from workflows.run import run
 from workflows.scene import read
 from workflows.watch import Watch
 
-def stop(step):
-    if step.time >= float(sys.argv[2]):
-        os.kill(os.getpid(), signal.SIGUSR1)
-
-outcome, _ = run(read(sys.argv[1], sys.argv[3:]), "out", Watch(on_step=stop), resume=True)
+outcome, _ = run(read(sys.argv[1], sys.argv[2:]), "out", Watch(on_step=Stop(2)), resume=True)
 sys.exit(outcome.exit_code)
 """  # the signal comes to rank 0 alone
-
-
-def go_on(ranks: int, until: float, scene: str, overrides: list[str], folder: Path) -> int:
-    """Resume, and stop once that time is reached: the exit code."""
-    done = mpirun(ranks, [scene, str(until), *overrides], folder, ("-c", STOPPED))
-    assert "Traceback" not in done.stderr
-    return done.returncode
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n != "block")) for n in SCENES])
@@ -53,9 +46,12 @@ def test_it_goes_on_to_the_same_answer_on_two_ranks_and_on_one(name: str, tmp_pa
     scene = read(name, words)
     times = scene.requested_times()
     run(scene, tmp_path / "whole")
-    assert go_on(1, times[0], name, words, tmp_path) == 130
-    assert go_on(2, times[2], name, words, tmp_path) == 130
-    assert go_on(1, np.inf, name, words, tmp_path) == 0
+    run(scene, tmp_path / "out", Watch(on_step=Stop(1)))
+    done = mpirun(2, [str(TESTS), name, *words], tmp_path, ("-c", ON_RANKS))
+    assert done.returncode == 128 + signal.SIGINT, done.stderr
+    assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == "interrupted"
+    outcome, _ = run(scene, tmp_path / "out", resume=True)
+    assert outcome.status == "converged"
     log = (tmp_path / "out" / "run.log").read_text()
     assert log.count("resumed after step 1,") == log.count("resumed after step 3,") == 1
     for index in range(1, len(times) + 1):
@@ -67,11 +63,3 @@ def test_it_goes_on_to_the_same_answer_on_two_ranks_and_on_one(name: str, tmp_pa
     ours, theirs = (json.loads((tmp_path / folder / "result.json").read_text()) for folder in ("out", "whole"))
     totals = [[step["energy"][key] for step in steps["steps"]] for steps in (ours, theirs) for key in ("external",)]
     assert_allclose(totals[0], totals[1], rtol=SAME)
-
-
-def test_signal_to_one_rank_ends_all_of_them(tmp_path: Path) -> None:
-    words = [*SMALL, "steps.count=4"]
-    assert go_on(2, 0.5, "block", words, tmp_path) == 128 + signal.SIGINT
-    assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == "interrupted"
-    again = mpirun(2, ["run", "block", "-q", "-o", "out", *options(words), "--resume"], tmp_path)
-    assert (again.returncode, again.stdout, again.stderr) == (0, "", "")

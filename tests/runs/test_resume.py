@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import shutil
 import signal
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from shared.command import Call, result
-from shared.histories import LEARNS, SMALL, assert_same, names_in, rows
+from shared.histories import LEARNS, SMALL, Stop, assert_same, names_in, rows
+from solvers.methods.surface_uzawa import SurfaceUzawa
 from workflows.folder import ResultsFolder
 from workflows.left import BEGUN
 from workflows.run import run
@@ -40,20 +41,8 @@ HISTORIES = {
     "compliance": ("foundation", ["geometry.mesh_size=0.4", "output.pictures=false", "steps.count=4"]),
     "floating": ("stack", ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"]),
 }
-QUICK = ("condensed-newton", "uzawa", "surface-uzawa", "perturbed-lagrangian", "sliding")
+QUICK = ("condensed-newton", "surface-uzawa", "sliding")
 EACH = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in HISTORIES]
-
-
-class Stop:
-    """Sends a signal after so many calls."""
-
-    def __init__(self, after: int, number: int = signal.SIGINT) -> None:
-        self.left, self.number = after, number
-
-    def __call__(self, told: Any) -> None:
-        self.left -= 1
-        if not self.left:
-            os.kill(os.getpid(), self.number)
 
 
 def learning(*more: str) -> Any:
@@ -96,7 +85,25 @@ def test_every_method_goes_on_to_the_same_bits(name: str, tmp_path: Path) -> Non
     assert_same(tmp_path / "out", tmp_path / "whole")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1])
+@pytest.mark.parametrize("name", ["cube", pytest.param("sliding", marks=pytest.mark.slow)])
+def test_methods_that_were_given_up_stay_so(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever would be chosen with the memory that is free when the run goes on."""
+    solve, few = SurfaceUzawa.__call__, 2
+    monkeypatch.setattr(SurfaceUzawa, "__call__", lambda self, *rest: solve(replace(self, max_it=few), *rest))
+    scene = read(name, [*(CUBE if name == "cube" else SLIDING), "solver.surface=matrix-free"])
+    run(scene, tmp_path / "whole")
+    run(scene, tmp_path / "out", Watch(on_step=Stop(2)))
+    with monkeypatch.context() as patched:
+        patched.setattr("solvers.choice.available", lambda: 0)
+        run(scene, tmp_path / "out", resume=True)
+    done = result(tmp_path / "out")
+    assert [switch["after"] for switch in done["switches"]][-1] == "condensed-newton (condensed)"
+    assert_same(tmp_path / "out", tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    "number", [signal.SIGUSR1, *(pytest.param(n, marks=pytest.mark.slow) for n in (signal.SIGINT, signal.SIGTERM))]
+)
 def test_signals_end_the_run_after_the_iteration_and_it_goes_on(
     number: signal.Signals, call: Call, whole: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -225,6 +232,7 @@ def test_rows_beyond_the_last_step_are_cut(call: Call, whole: Path, stopped: Pat
     assert_same(stopped, whole)
 
 
+@pytest.mark.slow
 def test_run_that_failed_tries_that_step_again_and_ends_the_same(folder: Path) -> None:
     """Pushed ever harder, the block slides off: the last good substep was written, and is no step to go on from."""
     data = tomllib.loads((READY / "foundation.toml").read_text())

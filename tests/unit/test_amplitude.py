@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geometry.amplitude import check, listed_times, value_at
+from geometry.amplitude import check, listed_times, turns, value_at
 from geometry.errors import SceneError
 
 
@@ -45,3 +45,13 @@ def test_times_that_do_not_increase_from_zero_are_refused(table: tuple[tuple[flo
 def test_an_empty_table_is_refused() -> None:
     with pytest.raises(SceneError, match=r"pressure = \[\]: a table needs at least one \[time, value\]"):
         check((), "pressure")
+
+
+def test_a_straight_line_in_many_pieces_has_no_turn_inside() -> None:
+    x = [0.1 * k / 7 for k in range(1, 1001)]
+    line = tuple((k / 3, value) for k, value in enumerate(x, start=1))
+    assert turns(line, end=1000.0) == (0.0, line[-1][0])
+    bent = (*line, (1001 / 3, x[-1]), (1002 / 3, x[-1] + 1e-3))
+    assert turns(bent, end=1000.0) == (0.0, line[-1][0], 1001 / 3, 1002 / 3)
+    assert turns(((0.0, 5.0), (1.0, 5.0)), end=1.0) == ()  # it jumps there, and then it stays
+    assert turns(0.0, end=2.0) == ()

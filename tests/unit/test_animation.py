@@ -17,7 +17,8 @@ import stickslip
 from geometry.errors import MachineError
 from solvers.simulation import Simulation
 from workflows.run import run
-from workflows.writers.animation import animate, frames, nodes_of, palette, survey
+from workflows.writers.animation import animate, close_up, frames, nodes_of, palette, survey
+from workflows.writers.render import View
 from workflows.writers.sheet import STATUS_COLOURS
 from workflows.writers.steps import write_step
 
@@ -69,7 +70,7 @@ def test_one_scale_of_colours_and_one_window_serve_all_frames(tmp_path: Path) ->
     scene = stickslip.read("block", COARSE)
     simulation, steps = written(scene, tmp_path)
     mesh = simulation.data
-    course = survey(tmp_path, mesh, [1, 2, 3, 4])
+    course = survey(tmp_path, scene, mesh, [1, 2, 3, 4])
     assert course.norm.vmin == 0.0
     assert course.norm.vmax == max(step.von_mises.max() for step in steps)
     assert course.scale == 1.0
@@ -92,11 +93,12 @@ def test_many_steps_are_thinned_out_and_what_is_small_is_magnified(
 ) -> None:
     scene = stickslip.read("block", [*COARSE, "steps.count=6"])
     top = replace(scene.supports["top"], displacement={"x": 0.0, "y": -1e-6})
-    simulation, steps = written(replace(scene, supports={"top": top}), tmp_path)
+    scene = replace(scene, supports={"top": top})
+    simulation, steps = written(scene, tmp_path)
     monkeypatch.setattr("workflows.writers.animation.FRAMES", 3)
     with opened(animate(tmp_path, scene, simulation.data, len(steps))) as film:
         assert film.n_frames == 1 + 3
-    course = survey(tmp_path, simulation.data, [1, 6])
+    course = survey(tmp_path, scene, simulation.data, [1, 6])
     assert course.scale == 200_000  # of 1e-6 m on 4 m, to some 8 %: 0.2 m
     assert course.view.extent[2] > -0.5
 
@@ -111,6 +113,16 @@ def test_a_solid_shows_its_contacts_beside_it(tmp_path: Path) -> None:
         film.seek(len(steps))
         assert seen(film, 0) < at_rest - 5000  # the map of the contact was open, and is no more
         assert max(seen(film, 1), seen(film, 2)) > 5000
+
+
+def test_what_touches_is_shown_closely_if_it_is_small() -> None:
+    view = View.facing(np.array([[0.0, 0.0, 0.0], [4.0, 2.0, 0.0]]))
+    small = np.array([[1.0, 0.0, 0.0], [1.4, 0.1, 0.0]])
+    close = close_up(view, small)
+    assert close is not None
+    assert_allclose(close.extent, [0.8, 1.6, -0.35, 0.45])  # 0.4 m, and half of that on every side
+    assert close_up(view, small * [4.0, 1.0, 1.0]) is None
+    assert close_up(view, small[:1]) is close_up(view, small[:0]) is None
 
 
 def test_of_two_bodies_that_touch_the_slave_is_followed() -> None:

@@ -163,6 +163,18 @@ def test_a_long_history_is_written_again_rarely_and_read_whole(tmp_path: Path) -
     assert size < 20_000  # the mesh stands there once
 
 
+def test_a_resumed_run_shows_no_step_that_was_taken_away(tmp_path: Path) -> None:
+    mesh, times = mesh_of("triangle"), list(range(1, 21))
+    for index in times:
+        write_step(tmp_path, index, result_of(mesh, float(index)))
+    FieldFiles(tmp_path, mesh).write([(index, float(index)) for index in times])
+    resumed = FieldFiles(tmp_path, mesh)  # the last four were damaged, and one of them is solved again
+    resumed.know([float(index) for index in times[:16]])
+    resumed.add(17, 17.5)
+    reader: Any = pv.get_reader(tmp_path / "fields.xdmf")  # type: ignore[no-untyped-call]
+    assert_array_equal(reader.time_values, [*times[:16], 17.5])
+
+
 @pytest.mark.parametrize(
     ("every", "count", "shown"), [(1, 3, [1, 2, 3]), (2, 5, [2, 4, 5]), (2, 4, [2, 4]), (9, 2, [2])]
 )

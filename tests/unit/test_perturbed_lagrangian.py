@@ -352,6 +352,32 @@ def test_penalties_follow_the_stiffness_and_the_mesh(scene_of: SceneOf, simulati
     assert_allclose(100 * penalties(simulation_of(scene).system), penalties(simulation_of(twice).system))
 
 
+def test_penalties_are_those_of_the_facets_at_each_point(simulation_of: SimulationOf) -> None:
+    """Cells of 1 mm where a ball touches, of 1 m elsewhere: of one h for all, springs would be far too soft there."""
+    scene = read("sphere")
+    simulation = simulation_of(replace(scene, solver=Solver(method="perturbed-lagrangian")))
+    (c,) = simulation.system.contacts
+    omega_n, pole = penalties(simulation.system)[: len(c.W_n)], np.argmin(c.surface.points[:, 0])
+    first = np.sort(np.linalg.norm(c.surface.points - c.surface.points[pole], axis=1))
+    cell = first[2]  # of order 2: the node at its middle lies between
+    assert omega_n.max() == pytest.approx(1000 * scene.bodies["disc"].E / cell, rel=0.2)
+    assert omega_n.max() > 300 * omega_n.min()
+    (step,) = simulation.steps()
+    assert 0 < step.law_error < 2e-4  # with the mean of all facets: 1.5e-2
+
+
+def test_a_level_between_is_put_in_where_newton_stalls(
+    simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With levels that are too far apart; without the ones between, the step is halved."""
+    scene = read("block", ["geometry.mesh_size=0.4", "geometry.contact_mesh_size=0.2"])
+    scene = replace(scene, solver=Solver(method="perturbed-lagrangian", tolerance=1e-11))
+    monkeypatch.setattr(module, "FACTOR", 1e3)
+    assert [step.substeps for step in simulation_of(scene).steps()] == [1, 1]
+    monkeypatch.setattr(module, "DETOURS", 0)
+    assert [step.substeps for step in simulation_of(scene).steps()] == [1, 2]
+
+
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "compliance": (
         {"contacts": {"base": {"surface": "block.bottom", "against": "foundation",
@@ -415,5 +441,6 @@ def test_a_floating_body_under_a_given_bound_is_solved(scene_of: SceneOf, simula
     (step,) = simulation_of(scene).steps()
     base = step.contacts["base"]
     assert_allclose(base.force, [-0.01, 0.2], atol=1e-9)  # of 2 m; the line is in balance
+    assert abs(step.displacement).max() < 1.0  # a part sticks
     assert base.slip_area > 0
     assert base.stick_area > 0

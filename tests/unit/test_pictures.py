@@ -323,7 +323,9 @@ def circle(count: int = 24) -> tuple[stickslip.Scene, dict[str, Array]]:
     columns = {f"support.top.{key}.{a}": np.zeros(count) for key in ("displacement", "force") for a in "xy"}
     columns |= {f"base.{key}.{a}": np.zeros(count) for key in ("force", "tangential_force", "slip") for a in "xy"}
     columns |= {f"obstacle.foundation.{key}.{a}": np.zeros(count) for key in ("displacement", "force") for a in "xy"}
-    columns |= {f"energy.{key}": np.linspace(0.0, 9.0, count) for key in ("external", "stored", "dissipated")}
+    columns |= {
+        f"energy.{key}": np.linspace(0.0, 9.0, count) for key in ("external", "stored", "contact", "dissipated")
+    }
     columns |= {"time": time, "support.top.displacement.x": x, "support.top.force.x": force, "base.slip.x": slip}
     columns |= {"base.tangential_force.x": -force, "base.force.x": -force, "base.force.y": np.full(count, 9.0)}
     columns |= {"base.normal_force": np.full(count, 9.0), "base.tangential_force": abs(force)}
@@ -388,7 +390,9 @@ def test_nothing_that_moves_under_a_force_is_no_picture(tmp_path: Path) -> None:
 
 
 def test_a_history_of_a_few_steps_has_no_picture_over_time(tmp_path: Path) -> None:
-    scene = stickslip.read("block", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "steps.count=4"])
+    scene = stickslip.read(
+        "block", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "steps.end=1.5", "steps.count=3"]
+    )
     for index, step in enumerate(stickslip.steps(scene), start=1):
         write_by_time(tmp_path, index, scene, step)
         drawn = [path.name for path in draw_course(tmp_path, scene)]

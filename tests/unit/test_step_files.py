@@ -65,7 +65,7 @@ def test_every_flipped_byte_is_refused(tmp_path: Path) -> None:
     # also in HDF5's own tables: given such a file, the HDF5 library has been seen to loop for ever
     path = write_step(tmp_path, 1, result_of(mesh_of("triangle")))
     whole = path.read_bytes()
-    for place in range(0, len(whole), 3):
+    for place in range(0, len(whole), 7):
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
         with pytest.raises(MachineError, match=r"000001\.h5: damaged"):
             read_step(path)

@@ -2,6 +2,7 @@
 
 import pytest
 
+from solvers.effects.compliance import Compliance
 from workflows.verification import lifted_case
 from workflows.verification.check import failures
 
@@ -13,6 +14,12 @@ METHODS = ("condensed-newton", "uzawa", "surface-uzawa")
 @pytest.mark.parametrize("dim", [2, 3])
 def test_contact_is_lost_and_regained(method: str, dim: int) -> None:
     assert not failures(lifted_case.checks_of(method, dim))
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("foundation", lifted_case.FOUNDATIONS, ids=lambda law: f"m={law.m_n:g}")
+def test_contact_with_a_foundation_that_gives_way_is_lost_and_regained(method: str, foundation: Compliance) -> None:
+    assert not failures(lifted_case.checks_of(method, 2, normal=foundation))
 
 
 def test_checks_notice_another_friction() -> None:

@@ -12,7 +12,7 @@ from workflows.verify import verify
 def test_named_problem_is_solved_and_tabulated(capsys: pytest.CaptureFixture[str]) -> None:
     assert verify(["zeros"])
     printed = capsys.readouterr().out
-    for word in ("no increment", "condensed-newton", "uzawa", "deviation", "checks passed"):
+    for word in ("no increment", "condensed-newton", "uzawa", "surface-uzawa", "deviation", "checks passed"):
         assert word in printed
 
 
@@ -27,7 +27,7 @@ def test_one_wrong_figure_fails_the_whole(monkeypatch: pytest.MonkeyPatch, capsy
 
     monkeypatch.setattr(module, "CASES", {"wrong": Case(about="a wrong figure", checks=checks)})
     assert not verify([])
-    assert "2 of 4 checks failed" in capsys.readouterr().out  # with each of two methods
+    assert "3 of 6 checks failed" in capsys.readouterr().out  # with each of three methods
 
 
 def test_problem_without_an_answer_fails_and_the_others_go_on(

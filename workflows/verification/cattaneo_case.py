@@ -20,16 +20,17 @@ from solvers.nouns.contact import Contact
 from solvers.nouns.load import Load
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Probe, Solver, Steps
+from solvers.nouns.stepping import Probe, Steps
 from solvers.nouns.support import Support
 from solvers.simulation import prepare
 from solvers.step_result import ContactState
 from workflows.verification import hertz
 from workflows.verification.cattaneo import Cattaneo, cattaneo
 from workflows.verification.check import Check, within
-from workflows.verification.cycles import CYCLES, accounted, matrix_free, repeats
+from workflows.verification.cycles import CYCLES, accounted, repeats
 from workflows.verification.hertz import Array, Hertz
 from workflows.verification.hertz_case import ellipse
+from workflows.verification.solver import solver
 
 R, E, NU, MU = 8.0, 200.0, 0.3, 0.2
 P = 10.0  # [N/m]
@@ -91,7 +92,7 @@ def _scene(pair: Two, supports: dict[str, Support], friction: Coulomb | None = N
             )
         },
         supports=supports | {"base": base},
-        solver=Solver(method=pair.method, tolerance=pair.tolerance),
+        solver=solver(pair.method, pair.tolerance),
         **more,  # type: ignore[arg-type]
     )  # fmt: skip
 
@@ -138,7 +139,7 @@ def _answer(pair: Two, x: Array, face: ContactState) -> Answer:
 @lru_cache
 def solve(pair: Two) -> tuple[Answer, Answer]:
     """Pressed, then sheared."""
-    simulation = prepare(matrix_free(scene(pair, [(0.0, -DOWN), (ASIDE, -DOWN)])))
+    simulation = prepare(scene(pair, [(0.0, -DOWN), (ASIDE, -DOWN)]))
     x = simulation.data.surfaces["face"][0][:, 0]
     pressed, sheared = (_answer(pair, x, step.contacts["face"]) for step in simulation.steps())
     return pressed, sheared
@@ -244,7 +245,7 @@ def nodes_to_segments() -> list[Check]:
 def reversals(pair: Two = Two(order=1, ratio=RATIO)) -> list[Check]:
     """Sheared to and fro: every turn after the first is the one before again, and turning points mirror each other."""
     turn = [(0.5 * ASIDE, -DOWN), (ASIDE, -DOWN), (0.0, -DOWN), (-ASIDE, -DOWN), (0.0, -DOWN)]
-    simulation = prepare(matrix_free(scene(pair, [(0.0, -DOWN), *turn * CYCLES])))
+    simulation = prepare(scene(pair, [(0.0, -DOWN), *turn * CYCLES]))
     steps, name = list(simulation.steps()), f"{pair.method}, {pair.cells:g} cells in a"
     *_, last = (steps[k : k + len(turn)] for k in range(1, len(steps), len(turn)))
     mirrored = last[1].contacts["face"].tangential_force / last[3].contacts["face"].tangential_force

@@ -80,6 +80,25 @@ def failures(checks: Iterable[Check]) -> list[str]:
     return [str(check) for check in all_checks if not check.passed]
 
 
+def worst(checks: Iterable[Check]) -> list[Check]:
+    """Of each quantity, which is what a name ends with, the check that is nearest to failing, or has failed.
+
+    >>> pressures = [Check(f"step {k}: pressure [Pa]", 10.0 + k, 10.0, 5.0, relative=False) for k in range(4)]
+    >>> [check.name for check in worst([*pressures, Check("step 1: gap [m]", 0.0, 0.0, 0.1, relative=False)])]
+    ['step 3: pressure [Pa]', 'step 1: gap [m]']
+    """
+    found: dict[str, Check] = {}
+    for check in checks:
+        quantity = check.name.rpartition(": ")[2]
+        if quantity not in found or _nearness(check) > _nearness(found[quantity]):
+            found[quantity] = check
+    return list(found.values())
+
+
+def _nearness(check: Check) -> tuple[bool, float]:
+    return not check.passed, check.deviation / check.tolerance if check.tolerance else check.deviation
+
+
 def farthest(values: NDArray[np.float64], reference: float) -> float:
     """The value that is farthest from the reference: a field that must be uniform is checked by its worst point.
 

@@ -15,13 +15,13 @@ from solvers.nouns.contact import Contact
 from solvers.nouns.load import Load
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver
 from solvers.nouns.support import Support
 from solvers.simulation import prepare
 from solvers.step_result import StepResult
 from workflows.verification import column
 from workflows.verification.check import Check, close, farthest
 from workflows.verification.column import ColumnCase, ColumnState
+from workflows.verification.solver import solver
 
 E, NU = 1000.0, 0.3
 M = column.constrained_modulus(E, NU)
@@ -75,7 +75,7 @@ def scene(
         contacts={"base": Contact(surface="block.bottom", against="foundation", normal=normal, gap_offset=offset)},
         supports=supports,
         loads=loads,
-        solver=Solver(method=method, tolerance=1e-12),
+        solver=solver(method, 1e-12),
     )
 
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from solvers.nouns.scene import Scene
 from solvers.step_result import ContactState, StepResult
 from workflows.verification.check import Check, close
 from workflows.verification.circular_drive import Array
@@ -22,12 +20,6 @@ OF_A_NODE: Mapping[str, Callable[[ContactState], Array]] = {
     "gaps, slip": lambda face: np.column_stack([face.gap, face.slip]),
     "forces": lambda face: face.force,
 }
-
-
-def matrix_free(scene: Scene) -> Scene:
-    """surface-uzawa is for bodies too large to condense, and meets small ones in the same way here."""
-    surface = "matrix-free" if scene.solver.method == "surface-uzawa" else scene.solver.surface
-    return replace(scene, solver=replace(scene.solver, surface=surface))
 
 
 def repeats(name: str, steps: Sequence[StepResult], per_cycle: int, same: float = SAME) -> list[Check]:

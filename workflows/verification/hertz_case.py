@@ -25,13 +25,13 @@ from solvers.methods.table import METHODS
 from solvers.nouns.contact import Contact
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver
 from solvers.nouns.support import Support
 from solvers.simulation import prepare
 from workflows.verification import hertz
 from workflows.verification.check import Check
 from workflows.verification.circular_drive import Array
 from workflows.verification.hertz import Hertz
+from workflows.verification.solver import solver
 
 R, E, NU = 8.0, 1000.0, 0.3
 F = 60 * np.pi  # [N]
@@ -86,7 +86,7 @@ def scene(touch: Touch) -> Scene:
             name: Support(boundary=f"{body}.{name}", displacement=held)  # type: ignore[arg-type]
             for name, held in (cuts | {far: fixed}).items()
         },
-        solver=Solver(method=touch.method, tolerance=1e-10),
+        solver=solver(touch.method, 1e-10),
     )
 
 

@@ -17,11 +17,11 @@ from solvers.methods.table import METHODS
 from solvers.nouns.contact import Contact
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver
 from solvers.step_result import STICK, StepResult
 from workflows.verification.check import Check, farthest
 from workflows.verification.incline import HOLDS, LAYER, SLIDES
 from workflows.verification.prepared import observed, system_of
+from workflows.verification.solver import solver
 
 G = 9.81  # any: the layer's weight is what counts [m/s²]
 CELLS = 4  # a side
@@ -41,7 +41,7 @@ def scene(method: str, mu: float) -> Scene:
             "periodic": {"sides": Periodic(boundary="block.right", with_="block.left")},
             "gravity": Gravity(acceleration=(G * LAYER.along / LAYER.weight, -G * LAYER.across / LAYER.weight)),
         },
-        solver=Solver(method=method, tolerance=1e-12),
+        solver=solver(method, 1e-12),
     )
 
 

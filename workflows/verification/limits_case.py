@@ -12,13 +12,14 @@ from solvers.nouns.contact import Contact
 from solvers.nouns.load import Load
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver, Steps
+from solvers.nouns.stepping import Steps
 from solvers.simulation import prepare
 from solvers.step_result import StepResult
 from solvers.stepping import NoEquilibriumError
 from workflows.verification.check import Check, within
-from workflows.verification.cycles import accounted, matrix_free
+from workflows.verification.cycles import accounted
 from workflows.verification.limits import END, LIMITS, Limit
+from workflows.verification.solver import solver
 
 STEPS = 8
 E, NU = 100.0, 0.3
@@ -41,7 +42,7 @@ def scene(method: str, limit: Limit) -> Scene:
             "push": Load(boundary="block.left", traction=(tuple((t, F / H) for t, F in limit.push), 0.0)),
         },
         steps=Steps(end=END, count=STEPS),
-        solver=Solver(method=method, tolerance=1e-11),
+        solver=solver(method, 1e-11),
     )
 
 
@@ -49,7 +50,7 @@ def reached(scene: Scene) -> tuple[list[StepResult], bool]:
     """What was solved, and whether it is proved that the rest cannot be."""
     steps: list[StepResult] = []
     try:
-        for step in prepare(matrix_free(scene)).steps():
+        for step in prepare(scene).steps():
             steps.append(step)
     except NoEquilibriumError:
         return steps, True

@@ -17,12 +17,12 @@ from solvers.effects.friction import Coulomb
 from solvers.nouns.contact import Contact
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver
 from solvers.nouns.support import Support
 from solvers.system import System
 from workflows.verification.check import Check
 from workflows.verification.manufactured import LAWS, MU, NU, RATES, SLIP, E, Manufactured
 from workflows.verification.prepared import accepted, system_of
+from workflows.verification.solver import solver
 
 MESHES = (4, 8, 16, 32)
 DEGREE = 10  # of all quadrature here: exact where the field's own degree allows, else far below any error
@@ -63,7 +63,7 @@ def scene(exact: Manufactured, method: str, order: int, n: int, mu: float, held:
             )
         },
         supports=HOLDS[held],
-        solver=Solver(method=method, tolerance=1e-11),
+        solver=solver(method, 1e-11),
     )
 
 

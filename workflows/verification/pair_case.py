@@ -17,12 +17,13 @@ from solvers.effects.friction import Coulomb
 from solvers.nouns.contact import Contact
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver, Steps
+from solvers.nouns.stepping import Steps
 from solvers.nouns.support import Direction, Support
 from solvers.step_result import StepResult
 from workflows.verification.check import Check
 from workflows.verification.circular_drive import Array
 from workflows.verification.prepared import observed
+from workflows.verification.solver import solver
 from workflows.verification.turned import rotation, turned_system
 
 REACH = 0.3  # [m]; by default a part of the box along the axes, which is another one when turned
@@ -63,7 +64,7 @@ def pressed(
             "base": Support(boundary=base, displacement=dict.fromkeys(moves, 0.0)),
         },
         steps=Steps(end=3.0, count=3),
-        solver=Solver(method=method, tolerance=1e-12),
+        solver=solver(method, 1e-12),
     )
 
 

@@ -18,12 +18,12 @@ from solvers.nouns.contact import Contact
 from solvers.nouns.load import Load
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver
 from solvers.nouns.support import Support
 from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
 from workflows.verification.check import Check, farthest, within
 from workflows.verification.circular_drive import Array
+from workflows.verification.solver import solver
 
 E, NU, P, PUSH = 2e6, 0.3, 1e5, 0.1  # [Pa], -, [Pa], [m]
 TOLERANCE = 1e-8  # order 2 too: a constant pressure is in every space, and its forces are integrated exactly
@@ -90,7 +90,7 @@ def scene(patch: Patch) -> Scene:
         },
         supports=supports,
         loads={"top": Load(boundary="upper.top", pressure=P)} if patch.loaded else {},
-        solver=Solver(method=patch.method, tolerance=1e-12),
+        solver=solver(patch.method, 1e-12),
     )
 
 

@@ -23,13 +23,13 @@ from solvers.effects.unilateral import Unilateral
 from solvers.nouns.contact import Contact
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver
 from solvers.nouns.support import Support
 from solvers.simulation import prepare
 from solvers.step_result import StepResult
 from workflows.verification import punch
 from workflows.verification.check import Check
 from workflows.verification.circular_drive import Array
+from workflows.verification.solver import solver
 
 REFERENCE = "condensed-newton"
 HELD, PRESSED, BONDED = Bilateral(), Unilateral(), Tied()
@@ -75,7 +75,7 @@ def scene(cut: Cut) -> Scene:
             "face": Contact(surface="half_space.contact", against="punch", normal=cut.normal, friction=cut.friction)
         },
         supports={"bottom": Support(boundary="half_space.bottom", displacement={"x": 0.0, "y": 0.0})} | half,
-        solver=Solver(method=cut.method, tolerance=1e-10),
+        solver=solver(cut.method, 1e-10),
     )
 
 

@@ -15,14 +15,15 @@ from solvers.nouns.contact import Contact
 from solvers.nouns.load import Load
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver, Steps
+from solvers.nouns.stepping import Steps
 from solvers.nouns.support import Support
 from solvers.simulation import prepare
 from solvers.step_result import OPEN, SLIP, STICK, StepResult
 from workflows.verification import raous
 from workflows.verification.check import Check, within
 from workflows.verification.circular_drive import Array
-from workflows.verification.cycles import accounted, matrix_free
+from workflows.verification.cycles import accounted
+from workflows.verification.solver import solver
 
 N = 32
 RAMPS = (1, 2, 5, 20)  # steps
@@ -55,14 +56,14 @@ def scene(method: str, steps: int = 1, mu: float = raous.MU, n: int = N, k: floa
             "left": Load(boundary="block.left", pressure=raous.SIDE_PRESSURE),
         },
         steps=Steps(count=steps),
-        solver=Solver(method=method, tolerance=1e-11),
+        solver=solver(method, 1e-11),
     )
 
 
 @lru_cache
 def march(method: str, steps: int = 1, mu: float = raous.MU, n: int = N) -> tuple[tuple[StepResult, ...], Array]:
     """All steps, and the abscissae of the nodes of the contact [m]."""
-    simulation = prepare(matrix_free(scene(method, steps, mu, n)))
+    simulation = prepare(scene(method, steps, mu, n))
     return tuple(simulation.steps()), simulation.data.surfaces["base"][0][:, 0]
 
 

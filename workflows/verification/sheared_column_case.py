@@ -20,15 +20,16 @@ from solvers.effects.unilateral import Unilateral
 from solvers.nouns.contact import Contact
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver, Steps
+from solvers.nouns.stepping import Steps
 from solvers.nouns.support import Support
 from solvers.simulation import prepare
 from solvers.step_result import ContactState, StepResult
 from workflows.verification import column, sheared_column
 from workflows.verification.check import Check, close, farthest
 from workflows.verification.circular_drive import Array
-from workflows.verification.cycles import CYCLES, accounted, matrix_free, repeats
+from workflows.verification.cycles import CYCLES, accounted, repeats
 from workflows.verification.sheared_column import ShearedColumn
+from workflows.verification.solver import solver
 
 E, NU = 2600.0, 0.3  # G = 1000 Pa
 PRESSURE = 10.0  # [Pa]
@@ -71,13 +72,13 @@ def scene(
         supports={"top": Support(boundary="block.top", displacement=top)},  # type: ignore[arg-type]
         sections={"periodic": periodic},
         steps=Steps(end=times[-1], count=len(path) + 1),
-        solver=Solver(method=method, tolerance=1e-12),
+        solver=solver(method, 1e-12),
     )
 
 
 def solve(scene: Scene) -> list[StepResult]:
     """The pressing and each move; t = 0 is reported too where a table has a value there."""
-    return [step for step in prepare(matrix_free(scene)).steps() if step.time > 0]
+    return [step for step in prepare(scene).steps() if step.time > 0]
 
 
 def bases(scene: Scene) -> list[ContactState]:

@@ -14,13 +14,13 @@ from solvers.effects.unilateral import Unilateral
 from solvers.nouns.contact import Contact
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver
 from solvers.nouns.support import Support
 from solvers.simulation import prepare
 from workflows.verification import shrink_fit
 from workflows.verification.check import Check, farthest, within
 from workflows.verification.circular_drive import Array
 from workflows.verification.shrink_fit import HUB, INNER, INTERFERENCE, JOINT, OUTER, SHAFT
+from workflows.verification.solver import solver
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ def scene(press: Press) -> Scene:
             )
         },
         supports=supports,
-        solver=Solver(method=press.method, tolerance=1e-10),
+        solver=solver(press.method, 1e-10),
     )
 
 

@@ -18,7 +18,6 @@ from solvers.nouns.contact import Contact
 from solvers.nouns.load import Load
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver
 from solvers.nouns.support import Support
 from solvers.step_result import StepResult
 from workflows.verification import column, column_case, incline_case
@@ -26,6 +25,7 @@ from workflows.verification.check import Check, farthest, within
 from workflows.verification.circular_drive import Array
 from workflows.verification.incline import HOLDS
 from workflows.verification.prepared import observed, system_of
+from workflows.verification.solver import solver
 
 ASPECT = 1e3
 CELLS = 4  # a side of 1 m
@@ -63,7 +63,7 @@ def block(method: str) -> Scene:
         contacts={"base": Contact(surface="block.bottom", against="floor")},
         supports={"corner": Support(point=(0.0, 0.0), displacement={"x": 0.0})},
         loads={"top": Load(boundary="block.top", pressure=PRESSURE)},
-        solver=Solver(method=method, tolerance=1e-12),
+        solver=solver(method, 1e-12),
     )
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from solvers.effects.friction import Coulomb
 from solvers.methods.table import METHODS
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver
 from solvers.simulation import prepare
 from solvers.step_result import StepResult
 from workflows.scene import read
@@ -37,6 +36,7 @@ from workflows.verification.incline import HOLDS
 from workflows.verification.patch_case import Patch
 from workflows.verification.punch_case import Cut
 from workflows.verification.shrink_fit_case import Press
+from workflows.verification.solver import solver
 from workflows.verification.units import in_millimetres, millimetres
 
 TOLERANCE = 1e-9  # of the largest value of the same unit
@@ -89,7 +89,7 @@ def circled(method: str, steps: int = 16) -> Scene:
 def ready(method: str, name: str, obstacle: str | None = None) -> Scene:
     """A ready scene on a coarse mesh, perhaps against another obstacle."""
     overrides = COARSE[name] + ([f"obstacles.foundation={obstacle}"] if obstacle else [])
-    return replace(read(name, overrides), solver=Solver(method=method, tolerance=1e-11))
+    return replace(read(name, overrides), solver=solver(method, 1e-11))
 
 
 def hertz(method: str, touch: Touch) -> Scene:

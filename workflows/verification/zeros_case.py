@@ -19,11 +19,12 @@ from solvers.nouns.contact import Contact
 from solvers.nouns.load import Load
 from solvers.nouns.material import Material
 from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver, Steps
+from solvers.nouns.stepping import Steps
 from solvers.nouns.support import Support
 from solvers.simulation import prepare
 from solvers.step_result import StepResult
 from workflows.verification.check import Check, within
+from workflows.verification.solver import solver
 
 E, NU, MU = 1000.0, 0.3, 0.3
 DOWN, ACROSS = 0.01, 0.005  # of the top [m]
@@ -51,7 +52,7 @@ def scene(
         supports={} if top is None else {"top": Support(boundary="block.top", displacement=top)},  # type: ignore[arg-type]
         loads={} if load is None else {"left": Load(boundary="block.left", pressure=load)},
         steps=Steps(end=float(steps), count=steps),
-        solver=Solver(method=method, tolerance=1e-12),
+        solver=solver(method, 1e-12),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -22,6 +22,7 @@ from solvers.step_result import OPEN, Array, MeshData
 from workflows.writers.aside import write_aside
 from workflows.writers.body_picture import body_on_stage, displacement_scale, plain
 from workflows.writers.contact_maps import dual_cells, view_of
+from workflows.writers.focus import ROOM
 from workflows.writers.render import Image, View, render
 from workflows.writers.sheet import COLOURS, STATUS_COLOURS, Sheet, show_image, span
 from workflows.writers.steps import read_step, step_name, three
@@ -30,6 +31,7 @@ FRAMES = 100  # at most
 SECONDS, SLOWEST, LAST = 8.0, 0.5, 1.5  # of the whole, of a frame, and of the last one
 DPI = 110
 LINE = 9.0  # pixels
+SMALL = 0.25  # of the view: what touches there is shown beside it too
 GREYS = 40  # of the 256 colours of a GIF
 Statuses = Mapping[str, NDArray[np.int8]]
 
@@ -51,6 +53,8 @@ class Course:
     norm: Normalize  # of von Mises stress
     scale: float  # of displacements
     view: View
+    nodes: Mapping[str, NDArray[np.int64]]  # of the mesh, by contact surface
+    touching: Array  # (k, 3) where anything touches at any time, as it is drawn
 
 
 def animate(folder: Path, scene: Scene, mesh: MeshData, count: int) -> Path:
@@ -60,8 +64,8 @@ def animate(folder: Path, scene: Scene, mesh: MeshData, count: int) -> Path:
         MachineError: a step's file cannot be read, or the disk is full.
     """
     indices = np.unique(np.linspace(1, count, min(count, FRAMES)).round().astype(int)).tolist()
-    course = survey(folder, mesh, indices)
-    drawn = _Film(scene, mesh, course)
+    course = survey(folder, scene, mesh, indices)
+    drawn = _Film(mesh, course, " ".join(scene.title.split()))
     pictures = [Pillow.fromarray(drawn(frame)) for frame in frames(folder, mesh, indices)]
     each = min(SLOWEST, SECONDS / len(pictures))
     content = io.BytesIO()
@@ -83,8 +87,10 @@ def frames(folder: Path, mesh: MeshData, indices: list[int]) -> Iterator[Frame]:
         yield Frame(step.time, step.displacement, step.von_mises, {n: c.status for n, c in step.contacts.items()})
 
 
-def survey(folder: Path, mesh: MeshData, indices: list[int]) -> Course:
+def survey(folder: Path, scene: Scene, mesh: MeshData, indices: list[int]) -> Course:
     """One scale of colours, one of displacements and one window for all frames."""
+    nodes = {name: nodes_of(mesh, name, scene.contacts[name].surface.split(".")[0]) for name in mesh.surfaces}
+    places, moves = [np.zeros((0, 3))], [np.zeros((0, 3))]
     solid = mesh.points.shape[1] == 3
     points = three(mesh.points)
     view = View.isometric(points) if solid else View.facing(points)
@@ -96,42 +102,59 @@ def survey(folder: Path, mesh: MeshData, indices: list[int]) -> Course:
         highest = max(highest, float(step.von_mises.max(initial=0.0)))
         if step.displacement.any():
             scales.append(displacement_scale(mesh, step))
+        for name, contact in step.contacts.items():
+            there = nodes[name][contact.status != OPEN]
+            places.append(points[there])
+            moves.append(step.displacement[there])
         seen = step.displacement @ across
         low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
     scale = min(scales) if len(scales) > 1 else 1.0
     seen = points @ across
     corners = np.stack([seen.min(axis=0) + scale * low, seen.max(axis=0) + scale * high])
-    return Course(span(np.array([highest])), scale, View.around(corners @ across.T, view.right, view.up))
+    window = View.around(corners @ across.T, view.right, view.up)
+    # a solid's contacts are shown on a map, where they were at the start
+    touching = np.concatenate(places) + (0.0 if solid else scale) * np.concatenate(moves)
+    return Course(span(np.array([highest])), scale, window, nodes, touching)
+
+
+def close_up(view: View, touching: Array) -> View | None:
+    """A square window on what touches (k, 3), if that is a small part of the view."""
+    seen = touching @ np.column_stack([view.right, view.up])
+    size = float(np.ptp(seen, axis=0).max()) if len(seen) else 0.0
+    if not 0 < size < SMALL * float(view.size.max()):
+        return None
+    centre = (seen.min(axis=0) + seen.max(axis=0)) / 2
+    return View(view.right, view.up, centre - (0.5 + ROOM) * size, centre + (0.5 + ROOM) * size)
 
 
 class _Film:
-    """A sheet on which one frame after the other is drawn."""
+    """A sheet on which frame after frame is drawn: the bodies, and beside them contacts that are hard to see."""
 
-    def __init__(self, scene: Scene, mesh: MeshData, course: Course) -> None:
+    def __init__(self, mesh: MeshData, course: Course, title: str) -> None:
         self.mesh, self.course = mesh, course
         self.solid = mesh.points.shape[1] == 3
-        self.nodes = {name: nodes_of(mesh, name, scene.contacts[name].surface.split(".")[0]) for name in mesh.surfaces}
-        self.map = _Map(mesh) if self.solid and mesh.surfaces else None
-        view = course.view
+        self.beside = self._view_beside()
+        view, plain_axes = course.view, None if self.solid else ("x", "y")
         width, height = (5.2, 5.2 / view.aspect) if view.aspect > 1.3 else (4.0 * view.aspect, 4.0)
         left, foot = (0.3, 0.3) if self.solid else (0.8, 0.55)
-        beside = self.map.size(height) if self.map else (0.0, 0.0)
-        self.sheet = Sheet(max(5.0, left + width + 1.35 + beside[0] + 0.2), foot + height + 1.0, DPI)
-        self.window = width
-        axes = self.sheet.axes(left, foot, width, height)
-        blank = np.full((2, 2, 3), 255, np.uint8)
-        show_image(axes, view, blank, None if self.solid else ("x", "y"))
-        self.shown = axes.images[0]
-        bar = self.sheet.axes(left + width + 0.2, foot + 0.1 * height, 0.13, 0.8 * height)
+        wide = min(3.2, 0.75 * max(height, 2.5) * self.beside.aspect) if self.beside else 0.0
+        room = (0.3 if self.solid else 0.75) if self.beside else 0.0
+        high = wide / self.beside.aspect if self.beside else 0.0
+        self.sheet = Sheet(max(5.0, left + width + 1.35 + room + wide + 0.2), foot + max(height, high) + 1.0, DPI)
+        axes, self.shown = self._picture(view, (left, foot, width, height), plain_axes)
+        tall = max(0.8 * height, 1.1)
+        bar = self.sheet.axes(left + width + 0.2, foot + (height - tall) / 2, 0.13, tall)
         self.sheet.colour_bar(bar, course.norm, "von Mises stress [Pa]", orientation="vertical")
-        if self.map:
-            self.map.place(self.sheet, left + width + 1.35, foot, *beside)
+        if self.beside:
+            place = (left + width + 1.35 + room, foot, wide, high)
+            close, self.shown_beside = self._picture(self.beside, place, plain_axes)
+            close.set_title("contact", fontsize=9, loc="left")
         if mesh.surfaces:
             self.sheet.status_legend(
                 axes, loc="lower left", bbox_to_anchor=(-0.01, 1.0), borderpad=0, handletextpad=0.5
             )
         drawn = "true displacement" if course.scale == 1 else f"displacement × {plain(course.scale)}"
-        self.sheet.head(" ".join(scene.title.split()), f"{drawn}; grey: undeformed", left)
+        self.sheet.head(title, f"{drawn}; grey: undeformed", left)
         self.clock = self.sheet.write(self.sheet.width - 0.2, self.sheet.height - 0.48, "", fontsize=10, ha="right")
 
     def __call__(self, frame: Frame) -> Image:
@@ -144,16 +167,46 @@ class _Film:
             for line in lines:
                 stage.add_mesh(line, scalars="colour", rgb=True, lighting=False, line_width=LINE)
 
-        self.shown.set_data(render(self.course.view, round(self.window * DPI), add))
-        if self.map:
-            self.map.show(frame.status)
+        self._show(self.shown, self.course.view, add)
+        if self.beside:
+            self._show(self.shown_beside, self.beside, self._map(frame.status) if self.solid else add)
         self.clock.set_text(f"t = {frame.time:.4g} s")
         return self.sheet.pixels()
+
+    def _view_beside(self) -> View | None:
+        """Of a solid the map of its contacts, of a plane body what touches if it is small."""
+        if not self.solid:
+            return close_up(self.course.view, self.course.touching)
+        if not self.mesh.surfaces:
+            return None
+        whole, _ = view_of(np.concatenate([points for points, *_ in self.mesh.surfaces.values()]))
+        return close_up(whole, self.course.touching) or whole
+
+    def _picture(self, view: View, place: tuple[float, ...], labels: tuple[str, str] | None) -> tuple[Any, Any]:
+        """Axes in inches, and the image in them."""
+        left, bottom, width, height = place
+        axes = self.sheet.axes(left, bottom, width, height)
+        show_image(axes, view, np.full((2, 2, 3), 255, np.uint8), labels)
+        return axes, axes.images[0]
+
+    def _show(self, image: Any, view: View, add: Callable[[Any], None]) -> None:
+        image.set_data(render(view, round(float(image.axes.get_window_extent().width)), add))
+
+    def _map(self, statuses: Statuses) -> Callable[[Any], None]:
+        """The contact surfaces on their own, each node's part in the colour of its status."""
+
+        def add(stage: Any) -> None:
+            for name, surface in self.mesh.surfaces.items():
+                cells, owners = dual_cells(*surface)
+                cells.cell_data["colour"] = _colours(statuses[name])[owners]
+                stage.add_mesh(cells, scalars="colour", rgb=True, lighting=False)
+
+        return add
 
     def _line(self, name: str, moved: Array, status: NDArray[np.int8]) -> pv.PolyData:
         """The contact line where it has moved to, each half of a facet in the colour of the node at its end."""
         size = float(np.ptp(self.mesh.points, axis=0).max())
-        points = moved[self.nodes[name]] + np.array([0.0, 0.0, 1e-3 * size])  # before the bodies
+        points = moved[self.course.nodes[name]] + np.array([0.0, 0.0, 1e-2 * size])  # before the bodies
         pairs = np.concatenate(
             [np.stack(pair, axis=1) for pair in pairwise(_along(self.mesh.surfaces[name][1]))]
         )  # neighbours along the facets
@@ -164,34 +217,6 @@ class _Film:
         line = pv.PolyData(ends, lines=cells.ravel())
         line.cell_data["colour"] = _colours(status)[np.concatenate([pairs[:, 0], pairs[:, 1]])]
         return line
-
-
-class _Map:
-    """The contact surfaces of a solid model on their own, seen as contact_NAME.png shows them."""
-
-    def __init__(self, mesh: MeshData) -> None:
-        self.view, self.labels = view_of(np.concatenate([three(points) for points, *_ in mesh.surfaces.values()]))
-        self.cells = {name: dual_cells(*surface) for name, surface in mesh.surfaces.items()}
-
-    def size(self, height: float) -> tuple[float, float]:
-        width = min(3.2, 0.75 * height * self.view.aspect)
-        return width, width / self.view.aspect
-
-    def place(self, sheet: Sheet, left: float, foot: float, width: float, height: float) -> None:
-        self.pixels = round(width * DPI)
-        axes = sheet.axes(left, foot, width, height)
-        show_image(axes, self.view, np.full((2, 2, 3), 255, np.uint8), None)
-        axes.set_title("contact", fontsize=9, loc="left")
-        self.shown = axes.images[0]
-
-    def show(self, statuses: Statuses) -> None:
-        def add(stage: Any) -> None:
-            for name, (cells, owners) in self.cells.items():
-                coloured = cells.copy()
-                coloured.cell_data["colour"] = _colours(statuses[name])[owners]
-                stage.add_mesh(coloured, scalars="colour", rgb=True, lighting=False)
-
-        self.shown.set_data(render(self.view, self.pixels, add))
 
 
 def nodes_of(mesh: MeshData, contact: str, body: str) -> NDArray[np.int64]:

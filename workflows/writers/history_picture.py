@@ -76,7 +76,8 @@ def panels_of(scene: Scene, steps: Columns) -> Iterator[tuple[str, Curves]]:
         for axis in "xyz"[: scene.dim] if contact.friction is not None else "":
             found[f"{name}, tangential {axis}"] = steps[f"{name}.tangential_force.{axis}"]
     yield f"contact force [{force}]", found
-    energies = {"external work": "external", "elastic energy": "stored", "dissipated": "dissipated"}
+    energies = {"external work": "external", "elastic energy": "stored", "contact work": "contact"}
+    energies["dissipated (end of step)"] = "dissipated"  # their difference tells whether the steps are small enough
     yield f"energy [{per_metre(scene, 'J')}]", {label: steps[f"energy.{key}"] for label, key in energies.items()}
 
 

@@ -74,12 +74,14 @@ class FieldFiles:
         self._written = 0  # so many of them stand in the files
 
     def know(self, times: Sequence[float]) -> None:
-        """Steps that were written before, from the first on, of a run that is resumed."""
+        """Steps that were written before, from the first on, of a run that is resumed.
+
+        The files may show fewer, or one that has been taken away: the next step writes them again.
+        """
         for step in enumerate(times, start=1):
             self._last = step
             if step[0] % self._every == 0:
                 self._shown.append(step)
-        self._written = len(self._shown)
 
     def add(self, index: int, time: float) -> None:
         """A step has its file: show it, at once or with those that follow; ParaView reads meanwhile.
