@@ -25,6 +25,7 @@ from workflows.writers.steps import step_name
 
 CUBE = ["geometry.mesh_size=0.34", "output.pictures=false", "steps.count=4"]
 SLIDING = ["geometry.mesh_size=0.25", "geometry.lower_mesh_size=0.2", "output.pictures=false", "steps.end=1.5"]
+CUT = ["geometry.mesh_size=0.25", "geometry.contact_mesh_size=0.04", "output.pictures=false", "steps.count=5"]
 HISTORIES = {
     "condensed-newton": ("block", [*SMALL, "solver.method=condensed-newton"]),
     "uzawa": ("block", [*SMALL, "solver.method=uzawa"]),
@@ -34,6 +35,7 @@ HISTORIES = {
     "perturbed-lagrangian": ("block", [*SMALL, "solver.method=perturbed-lagrangian"]),
     "regularised": ("block", [*SMALL, "solver.method=regularised"]),
     "gram-uzawa": ("block", [*SMALL, "solver.method=gram-uzawa"]),
+    "substeps": ("half_disc", [*CUT, "solver.method=condensed-newton", "solver.max_iterations=3"]),
     "sliding": ("sliding", SLIDING),
     "sliding, iterative": ("sliding", [*SLIDING, *LEARNS]),
     "compliance": ("foundation", ["geometry.mesh_size=0.4", "output.pictures=false", "steps.count=4"]),
