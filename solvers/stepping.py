@@ -242,6 +242,8 @@ class Stepper:
             return Solution(state.p, state.w, none, Status.BROKEN, residual, tuple(rows)), problem, None
         driven = solution.u_c[len(solution.u_c) - len(driving) :]
         new = new_state(system, state, problem, u, strained, u_s, load, solution.p, driven)
+        if not np.isfinite([new.energy.external, new.energy.stored, new.energy.contact]).all():
+            return replace(solution, status=Status.NOT_FINITE), problem, None
         before = Before(state.time, state.p) if end > state.time else None
         return solution, problem, replace(new, before=before, law_error=state.law_error + solution.law_error)
 

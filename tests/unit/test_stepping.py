@@ -250,6 +250,13 @@ def test_a_step_without_a_residual_says_so(scene_of: SceneOf, simulation_of: Sim
     assert failure.in_words(None, broken, 1e-8, 0.25) == told
 
 
+def test_a_step_whose_work_overflows_is_none(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    far = {"top": {"boundary": "block.top", "displacement": {"y": -1e160}}}
+    scene = replace(sheared(scene_of), supports=scene_of(supports=far).supports)
+    with np.errstate(all="ignore"), pytest.raises(StepError, match="the iteration left the range of numbers"):
+        list(simulation_of(scene).steps())
+
+
 @pytest.mark.parametrize("status", sorted(set(Status) - {Status.CONVERGED, Status.NO_EQUILIBRIUM}, key=str))
 def test_every_bad_ending_says_what_to_try(status: Status) -> None:
     """But where there is no equilibrium: that says which body moves, and how."""
