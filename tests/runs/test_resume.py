@@ -25,11 +25,8 @@ from workflows.writers.steps import step_name
 
 CUBE = ["geometry.mesh_size=0.34", "output.pictures=false", "steps.count=4"]
 SLIDING = ["geometry.mesh_size=0.25", "geometry.lower_mesh_size=0.2", "output.pictures=false", "steps.end=1.5"]
-<<<<<<< HEAD
 CUT = ["geometry.mesh_size=0.25", "geometry.contact_mesh_size=0.04", "output.pictures=false", "steps.count=5"]
-=======
 HYSTERESIS = ["geometry.mesh_size=0.1", "steps.end=5", "steps.count=5", "output.pictures=false"]
->>>>>>> resume
 HISTORIES = {
     "hysteresis": ("hysteresis", HYSTERESIS),
     "substeps": ("hysteresis", [*HYSTERESIS, "solver.method=condensed-newton", "solver.max_iterations=4"]),
