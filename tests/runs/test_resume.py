@@ -29,7 +29,6 @@ CUT = ["geometry.mesh_size=0.25", "geometry.contact_mesh_size=0.04", "output.pic
 HYSTERESIS = ["geometry.mesh_size=0.1", "steps.end=5", "steps.count=5", "output.pictures=false"]
 HISTORIES = {
     "hysteresis": ("hysteresis", HYSTERESIS),
-    "substeps": ("hysteresis", [*HYSTERESIS, "solver.method=condensed-newton", "solver.max_iterations=4"]),
     "condensed-newton": ("block", [*SMALL, "solver.method=condensed-newton"]),
     "uzawa": ("block", [*SMALL, "solver.method=uzawa"]),
     "surface-uzawa": ("cube", [*CUBE, *LEARNS]),
