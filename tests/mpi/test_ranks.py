@@ -216,3 +216,11 @@ def test_iterative_solves_give_on_every_number_of_ranks_what_the_condensed_bodie
             for contact, state in one["contacts"].items():
                 forces = state["force"], other["contacts"][contact]["force"]
                 assert_allclose(forces[1], forces[0], atol=1e-6 * np.abs(forces[0]).max())  # tolerance times condition
+
+
+def test_fewer_cells_than_ranks_are_refused_on_all_of_them(tmp_path: Path) -> None:
+    coarse = ["geometry.mesh_size=4", "geometry.contact_mesh_size=4", 'geometry.cells="tensor"']
+    ended = mpirun(3, ["run", "block", "-o", "out", *options(coarse)], tmp_path)
+    assert ended.returncode == 2
+    assert "the mesh has 1 cells, too few for 3 ranks; use fewer" in ended.stderr
+    assert not (tmp_path / "out").exists()
