@@ -6,7 +6,7 @@ import numpy as np
 
 from solvers.cone import Place
 from solvers.equilibrium import decide
-from solvers.methods.solution import Solution
+from solvers.methods.solution import Solution, Status
 from solvers.surface_problem import SurfaceProblem
 
 
@@ -17,7 +17,8 @@ def in_words(problem: SurfaceProblem | None, solution: Solution, tolerance: floa
         known = f" ({decide(problem).value})"
     residual = "no residual"
     if np.isfinite(solution.residual):
-        where = worst(problem, solution) if problem is not None else ""
+        broken = solution.status is Status.BROKEN  # it carries the tractions of the step before
+        where = "" if broken or problem is None else worst(problem, solution)
         residual = f"{where}residual {solution.residual:.1e}, not {tolerance:g},"
     return (
         f"{residual} in a step of {tried:.3g} s after {solution.iterations} iterations; {solution.status.value}{known}"

@@ -70,7 +70,10 @@ class Simulation:
         for time in self.scene.requested_times()[done:]:
             began = clock.perf_counter()
             try:
-                accepted = self.stepper.reach(state, time, on_iteration)
+                try:
+                    accepted = self.stepper.reach(state, time, on_iteration)
+                finally:  # a step that was given up or interrupted has its cost too
+                    self.seconds.iterate += clock.perf_counter() - began
             except StepError as failure:
                 if failure.reached is not None:
                     self.stepper.reported = failure.reached
@@ -79,7 +82,6 @@ class Simulation:
             self.stepper.reported = accepted
             solved = clock.perf_counter()
             result = observe(accepted)
-            self.seconds.iterate += solved - began
             self.seconds.output += clock.perf_counter() - solved
             yield result
             state = accepted.state

@@ -14,12 +14,12 @@ from scipy.sparse.linalg import LinearOperator, onenormest
 
 from geometry.errors import MachineError
 from solvers.dropped_fill import dropped_fill
+from solvers.volume import METIS
 
 Array = NDArray[np.float64]
 PREFIX = "tangent_"
 RESTART = 200  # directions that GMRES keeps: more than a good preconditioner needs
 MOST = 1000  # iterations
-METIS = 5
 REPEATED = 3  # solves, of which the fastest counts
 SHORT = 0.5  # [s] a solve longer than this is not repeated
 

@@ -110,7 +110,7 @@ class Reporter:
             )
             out.print(
                 f"friction dissipated {energy['dissipated']:.4g} {unit}, time remainder {energy['time_remainder']:.2g} "
-                f"{unit}: it shrinks with the steps"
+                f"{unit}"
             )
 
     def files(self, outcome: Outcome) -> None:

@@ -10,13 +10,12 @@ RIGID = "rigid"  # the operator of a rigid obstacle
 
 @dataclass(frozen=True, kw_only=True)
 class Applicability:
-    """What a method needs of a scene, and when to use it.
+    """What a method needs of a scene; when to use it stands in README.
 
     All of them work in every model, with cells of every kind and order, and on any number of ranks.
     """
 
     floating: bool  # works while a body is held by contact and friction alone, or an obstacle is moved by a force
-    use: str
     normal: tuple[str, ...] | None = None  # names of the normal laws that it can do; None: all
     friction: tuple[str, ...] | None = None  # of the friction laws
     k_T: bool = True  # tangential stiffness before slip
@@ -38,37 +37,33 @@ INNER = ("inner_rule", "inner_tolerance")
 
 METHODS: Mapping[str, Applicability] = {
     "auto": Applicability(
-        floating=True, use="the default: condensed-newton, or surface-uzawa where iterative solves are cheaper"
+        floating=True,
     ),
-    "condensed-newton": Applicability(floating=True, use="few iterations, hard to break", matrix_free=False),
+    "condensed-newton": Applicability(floating=True, matrix_free=False),
     "surface-uzawa": Applicability(
-        floating=True, use="few volume solves at any mesh size: for bodies too large to condense"
+        floating=True,
     ),
     "gram-uzawa": Applicability(
         floating=False,
-        use="the published preconditioner: to see what it does; surface-uzawa where iterations count",
         matrix_free=False,
         keys=("gram", "relaxation"),
         contends=False,
     ),
-    "uzawa": Applicability(floating=False, use="the classical iteration: simple, many cheap iterations", keys=UZAWA),
+    "uzawa": Applicability(floating=False, keys=UZAWA),
     "inexact-uzawa": Applicability(
         floating=False,
-        use="uzawa for bodies too large to factorise: the same iterations, each a few of conjugate gradients",
         condensed=False,
         keys=UZAWA + INNER,
         contends=False,
     ),
     "nonlinear-uzawa": Applicability(
         floating=False,
-        use="compliant faces: they belong to the bodies, friction alone is iterated; without it once is enough",
         matrix_free=False,
         keys=("outer_metric", "relaxation", "friction_update", *INNER),
         contends=False,
     ),
     "regularised": Applicability(
         floating=False,
-        use="the baseline: penalty and smoothed friction in UFL, SNES on the whole volume; states its error",
         normal=("unilateral", "bilateral", "compliance"),
         friction=("coulomb", "tresca"),
         k_T=False,
@@ -79,7 +74,6 @@ METHODS: Mapping[str, Applicability] = {
     ),
     "perturbed-lagrangian": Applicability(
         floating=True,
-        use="stiff springs at each contact node, Newton-Raphson: the published element; states its error",
         normal=("unilateral", "bilateral", "tied"),
         friction=("coulomb", "tresca", "stick"),
         matrix_free=False,

@@ -65,6 +65,8 @@ class Solver(Noun):
         require(self.omega_factor > 0, "omega_factor", self.omega_factor, "must be positive, for example 1000")
         require(0 < self.smoothing <= 1, "smoothing", self.smoothing, "must be above 0 and at most 1, for example 1e-4")
         require(0 < self.relaxation < 2, "relaxation", self.relaxation, "must lie between 0 and 2")
+        ignored = self.outer_metric == "jacobian" and self.relaxation != type(self).relaxation
+        require(not ignored, "relaxation", self.relaxation, "changes nothing with outer_metric = jacobian")
         require(self.alpha is None or self.alpha > 0, "alpha", self.alpha, "must be positive, in Pa/m")
         require(0 < self.inner_tolerance < 1, "inner_tolerance", self.inner_tolerance, "must lie between 0 and 1")
 

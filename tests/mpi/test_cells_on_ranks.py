@@ -1,9 +1,6 @@
 """Every method finds on several ranks what it finds on one: cells of its table, one mpirun for many of them."""
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from itertools import cycle
@@ -14,20 +11,12 @@ import pytest
 
 from shared import on_ranks
 from shared.cells import MODELS, Cell, refused, solved, whole
+from shared.ranks import mpirun
 from solvers.methods.table import METHODS
 
 SAME = 1e-8  # three decades above the tolerance: friction's condition, and hundreds of iterations
 LIMIT = 600  # s; a rank that waits for the others for ever must not hold up the tests
 TURN = 11  # how far the cell of one method lies from that of the next
-MPI = {
-    "OMPI_ALLOW_RUN_AS_ROOT": "1",
-    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
-    "OMPI_MCA_hwloc_base_binding_policy": "none",  # tests side by side: do not pin their ranks to the same cores
-    "OMPI_MCA_mpi_yield_when_idle": "1",
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-}
-PATH = os.pathsep.join(str(Path(__file__).parents[up]) for up in (1, 2))  # tests/shared, and the packages
 
 
 def sample() -> Iterator[Cell]:
@@ -41,14 +30,7 @@ def differences(ranks: int, cells: list[Cell], folder: Path) -> list[str]:
     """A sentence for each cell of which several ranks find something else."""
     asked, found = folder / "cells.json", folder / "found.npz"
     asked.write_text(json.dumps([asdict(cell) for cell in cells]))
-    words = ["timeout", "-k", "5", str(LIMIT), "mpirun", "-n", str(ranks), "--oversubscribe", sys.executable]
-    done = subprocess.run(
-        [*words, on_ranks.__file__, str(asked), str(found)],
-        env={**os.environ, **MPI, "PYTHONPATH": PATH},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = mpirun(ranks, [str(asked), str(found)], folder, (on_ranks.__file__,), LIMIT)
     assert done.returncode == 0, done.stderr[-2000:]  # 124: it hung until the time limit
     wrong, many = [], np.load(found)
     for k, cell in enumerate(cells):

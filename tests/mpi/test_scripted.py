@@ -1,14 +1,13 @@
 """A scripted history on several ranks: the script reads contacts, decides on every rank alike, and goes on."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.testing import assert_allclose
+
+from shared.ranks import mpirun
 
 SCRIPT = """
 import json
@@ -32,16 +31,8 @@ if MPI.COMM_WORLD.rank == 0:
 def told(ranks: int, folder: Path) -> Any:
     """What each rank has seen, by step."""
     (folder / "script.py").write_text(SCRIPT, encoding="utf-8")
-    ones = {key: "1" for key in ("OMPI_ALLOW_RUN_AS_ROOT", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "OMP_NUM_THREADS")}
-    quiet = {"OMPI_MCA_hwloc_base_binding_policy": "none", "OMPI_MCA_mpi_yield_when_idle": "1"}
-    done = subprocess.run(
-        ["timeout", "-k", "5", "100", "mpirun", "-n", str(ranks), "--oversubscribe", sys.executable, "script.py"],
-        cwd=folder,
-        env={**os.environ, **ones, **quiet},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = mpirun(ranks, [], folder, ("script.py",))
+    assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout.splitlines()[-1])
 
 

@@ -9,7 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 LIMIT = 100  # s; a rank that waits for the others for ever must not hold up the tests
+PATH = os.pathsep.join(str(Path(__file__).parents[up]) for up in (1, 2))  # shared, and the packages
 MPI = {
+    "PYTHONPATH": PATH,
     "OMPI_ALLOW_RUN_AS_ROOT": "1",
     "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
     "OMPI_MCA_hwloc_base_binding_policy": "none",  # tests side by side: do not pin their ranks to the same cores
@@ -21,10 +23,10 @@ STICKSLIP = ("-m", "workflows.cli")
 
 
 def mpirun(
-    ranks: int, words: Sequence[str], folder: Path, program: Sequence[str] = STICKSLIP
+    ranks: int, words: Sequence[str], folder: Path, program: Sequence[str] = STICKSLIP, limit: int = LIMIT
 ) -> subprocess.CompletedProcess[str]:
     """Run Python's `program` with these words on several ranks; `timeout` ends mpirun, and mpirun its ranks."""
-    limited = ["timeout", "-k", "5", str(LIMIT), "mpirun", "-n", str(ranks), "--oversubscribe"]
+    limited = ["timeout", "-k", "5", str(limit), "mpirun", "-n", str(ranks), "--oversubscribe"]
     return subprocess.run(
         [*limited, sys.executable, *program, *words],
         cwd=folder,

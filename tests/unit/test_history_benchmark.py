@@ -1,4 +1,4 @@
-"""The benchmark of a long history: every phase is timed, and together they are the whole."""
+"""The benchmark of a long history: every phase has its line, and there is something to solve."""
 
 from pathlib import Path
 
@@ -6,22 +6,19 @@ import pytest
 
 from geometry.amplitude import value_at
 from workflows.benchmarks import history
+from workflows.writers.by_time import read_by_time
 
 STEPS, POINTS = 4 * history.CYCLES + 1, 9
 
 
-def test_phases_make_up_the_whole(tmp_path: Path) -> None:
+def test_a_line_tells_of_each_phase_of_a_history_that_slips_to_and_fro(tmp_path: Path) -> None:
     cost = history.measure(STEPS, POINTS, "auto", tmp_path / "run")
-    total = cost.seconds["total"]
     assert cost.points == POINTS
-    assert sum(cost.seconds.values()) == pytest.approx(2 * total)
-    assert min(cost.seconds[phase] for phase in (*history.PHASES, "mesh", "prepare", "iterate")) > 0
-    assert 0 <= cost.seconds["other"] < total
-    ((seconds, iterations, solves),) = cost.blocks
-    assert 0 < STEPS * seconds < total
-    assert iterations > 0 < solves
+    assert set(cost.seconds) >= {*history.PHASES, "mesh", "prepare", "iterate", "other", "total"}
     lines = list(cost.lines())
     assert [line.split()[0] for line in lines[2 : 2 + len(cost.seconds)]] == [p.split()[0] for p in cost.seconds]
+    slip = read_by_time(tmp_path / "run")["base.slip.x"]
+    assert min(slip) < 0 < max(slip)
 
 
 @pytest.mark.parametrize("steps", [STEPS, 1000])

@@ -147,6 +147,11 @@ def test_a_step_that_is_given_is_the_one_taken(
     assert given.counters.lanczos_applications == 0
 
 
+def test_the_metric_of_the_generalised_jacobian_takes_no_relaxation(scene_of: SceneOf) -> None:
+    with pytest.raises(SceneError, match=r"solver\.relaxation = 1\.0: changes nothing with outer_metric = jacobian"):
+        dragged(scene_of, 2, "unilateral", method="nonlinear-uzawa", outer_metric="jacobian", relaxation=1.0)
+
+
 @pytest.mark.parametrize(
     ("key", "value", "says"),
     [

@@ -248,6 +248,10 @@ def test_a_step_without_a_residual_says_so(scene_of: SceneOf, simulation_of: Sim
     told = failure.in_words(reached.problem, broken, 1e-8, 0.25)
     assert told == f"no residual in a step of 0.25 s after 0 iterations; {Status.BROKEN.value}"
     assert failure.in_words(None, broken, 1e-8, 0.25) == told
+    rest = f"in a step of 0.25 s after 0 iterations; {Status.BROKEN.value}"
+    # the tractions are those of the step before: they tell of no contact
+    told = failure.in_words(reached.problem, replace(broken, residual=0.1), 1e-8, 0.25)
+    assert told == f"residual 1.0e-01, not 1e-08, {rest}"
 
 
 def test_a_step_whose_work_overflows_is_none(scene_of: SceneOf, simulation_of: SimulationOf) -> None:

@@ -15,10 +15,10 @@ from solvers.nouns.scene import Scene
 from solvers.penalties import penalties
 from solvers.simulation import Simulation, prepare
 from solvers.stepping import Accepted
+from workflows.studies.published.finding import Row
 from workflows.studies.published.scenes import scene
 from workflows.studies.published.spectrum import plain
 
-Row = dict[str, Any]
 EXACT = 1e-10  # tolerance of a reference
 TRIED = 3000  # iterations in which a step size shows what it does
 

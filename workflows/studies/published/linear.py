@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from solvers.saddle_points import Exact, membrane
+from workflows.studies.published.finding import Row
 from workflows.studies.saddle_points import NODES, RULES, SOFTNESS, STEPS, factors
-
-Row = dict[str, Any]
 
 
 def linear(softness: str, rule: str) -> list[Row]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from solvers.methods.table import METHODS
 from workflows.studies.published.contact import solved, springs, stepped
+from workflows.studies.published.finding import Row
 from workflows.studies.published.linear import linear
 from workflows.studies.published.scenes import slipping
 from workflows.studies.published.spectrum import spectrum
@@ -17,8 +18,6 @@ from workflows.studies.published.tangent import tangent
 from workflows.studies.saddle_points import RULES, SOFTNESS
 from workflows.writers.aside import write_aside
 
-Row = dict[str, Any]
-Rows = Mapping[str, list[Row]]  # by study
 MEASURED: Mapping[str, Callable[..., list[Row]]] = {
     "linear": linear,
     "step": stepped,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
@@ -12,8 +10,8 @@ from solvers.condensed import CondensedSurface
 from solvers.cone import Cone
 from solvers.surface_metric import surface_metric
 from workflows.studies import gram
+from workflows.studies.published.finding import Row
 
-Row = dict[str, Any]
 Array = NDArray[np.float64]
 PLAIN, LEARNING = "W (uzawa)", "boundary operator (surface-uzawa)"
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
 
-Row = dict[str, Any]
+from workflows.studies.published.finding import Row
+
 LONG = ("history", "values")  # lists: in the rows' own files, not in the CSV
 
 

@@ -12,9 +12,9 @@ from solvers.penalties import penalties
 from solvers.slip_tangent import SlipTangent, unsymmetry
 from solvers.tangent_solves import ILU, Solve, condition, gauss_seidel, gmres, mumps
 from workflows.studies.published.contact import march
+from workflows.studies.published.finding import Row
 from workflows.studies.published.scenes import scene, slipping
 
-Row = dict[str, Any]
 FORMS = ("displacements", "displacements and forces")
 DIRECT, PLAIN, CLASSICAL = "MUMPS", "GMRES, ILU(0)", "Gauss-Seidel"
 RELAXED, STABILISED = "GMRES, relaxed ILU, ", "GMRES, stabilised ILU, "
