@@ -1,7 +1,8 @@
 """The number of ranks changes the seconds, not the answer; and a wrong scene ends on all of them."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -65,24 +66,48 @@ def compared(result: Any) -> dict[tuple[str, ...], Any]:
     return dict(leaves({key: value for key, value in result.items() if key not in EXCEPTED}))
 
 
-@pytest.fixture(scope="module", params=SCENES)
-def alone(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+THREE = ("cube", "sliding")  # on three ranks always; the others when there is time
+RUNS = [
+    pytest.param((name, ranks), id=f"{name}-{ranks}", marks=[] if ranks == 2 or name in THREE else pytest.mark.slow)
+    for name in SCENES
+    for ranks in (2, 3)
+]
+
+
+@pytest.fixture(scope="module", params=RUNS)
+def case(request: pytest.FixtureRequest) -> tuple[str, int]:
+    """A scene's name, and a number of ranks."""
+    found: tuple[str, int] = request.param
+    return found
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Results on one rank."""
+
+    @cache
+    def results(name: str) -> Path:
+        folder = tmp_path_factory.mktemp(name) / "out"
+        run(read(name, [*SCENES[name], *ALWAYS]), folder)
+        return folder
+
+    return results
+
+
+@pytest.fixture(scope="module")
+def alone(case: tuple[str, int], known: Callable[[str], Path]) -> tuple[str, Path]:
     """A scene's name, and its results on one rank."""
-    folder = tmp_path_factory.mktemp(request.param) / "out"
-    run(read(request.param, [*SCENES[request.param], *ALWAYS]), folder)
-    return request.param, folder
+    return case[0], known(case[0])
 
 
-@pytest.fixture(scope="module", params=[2, 3])
-def together(
-    request: pytest.FixtureRequest, alone: tuple[str, Path], tmp_path_factory: pytest.TempPathFactory
-) -> tuple[int, Path]:
+@pytest.fixture(scope="module")
+def together(case: tuple[str, int], tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
     """A number of ranks, and the same scene's results on them."""
-    name, folder = alone[0], tmp_path_factory.mktemp(f"{alone[0]}_{request.param}")
-    words = ["run", name, "-q", "-o", "out", *options([*SCENES[name], *ALWAYS])]
-    done = mpirun(request.param, words, folder)
+    name, ranks = case
+    folder = tmp_path_factory.mktemp(f"{name}_{ranks}")
+    done = mpirun(ranks, ["run", name, "-q", "-o", "out", *options([*SCENES[name], *ALWAYS])], folder)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    return request.param, folder / "out"
+    return ranks, folder / "out"
 
 
 def test_result_is_that_of_one_rank(alone: tuple[str, Path], together: tuple[int, Path]) -> None:

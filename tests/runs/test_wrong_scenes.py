@@ -281,7 +281,7 @@ WRONG = {
     ),
     "Uzawa for a body held by friction": (
         ["supports.top.displacement={y=-0.1}", "solver.method='uzawa'"],
-        r"solver\.method = uzawa: .*held by contact alone, use condensed-newton",
+        r"solver\.method = uzawa: .*held by contact alone; use condensed-newton",
     ),
     # known when meshed
     "contradictory supports": (
