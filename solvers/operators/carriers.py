@@ -78,7 +78,7 @@ def carry(coupling: Coupling, directions: Array, constraints: Constraints, used:
     owner[tried] = [number.get(root, -1) for root in roots.tolist()]
     if rigid:
         used |= dict(zip(number, held[first], strict=True))
-    return Carrier(_take_over(surface, owner, facing, len(first)), turned[first], free[first])
+    return Carrier(take_over(surface, owner, facing, len(first)), turned[first], free[first])
 
 
 def _independent(directions: Array, bases: Array, held: Array) -> tuple[Array, NDArray[np.bool_], Array]:
@@ -96,7 +96,7 @@ def _independent(directions: Array, bases: Array, held: Array) -> tuple[Array, N
     return turned, free, np.linalg.pinv(every, rcond=SMALL**1.5) @ every
 
 
-def _take_over(surface: Surface, owner: NDArray[np.int64], facing: NDArray[np.bool_], count: int) -> sparse.csr_matrix:
+def take_over(surface: Surface, owner: NDArray[np.int64], facing: NDArray[np.bool_], count: int) -> sparse.csr_matrix:
     """Shares (count, n): a node without a multiplier is divided among its nearest neighbours that have one."""
     own = np.flatnonzero(owner >= 0)
     share = sparse.csr_matrix((np.ones(len(own)), (own, owner[own])), shape=(len(owner), count))

@@ -31,7 +31,7 @@ class Coupling:
 
     surface: Surface
     master: Surface | None
-    weights: Array  # (n,) ∫ phi~_j over the part that faces the other side; 0: nothing, below 0: little of the node's
+    weights: Array  # (n,) ∫ phi~_j over the part that faces the other side, and what neighbours hand over; >= 0
     relative: Any  # (n, n + n_master) sparse: nodal displacements of both sides to relative displacement
     gap: Array  # (n,) [m]
     normals: Array  # (n, d) unit, towards the other side, half way between both sides' own

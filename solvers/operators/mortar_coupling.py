@@ -1,4 +1,7 @@
-"""Mortar between two bodies: weighted gaps and slips over the part of the slave that faces the master."""
+"""Mortar between two bodies: weighted gaps and slips over the part of the slave that faces the master.
+
+All weights are positive: a node that would weigh less than nothing hands its dual function to its neighbours.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from scipy import sparse
 from geometry import dolfinx_versions as dx
 from geometry.overlap import overlap
 from geometry.surface import Surface
+from solvers.operators.carriers import take_over
 from solvers.operators.coupling import Coupling, Points, between
 from solvers.operators.mortar import mortar_integrals
 
@@ -33,16 +37,35 @@ def mortar_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
     if far.any():
         gap[far], other[far] = np.clip(gap[far], found.gap.min(), found.gap.max()), 0.0
     normals, gap = between(slave.node_normals(), other, gap)
+    share = _handed_over(slave, weights, facing & (~far | _least(slave, spread)))
+    total = np.asarray(share @ weights)
+    each = np.divide(1.0, total, out=np.zeros(len(total)), where=total > 0)
+    mean = sparse.diags(each) @ share @ sparse.diags(weights)
     return Coupling(
         slave,
         master,
-        weights,
-        sparse.hstack([own, -P], format="csr"),
-        gap,
+        total,
+        (mean @ sparse.hstack([own, -P])).tocsr(),
+        mean @ gap,
         normals,
-        facing & (~far | _least(slave, spread)),
-        points=lambda degree: _points(slave, master, reach, max(degree, _degree(slave, master))),
+        total > 0,
+        points=lambda degree: _points(slave, master, reach, max(degree, _degree(slave, master)), share),
     )
+
+
+def _handed_over(slave: Surface, weights: Array, carries: NDArray[np.bool_]) -> Any:
+    """Shares (n, n): what nodes that carry nothing weigh goes to their neighbours, and all that is left is positive.
+
+    A carrier that is given more of less than nothing than it weighs itself hands over too. What a part of the surface
+    weighs in all is its area: the last carrier there is keeps a positive weight.
+    """
+    n, facing = len(weights), weights != 0
+    while True:
+        share = take_over(slave, np.where(carries, np.arange(n), -1), facing, n)
+        positive = carries & (share @ weights > 0)
+        if np.array_equal(positive, carries):
+            return share
+        carries = positive
 
 
 def _least(slave: Surface, values: Array) -> NDArray[np.bool_]:
@@ -58,7 +81,7 @@ def _degree(slave: Surface, master: Surface) -> int:
     return product * (1 + (slave.shape == "quadrilateral")) + slave.axisymmetric
 
 
-def _points(slave: Surface, master: Surface, reach: float, degree: int) -> Points:
+def _points(slave: Surface, master: Surface, reach: float, degree: int, share: Any) -> Points:
     """The integration points themselves."""
     found = overlap(slave, master, reach, degree)
     psi: Any = mortar_integrals(slave, master, found)[3]
@@ -66,7 +89,7 @@ def _points(slave: Surface, master: Surface, reach: float, degree: int) -> Point
     other = _values(master, found.master_facet, found.master_local)
     relative = sparse.hstack([own, -other], format="csr")
     normals, gap = between(found.normals, other @ master.node_normals(), found.gap)
-    return Points(found.weights, relative, gap, normals, psi)
+    return Points(found.weights, relative, gap, normals, (share @ psi).tocsr())
 
 
 def _values(surface: Surface, facet: Ints, local: Array) -> sparse.csr_matrix:

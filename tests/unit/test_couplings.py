@@ -8,9 +8,11 @@ from mpi4py import MPI
 from numpy.testing import assert_allclose, assert_array_equal
 
 from geometry.mesh import build_mesh
+from geometry.overlap import overlap
 from geometry.surface import Surface
 from shared.overlays import above, below
 from solvers.counters import Counters
+from solvers.operators.mortar import mortar_integrals
 from solvers.operators.mortar_coupling import mortar_coupling
 from solvers.operators.rows import ContactRows
 from solvers.simulation import prepare
@@ -141,6 +143,15 @@ def test_nodes_far_beyond_the_part_that_faces_the_master_press_nothing() -> None
     assert_allclose(line.normal_force, 10.0, rtol=0.01)  # as on the scene's own mesh
 
 
+def test_a_rim_that_the_master_faces_in_part_weighs_what_is_faced() -> None:
+    # of the outermost facets a tenth is faced, by which their outer corners would weigh -0.004 m
+    simulation = prepare(read("cylinders", ["geometry.contact_mesh_size=0.4"]))
+    (rows,) = simulation.system.contacts
+    for weights in (rows.W_n, rows.W_t, rows.node_weights[rows.node_weights != 0]):
+        assert weights.min() > 0.1
+        assert_allclose(weights.sum(), rows.W_n.sum(), rtol=1e-12)
+
+
 @pytest.mark.parametrize(("shape", "degree"), [("interval", 2), ("triangle", 2), ("quadrilateral", 1)])
 def test_nodes_carry_on_whole_facets_and_up_to_an_edge_near_by(shape: str, degree: int) -> None:
     for edge in (1.0, 0.95):  # of the second of two facets nine tenths are covered
@@ -152,18 +163,20 @@ def test_nodes_carry_on_whole_facets_and_up_to_an_edge_near_by(shape: str, degre
 def test_nodes_that_only_extrapolation_reaches_carry_nothing(shape: str) -> None:
     # a tenth of the last facet is covered: 0.028 of its midside node's weight, which its weight alone would not tell
     slave = below(shape, 2, (2, 2))
-    found = mortar_coupling(slave, _up_to(shape, 0.55), 0.5)
+    master = _up_to(shape, 0.55)
+    found = mortar_coupling(slave, master, 0.5)
     beyond = (slave.points[:, :-1] > 0.7).any(axis=1)
-    assert (found.weights[beyond] > 0.01 * slave.node_weights()[beyond]).any()
+    assert (_integrals(slave, master)[beyond] > 0.01 * slave.node_weights()[beyond]).any()
     assert_array_equal(found.carries, ~beyond)
 
 
 def test_a_corner_that_two_extrapolations_reach_carries_nothing() -> None:
     # phi = (1 - x)(1 - 2 x) has no less than -1/24 over half a facet: in two directions at once its weight is positive
     slave = below("quadrilateral", 2, (1, 1))
-    found = mortar_coupling(slave, _up_to("quadrilateral", 0.5), 0.5)
+    master = _up_to("quadrilateral", 0.5)
+    found = mortar_coupling(slave, master, 0.5)
     corner = slave.points[:, :-1].min(axis=1) == 1
-    assert found.weights[corner] > 0.01 * slave.node_weights()[corner]
+    assert _integrals(slave, master)[corner] > 0.01 * slave.node_weights()[corner]
     assert not found.carries[corner].any()
 
 
@@ -174,6 +187,31 @@ def test_a_spot_inside_a_facet_has_one_multiplier(shape: str, degree: int) -> No
     found = mortar_coupling(slave, above(shape, 1, (1, 1), box=(spot, spot + 0.01)), 0.5)
     assert found.carries.sum() == 1  # for all of the facet: what the nodes see is extrapolated, their mean is not
     assert_allclose(found.gap[found.carries], 0.1)  # not an extrapolated one
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("shape", ["interval", "triangle", "quadrilateral"])
+@pytest.mark.parametrize("edge", [0.51, 0.55, 0.6, 0.75, 0.9, 0.99])
+def test_no_node_of_a_partly_faced_rim_weighs_less_than_nothing(shape: str, degree: int, edge: float) -> None:
+    slave, master = below(shape, degree, (2, 2)), _up_to(shape, edge)
+    found = mortar_coupling(slave, master, 0.5)
+    assert_array_equal(found.weights > 0, found.carries)
+    assert found.weights.min() >= 0
+    assert_allclose(found.weights.sum(), edge ** (slave.dim - 1), rtol=1e-12)  # of 1 x 1, what the master faces
+    # a unit pressure: its forces on either side are as large
+    n = len(slave.points)
+    forces = found.relative.T @ found.weights
+    assert_allclose([forces[:n].sum(), forces[n:].sum()], [found.weights.sum(), -found.weights.sum()], rtol=1e-12)
+    # a motion that is linear is none between the bodies, whoever stands for whom
+    slope = np.arange(1.0, slave.dim)
+    moved = np.concatenate([surface.points[:, :-1] @ slope + 3.0 for surface in (slave, master)])
+    assert_allclose(found.relative @ moved, 0, atol=1e-9)
+    assert_allclose(found.gap[found.carries], 0.1, rtol=1e-9)
+
+
+def _integrals(slave: Surface, master: Surface) -> Any:
+    """What nodes weigh before anything is handed over (n,)."""
+    return mortar_integrals(slave, master, overlap(slave, master, 0.5, 8))[0]
 
 
 def _up_to(shape: str, edge: float) -> Surface:
