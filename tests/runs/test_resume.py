@@ -127,6 +127,24 @@ def test_signals_end_the_run_after_the_iteration_and_it_goes_on(
     assert names_in(folder) == {f"out/{name}" for name in names_in(whole)}
 
 
+def test_stopped_run_spends_no_time_on_audit_and_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A batch queue grants a few seconds: those of a run that goes on are spent at its end."""
+
+    def fail(*arguments: object) -> None:
+        raise AssertionError(arguments)
+
+    scene = learning("output.pictures=true", "output.linear_reference=true")
+    with monkeypatch.context() as patched:
+        for name in ("audited", "draw_wanted", "linear_reference"):
+            patched.setattr(f"workflows.run.{name}", fail)
+        outcome, content = run(scene, tmp_path / "out", Watch(on_step=Stop(2)))
+    assert (outcome.status, [step["audit"] for step in content["steps"]]) == ("interrupted", [None, None])
+    assert set(content["audit"].values()) == {None}
+    _, content = run(scene, tmp_path / "out", resume=True)
+    assert all(max(step["audit"].values()) <= 1e-8 for step in content["steps"])  # those of before it was stopped too
+    assert list((tmp_path / "out").glob("*.png"))
+
+
 def test_resume_without_anything_there_begins_at_the_start_and_says_so(call: Call, whole: Path, folder: Path) -> None:
     """So that a batch script can be the same for the first run and for those that follow."""
     code, out, err = call(*WORDS, "--resume")
