@@ -6,7 +6,7 @@ import logging
 import time as clock
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +20,11 @@ from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
 from solvers.stepping import NoEquilibriumError, StepError
 from workflows.audited import audited
-from workflows.changes import identity
+from workflows.changes import DECIDES_NOTHING, identity
 from workflows.drawing import draw_wanted
 from workflows.folder import MARK, ResultsFolder
 from workflows.interrupt import Interrupt
-from workflows.left import BEGUN, DECIDES_NOTHING, Going, Left, cut_back, find_left
+from workflows.left import BEGUN, VERSIONS, Going, Left, cut_back, find_left
 from workflows.mesh_report import report_mesh
 from workflows.results import Outcome, summary, write_json, write_result
 from workflows.run_log import RunLog
@@ -223,7 +223,8 @@ def _solve(
         work = place.with_name(f".{place.name}.running")
         with ExitStack() as stack:
             raise_together(comm, lambda: stack.enter_context(RunLog(work / MARK)))
-            raise_together(comm, lambda: tell(simulation, report, left, watch))
+            notes = results[0].notes if results else ()
+            raise_together(comm, lambda: tell(simulation, report, replace(left, notes=notes + left.notes), watch))
             working = Run(simulation, work, began, interrupt, left)
             try:
                 status, sentence = working.march(watch)
@@ -244,8 +245,10 @@ def _open(results: ResultsFolder, simulation: Simulation, left: Left) -> None:
     if left.folder is None:
         folder = results.start()
         begun = {"scene": identity(simulation.scene, DECIDES_NOTHING), "mesh": mesh}
-        write_json(folder / BEGUN, begun)
+        write_json(folder / BEGUN, begun | VERSIONS)
     elif left.mesh != mesh:
-        raise MachineError(f"{results.target}: gmsh meshes this scene differently now; leave out --resume")
+        raise MachineError(
+            f"{results.target}: gmsh meshes this scene differently now; leave out --resume, and choose another folder"
+        )
     else:
-        cut_back(results.take_up(left.folder), left)
+        cut_back(results.take_up(left.folder), simulation.scene.contacts, left)
