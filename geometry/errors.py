@@ -40,6 +40,10 @@ class MachineError(StickslipError):
     exit_code = 4
 
 
+class DamagedError(MachineError):
+    """A file is cut short or not what was written; whoever can make it anew may."""
+
+
 def require(ok: bool, key: str, found: object, expected: str) -> None:
     """Raise a SceneError in the scene's own words unless `ok`.
 

@@ -12,6 +12,8 @@ from geometry.user_files.user_file import UserFile
 from solvers.nouns.scene import Scene
 from workflows.scene import to_dict
 
+DECIDES_NOTHING = ("title", "output", "exact")  # of a scene: how it is told, and what it is compared with
+
 
 def identity(scene: Scene, without: Collection[str]) -> dict[str, Any]:
     """What decides the answers, as JSON reads it back; a geometry file counts by its content.
@@ -32,7 +34,8 @@ def refuse_changes(before: Mapping[str, Any], now: Mapping[str, Any], target: Pa
     """
     for key, old, new in _changes(before, now, ()):
         raise SceneError(
-            f"--resume: {key} was {json.dumps(old)} in {target}, and is {json.dumps(new)}; leave out --resume"
+            f"--resume: {key} was {json.dumps(old)} in {target}, and is {json.dumps(new)}; leave out --resume, and "
+            "choose another folder with -o"
         )
 
 

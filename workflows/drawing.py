@@ -13,12 +13,11 @@ from solvers.step_result import MeshData, StepResult
 log = logging.getLogger(__name__)
 
 
-def draw_wanted(folder: Path, scene: Scene, mesh: MeshData, steps: Sequence[StepResult], status: str) -> None:
+def draw_wanted(folder: Path, scene: Scene, mesh: MeshData, steps: Sequence[StepResult]) -> None:
     """Draw; a machine that cannot is told so, its results stand. Rank 0 only.
 
     Args:
         steps: all of them, the last one with its fields.
-        status: how the run has ended. One that was told to stop has no time for an animation.
 
     Raises:
         MachineError: the disk is full, or a file of the results cannot be read.
@@ -30,7 +29,7 @@ def draw_wanted(folder: Path, scene: Scene, mesh: MeshData, steps: Sequence[Step
 
             draw(folder, mesh, steps[-1], scene.title)
             draw_course(folder, scene)
-        if wanted.animation == "gif" and status != "interrupted":
+        if wanted.animation == "gif":
             from workflows.writers.animation import animate
 
             animate(folder, scene, mesh, len(steps))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
+import json
 import os
 import re
 import shutil
@@ -12,8 +14,10 @@ from pathlib import Path
 
 from geometry.errors import FolderError
 from workflows.writers.aside import disk_errors, make_folder, sync_folder
+from workflows.writers.steps import step_files
 
 MARK = "run.log"  # every folder that a run has made holds it
+NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)  # what some network disks answer
 AT_WORK = "process {pid} on {host}"  # a line of it
 
 
@@ -29,6 +33,7 @@ class ResultsFolder:
             raise FolderError(f"-o {target}: name a folder that may be made and replaced, for example results/mine")
         self.target = target
         self.work = target.with_name(f".{target.name}.running")
+        self.notes: tuple[str, ...] = ()  # for the user
         self._held: weakref.finalize[..., ResultsFolder] | None = None  # called, it closes what is locked
         for folder in (target, self.work, self._old):
             if folder.exists() and not _ours(folder):
@@ -42,31 +47,30 @@ class ResultsFolder:
     def _rubbish(self) -> Path:
         return self.target.with_name(f".{self.target.name}.1.removed")
 
-    @property
-    def kept_steps(self) -> int:
-        """How many steps a run that was killed has left in `work`."""
-        return len(list(self.work.glob("steps/[0-9]*.h5")))
-
     def refuse_to_lose(self) -> None:
         """
         Raises:
-            FolderError: another run is at work, or one that was killed has left steps.
+            FolderError: another run is at work, or one that was stopped or killed has left steps.
         """
-        if not self.work.exists():
-            return
-        self.lock(self.work)
-        if self.kept_steps:
+        if _interrupted(self.target):
+            self._refuse(self.target)
+        if self.work.exists():
+            self.lock(self.work)
+            self._refuse(self.work)
+
+    def _refuse(self, folder: Path) -> None:
+        if kept := len(step_files(folder)):
             self.release()
             raise FolderError(
-                f"{self.target}: a run that was stopped has left {self.kept_steps} steps in {self.work}; go on with "
-                "--resume, or remove that folder"
+                f"{self.target}: a run that was stopped has left {kept} steps in {folder}; go on with --resume, or "
+                "remove that folder, or choose another one with -o"
             )
 
     def start(self) -> Path:
         """An empty working folder; what a run that was killed before its first step left there is removed.
 
         Raises:
-            FolderError: another run is at work, or one that was killed has left steps.
+            FolderError: another run is at work, or one that was stopped or killed has left steps.
         """
         self.refuse_to_lose()
         make_folder(self.work)
@@ -101,11 +105,15 @@ class ResultsFolder:
             descriptor = os.open(folder / MARK, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                os.close(descriptor)
-                raise FolderError(
-                    f"{self.target}: {_who(folder)} is writing it; choose another folder with -o"
-                ) from None
+            except OSError as error:
+                if error.errno not in NO_LOCKS:
+                    os.close(descriptor)
+                    if not isinstance(error, BlockingIOError):
+                        raise
+                    raise FolderError(
+                        f"{self.target}: {_who(folder)} is writing it; choose another folder with -o"
+                    ) from None
+                self.notes = (f"{folder}: this disk knows no locks: see that no other run writes there",)
         self._held = weakref.finalize(self, os.close, descriptor)
 
     def release(self) -> None:
@@ -141,6 +149,18 @@ def at_work() -> str:
 def _who(folder: Path) -> str:
     said = re.findall(AT_WORK.format(pid=r"\d+", host=r"\S+"), (folder / MARK).read_text(encoding="utf-8"))
     return said[-1] if said else "another process"
+
+
+def _interrupted(folder: Path) -> bool:
+    """Whether the results of a run that was stopped stand there."""
+    path = folder / "result.json"
+    if not path.is_file():
+        return False
+    try:
+        found = json.loads(path.read_text(encoding="utf-8", errors="replace"))
+    except ValueError:
+        return False
+    return isinstance(found, dict) and found.get("status") == "interrupted"
 
 
 def _ours(folder: Path) -> bool:

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import FolderError, MachineError
+from geometry.dolfinx_versions import DOLFINX
+from geometry.errors import DamagedError, FolderError, MachineError
 from solvers.checkpoint import Checkpoint
 from solvers.nouns.scene import Scene
 from solvers.plain import Plain, shared, unpacked
 from solvers.simulation import Seconds
 from solvers.step_result import StepResult
-from workflows.changes import identity, refuse_changes
+from workflows import VERSION
+from workflows.changes import DECIDES_NOTHING, identity, refuse_changes
 from workflows.folder import ResultsFolder
+from workflows.writers.aside import disk_errors
 from workflows.writers.learnt import LearntFiles
-from workflows.writers.steps import read_checkpoint, step_name
+from workflows.writers.steps import read_checkpoint, step_files, step_name
 from workflows.writers.tables import cut_tables
 
-BEGUN = "begun.json"  # the scene and the mesh that a run was begun with
-DECIDES_NOTHING = ("title", "output")
+BEGUN = "begun.json"  # what a run was begun with
+VERSIONS = {"stickslip": VERSION, "dolfinx": DOLFINX}
+UNTOUCHED = "nothing is resumed, nothing was changed"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,41 +68,47 @@ def _without_state(going: Going | None) -> Going | None:
 def find_left(results: ResultsFolder, scene: Scene) -> Left:
     """What there is to resume, in the folder that grew or, if the run ended early, in its place; rank 0.
 
-    The folder is locked. A damaged last step is left out, with a note: it is solved again.
+    The folder is locked. A damaged last step is left out, with a note: it is solved again. One that cannot be read may
+    be sound: it is not touched.
 
     Raises:
         FolderError: another process is at work there.
-        SceneError: the scene was another one.
-        MachineError: a step before the last is damaged or missing.
+        SceneError: the scene or a version was another one.
+        MachineError: the last step cannot be read, or one before it is damaged or missing; or what the run was begun
+            with cannot be known.
     """
     folder = next((f for f in (results.work, results.target) if (f / BEGUN).is_file()), None)
     if folder is None:
         return Left(notes=(f"nothing to resume in {results.target}: begins at the start",))
     results.lock(folder)
     begun = _json(folder / BEGUN)
+    if not isinstance(begun.get("scene"), dict) or not isinstance(begun.get("mesh"), str):
+        raise MachineError(f"{folder / BEGUN}: damaged: names no scene or no mesh; {UNTOUCHED}")
     refuse_changes(begun["scene"], identity(scene, DECIDES_NOTHING), results.target)
     ended = _json(folder / "result.json") if folder == results.target else {}
     if ended.get("status") == "converged":
         return Left(finished=ended, notes=(f"{results.target}: the run is finished; nothing was changed",))
+    _refuse_versions(begun, results.target)
     return replace(_read(folder, scene.requested_times()), folder=folder, mesh=begun["mesh"])
 
 
 def _read(folder: Path, times: Sequence[float]) -> Left:
     steps: list[StepResult] = []
     references, going, notes = [""], None, []
-    count = max((int(path.stem) for path in folder.glob("steps/[0-9]*.h5")), default=0)
+    count = max(step_files(folder), default=0)
     for index in range(1, count + 1):
         try:
             step, reached = _step(folder / step_name(index))
         except MachineError as error:
-            if index < count:
-                raise MachineError(
-                    f"{error}; later steps build on it: nothing is resumed, nothing was changed"
-                ) from None
-            notes.append(f"{error}; it is solved again")
-            break
-        if index > len(times) or step.time != times[index - 1]:  # as far as a step came that failed
-            break
+            if isinstance(error, DamagedError) and index == count:
+                notes.append(f"{error}; it is solved again")
+                break
+            later = "later steps build on it: " if index < count else ""
+            raise MachineError(f"{error}; {later}{UNTOUCHED}") from None
+        if index > len(times) or step.time != times[index - 1]:
+            if index == count:  # as far as a step came that failed
+                break
+            raise MachineError(f"{folder / step_name(index)}: is not that step: its t = {step.time:g}; {UNTOUCHED}")
         steps = [*steps[:-1], *(s.without_fields() for s in steps[-1:]), step]
         going = reached
         references.append(going.learnt)
@@ -121,22 +131,36 @@ def _step(path: Path) -> tuple[StepResult, Going]:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error
 
 
-def cut_back(work: Path, left: Left) -> None:
+def cut_back(work: Path, contacts: Iterable[str], left: Left) -> None:
     """Take away what is written beyond the last good step.
 
     Raises:
-        MachineError: the disk is full.
+        MachineError: the disk is full, or a table is not what a run has written.
     """
     done = len(left.steps)
-    for path in [*work.glob("steps/[0-9]*.h5"), *work.glob("**/.*.part")]:
-        if path.suffix == ".part" or int(path.stem) > done:
+    beyond = [path for index, path in step_files(work).items() if index > done]
+    with disk_errors(work):
+        for path in [*beyond, *work.glob("**/.*.part")]:
             path.unlink()
-    cut_tables(work, left.steps[-1].time if left.steps else -1.0)
+    cut_tables(work, contacts, left.steps[-1].time if left.steps else -1.0)
+
+
+def _refuse_versions(begun: Mapping[str, Any], target: Path) -> None:
+    """One history is of one program: half of it by another would be a mixture that nobody can repeat."""
+    for name, now in VERSIONS.items():
+        before = begun.get(name, "of unknown version")
+        if before != now:
+            raise FolderError(
+                f"--resume: {target} was begun with {name} {before}, this is {name} {now}; go on with that one, or "
+                "leave out --resume and choose another folder with -o"
+            )
 
 
 def _json(path: Path) -> dict[str, Any]:
     try:
-        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise FolderError(f"{path}: cannot be read: {' '.join(str(error).split())}; leave out --resume") from None
+        raise MachineError(f"{path}: cannot be read: {' '.join(str(error).split())}; {UNTOUCHED}") from None
+    if not isinstance(found, dict):
+        raise MachineError(f"{path}: damaged: holds no table; {UNTOUCHED}")
     return found

@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,11 @@ def summary(
     total: float,
     reference: LinearReference | None = None,
 ) -> dict[str, Any]:
-    """The content of result.json."""
+    """The content of result.json.
+
+    Args:
+        audits: one a step, or none where the run was stopped.
+    """
     scene, counters = simulation.scene, simulation.counters
     contacts, attempts = simulation.system.contacts, simulation.stepper.attempts
     resolved = to_dict(scene)
@@ -66,7 +71,7 @@ def summary(
         "dofs": simulation.system.constraints.free_total,
         "contact_points": sum(len(c.W_n) for c in contacts),
         "plan": [{"effect": row.effect, "on": row.on, "because": row.because} for row in simulation.plan],
-        "steps": [_step(step, audit) for step, audit in zip(steps, audits, strict=True)],
+        "steps": [_step(step, audit) for step, audit in zip(steps, audits or repeat(None), strict=bool(audits))],
         "counters": {
             "unknowns": {
                 "displacement": simulation.system.constraints.free_total,
@@ -115,7 +120,7 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
     write_aside(path, (text + "\n").encode())
 
 
-def _step(step: StepResult, audit: Audit) -> dict[str, Any]:
+def _step(step: StepResult, audit: Audit | None) -> dict[str, Any]:
     energy = step.energy
     return {
         "time": step.time,
@@ -140,7 +145,7 @@ def _step(step: StepResult, audit: Audit) -> dict[str, Any]:
             "dissipated": energy.dissipated,
             "time_remainder": energy.time_remainder,
         },
-        "audit": asdict(audit),
+        "audit": audit and asdict(audit),
     }
 
 

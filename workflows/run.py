@@ -5,13 +5,12 @@ from __future__ import annotations
 import logging
 import time as clock
 from collections.abc import Callable
-from contextlib import nullcontext
-from dataclasses import dataclass, field
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from geometry.errors import MachineError
-from solvers.audit import Audit, Auditor, Record
 from solvers.checkpoint import Checkpoints
 from solvers.history import HistoryRow
 from solvers.linear_reference import LinearReference, linear_reference
@@ -20,11 +19,12 @@ from solvers.plain import packed
 from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
 from solvers.stepping import NoEquilibriumError, StepError
-from workflows.changes import identity
+from workflows.audited import audited
+from workflows.changes import DECIDES_NOTHING, identity
 from workflows.drawing import draw_wanted
 from workflows.folder import MARK, ResultsFolder
 from workflows.interrupt import Interrupt
-from workflows.left import BEGUN, DECIDES_NOTHING, Going, Left, cut_back, find_left
+from workflows.left import BEGUN, VERSIONS, Going, Left, cut_back, find_left
 from workflows.mesh_report import report_mesh
 from workflows.results import Outcome, summary, write_json, write_result
 from workflows.run_log import RunLog
@@ -33,7 +33,7 @@ from workflows.together import raise_together
 from workflows.watch import Watch, tell
 from workflows.writers.by_time import write_by_time
 from workflows.writers.learnt import LearntFiles
-from workflows.writers.steps import read_step, step_name, write_step
+from workflows.writers.steps import write_step
 from workflows.writers.tables import write_history, write_tables
 from workflows.writers.xdmf import FieldFiles
 
@@ -80,10 +80,10 @@ class Run:
 
     def march(self, watch: Watch) -> tuple[str, str]:
         """Solve and write step by step: status and what to tell the user."""
-        tell, comm = watch if self.rank == 0 else Watch(), self.simulation.mesh.comm
+        comm = self.simulation.mesh.comm
 
         def on_iteration(row: HistoryRow) -> None:
-            tell.on_iteration(row)
+            self.on_rank_0(lambda: watch.on_iteration(row))
             self.interrupt.check(comm)
 
         try:
@@ -92,8 +92,7 @@ class Run:
                 began = clock.perf_counter()
                 self._write(index, step)
                 self.steps = [*self.steps[:-1], *(s.without_fields() for s in self.steps[-1:]), step]
-                self._show(index, step.time)
-                tell.on_step(step)
+                self._show(index, step, watch)
                 self.simulation.seconds.output += clock.perf_counter() - began
         except StepError as error:
             log.error("%s", error)
@@ -133,42 +132,18 @@ class Run:
         """Of all processes that worked on this run."""
         return self._total + clock.perf_counter() - self.began
 
-    def _show(self, index: int, time: float) -> None:
-        self.on_rank_0(lambda: self.fields.add(index, time))
+    def _show(self, index: int, step: StepResult, watch: Watch) -> None:
+        def show() -> None:
+            self.fields.add(index, step.time)
+            watch.on_step(step)
 
-    def audit(self) -> list[Audit]:
-        """Every step against equilibrium and the laws, from its file."""
-        if not self.steps:
-            return []
-        began = clock.perf_counter()
-        auditor = Auditor(self.simulation.scene, self.simulation.mesh)
-        dim = self.simulation.mesh.dim
-        found = []
-        for index, step in enumerate(self.steps, start=1):
-            stored = read_step(self.folder / step_name(index))
-            found.append(
-                auditor(
-                    Record(
-                        time=stored.time,
-                        displacement=stored.displacement[:, :dim],
-                        p=stored.p,
-                        w=stored.w,
-                        reference=stored.reference,
-                        driven=stored.driven,
-                        searched=stored.searched,
-                        p_ref=stored.p_ref,
-                        u_ref=stored.u_ref,
-                        external_work=step.energy.external,
-                    )
-                )
-            )
-        self.simulation.seconds.output += clock.perf_counter() - began
-        return found
+        self.on_rank_0(show)
 
     def finish(self, status: str) -> dict[str, Any]:
-        """Audit, result.json, pictures."""
-        audits, began = self.audit(), clock.perf_counter()
-        seconds, scene = self.simulation.seconds, self.simulation.scene
+        """Audit, result.json, pictures; one that was told to stop has time for neither audit nor pictures."""
+        seconds, scene, began = self.simulation.seconds, self.simulation.scene, clock.perf_counter()
+        stopped = status == "interrupted"
+        audits = [] if stopped else audited(self.simulation, self.folder, self.steps)
         reference: LinearReference | None = None
 
         def content() -> dict[str, Any]:
@@ -176,10 +151,10 @@ class Run:
 
         self.on_rank_0(lambda: write_result(self.folder, content()))  # before the pictures: they can fail
         self.on_rank_0(self.fields.finish)
-        if self.steps:
-            self.on_rank_0(lambda: draw_wanted(self.folder, scene, self.simulation.data, self.steps, status))
+        if self.steps and not stopped:
+            self.on_rank_0(lambda: draw_wanted(self.folder, scene, self.simulation.data, self.steps))
         seconds.output += clock.perf_counter() - began
-        if scene.output.linear_reference and status != "interrupted":
+        if scene.output.linear_reference and not stopped:
             reference = linear_reference(self.simulation.system)
         final = content()
         self.on_rank_0(lambda: write_result(self.folder, final))
@@ -246,9 +221,10 @@ def _solve(
         report = report_mesh(scene, simulation.mesh, system.nodes.total, system.contacts)
         raise_together(comm, lambda: _open(results[0], simulation, left))
         work = place.with_name(f".{place.name}.running")
-        with RunLog(work / MARK) if comm.rank == 0 else nullcontext():
-            if comm.rank == 0:
-                tell(simulation, report, left, watch)
+        with ExitStack() as stack:
+            raise_together(comm, lambda: stack.enter_context(RunLog(work / MARK)))
+            notes = results[0].notes if results else ()
+            raise_together(comm, lambda: tell(simulation, report, replace(left, notes=notes + left.notes), watch))
             working = Run(simulation, work, began, interrupt, left)
             try:
                 status, sentence = working.march(watch)
@@ -269,8 +245,10 @@ def _open(results: ResultsFolder, simulation: Simulation, left: Left) -> None:
     if left.folder is None:
         folder = results.start()
         begun = {"scene": identity(simulation.scene, DECIDES_NOTHING), "mesh": mesh}
-        write_json(folder / BEGUN, begun)
+        write_json(folder / BEGUN, begun | VERSIONS)
     elif left.mesh != mesh:
-        raise MachineError(f"{results.target}: gmsh meshes this scene differently now; leave out --resume")
+        raise MachineError(
+            f"{results.target}: gmsh meshes this scene differently now; leave out --resume, and choose another folder"
+        )
     else:
-        cut_back(results.take_up(left.folder), left)
+        cut_back(results.take_up(left.folder), simulation.scene.contacts, left)

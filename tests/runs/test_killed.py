@@ -19,6 +19,7 @@ from shared.histories import LEARNS, SMALL, assert_same, names_in
 from solvers.step_result import StepResult
 from workflows.run import run
 from workflows.scene import read
+from workflows.watch import Watch
 
 SCENE = [*SMALL, *LEARNS, "steps.count=4"]
 WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in SCENE)]
@@ -157,6 +158,24 @@ def test_command_killed_at_twenty_random_times_goes_on(
         process.wait()
         assert start(place, "--resume").wait() == 0
         assert_same(place / "out", whole)
+
+
+def test_third_ctrl_c_ends_it_at_once(tmp_path: Path, whole: Path) -> None:
+    """In the middle of an iteration, with the steps so far where `--resume` finds them."""
+
+    def press(step: StepResult) -> None:
+        if step.time == 1.0:
+            for _ in range(3):
+                os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGKILL)  # reached if it goes on
+
+    folder = tmp_path / "out"
+    process = in_a_process_of_its_own(lambda: run(read("block", SCENE), folder, Watch(on_step=press)))
+    assert os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 130
+    assert not folder.exists()
+    run(read("block", SCENE), folder, resume=True)
+    assert "resumed after step 2," in (folder / "run.log").read_text()
+    assert_same(folder, whole)
 
 
 # a full disk

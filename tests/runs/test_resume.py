@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import shlex
 import shutil
 import signal
@@ -17,10 +19,11 @@ from shared.command import Call, result
 from shared.histories import LEARNS, SMALL, Stop, assert_same, names_in, rows
 from solvers.methods.surface_uzawa import SurfaceUzawa
 from workflows.folder import ResultsFolder
-from workflows.left import BEGUN
+from workflows.left import BEGUN, VERSIONS
 from workflows.run import run
 from workflows.scene import READY, from_dict, read
 from workflows.watch import Watch
+from workflows.writers.hdf5 import write_arrays
 from workflows.writers.steps import step_name
 
 CUBE = ["geometry.mesh_size=0.34", "output.pictures=false", "steps.count=4"]
@@ -127,6 +130,25 @@ def test_signals_end_the_run_after_the_iteration_and_it_goes_on(
     assert names_in(folder) == {f"out/{name}" for name in names_in(whole)}
 
 
+def test_stopped_run_spends_no_time_on_audit_and_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A batch queue grants a few seconds: those of a run that goes on are spent at its end."""
+
+    def fail(*arguments: object) -> None:
+        raise AssertionError(arguments)
+
+    asks, asks_not = (
+        learning(f"output.pictures={word}", f"output.linear_reference={word}") for word in ("true", "false")
+    )
+    with monkeypatch.context() as patched:
+        for name in ("audited", "draw_wanted", "linear_reference"):
+            patched.setattr(f"workflows.run.{name}", fail)
+        outcome, content = run(asks, tmp_path / "out", Watch(on_step=Stop(2)))
+    assert (outcome.status, [step["audit"] for step in content["steps"]]) == ("interrupted", [None, None])
+    assert set(content["audit"].values()) == {None}
+    _, content = run(asks_not, tmp_path / "out", resume=True)
+    assert all(max(step["audit"].values()) <= 1e-8 for step in content["steps"])  # those of before it was stopped too
+
+
 def test_resume_without_anything_there_begins_at_the_start_and_says_so(call: Call, whole: Path, folder: Path) -> None:
     """So that a batch script can be the same for the first run and for those that follow."""
     code, out, err = call(*WORDS, "--resume")
@@ -162,7 +184,7 @@ def test_changed_scene_is_refused_and_the_difference_named(change: str, said: st
 
 
 def test_what_is_only_shown_may_change(call: Call, stopped: Path) -> None:
-    assert call(*WORDS, "--set=output.every=2", "--set=title=Another", "--resume")[0] == 0
+    assert call(*WORDS, "--set=output.every=2", "--set=title=Another", "--set=exact.accuracy=0.1", "--resume")[0] == 0
     done = result(stopped)
     assert (done["status"], len(done["steps"]), done["scene"]["title"]) == ("converged", 6, "Another")
 
@@ -253,7 +275,116 @@ def test_run_that_failed_tries_that_step_again_and_ends_the_same(folder: Path) -
     assert_same(folder / "out", folder / "before")
 
 
+# what is not damage
+
+
+def content_of(folder: Path) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in names_in(folder)}
+
+
+def assert_refused(code: int, said: str, folder: Path, call: Call) -> None:
+    """In one line, and nothing is changed."""
+    before = content_of(folder)
+    found, _, err = call(*WORDS, "--resume")
+    assert (found, err.count("\n")) == (code, 1), err
+    assert said in err
+    assert content_of(folder) == before
+
+
+@pytest.mark.parametrize(
+    "number", [errno.EIO, *(pytest.param(n, marks=pytest.mark.slow) for n in (errno.EACCES, errno.ESTALE))]
+)
+def test_last_step_that_cannot_be_read_now_is_kept(
+    number: int, call: Call, stopped: Path, whole: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a network disk that is away for a moment: the step may be sound."""
+    read_bytes = Path.read_bytes
+
+    def fail(path: Path) -> bytes:
+        if path.name == "000003.h5":
+            raise OSError(number, os.strerror(number), str(path))
+        return read_bytes(path)
+
+    before = content_of(stopped)
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "read_bytes", fail)
+        code, _, err = call(*WORDS, "--resume")
+    assert (code, err.count("\n")) == (4, 1)
+    assert f"steps/000003.h5: cannot be read: {os.strerror(number)}; nothing is resumed, nothing was changed" in err
+    assert content_of(stopped) == before
+    assert call(*WORDS, "--resume")[0] == 0
+    assert_same(stopped, whole)
+
+
+def test_sound_file_that_is_no_step_of_this_version_is_kept(call: Call, stopped: Path) -> None:
+    write_arrays(stopped / step_name(3), {}, {"time": 1.0})
+    assert_refused(4, "steps/000003.h5: not a step of this version of stickslip", stopped, call)
+
+
+def test_sound_file_of_another_step_is_named(call: Call, stopped: Path) -> None:
+    shutil.copy(stopped / step_name(3), stopped / step_name(2))
+    assert_refused(4, "steps/000002.h5: is not that step: its t = 1", stopped, call)
+
+
+@pytest.mark.parametrize("name", ["stickslip", "dolfinx"])
+def test_another_version_is_refused(name: str, call: Call, stopped: Path) -> None:
+    begun = json.loads((stopped / BEGUN).read_text())
+    (stopped / BEGUN).write_text(json.dumps(begun | {name: "0.0.1"}))
+    assert_refused(2, f"out was begun with {name} 0.0.1, this is {name} {VERSIONS[name]}", stopped, call)
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "{}", '{"scene": 1, "mesh": ""}'])
+def test_beginning_that_cannot_be_known_is_said(content: str, call: Call, stopped: Path) -> None:
+    (stopped / BEGUN).write_text(content)
+    assert_refused(4, f"{BEGUN}: ", stopped, call)
+
+
+def test_files_of_the_user_are_left_alone(call: Call, whole: Path, stopped: Path) -> None:
+    own = {"steps/000012 copy.h5": "a copy", "contact_mine.csv": "time,remark\n9,late\nsoon,none\n"}
+    for name, text in own.items():
+        (stopped / name).write_text(text)
+    assert call(*WORDS, "--resume") == (0, "", "")
+    for name, text in own.items():
+        assert (stopped / name).read_text() == text
+        (stopped / name).unlink()
+    assert_same(stopped, whole)
+
+
+@pytest.mark.parametrize(("old", "new"), [("time,", "t,"), ("\n0.", "\n0 s ")])
+def test_table_that_somebody_has_edited_is_named(old: str, new: str, call: Call, stopped: Path) -> None:
+    table = stopped / "contact_base.csv"
+    table.write_text(table.read_text().replace(old, new, 1))
+    code, _, err = call(*WORDS, "--resume")
+    assert (code, err.count("\n")) == (4, 1)
+    assert "contact_base.csv: not as it was written" in err
+
+
 # other processes
+
+
+@pytest.mark.parametrize("number", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP])
+def test_disk_without_locks_is_told_and_used(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*arguments: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("fcntl.flock", fail)
+    outcome, _ = run(read("block", [*SMALL, "steps.count=1"]), tmp_path / "out")
+    assert outcome.status == "converged"
+    assert "this disk knows no locks" in (tmp_path / "out" / "run.log").read_text()
+
+
+def test_results_of_a_stopped_run_are_not_replaced_unasked(call: Call, whole: Path, stopped: Path) -> None:
+    before = content_of(stopped)
+    for _ in range(2):  # the second would have deleted what the first moved aside
+        code, _, err = call(*WORDS)
+        assert (code, err.count("\n")) == (2, 1)
+        assert (
+            "has left 3 steps in out; go on with --resume, or remove that folder, or choose another one with -o" in err
+        )
+        assert content_of(stopped) == before
+    assert [path.name for path in stopped.parent.iterdir()] == ["out"]
+    assert call(*WORDS, "--resume")[0] == 0
+    assert_same(stopped, whole)
 
 
 def test_two_runs_do_not_write_the_same_results(call: Call, folder: Path) -> None:

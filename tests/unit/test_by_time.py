@@ -81,7 +81,7 @@ def test_rows_of_steps_that_a_crash_has_lost_are_cut_off(
     whole = (tmp_path / "steps.csv").read_bytes()
     with (tmp_path / "steps.csv").open("ab") as file:
         file.write(b"3,2.5,0.0")  # killed while it wrote
-    cut_tables(tmp_path, steps[0].time)
+    cut_tables(tmp_path, scene.contacts, steps[0].time)
     assert_array_equal(read_by_time(tmp_path)["time"], [1.0])
     write_by_time(tmp_path, 2, scene, steps[1])
     assert (tmp_path / "steps.csv").read_bytes() == whole

@@ -7,14 +7,13 @@ from pathlib import Path
 
 from geometry.errors import FolderError
 from solvers.nouns.scene import Scene
-from workflows.changes import identity, refuse_changes
+from workflows.changes import DECIDES_NOTHING, identity, refuse_changes
 from workflows.cost.run_record import Run, load, store
 from workflows.folder import ResultsFolder
 from workflows.results import write_json
 from workflows.writers.aside import make_folder
 
 SCENE, RUNS = "scene.json", "runs"
-DECIDES_NOTHING = ("title", "output", "exact")
 
 
 class Kept:

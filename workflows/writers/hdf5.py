@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.errors import MachineError
+from geometry.errors import DamagedError, MachineError
 from workflows.writers.aside import write_aside
 
 AnyArray = NDArray[Any]
@@ -64,17 +64,20 @@ def read_arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, float | int]
     """Arrays and numbers, verified.
 
     Raises:
-        MachineError: the file is missing, cut short, damaged, or foreign.
+        DamagedError: the file is cut short, or its content does not match its checksum.
+        MachineError: it cannot be read, or is foreign.
     """
     try:
         content = path.read_bytes()
     except OSError as error:
         raise MachineError(f"{path}: cannot be read: {error.strerror}") from error
+    if len(content) < USER_BLOCK:
+        raise DamagedError(f"{path}: damaged: cut short")
     sums = _sums(content)
     if sums is None:
         raise MachineError(f"{path}: damaged, or not a file of stickslip: it does not begin with its checksum")
     if hashlib.sha256(memoryview(content)[USER_BLOCK:]).hexdigest() != sums[0]:
-        raise MachineError(f"{path}: damaged or cut short: its content does not match its checksum")
+        raise DamagedError(f"{path}: damaged or cut short: its content does not match its checksum")
     arrays: dict[str, AnyArray] = {}
 
     def keep(name: str, found: object) -> None:

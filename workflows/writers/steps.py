@@ -64,6 +64,11 @@ def step_name(index: int) -> str:
     return f"steps/{index:06d}.h5"
 
 
+def step_files(folder: Path) -> dict[int, Path]:
+    """Those below the results folder by index; what else a user keeps there is none."""
+    return {int(path.stem): path for path in sorted(folder.glob(f"steps/{'[0-9]' * 6}.h5"))}
+
+
 def three(values: Array) -> Array:
     """Pad vectors (n, d) to (n, 3).
 
@@ -115,7 +120,8 @@ def read_step(path: Path) -> StoredStep:
     """Read a step's file back, verified.
 
     Raises:
-        MachineError: missing, cut short, damaged, or not a step.
+        DamagedError: cut short, or damaged.
+        MachineError: it cannot be read, or is not a step.
     """
     arrays, numbers = read_arrays(path)
     contacts: dict[str, dict[str, AnyArray]] = {}
@@ -147,7 +153,8 @@ def read_checkpoint(path: Path) -> tuple[StepResult, Plain]:
     """The result of a step to the same bits, and what the run needs to go on.
 
     Raises:
-        MachineError: missing, cut short, damaged, or not a step.
+        DamagedError: cut short, or damaged.
+        MachineError: it cannot be read, or is not a step.
     """
     arrays, _ = read_arrays(path)
     try:

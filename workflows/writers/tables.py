@@ -35,7 +35,7 @@ def write_tables(folder: Path, index: int, mesh: MeshData, result: StepResult) -
     dim = mesh.points.shape[1]
     for name, contact in result.contacts.items():
         rows = contact_rows(result.time, mesh.surfaces[name][0], contact)
-        append_rows(folder / f"contact_{name}.csv", contact_header(dim), rows)
+        append_rows(folder / contact_table(name), contact_header(dim), rows)
     if result.probes:
         append_rows(folder / "probes.csv", probe_header(dim), probe_rows(result))
     write_history(folder, index, result.history)
@@ -48,6 +48,15 @@ def write_history(folder: Path, index: int, history: Iterable[HistoryTuple]) -> 
         history: see `HistoryRow`.
     """
     append_rows(folder / "history.csv", HISTORY, [(int(index), *_plain(row)) for row in history])
+
+
+def contact_table(contact: str) -> str:
+    """Name of its table.
+
+    >>> contact_table("base")
+    'contact_base.csv'
+    """
+    return f"contact_{contact}.csv"
 
 
 def contact_header(dim: int) -> list[str]:
@@ -78,28 +87,30 @@ def probe_rows(result: StepResult) -> list[Row]:
     ]
 
 
-def cut_tables(folder: Path, time: float) -> None:
+def cut_tables(folder: Path, contacts: Iterable[str], time: float) -> None:
     """Take away the rows after `time` [s] and rows cut short, before a run is resumed from there.
 
     Raises:
-        MachineError: a table cannot be read, or the disk is full.
+        MachineError: a table cannot be read or is not what was written, or the disk is full.
     """
-    for path in [*sorted(folder.glob("contact_*.csv")), *(folder / name for name in OTHERS)]:
+    for path in (folder / name for name in (*map(contact_table, contacts), *OTHERS)):
         if path.exists():
-            header, *rows = _read(path) or [[]]
-            when = header.index("time") if "time" in header else 0
-            # a last line without its end may be half a number: _read has dropped it
-            kept = [row for row in rows if len(row) == len(header) and float(row[when]) <= time]
-            write_aside(path, _text([header, *kept] if header else []).encode())
+            write_aside(path, _text(_kept(path, time)).encode())
 
 
-def _read(path: Path) -> list[list[str]]:
+def _kept(path: Path, time: float) -> list[list[str]]:
+    """Header and rows until `time`."""
     try:
         text = path.read_bytes().decode(errors="replace")
+        whole = text[: text.rfind("\n") + 1]  # a last line without its end may be half a number
+        header, *rows = list(csv.reader(io.StringIO(whole))) or [[]]
+        when = header.index("time") if header else 0
+        kept = [row for row in rows if len(row) == len(header) and float(row[when]) <= time]
     except OSError as error:
         raise MachineError(f"{path}: cannot be read: {error.strerror}") from error
-    whole = text[: text.rfind("\n") + 1]
-    return list(csv.reader(io.StringIO(whole)))
+    except (ValueError, csv.Error) as error:
+        raise MachineError(f"{path}: not as it was written: {error}") from error
+    return [header, *kept] if header else []
 
 
 def append_rows(path: Path, header: Sequence[str], rows: Iterable[Row]) -> None:
