@@ -96,9 +96,7 @@ def _build(shape: Shape, request: Request, comm: Any) -> Mesh:
         domain, cells, facets = dx.model_to_mesh(gmsh.model if gmsh else None, comm, request.dim)
     shares = comm.allgather(domain.topology.index_map(request.dim).size_local)
     if min(shares) == 0:
-        raise GeometryError(
-            f"the mesh has {sum(shares)} cells, too few for {comm.size} ranks; use fewer"
-        )
+        raise GeometryError(f"the mesh has {sum(shares)} cells, too few for {comm.size} ranks; use fewer")
     domain.geometry.x[:] *= comm.bcast(unit)
     if shape.degree > 1:
         refuse_inverted(domain, shape.degree)
