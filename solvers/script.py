@@ -9,8 +9,9 @@ from numbers import Real
 
 from geometry.amplitude import Amplitude, value_at
 from geometry.errors import SceneError, nearest, require
-from solvers.drives import Place, drives, over
+from solvers.drives import over
 from solvers.history import HistoryRow
+from solvers.nouns.place import Place
 from solvers.nouns.scene import Scene
 from solvers.nouns.stepping import Steps
 from solvers.observe import Observer
@@ -94,7 +95,7 @@ class Script:
     def _places(self, **given: Values) -> dict[Place, float]:
         """Values by their place in the scene; refuses what the scene does not prescribe, and what is no number."""
         known: dict[tuple[str, str], dict[str, Place]] = {}
-        for place, amplitude in drives(self._scene).items():
+        for place, amplitude in self._scene.drives().items():
             if place.table != "loads" or amplitude != 0:  # a load that is plainly 0 was not prepared
                 of_name = known.setdefault((place.table, place.name), {})
                 of_name[place.component or place.quantity] = place

@@ -94,8 +94,3 @@ class Obstacle(Choice):
     def driven(self) -> tuple[Axis, ...]:
         """Axes along which a force moves the obstacle."""
         return tuple(axis for axis in AXES if axis in self.force)
-
-    def amplitudes(self) -> tuple[Amplitude, ...]:
-        """Values in time that the obstacle contains."""
-        angle = () if self.rotation is None else (self.rotation.angle,)
-        return (*self.displacement.values(), *self.force.values(), *angle)

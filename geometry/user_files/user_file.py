@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 
-from geometry.errors import SceneError, nearest, require
+from geometry.errors import GeometryError, SceneError, nearest, require
 from geometry.keys import Key, Noun
 from geometry.shape import Array, Model, Request, Shape
 from geometry.user_files.asking import ask
@@ -102,8 +102,12 @@ class UserFile(Noun, Shape):
         return UNITS[self.length_unit]
 
     def digest(self) -> str:
-        """SHA-256 of the file's content."""
-        return hashlib.sha256(Path(self.file).read_bytes()).hexdigest()
+        """SHA-256 of the file's content when the scene was read, whatever becomes of the file."""
+        return self._digest
+
+    @cached_property
+    def _digest(self) -> str:
+        return _digest_of(self.file)
 
     def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
         return self.outline(dim).bodies
@@ -124,7 +128,7 @@ class UserFile(Noun, Shape):
         return points[:, :dim], normals[:, :dim]
 
     def outline(self, dim: int) -> Outline:
-        """What the file says without a volume mesh; read once as long as the file stays the same."""
+        """What the file says without a volume mesh; read once."""
         return _outline(self._key(dim))
 
     def refined(self, factor: float) -> Self:
@@ -143,7 +147,11 @@ class UserFile(Noun, Shape):
             "periodic": request.periodic,
             "order": self.order,
         }
-        ask(self.question(request.dim, wanted)).put(gmsh)
+        mesh = ask(self.question(request.dim, wanted))
+        name = Path(self.file).name
+        if _digest_of(self.file) != self.digest():
+            raise GeometryError(f"{name}: has changed since the scene was read; read the scene again")
+        mesh.put(gmsh)
         return unit
 
     def question(self, dim: int, mesh: Mapping[str, Any] | None = None) -> Question:
@@ -154,6 +162,13 @@ class UserFile(Noun, Shape):
 
     def _key(self, dim: int) -> _Key:
         return _Key(self.question(dim), repr((self, dim, self.digest())))
+
+
+def _digest_of(file: str) -> str:
+    try:
+        return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    except OSError as error:
+        raise GeometryError(f"{Path(file).name}: cannot be read: {error.strerror or error}") from None
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -61,8 +62,8 @@ class Tresca(FrictionLaw):
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
         return value_at(self.bound, time, end), np.inf, np.inf
 
-    def amplitudes(self) -> tuple[Amplitude, ...]:
-        return (self.bound,)
+    def amplitudes(self) -> Mapping[str, Amplitude]:
+        return {"bound": self.bound}
 
 
 @dataclass(frozen=True, kw_only=True)

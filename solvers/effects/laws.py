@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -93,9 +94,9 @@ class FrictionLaw(Choice):
         """Cap [Pa], slopes below and above: min(cap, below p) <= s <= min(cap, above p) for p >= 0; inf: none."""
         raise NotImplementedError
 
-    def amplitudes(self) -> tuple[Amplitude, ...]:
-        """Values in time that the law contains."""
-        return ()
+    def amplitudes(self) -> Mapping[str, Amplitude]:
+        """Values in time that the law contains, by key."""
+        return {}
 
 
 def touching(p: Array, average: Any, normal: NormalLaw) -> NDArray[np.bool_]:

@@ -22,6 +22,7 @@ from solvers.nouns.contact import Contact
 from solvers.nouns.exact import Exact
 from solvers.nouns.load import Load
 from solvers.nouns.material import Material
+from solvers.nouns.place import Place
 from solvers.nouns.stepping import Output, Probe, Solver, Steps
 from solvers.nouns.support import Support
 from solvers.quantities import names
@@ -96,8 +97,10 @@ class Scene(Noun):
         """Equal steps and every time of a table up to the end; t = 0 only if a load or motion starts from a value."""
         end, count = self.steps.end, self.steps.count
         times = {end * (k + 1) / count for k in range(count)}
-        times |= {t for a in self._amplitudes() for t in listed_times(a) if 0 < t <= end}
-        if any(0.0 in listed_times(table) and value_at(table, 0.0, end) != 0 for table in self._drives()):
+        driven = self.drives()
+        times |= {t for a in driven.values() for t in listed_times(a) if 0 < t <= end}
+        moving = [a for place, a in driven.items() if place.table != "contacts"]  # no bound
+        if any(0.0 in listed_times(a) and value_at(a, 0.0, end) != 0 for a in moving):
             times.add(0.0)
         close = 1e-12 * end
         ordered = sorted(times)
@@ -106,24 +109,36 @@ class Scene(Noun):
 
     def turns(self) -> frozenset[float]:
         """Times at which the rate of a load, a motion or a bound changes."""
-        return frozenset(t for a in self._amplitudes() for t in turns(a, self.steps.end))
+        return frozenset(t for a in self.drives().values() for t in turns(a, self.steps.end))
 
-    def _amplitudes(self) -> Iterator[Amplitude]:
-        """All values in time."""
-        yield from self._drives()
-        for contact in self.contacts.values():
-            yield from contact.friction.amplitudes() if contact.friction is not None else ()
+    def drives(self) -> dict[Place, Amplitude]:
+        """Every value in time: loads, motions and bounds."""
+        return dict(self._drives())
 
-    def _drives(self) -> Iterator[Amplitude]:
-        """Loads and motions in time."""
-        for support in self.supports.values():
-            yield from support.displacement.values()
-        for load in self.loads.values():
-            yield from load.amplitudes()
-        for obstacle in self.obstacles.values():
-            yield from obstacle.amplitudes()
-        for section in self.sections.values():
-            yield from getattr(section, "acceleration", ())
+    def _drives(self) -> Iterator[tuple[Place, Amplitude]]:
+        def parts(table: str, name: str, quantity: str, values: Mapping[Any, Amplitude]) -> Iterator[Any]:
+            return ((Place(table, name, quantity, part), amplitude) for part, amplitude in values.items())
+
+        def vector(table: str, name: str, quantity: str, values: tuple[Amplitude, ...] | None) -> Iterator[Any]:
+            return parts(table, name, quantity, dict(zip("xyz", values or (), strict=False)))
+
+        for name, support in self.supports.items():
+            yield from parts("supports", name, "displacement", support.displacement)
+        for name, load in self.loads.items():
+            yield from vector("loads", name, "traction", load.traction)
+            yield from vector("loads", name, "force", load.force)
+            if load.pressure is not None:
+                yield Place("loads", name, "pressure"), load.pressure
+        for name, obstacle in self.obstacles.items():
+            yield from parts("obstacles", name, "displacement", obstacle.displacement)
+            yield from parts("obstacles", name, "force", obstacle.force)
+            if obstacle.rotation is not None:
+                yield Place("obstacles", name, "rotation", "angle"), obstacle.rotation.angle
+        for name, contact in self.contacts.items():
+            if contact.friction is not None:
+                yield from parts("contacts", name, "friction", contact.friction.amplitudes())
+        for name, section in self.sections.items():
+            yield from vector(name, "", "acceleration", getattr(section, "acceleration", None))
 
     def _check_names(self) -> None:
         for table in ("bodies", "obstacles", "contacts", "supports", "loads", "probes"):

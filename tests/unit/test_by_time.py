@@ -62,6 +62,20 @@ def test_a_row_tells_what_is_prescribed_and_what_comes_of_it(
     assert found["base.tangential_force.x"][1] < 0 < found["base.slip.x"][1] < 0.05
 
 
+def test_gravity_and_a_given_bound_are_prescribed_too(scene: stickslip.Scene, steps: list[StepResult]) -> None:
+    heavy = stickslip.Material(E=1.0, nu=0.3, density=1.0)
+    bounded = replace(scene.contacts["base"], friction=stickslip.Tresca(bound=((0.0, 0.4), (2.0, 0.2))))
+    other = replace(
+        scene,
+        bodies={"block": heavy},
+        contacts={"base": bounded},
+        sections={"gravity": stickslip.Gravity(acceleration=(0.0, ((2.0, -1.0),)))},
+    )
+    row = row_of(1, other, steps[0])
+    assert row["contact.base.friction.bound"] == pytest.approx(0.3, rel=1e-14)
+    assert (row["gravity.acceleration.x"], row["gravity.acceleration.y"]) == (0.0, -0.5)
+
+
 def test_mean_slip_is_that_of_what_presses(scene: stickslip.Scene, steps: list[StepResult]) -> None:
     base = steps[1].contacts["base"]
     half = replace(

@@ -371,6 +371,26 @@ def test_a_history_is_drawn(tmp_path: Path) -> None:
     assert [label for label, _ in panels_of(full, columns)] == ["motion [m]", "contact force [N]", "energy [J]"]
 
 
+def test_gravity_and_a_given_bound_have_their_curves_also_of_contacts_with_misleading_names() -> None:
+    scene, columns = circle()
+    bounded = dataclasses.replace(scene.contacts["base"], friction=stickslip.Tresca(bound=((0.0, 2.0), (24.0, 5.0))))
+    columns = {name.replace("base.", "load.", 1): values for name, values in columns.items()}
+    time = columns["time"]
+    columns |= {"contact.load.friction.bound": 2 + time / 8, "gravity.acceleration.x": 0 * time}
+    columns |= {"gravity.acceleration.y": -time}
+    other = dataclasses.replace(
+        scene,
+        bodies={"block": stickslip.Material(E=1.0, nu=0.3, density=1.0)},
+        contacts={"load": bounded},
+        sections={"gravity": stickslip.Gravity(acceleration=(0.0, ((24.0, -24.0),)))},
+    )
+    panels = dict(panels_of(other, from_rest(columns)))
+    assert panels["friction bound [Pa]"]["load"][0] == 2.0  # it begins where the scene says, not at rest
+    assert panels["friction bound [Pa]"]["load"][-1] == 5.0
+    assert panels["gravity [m/s²]"]["y"][-1] == -24.0
+    assert "contact force [N/m]" in panels
+
+
 def test_only_the_largest_curves_and_loops_are_drawn() -> None:
     curves = {f"c{k}": np.array([0.0, float(k)]) for k in range(9)}
     assert list(most(curves)) == ["c3", "c4", "c5", "c6", "c7", "c8"]

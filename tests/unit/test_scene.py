@@ -100,6 +100,7 @@ def test_times_of_obstacles_and_of_friction_bounds_are_requested(scene_of: Scene
     contacts = {"base": PRESSED["contacts"]["base"] | {"friction": friction}}
     scene = scene_of(**(PRESSED | {"obstacles": moving, "contacts": contacts}))
     assert scene.requested_times() == (0.2, 0.7, 1.0)
+    assert scene.turns() >= {0.2, 0.7}
 
 
 def test_the_plan_switches_on_what_the_scene_contains_and_says_why(scene_of: SceneOf) -> None:

@@ -1,6 +1,8 @@
 """Geometry from users' files: each kind gives the body and the sides that it names, in metres, or is refused."""
 
 import gzip
+import hashlib
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -20,8 +22,11 @@ from geometry.user_files.system_calls import parameter_names
 from shared.drawn import FACES, GEO, PY, draw, scene_data
 from solvers.nouns.scene import Scene
 from solvers.plan import make_plan
+from workflows.left import BEGUN
 from workflows.results import scene_hash
+from workflows.run import run
 from workflows.scene import from_dict, read, to_dict
+from workflows.watch import Watch
 
 
 def meshed(scene: Scene) -> Mesh:
@@ -235,12 +240,33 @@ def test_the_scene_hash_follows_the_content_of_the_file_not_its_place(tmp_path: 
     assert hashes[0] == hashes[1] != hashes[2]
 
 
-def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
+def test_a_changed_file_is_another_scene_and_the_one_that_was_read_stays_what_it_was(tmp_path: Path) -> None:
     path = write(tmp_path / "b.geo", GEO)
-    before = from_dict(scene_data(path)).geometry
-    assert_allclose(before.box(2)[1], [4, 2], atol=1e-6)
+    scene = from_dict(scene_data(path))
+    before = scene_hash(scene)
     write(path, GEO.replace("length = 4", "length = 7"))
-    assert_allclose(before.box(2)[1], [7, 2], atol=1e-6)
+    again = from_dict(scene_data(path))
+    assert_allclose(again.geometry.box(2)[1], [7, 2], atol=1e-6)
+    assert_allclose(scene.geometry.box(2)[1], [4, 2], atol=1e-6)
+    assert scene_hash(scene) == before != scene_hash(again)
+    with pytest.raises(GeometryError, match=r"b\.geo: has changed since the scene was read"):
+        meshed(scene)  # its sides and sizes are another shape's
+
+
+@pytest.mark.parametrize("becomes", [None, GEO.replace("length = 4", "length = 7")])
+def test_a_run_goes_on_and_tells_of_the_file_that_it_meshed(becomes: str | None, tmp_path: Path) -> None:
+    path = write(tmp_path / "b.geo", GEO)
+    scene = from_dict(scene_data(path) | {"steps": {"count": 3}})
+    at_start = hashlib.sha256(path.read_bytes()).hexdigest()
+    hashed = scene_hash(scene)
+
+    def change(step: object) -> None:
+        path.unlink(missing_ok=True) if becomes is None else path.write_text(becomes)
+
+    outcome, content = run(scene, tmp_path / "out", Watch(on_step=change))
+    assert (outcome.status, len(content["steps"])) == ("converged", 3)
+    assert content["scene"]["hash"] == hashed
+    assert json.loads((tmp_path / "out" / BEGUN).read_text())["scene"]["geometry"]["file"] == at_start
 
 
 # --- refused

@@ -9,7 +9,7 @@ import numpy as np
 
 from geometry.amplitude import value_at
 from geometry.errors import MachineError
-from solvers.drives import drives
+from solvers.nouns.place import Place
 from solvers.nouns.scene import Scene
 from solvers.quantities import CONTACT_NUMBERS, ENERGIES, values
 from solvers.step_result import Array, ContactState, StepResult
@@ -20,6 +20,8 @@ DRIVEN = {  # what is prescribed of them; where an obstacle goes is told with wh
     "supports": ("displacement",),
     "loads": ("pressure", "traction", "force"),
     "obstacles": ("rotation",),
+    "contacts": ("friction",),
+    "gravity": ("acceleration",),
 }
 EFFORT = ("substeps", "iterations", "volume_solves", "residual")
 
@@ -34,12 +36,21 @@ def write_by_time(folder: Path, index: int, scene: Scene, step: StepResult) -> N
     append_rows(folder / NAME, list(row), [list(row.values())])
 
 
+def column(place: Place) -> str:
+    """Name of the column that tells what goes on there.
+
+    >>> column(Place("contacts", "base", "friction", "bound"))
+    'contact.base.friction.bound'
+    """
+    return str(place).replace("s.", ".", 1) if place.name else str(place)
+
+
 def row_of(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
     """By column: SI units; resultants act on the slave side."""
     found: dict[str, float] = {"step": index, "time": step.time}
-    for place, amplitude in drives(scene).items():
+    for place, amplitude in scene.drives().items():
         if place.table in DRIVEN and place.quantity in DRIVEN[place.table]:
-            found[str(place).replace("s.", ".", 1)] = value_at(amplitude, step.time, scene.steps.end)
+            found[column(place)] = value_at(amplitude, step.time, scene.steps.end)
     numbers = values(step)
     for name, contact in step.contacts.items():
         found |= {f"{name}.{key}": numbers.pop(f"{name}.{key}") for key in CONTACT_NUMBERS}

@@ -9,13 +9,25 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Patch
 
+from geometry.amplitude import value_at
+from geometry.obstacles.obstacle import AXES
+from solvers.nouns.place import Place
 from solvers.nouns.scene import Scene
 from solvers.step_result import SLIP, STICK, Array
+from workflows.writers.by_time import DRIVEN, column
 from workflows.writers.loops import FEW, Columns, from_rest, per_metre
 from workflows.writers.sheet import CURVES, INK, PALE, STATUS_COLOURS, STATUS_WORDS, Sheet, frame
 
 MOST = 6  # curves of a panel
 WIDE, HIGH, LEFT, GAP, BESIDE = 5.2, 1.4, 0.85, 0.22, 2.0  # of a panel and its legend [inch]
+PANELS = {  # by what is prescribed
+    "displacement": "motion [m]",
+    "rotation": "rotation [rad]",
+    "pressure": "load [Pa]",
+    "traction": "load [Pa]",
+    "friction": "friction bound [Pa]",
+    "acceleration": "gravity [m/s²]",
+}
 Curves = dict[str, Array]
 
 
@@ -59,16 +71,13 @@ def draw_history(folder: Path, scene: Scene, columns: Columns, title: str) -> Pa
 def panels_of(scene: Scene, steps: Columns) -> Iterator[tuple[str, Curves]]:
     """Label and curves of each panel: prescribed values by unit, contact forces, energies."""
     force = per_metre(scene, "N")
-    units = {"displacement": "m", "rotation": "rad", "pressure": "Pa", "traction": "Pa", "force": force}
-    words = {"displacement": "motion", "rotation": "rotation", "pressure": "load", "traction": "load", "force": "load"}
+    panels = PANELS | {"force": f"load [{force}]"}
     prescribed: dict[str, Curves] = {}
-    for name, values in steps.items():
-        table, *rest = name.split(".")
-        driven = table == "load" or (table in ("support", "obstacle") and rest[1] in ("displacement", "rotation"))
-        if driven:
-            what, quantity, axis = rest[0], rest[1], " ".join(rest[2:])
-            label = f"{what}{f', {axis}' if axis in ('x', 'y', 'z', 'normal') else ''}"
-            prescribed.setdefault(f"{words[quantity]} [{units[quantity]}]", {})[label] = values
+    for place, at_rest in _driven(scene):
+        axis = place.component if place.component in ("x", "y", "z", "normal") else ""
+        label = ", ".join(word for word in (place.name, axis) if word)
+        curve = np.concatenate([[at_rest], steps[column(place)][1:]])
+        prescribed.setdefault(panels[place.quantity], {})[label] = curve
     yield from prescribed.items()
     found: Curves = {}
     for name, contact in scene.contacts.items():
@@ -79,6 +88,17 @@ def panels_of(scene: Scene, steps: Columns) -> Iterator[tuple[str, Curves]]:
     energies = {"external work": "external", "elastic energy": "stored", "contact work": "contact"}
     energies["dissipated (end of step)"] = "dissipated"  # their difference tells whether the steps are small enough
     yield f"energy [{per_metre(scene, 'J')}]", {label: steps[f"energy.{key}"] for label, key in energies.items()}
+
+
+def _driven(scene: Scene) -> Iterator[tuple[Place, float]]:
+    """What is prescribed, and how obstacles move, be it that a force drives them; and its value at t = 0."""
+    for place, amplitude in scene.drives().items():
+        if place.quantity in DRIVEN.get(place.table, ()):
+            yield place, value_at(amplitude, 0.0, scene.steps.end)
+    for name, obstacle in scene.obstacles.items():
+        for axis in AXES[: scene.dim]:
+            at_rest = value_at(obstacle.displacement.get(axis, 0.0), 0.0, scene.steps.end)
+            yield Place("obstacles", name, "displacement", axis), at_rest
 
 
 def most(curves: Curves) -> Curves:
