@@ -23,6 +23,7 @@ class Interrupt:
     def __enter__(self) -> Interrupt:
         if threading.current_thread() is threading.main_thread():  # signals reach the main thread only
             self._former = {number: signal.signal(number, self._note) for number in NOTED}
+            signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as Python has it: an error. PETSc would end the process
         return self
 
     def __exit__(self, *error: object) -> None:

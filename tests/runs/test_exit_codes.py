@@ -111,6 +111,21 @@ def test_ctrl_c_ends_with_130_and_keeps_the_steps_so_far(
     assert sorted(path.name for path in folder.iterdir()) == ["out"]
 
 
+def test_whoever_stops_listening_ends_the_run_and_the_steps_so_far_are_kept(
+    folder: Path, command: list[str], environment: dict[str, str]
+) -> None:
+    """As `2>&1 | head` does; it must not end in PETSc's handler of the signal, which knows nothing of other ranks."""
+    words = ["run", "block", "-o", "out", *COARSE, "--set=steps.count=4000"]
+    with subprocess.Popen([*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if line.startswith(b"t = "):
+                break
+        process.stderr.close()
+        assert process.wait(timeout=100) == 1
+    assert list((folder / ".out.running" / "steps").iterdir())
+
+
 def test_ctrl_c_before_the_first_step_leaves_nothing(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def press(*arguments: Any) -> Simulation:
         os.kill(os.getpid(), signal.SIGINT)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import random
+import re
 import resource
 import signal
 import subprocess
@@ -20,9 +21,13 @@ from solvers.step_result import StepResult
 from workflows.run import run
 from workflows.scene import read
 from workflows.watch import Watch
+from workflows.writers.steps import step_name
 
 SCENE = [*SMALL, *LEARNS, "steps.count=4"]
-WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in SCENE)]
+BY_TIME, SPARE = 12, 4  # steps of a run that is killed by the clock, and those after the last moment: it must still run
+LONGER = [*SMALL, *LEARNS, f"steps.count={BY_TIME}"]
+WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in LONGER)]
+SEED = "STICKSLIP_SEED"  # in the environment: the moments of an earlier test again
 DISK = ("fsync", "replace", "rename", "unlink", "mkdir")  # of the module os: what outlives a process
 TORN = 5  # bytes of a last row that a crash keeps from the disk
 
@@ -98,8 +103,8 @@ def killed_at(operation: int, folder: Path, resume: bool) -> bool:
 
 
 def _moments(count: int) -> list[float]:
-    seed = random.SystemRandom().randrange(10**6)
-    print(f"seed {seed}")
+    seed = int(os.environ.get(SEED, random.SystemRandom().randrange(10**6)))
+    print(f"{SEED}={seed}")
     lots = random.Random(seed)
     return [lots.random() for _ in range(count)]
 
@@ -125,39 +130,86 @@ def test_killed_at_every_moment_of_writing_it_goes_on(tmp_path: Path, whole: Pat
         assert_same(folder, whole)
 
 
-def test_killed_at_any_time_it_goes_on(tmp_path: Path, whole: Path) -> None:
-    began = clock.monotonic()
-    run(read("block", SCENE), tmp_path / "timed")
-    usual = clock.monotonic() - began
-    for number, part in enumerate(_moments(2)):
-        folder = tmp_path / f"{number}" / "out"
-        process = in_a_process_of_its_own(lambda where=folder: run(read("block", SCENE), where))
-        clock.sleep(part * usual)
+# by the clock
+
+
+class Lot:
+    """A moment between the first steps' files: how long start-up and mesh take does not count."""
+
+    def __init__(self, part: float) -> None:
+        whole, self.rest = divmod(part * (BY_TIME - SPARE), 1.0)
+        self.step = 1 + int(whole)
+
+    def kill(self, process: int, folder: Path, pace: float) -> None:
+        """A part of a step's time after that step's file has appeared."""
+        wait_for(self.step, folder, process)
+        clock.sleep(self.rest * pace)
         os.kill(process, signal.SIGKILL)
-        ended_by(process)
-        run(read("block", SCENE), folder, resume=True)
-        assert_same(folder, whole)
+        assert ended_by(process) == -signal.SIGKILL  # it had not ended by itself
+
+    def check(self, folder: Path) -> None:
+        """The run went on from there, or from a step that came between."""
+        (done,) = re.findall(r"resumed after step (\d+),", (folder / "run.log").read_text())
+        assert self.step <= int(done) <= BY_TIME
+
+
+def wait_for(step: int, folder: Path, process: int) -> float:
+    """The time at which its file was there."""
+    path = folder.with_name(f".{folder.name}.running") / step_name(step)
+    while not path.exists():
+        assert os.waitpid(process, os.WNOHANG) == (0, 0), "it ended before that step"
+        clock.sleep(1e-3)
+    return clock.monotonic()
+
+
+def pace_of(process: int, folder: Path) -> float:
+    """Seconds a step of a run that is left alone."""
+    first, last = (wait_for(step, folder, process) for step in (1, BY_TIME - 1))
+    ended_by(process)
+    return (last - first) / (BY_TIME - 2)
+
+
+@pytest.fixture(scope="module")
+def longer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of a longer run that was left alone."""
+    folder = tmp_path_factory.mktemp("longer") / "out"
+    run(read("block", LONGER), folder)
+    return folder
+
+
+def test_killed_at_any_time_it_goes_on(tmp_path: Path, longer: Path) -> None:
+    def start(place: Path) -> int:
+        return in_a_process_of_its_own(lambda: run(read("block", LONGER), place))
+
+    pace = pace_of(start(tmp_path / "timed"), tmp_path / "timed")
+    for number, lot in enumerate(map(Lot, _moments(2))):
+        folder = tmp_path / f"{number}" / "out"
+        lot.kill(start(folder), folder, pace)
+        run(read("block", LONGER), folder, resume=True)
+        lot.check(folder)
+        assert_same(folder, longer)
 
 
 @pytest.mark.slow
 def test_command_killed_at_twenty_random_times_goes_on(
-    folder: Path, command: list[str], environment: dict[str, str], whole: Path
+    folder: Path, command: list[str], environment: dict[str, str], longer: Path
 ) -> None:
-    def start(place: Path, *more: str) -> subprocess.Popen[bytes]:
-        place.mkdir(exist_ok=True)
-        return subprocess.Popen([*command, *WORDS, *more], cwd=place, env=environment)
+    def start(place: Path) -> int:
+        place.mkdir()
 
-    began = clock.monotonic()
-    assert start(folder / "timed").wait() == 0
-    usual = clock.monotonic() - began
-    for number, part in enumerate(_moments(20)):
+        def become() -> None:
+            os.chdir(place)
+            os.execve(command[0], [*command, *WORDS], environment)
+
+        return in_a_process_of_its_own(become)
+
+    pace = pace_of(start(folder / "timed"), folder / "timed" / "out")
+    for number, lot in enumerate(map(Lot, _moments(20))):
         place = folder / f"{number}"
-        process = start(place)
-        clock.sleep(part * usual)
-        process.kill()
-        process.wait()
-        assert start(place, "--resume").wait() == 0
-        assert_same(place / "out", whole)
+        lot.kill(start(place), place / "out", pace)
+        assert subprocess.run([*command, *WORDS, "--resume"], cwd=place, env=environment, check=False).returncode == 0
+        lot.check(place / "out")
+        assert_same(place / "out", longer)
 
 
 def test_third_ctrl_c_ends_it_at_once(tmp_path: Path, whole: Path) -> None:

@@ -32,7 +32,6 @@ from solvers.observe import Observer  # noqa: E402
 from solvers.simulation import Simulation  # noqa: E402
 from solvers.step_result import StepResult  # noqa: E402
 from workflows import run as running  # noqa: E402
-from workflows.run import Run  # noqa: E402
 from workflows.run_log import LOGGERS  # noqa: E402
 from workflows.scene import read  # noqa: E402
 from workflows.watch import Watch  # noqa: E402
@@ -50,7 +49,7 @@ PHASES: Mapping[str, tuple[Any, str]] = {  # of output: what is called
     "by time": (running, "write_by_time"),
     "step files": (running, "write_step"),
     "XDMF": (FieldFiles, "add"),
-    "audit": (Run, "audit"),
+    "audit": (running, "audited"),
     "result.json": (running, "write_result"),
 }
 BLOCK = 100  # steps whose seconds are shown together
