@@ -57,7 +57,10 @@ class Checkpoints:
         )
 
     def learnt(self) -> Plain:
-        """What later steps use beside the state: it can be large, and may be missing when a run is resumed."""
+        """What later steps use beside the state, this rank's part: it can be large, and may be missing on a resume.
+
+        Nothing is copied: it is valid until the next step begins.
+        """
         attempts = self.stepper.attempts
         volume, method = attempts.volume, attempts.learning.get(attempts.stage)
         known = {
@@ -65,7 +68,7 @@ class Checkpoints:
             "volume": volume.kept() if isinstance(volume, IterativeVolume) else None,
             "method": method.kept() if method else None,
         }
-        return {"layout": self._layout(), **packed(known, self._whole)}
+        return {"layout": self._layout(), **packed(known, lambda own: own.values)}
 
     def put_back(self, checkpoint: Checkpoint, learnt: Plain | None) -> tuple[State, bool]:
         """The state to go on from, and whether what was learnt could be used."""
@@ -77,7 +80,7 @@ class Checkpoints:
             attempts.coarse.counters.add(checkpoint.coarse)
         if learnt is None or learnt["layout"] != self._layout():
             return state, False
-        self._teach(unpacked(Any, {key: part for key, part in learnt.items() if key != "layout"}, self._own))
+        self._teach(learnt)
         return state, True
 
     def _teach(self, known: Mapping[str, Any]) -> None:

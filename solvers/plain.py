@@ -29,7 +29,7 @@ class ByNode:
     values: NDArray[Any]
 
 
-def packed(value: Any, whole: Callable[[Any], ByNode] | None = None, without: Collection[str] = ()) -> Plain:
+def packed(value: Any, whole: Callable[[Any], Any] | None = None, without: Collection[str] = ()) -> Plain:
     """Plain data of a value; of a dataclass every field, but for those named in `without`.
 
     Args:

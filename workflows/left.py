@@ -12,14 +12,14 @@ from geometry.dolfinx_versions import DOLFINX
 from geometry.errors import DamagedError, FolderError, MachineError
 from solvers.checkpoint import Checkpoint
 from solvers.nouns.scene import Scene
-from solvers.plain import Plain, shared, unpacked
+from solvers.plain import shared, unpacked
 from solvers.simulation import Seconds
 from solvers.step_result import StepResult
 from workflows import VERSION
 from workflows.changes import DECIDES_NOTHING, identity, refuse_changes
 from workflows.folder import ResultsFolder
 from workflows.writers.aside import disk_errors
-from workflows.writers.learnt import LearntFiles
+from workflows.writers.learnt import is_kept
 from workflows.writers.steps import read_checkpoint, step_files, step_name
 from workflows.writers.tables import cut_tables
 
@@ -36,7 +36,7 @@ class Going:
     seconds: Seconds  # until then
     total: float  # [s]
     spread: float  # see `Smallness`
-    learnt: str  # reference to its file, see `LearntFiles`
+    learnt: str  # reference to its files, see `LearntFiles`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ class Left:
     steps: tuple[StepResult, ...] = ()  # the last one with its fields, on rank 0; the others without
     going: Going | None = None  # of the last one
     before: str = ""  # reference to what was learnt at the step before
-    learnt: Plain | None = None
+    learnt: bool = False  # whether what was learnt at the last one is there
     notes: tuple[str, ...] = ()  # for the user
     finished: dict[str, Any] | None = None  # content of result.json, if there is nothing to go on with
     folder: Path | None = None  # where that stands
@@ -55,10 +55,10 @@ class Left:
     def shared(self, comm: Any) -> Left:
         """The same on every rank, told by rank 0; collective."""
         steps = comm.bcast([step.without_fields() for step in self.steps])
-        state, learnt = shared(comm, [self.going and self.going.checkpoint.state, self.learnt])
-        rest: Left = comm.bcast(replace(self, steps=(), learnt=None, going=_without_state(self.going)))
+        state = shared(comm, self.going and self.going.checkpoint.state)
+        rest: Left = comm.bcast(replace(self, steps=(), going=_without_state(self.going)))
         going = rest.going and replace(rest.going, checkpoint=replace(rest.going.checkpoint, state=state))
-        return replace(rest, steps=self.steps if comm.rank == 0 else tuple(steps), going=going, learnt=learnt)
+        return replace(rest, steps=self.steps if comm.rank == 0 else tuple(steps), going=going)
 
 
 def _without_state(going: Going | None) -> Going | None:
@@ -112,8 +112,8 @@ def _read(folder: Path, times: Sequence[float]) -> Left:
         steps = [*steps[:-1], *(s.without_fields() for s in steps[-1:]), step]
         going = reached
         references.append(going.learnt)
-    learnt = LearntFiles(folder).read(references[-1]) if going else None
-    if going and learnt is None and len(steps) < len(times):
+    learnt = is_kept(folder, references[-1])
+    if going and not learnt and len(steps) < len(times):
         notes.append("what the method had learnt is lost: the answer is the same to the tolerance, not to the last bit")
     before = references[-2] if going else ""
     return Left(steps=tuple(steps), going=going, before=before, learnt=learnt, notes=tuple(notes))

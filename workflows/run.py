@@ -59,15 +59,15 @@ class Run:
         going, self.steps = self.left.going, list(self.left.steps)
         self._checkpoints = Checkpoints(self.simulation.stepper)
         self._state, self._total = None, 0.0
-        self._references = [self.left.before, going.learnt if going else ""]  # to what was learnt
         self.fields = FieldFiles(self.folder, self.simulation.data, self.simulation.scene.output.every)
         self.fields.know([step.time for step in self.steps])
-        self.learnt = LearntFiles(self.folder, self._references[-1])
+        last = going.learnt if going else ""
+        self.learnt = LearntFiles(self.folder, self.simulation.mesh.comm, self.left.before, last)
         if self.rank == 0:
             self.smallness = Smallness(self.simulation.data)
         if going:
-            self._state, usable = self._checkpoints.put_back(going.checkpoint, self.left.learnt)
-            if self.left.learnt is not None and not usable:
+            self._state, usable = self._checkpoints.put_back(going.checkpoint, self.learnt.read())
+            if self.left.learnt and not usable:
                 log.info("other ranks than before: what the method had learnt is left out")
             self.simulation.seconds.add(going.seconds)
             self._total = going.total
@@ -109,11 +109,11 @@ class Run:
         """Tables and step file: when this returns, the step is safe; all ranks fail or none."""
         accepted = self.simulation.stepper.reported
         assert accepted is not None
-        checkpoint, learnt = self._checkpoints.take(accepted), self._checkpoints.learnt()
+        checkpoint = self._checkpoints.take(accepted)
+        learnt = self.learnt.write(index, self._checkpoints.learnt())
 
         def write() -> None:
             self.smallness.see(step)
-            self._references = [self._references[-1], self.learnt.write(index, learnt)]
             write_tables(self.folder, index, self.simulation.data, step)
             write_by_time(self.folder, index, self.simulation.scene, step)
             going = Going(
@@ -121,10 +121,10 @@ class Run:
                 seconds=self.simulation.seconds,
                 total=self._seconds(),
                 spread=self.smallness.spread,
-                learnt=self._references[-1],
+                learnt=learnt,
             )
             write_step(self.folder, index, step, packed(going))
-            self.learnt.keep_only(self._references)
+            self.learnt.forget()
 
         self.on_rank_0(write)
 

@@ -63,3 +63,52 @@ def test_it_goes_on_to_the_same_answer_on_two_ranks_and_on_one(name: str, tmp_pa
     ours, theirs = (json.loads((tmp_path / folder / "result.json").read_text()) for folder in ("out", "whole"))
     totals = [[step["energy"][key] for step in steps["steps"]] for steps in (ours, theirs) for key in ("external",)]
     assert_allclose(totals[0], totals[1], rtol=SAME)
+
+
+ON_THE_SAME_RANKS = """
+import errno
+import os
+import sys
+from pathlib import Path
+
+sys.path.append(sys.argv.pop(1))
+from mpi4py import MPI
+
+from geometry.errors import MachineError
+from shared.histories import Stop, assert_same
+from workflows.run import run
+from workflows.scene import read
+from workflows.watch import Watch
+from workflows.writers.plain_file import PlainFile
+
+comm, scene = MPI.COMM_WORLD, read(sys.argv[1], sys.argv[2:])
+run(scene, "whole")
+run(scene, "out", Watch(on_step=Stop(2)))
+comm.Barrier()
+assert len(os.listdir("out/learnt")) == 4  # of two ranks and two steps
+write = PlainFile.write
+
+
+def full(file, path):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+
+if comm.rank == 1:
+    PlainFile.write = full
+try:
+    run(scene, "out", resume=True)
+except MachineError as error:
+    assert "000003.1.bin: No space left on device; 2 steps are kept" in str(error), error
+else:
+    raise AssertionError(f"rank {comm.rank} goes on")
+PlainFile.write = write
+run(scene, "out", resume=True)
+if comm.rank == 0:
+    assert_same(Path("out"), Path("whole"))
+"""
+
+
+def test_each_rank_keeps_what_it_has_learnt_and_all_fail_or_none(tmp_path: Path) -> None:
+    words = [*SMALL, *LEARNS, "steps.count=4"]
+    done = mpirun(2, [str(TESTS), "block", *words], tmp_path, ("-c", ON_THE_SAME_RANKS))
+    assert done.returncode == 0, done.stderr

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
@@ -20,7 +21,7 @@ from solvers.plain import packed, unpacked
 from solvers.simulation import Simulation, prepare
 from solvers.state import State
 from workflows.scene import read
-from workflows.writers.learnt import LearntFiles
+from workflows.writers.learnt import LearntFiles, is_kept
 from workflows.writers.plain_arrays import BYTES, TEXT, from_arrays, to_arrays
 from workflows.writers.steps import read_checkpoint, write_step
 
@@ -77,8 +78,11 @@ def test_the_order_in_memory_comes_back_for_sums_depend_on_it() -> None:
 
 def test_equal_arrays_are_stored_once_and_known_ones_not_at_all() -> None:
     values = np.random.default_rng(1).normal(size=100)
-    twice = to_arrays({"x": values, "y": values.copy().reshape(10, 10)}, {})
+    plain = {"x": values, "y": values.copy().reshape(10, 10), "z": values.reshape(10, 10).T}
+    twice = to_arrays(plain, {})
     assert twice[BYTES].nbytes == values.nbytes
+    for name, array in from_arrays(twice[TEXT], twice[BYTES], {}).items():
+        assert_array_equal(array, plain[name])
     known = {"beside": values.reshape(50, 2)}
     again = through_files({"x": values}, known)
     assert to_arrays({"x": values}, known)[BYTES].nbytes == 0
@@ -111,15 +115,36 @@ def test_a_step_of_another_version_is_said(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_learnt_is_kept_for_two_steps_and_written_when_it_is_new(tmp_path: Path) -> None:
-    files, said = LearntFiles(tmp_path), []
+    files, said = LearntFiles(tmp_path, MPI.COMM_SELF), []
     for index, value in enumerate((1.0, 2.0, 2.0, 3.0), start=1):
         said.append(files.write(index, {"x": np.array([value])}))
-        files.keep_only(said[-2:])
-    assert [reference.partition(" ")[0] for reference in said] == ["000001.h5", "000002.h5", "000002.h5", "000004.h5"]
-    assert sorted(p.name for p in (tmp_path / "learnt").iterdir()) == ["000002.h5", "000004.h5"]
-    assert files.read(said[0]) is None
-    assert files.read(said[3].replace(" ", " 0")) is None  # of another time
-    assert files.read(said[3])["x"] == 3.0
+        files.forget()
+    assert [reference.partition(" ")[0] for reference in said] == ["000001", "000002", "000002", "000004"]
+    assert sorted(p.name for p in (tmp_path / "learnt").iterdir()) == ["000002.0.bin", "000004.0.bin"]
+
+    def read(reference: str) -> Any:
+        assert is_kept(tmp_path, reference) == (LearntFiles(tmp_path, MPI.COMM_SELF, "", reference).read() is not None)
+        return LearntFiles(tmp_path, MPI.COMM_SELF, "", reference).read()
+
+    assert read(said[3])["x"] == 3.0
+    assert read(said[0]) is None  # removed
+    assert read(said[3].replace(" ", " 0")) is None  # of another time
+    assert LearntFiles(tmp_path, MPI.COMM_SELF, "", f"{said[3]} {said[3].split()[1]}").read() is None  # of two ranks
+
+
+@pytest.mark.parametrize("place", [3, 200, -1])
+def test_learnt_that_is_damaged_is_lost(place: int, tmp_path: Path) -> None:
+    values = np.random.default_rng(1).normal(size=(30, 4))
+    reference = LearntFiles(tmp_path, MPI.COMM_SELF).write(1, {"x": values, "y": values[:, :2].T, "z": values[:0]})
+    again = LearntFiles(tmp_path, MPI.COMM_SELF, "", reference)
+    assert_array_equal(again.read()["y"], values[:, :2].T)
+    (path,) = (tmp_path / "learnt").iterdir()
+    content = bytearray(path.read_bytes())
+    content[place] ^= 1
+    path.write_bytes(content)
+    assert again.read() is None
+    path.write_bytes(path.read_bytes()[:-8])
+    assert not is_kept(tmp_path, reference)
 
 
 @pytest.fixture(scope="module")

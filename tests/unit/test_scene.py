@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from geometry.errors import SceneError
+from solvers.drives import over
 from solvers.effects import EFFECTS
 from solvers.nouns.scene import Scene
 from solvers.plan import make_plan
@@ -101,6 +102,47 @@ def test_times_of_obstacles_and_of_friction_bounds_are_requested(scene_of: Scene
     scene = scene_of(**(PRESSED | {"obstacles": moving, "contacts": contacts}))
     assert scene.requested_times() == (0.2, 0.7, 1.0)
     assert scene.turns() >= {0.2, 0.7}
+
+
+def test_every_value_in_time_has_its_place_and_can_be_changed_there(scene_of: SceneOf) -> None:
+    plane = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+    roller = plane | {"force": {"y": 1.0}, "displacement": {"x": 0.0}, "rotation": {"angle": 0.1, "point": [0.0, 0.0]}}
+    friction = {"law": "tresca", "bound": [[0.7, 1.0]]}
+    scene = scene_of(
+        **PRESSED
+        | {
+            "bodies": {"block": {"E": 1.0, "nu": 0.3, "density": 1.0}},
+            "obstacles": {"foundation": roller},
+            "contacts": {"base": PRESSED["contacts"]["base"] | {"friction": friction}},
+            "loads": {
+                "wind": {"boundary": "block.left", "traction": [0.1, [[0.3, 1.0]]]},
+                "hand": {"boundary": "block.right", "force": [0.2, 0.0]},
+                "rain": {"boundary": "block.top", "pressure": 0.5},
+            },
+            "supports": lid([0.25, 1])["supports"],
+            "gravity": {"acceleration": [0.0, -1.0]},
+        }
+    )
+    places = [str(place) for place in scene.drives()]
+    assert sorted(places) == [
+        "contacts.base.friction.bound",
+        "gravity.acceleration.x",
+        "gravity.acceleration.y",
+        "loads.hand.force.x",
+        "loads.hand.force.y",
+        "loads.rain.pressure",
+        "loads.wind.traction.x",
+        "loads.wind.traction.y",
+        "obstacles.foundation.displacement.x",
+        "obstacles.foundation.force.y",
+        "obstacles.foundation.rotation.angle",
+        "supports.top.displacement.x",
+        "supports.top.displacement.y",
+    ]
+    wanted = {place: ((1.0, float(k)),) for k, place in enumerate(scene.drives())}
+    changed = over(scene, lambda place, amplitude: wanted[place])
+    assert changed.drives() == wanted
+    assert over(changed, lambda place, amplitude: scene.drives()[place]) == scene
 
 
 def test_the_plan_switches_on_what_the_scene_contains_and_says_why(scene_of: SceneOf) -> None:

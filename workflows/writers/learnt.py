@@ -1,63 +1,80 @@
-"""What methods have learnt, learnt/000012.h5: beside the newest two steps only, for it can be larger than they are."""
+"""What methods have learnt, learnt/000012.0.bin of rank 0: beside the newest two steps only, for it can be large.
+
+It serves the same ranks alone, so each keeps its own part: nothing is gathered. A step names the files that belong to
+it by its reference: their number, and the checksum of each rank's.
+"""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Collection
 from pathlib import Path
+from typing import Any
 
-from geometry.errors import MachineError
 from solvers.plain import Plain
+from workflows.together import all_act
 from workflows.writers.aside import disk_errors, make_folder
-from workflows.writers.hdf5 import checksum, read_arrays, write_arrays
-from workflows.writers.plain_arrays import BYTES, TEXT, from_arrays, to_arrays
+from workflows.writers.plain_file import PlainFile, read_plain
 
 FOLDER = "learnt"
 
 
 class LearntFiles:
-    """Each step names the file that belongs to it; one that would say the same as the last is not written."""
+    """Those of the last two steps; what is the same as at the step before is not written again."""
 
-    def __init__(self, folder: Path, last: str = "") -> None:
+    def __init__(self, folder: Path, comm: Any, before: str = "", last: str = "") -> None:
         """
         Args:
-            last: what `write` returned for the last step.
+            before, last: references of the last two steps.
         """
-        self._folder, self._last = folder / FOLDER, last
+        self._folder, self._comm, self._two = folder / FOLDER, comm, (before, last)
 
     def write(self, index: int, learnt: Plain) -> str:
-        """Bring it to the disk before the step's file: its name and checksum.
+        """Bring it to the disk before the step's file: the step's reference; collective.
 
         Raises:
-            MachineError: the disk is full.
+            MachineError: a disk is full; on all ranks.
         """
-        arrays = to_arrays(learnt, {})
-        total = checksum(arrays, {})
-        if self._last.partition(" ")[2] == total:
-            return self._last
-        name = f"{index:06d}.h5"
-        make_folder(self._folder)
-        write_arrays(self._folder / name, arrays, {})
-        self._last = f"{name} {total}"
-        return self._last
+        file, last = PlainFile(learnt), self._two[1]
+        sums = self._comm.allgather(file.checksum)
+        if last.split()[1:] != sums:
+            last = " ".join([f"{index:06d}", *sums])
 
-    def read(self, reference: str) -> Plain | None:
-        """What `write` was given; None if it is lost."""
-        name, _, total = reference.partition(" ")
-        try:
-            arrays, _ = read_arrays(self._folder / name)
-        except MachineError:
+            def write() -> None:
+                make_folder(self._folder)
+                file.write(self._folder / _name(last, self._comm.rank))
+
+            all_act(self._comm, write)
+        self._two = self._two[1], last
+        return last
+
+    def read(self) -> Plain | None:
+        """What belongs to the last step; None on all ranks if one's is lost, or if they were others; collective."""
+        last = self._two[1]
+        sums, rank = last.split()[1:], self._comm.rank
+        if len(sums) != self._comm.size:
             return None
-        return from_arrays(arrays[TEXT], arrays[BYTES], {}) if checksum(arrays, {}) == total else None
+        found = read_plain(self._folder / _name(last, rank), sums[rank])
+        return found if all(self._comm.allgather(found is not None)) else None
 
-    def keep_only(self, references: Collection[str]) -> None:
-        """Remove the files that none of these name."""
-        names = {reference.partition(" ")[0] for reference in references}
+    def forget(self) -> None:
+        """Remove the files of earlier steps, of all ranks; rank 0, when the last step is safe."""
+        numbers = {reference.partition(" ")[0] for reference in self._two}
         with disk_errors(self._folder):
             for path in self._folder.glob("*"):
-                if path.name not in names:
+                if path.name.partition(".")[0] not in numbers:
                     path.unlink()
 
     def remove(self) -> None:
-        """The run is done: nothing will go on from here."""
+        """The run is done: nothing will go on from here; rank 0."""
         shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def is_kept(folder: Path, reference: str) -> bool:
+    """Whether every rank's file is there, and whole."""
+    sums = reference.split()[1:]
+    files = (folder / FOLDER / _name(reference, rank) for rank in range(len(sums)))
+    return bool(sums) and all(read_plain(path, total) is not None for path, total in zip(files, sums, strict=True))
+
+
+def _name(reference: str, rank: int) -> str:
+    return f"{reference.partition(' ')[0]}.{rank}.bin"

@@ -1,4 +1,4 @@
-"""Plain data as two arrays, its text and its bytes: one file holds it, however many arrays it is made of."""
+"""Plain data as a text and its arrays as they lie in memory: one file holds it, however many arrays it is made of."""
 
 from __future__ import annotations
 
@@ -16,55 +16,57 @@ TEXT, BYTES = "text", "bytes"
 ARRAY, BY_NODE = "@array", "@by node"  # keys that no name of a scene can be
 
 
-class _Bytes:
-    """Arrays one after the other, equal ones once; those that the file holds anyway are pointed at."""
+class Parts:
+    """Arrays one after the other, equal ones once, none copied; those that the file holds anyway are pointed at."""
 
     def __init__(self, known: Mapping[str, AnyArray]) -> None:
-        self.parts: list[bytes] = []
+        self.arrays: list[AnyArray] = []
+        self.digests: list[str] = []
         self._length = 0
-        self._places: dict[bytes, str | int] = {}
+        self._places: dict[str, str | int] = {}
         for name, array in known.items():
-            self._places.setdefault(_digest(array), name)
+            self._places.setdefault(digest_of(array), name)
 
     def place(self, array: AnyArray) -> dict[str, Any]:
-        digest = _digest(array)
+        # rounding depends on the order in memory: sums follow it
+        across = array.flags.f_contiguous and not array.flags.c_contiguous
+        lying = array.T if across else np.ascontiguousarray(array)
+        digest = digest_of(lying)
         if digest not in self._places:
             self._places[digest] = self._length
             self._length += array.nbytes
-            self.parts.append(array.tobytes())
-        # rounding depends on the order in memory: sums follow it
-        across = array.flags.f_contiguous and not array.flags.c_contiguous
+            self.arrays.append(lying)
+            self.digests.append(digest)
         return {ARRAY: [self._places[digest], array.dtype.str, list(array.shape), "F" if across else "C"]}
 
 
-def _digest(array: AnyArray) -> bytes:
-    return hashlib.sha256(np.ascontiguousarray(array).data).digest()
+def digest_of(array: AnyArray) -> str:
+    """SHA-256 of what an array holds, row by row."""
+    return hashlib.sha256(np.ascontiguousarray(array).data).hexdigest()
 
 
-def to_arrays(plain: Plain, known: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
-    """The arrays `text` and `bytes`.
+def to_parts(plain: Plain, known: Mapping[str, AnyArray]) -> tuple[Any, Parts]:
+    """What JSON can say of it, and the arrays that it points at.
 
     Args:
         known: arrays that will stand beside them under these names.
     """
-    store = _Bytes(known)
+    parts = Parts(known)
 
     def say(value: Plain) -> Any:
         if isinstance(value, ByNode):
             return {BY_NODE: say(value.values)}
         if isinstance(value, np.ndarray):
-            return store.place(value)
+            return parts.place(value)
         if isinstance(value, dict):
             return {key: say(item) for key, item in value.items()}
         return [say(item) for item in value] if isinstance(value, list) else value
 
-    text = json.dumps(say(plain)).encode()
-    return {TEXT: np.frombuffer(text, np.uint8), BYTES: np.frombuffer(b"".join(store.parts), np.uint8)}
+    return say(plain), parts
 
 
-def from_arrays(text: AnyArray, content: AnyArray, known: Mapping[str, AnyArray]) -> Plain:
+def from_parts(said: Any, rest: bytes, known: Mapping[str, AnyArray]) -> Plain:
     """The plain data again, to the same bits."""
-    rest = content.tobytes()
 
     def hear(value: Any) -> Plain:
         if isinstance(value, list):
@@ -78,7 +80,19 @@ def from_arrays(text: AnyArray, content: AnyArray, known: Mapping[str, AnyArray]
         place, kind, shape, order = value[ARRAY]
         source, offset = (known[place].tobytes(), 0) if isinstance(place, str) else (rest, place)
         count = int(np.prod(shape, dtype=np.int64))
-        array = np.frombuffer(source, np.dtype(kind), count, offset).reshape(shape)
-        return np.array(array, order=order)
+        flat = np.frombuffer(source, np.dtype(kind), count, offset).copy()
+        return flat.reshape(shape[::-1]).T if order == "F" else flat.reshape(shape)
 
-    return hear(json.loads(text.tobytes()))
+    return hear(said)
+
+
+def to_arrays(plain: Plain, known: Mapping[str, AnyArray]) -> dict[str, AnyArray]:
+    """The arrays `text` and `bytes`; see `to_parts`."""
+    said, parts = to_parts(plain, known)
+    content = b"".join(array.data for array in parts.arrays)
+    return {TEXT: np.frombuffer(json.dumps(said).encode(), np.uint8), BYTES: np.frombuffer(content, np.uint8)}
+
+
+def from_arrays(text: AnyArray, content: AnyArray, known: Mapping[str, AnyArray]) -> Plain:
+    """What `to_arrays` was given."""
+    return from_parts(json.loads(text.tobytes()), content.tobytes(), known)
