@@ -44,3 +44,4 @@ class State:
     before: Before | None = None  # none: the start, or nothing to be learnt from it
     pace: Pace = Pace()
     law_error: float = 0.0  # added up since t = 0, see `Solution` [J^(1/2)]
+    peak: float = 0.0  # largest stored energy since t = 0: what errors are relative to, also where all is let go [J]

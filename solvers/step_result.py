@@ -63,7 +63,7 @@ class StepResult:
     obstacles: Mapping[str, tuple[Array, Array, Array]]
     probes: Mapping[str, tuple[Array, Array]]  # displacement (d,) [m], stress (3, 3) [Pa]
     energy: Energy
-    iteration_error: float  # relative, energy norm
+    iteration_error: float  # relative to the largest energy norm so far
     law_error: (
         float  # relative, energy norm: what the method's approximation of the laws leaves, earlier steps included
     )

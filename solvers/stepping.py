@@ -245,7 +245,12 @@ class Stepper:
         if not np.isfinite([new.energy.external, new.energy.stored, new.energy.contact]).all():
             return replace(solution, status=Status.NOT_FINITE), problem, None
         before = Before(state.time, state.p) if end > state.time else None
-        return solution, problem, replace(new, before=before, law_error=state.law_error + solution.law_error)
+        peak = max(state.peak, new.energy.stored)
+        return (
+            solution,
+            problem,
+            replace(new, before=before, law_error=state.law_error + solution.law_error, peak=peak),
+        )
 
     def _start(self, state: State, end: float) -> Array:
         """Tractions to begin with: they go on as in the last step, unless the loads and motions take a turn.

@@ -12,16 +12,20 @@ from geometry.user_files.user_file import UserFile
 from solvers.nouns.scene import Scene
 from workflows.scene import to_dict
 
-DECIDES_NOTHING = ("title", "output", "exact")  # of a scene: how it is told, and what it is compared with
+# of a scene: how it is told, what it is compared with, and when a step is given up
+DECIDES_NOTHING = ("title", "output", "exact", "solver.max_iterations")
 
 
 def identity(scene: Scene, without: Collection[str]) -> dict[str, Any]:
     """What decides the answers, as JSON reads it back; a geometry file counts by its content.
 
     Args:
-        without: tables and keys of the scene that decide nothing.
+        without: tables of the scene that decide nothing, and keys of its tables, as "table.key".
     """
     plain = {key: value for key, value in to_dict(scene).items() if key not in without}
+    for table, _, key in (name.partition(".") for name in without):
+        if key and table in plain:
+            plain[table].pop(key, None)
     if isinstance(scene.geometry, UserFile):
         plain["geometry"]["file"] = scene.geometry.digest()
     return json.loads(json.dumps(plain))  # type: ignore[no-any-return]

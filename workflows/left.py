@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,6 @@ from workflows.folder import ResultsFolder
 from workflows.writers.aside import disk_errors
 from workflows.writers.learnt import is_kept
 from workflows.writers.steps import read_checkpoint, step_files, step_name
-from workflows.writers.tables import cut_tables
 
 BEGUN = "begun.json"  # what a run was begun with
 VERSIONS = {"stickslip": VERSION, "dolfinx": DOLFINX}
@@ -131,18 +130,16 @@ def _step(path: Path) -> tuple[StepResult, Going]:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error
 
 
-def cut_back(work: Path, contacts: Iterable[str], left: Left) -> None:
+def cut_back(work: Path, left: Left) -> None:
     """Take away what is written beyond the last good step.
 
     Raises:
-        MachineError: the disk is full, or a table is not what a run has written.
+        MachineError: no permission.
     """
-    done = len(left.steps)
-    beyond = [path for index, path in step_files(work).items() if index > done]
+    beyond = [path for index, path in step_files(work).items() if index > len(left.steps)]
     with disk_errors(work):
         for path in [*beyond, *work.glob("**/.*.part")]:
             path.unlink()
-    cut_tables(work, contacts, left.steps[-1].time if left.steps else -1.0)
 
 
 def _refuse_versions(begun: Mapping[str, Any], target: Path) -> None:

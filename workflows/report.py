@@ -146,8 +146,17 @@ def print_table(table: Table, out: Console) -> None:
 
 
 def _contacts(content: Content) -> Table:
-    table = Table()
-    for name in ("t", "contact", "normal force [N]", "tangential [N]", "touching [m²]", "stick", "slip"):
+    table, plane = Table(), content["scene"]["model"].startswith("plane")  # for a metre of thickness
+    force, area = ("N/m", "m") if plane else ("N", "m²")
+    for name in (
+        "t",
+        "contact",
+        f"normal force [{force}]",
+        f"tangential [{force}]",
+        f"touching [{area}]",
+        "stick",
+        "slip",
+    ):
         table.add_column(name, justify="left" if name == "contact" else "right")
     for name in ("max pressure [Pa]", "max penetration [m]", "iterations", "volume solves"):
         table.add_column(name, justify="right")

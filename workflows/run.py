@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,6 +19,7 @@ from solvers.plain import packed
 from solvers.simulation import Simulation, prepare
 from solvers.step_result import StepResult
 from solvers.stepping import NoEquilibriumError, StepError
+from workflows import coarse_steps
 from workflows.audited import audited
 from workflows.changes import DECIDES_NOTHING, identity
 from workflows.drawing import draw_wanted
@@ -31,10 +32,19 @@ from workflows.run_log import RunLog
 from workflows.small import Smallness
 from workflows.together import raise_together
 from workflows.watch import Watch, tell
-from workflows.writers.by_time import write_by_time
+from workflows.writers.by_time import by_time
 from workflows.writers.learnt import LearntFiles
 from workflows.writers.steps import write_step
-from workflows.writers.tables import write_history, write_tables
+from workflows.writers.tables import (
+    OTHERS,
+    Table,
+    bring_to_disk,
+    contact_table,
+    history_of,
+    tables_of,
+    write_again,
+    write_tables,
+)
 from workflows.writers.xdmf import FieldFiles
 
 log = logging.getLogger(__name__)
@@ -98,7 +108,8 @@ class Run:
             log.error("%s", error)
             written = len(error.reached.history) if error.reached else 0  # with the last good substep
             rows = [row.as_tuple() for row in error.history[written:]]
-            self.on_rank_0(lambda: write_history(self.folder, len(self.steps) + (not written), rows))
+            failed = history_of(len(self.steps) + (not written), rows)
+            self.on_rank_0(lambda: write_tables(self.folder, [failed]))
             return "no_equilibrium" if isinstance(error, NoEquilibriumError) else "not_converged", str(error)
         except KeyboardInterrupt:
             count, by = len(self.simulation.scene.requested_times()), self.interrupt.by or "the user"
@@ -114,8 +125,7 @@ class Run:
 
         def write() -> None:
             self.smallness.see(step)
-            write_tables(self.folder, index, self.simulation.data, step)
-            write_by_time(self.folder, index, self.simulation.scene, step)
+            write_tables(self.folder, _tables(self.simulation, index, step))
             going = Going(
                 checkpoint=checkpoint,
                 seconds=self.simulation.seconds,
@@ -149,6 +159,7 @@ class Run:
         def content() -> dict[str, Any]:
             return summary(self.simulation, status, self.steps, audits, self._seconds(), reference)
 
+        self.on_rank_0(lambda: bring_to_disk(self.folder, _table_names(scene)))
         self.on_rank_0(lambda: write_result(self.folder, content()))  # before the pictures: they can fail
         self.on_rank_0(self.fields.finish)
         if self.steps and not stopped:
@@ -161,6 +172,10 @@ class Run:
         if status == "converged":
             self.on_rank_0(self.learnt.remove)
         return final
+
+    def warnings(self) -> tuple[str, ...]:
+        """What the answer gives reason to doubt; rank 0 only."""
+        return self.smallness.warnings() + coarse_steps.warnings(self.steps, self.simulation.system.contacts)
 
     def on_rank_0(self, act: Callable[[], object]) -> None:
         """Act on rank 0; if that fails, every rank raises the same error."""
@@ -228,7 +243,7 @@ def _solve(
             working = Run(simulation, work, began, interrupt, left)
             try:
                 status, sentence = working.march(watch)
-                doubts = working.smallness.warnings() if comm.rank == 0 else ()
+                doubts = working.warnings() if comm.rank == 0 else ()
                 for warning in doubts:
                     log.warning("%s", warning)
                 content = working.finish(status)
@@ -251,4 +266,17 @@ def _open(results: ResultsFolder, simulation: Simulation, left: Left) -> None:
             f"{results.target}: gmsh meshes this scene differently now; leave out --resume, and choose another folder"
         )
     else:
-        cut_back(results.take_up(left.folder), simulation.scene.contacts, left)
+        folder = results.take_up(left.folder)
+        cut_back(folder, left)
+        steps = (_tables(simulation, index, step) for index, step in enumerate(left.steps, start=1))
+        write_again(folder, steps, _table_names(simulation.scene))
+
+
+def _tables(simulation: Simulation, index: int, step: StepResult) -> Iterator[Table]:
+    """What a step adds to the tables."""
+    yield from tables_of(index, simulation.data, step)
+    yield by_time(index, simulation.scene, step)
+
+
+def _table_names(scene: Scene) -> list[str]:
+    return [*map(contact_table, scene.contacts), *OTHERS]

@@ -14,17 +14,21 @@ class RunLog(logging.FileHandler):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, encoding="utf-8")
+        self._former: dict[str, int] = {}  # levels of the loggers
         self.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
 
     def __enter__(self) -> RunLog:
         for name in LOGGERS:
-            logging.getLogger(name).addHandler(self)
-            logging.getLogger(name).setLevel(logging.INFO)
+            logger = logging.getLogger(name)
+            self._former[name] = logger.level
+            logger.addHandler(self)
+            logger.setLevel(logging.INFO)
         return self
 
     def __exit__(self, *error: object) -> None:
         for name in LOGGERS:
             logging.getLogger(name).removeHandler(self)
+            logging.getLogger(name).setLevel(self._former[name])
         with suppress(OSError):
             self.close()
 

@@ -13,8 +13,8 @@ import stickslip
 from geometry.errors import MachineError
 from solvers.quantities import values
 from solvers.step_result import StepResult
-from workflows.writers.by_time import read_by_time, row_of, write_by_time
-from workflows.writers.tables import cut_tables
+from workflows.writers.by_time import by_time, read_by_time, row_of
+from workflows.writers.tables import write_tables
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def test_a_row_tells_what_is_prescribed_and_what_comes_of_it(
     scene: stickslip.Scene, steps: list[StepResult], tmp_path: Path
 ) -> None:
     for index, step in enumerate(steps, start=1):
-        write_by_time(tmp_path, index, scene, step)
+        write_tables(tmp_path, [by_time(index, scene, step)])
     found = read_by_time(tmp_path)
     assert list(found)[:2] == ["step", "time"]
     assert_array_equal(found["step"], [1, 2])
@@ -85,20 +85,6 @@ def test_mean_slip_is_that_of_what_presses(scene: stickslip.Scene, steps: list[S
     assert row["base.slip.x"] == pytest.approx(0.01, rel=1e-14)
     lifted = replace(half, pressure=0 * half.pressure)
     assert row_of(1, scene, replace(steps[1], contacts={"base": lifted}))["base.slip.x"] == 0.0
-
-
-def test_rows_of_steps_that_a_crash_has_lost_are_cut_off(
-    scene: stickslip.Scene, steps: list[StepResult], tmp_path: Path
-) -> None:
-    for index, step in enumerate(steps, start=1):
-        write_by_time(tmp_path, index, scene, step)
-    whole = (tmp_path / "steps.csv").read_bytes()
-    with (tmp_path / "steps.csv").open("ab") as file:
-        file.write(b"3,2.5,0.0")  # killed while it wrote
-    cut_tables(tmp_path, scene.contacts, steps[0].time)
-    assert_array_equal(read_by_time(tmp_path)["time"], [1.0])
-    write_by_time(tmp_path, 2, scene, steps[1])
-    assert (tmp_path / "steps.csv").read_bytes() == whole
 
 
 def test_a_table_that_is_missing_or_damaged_is_said_in_one_line(tmp_path: Path) -> None:

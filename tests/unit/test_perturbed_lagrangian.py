@@ -444,3 +444,11 @@ def test_a_floating_body_under_a_given_bound_is_solved(scene_of: SceneOf, simula
     assert abs(step.displacement).max() < 1.0  # a part sticks
     assert base.slip_area > 0
     assert base.stick_area > 0
+
+
+def test_a_body_that_is_let_go_has_the_error_that_it_had(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """Relative to nothing it would be without bounds."""
+    lifted = {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": [[0, 0], [1, -0.1], [2, 0.1]]}}}
+    pressed_, let_go = simulation_of(pressed(scene_of, supports=lifted, steps={"end": 2.0, "count": 2})).steps()
+    assert let_go.energy.stored < 1e-12 * pressed_.energy.stored
+    assert 0 < let_go.law_error < 1e-2

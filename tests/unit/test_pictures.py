@@ -18,13 +18,14 @@ from solvers.energy import Energy
 from solvers.step_result import OPEN, SLIP, STICK, Array, ContactState, MeshData, StepResult
 from workflows.pictures import draw, draw_course
 from workflows.writers.body_picture import _outline, displacement_scale
-from workflows.writers.by_time import write_by_time
+from workflows.writers.by_time import by_time
 from workflows.writers.contact_curves import walk
 from workflows.writers.contact_maps import dual_cells, view_of
 from workflows.writers.focus import focus
 from workflows.writers.history_picture import draw_history, most, panels_of
 from workflows.writers.loops import Panel, draw_loops, driving, from_rest, largest, sliding
 from workflows.writers.render import View, grid_of
+from workflows.writers.tables import write_tables
 
 Ints = NDArray[np.int64]
 SHAPES = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
@@ -414,6 +415,6 @@ def test_a_history_of_a_few_steps_has_no_picture_over_time(tmp_path: Path) -> No
         "block", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "steps.end=1.5", "steps.count=3"]
     )
     for index, step in enumerate(stickslip.steps(scene), start=1):
-        write_by_time(tmp_path, index, scene, step)
+        write_tables(tmp_path, [by_time(index, scene, step)])
         drawn = [path.name for path in draw_course(tmp_path, scene)]
         assert drawn == ([] if index < 3 else ["history.png", "force_displacement.png"])

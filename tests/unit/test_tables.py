@@ -13,7 +13,7 @@ from numpy.testing import assert_array_equal
 
 from geometry.errors import MachineError
 from shared.synthetic import mesh_of, result_of
-from workflows.writers.tables import cut_tables, write_tables
+from workflows.writers.tables import tables_of, write_again, write_tables
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -26,7 +26,7 @@ def test_tables_read_back_to_the_same_bits(tmp_path: Path, shape: str) -> None:
     mesh = mesh_of(shape)
     results = [result_of(mesh, time, seed) for seed, time in enumerate((1 / 3, 2 / 3))]
     for index, result in enumerate(results, start=1):
-        write_tables(tmp_path, index, mesh, result)
+        write_tables(tmp_path, tables_of(index, mesh, result))
     axes, n = "xyz"[: mesh.points.shape[1]], len(mesh.surfaces["base"][0])
     table = rows_of(tmp_path / "contact_base.csv")
     assert len(table) == 2 * n
@@ -63,25 +63,30 @@ def test_tables_read_back_to_the_same_bits(tmp_path: Path, shape: str) -> None:
 def test_numbers_of_numpy_are_written_like_those_of_python(tmp_path: Path) -> None:
     mesh = mesh_of("triangle")
     counted: Any = ((np.float64(0.1), np.int64(2), np.float32(0.5), np.int64(3), 0.1, "uzawa"),)
-    write_tables(tmp_path, 1, mesh, dataclasses.replace(result_of(mesh), history=counted))
+    write_tables(tmp_path, tables_of(1, mesh, dataclasses.replace(result_of(mesh), history=counted)))
     assert (tmp_path / "history.csv").read_text().splitlines()[1] == "1,0.1,2,0.5,3,0.1,uzawa"
 
 
-def test_tables_are_cut_back_to_the_last_good_step(tmp_path: Path) -> None:
+def test_tables_are_written_again_from_the_steps_whatever_became_of_them(tmp_path: Path) -> None:
     mesh = mesh_of("triangle")
     names = ("contact_base.csv", "probes.csv", "history.csv")
-    write_tables(tmp_path, 1, mesh, result_of(mesh, 1 / 3))
+    results = [result_of(mesh, time) for time in (1 / 3, 2 / 3)]
+    for index, result in enumerate(results, start=1):
+        write_tables(tmp_path, tables_of(index, mesh, result))
     before = {name: (tmp_path / name).read_bytes() for name in names}
-    write_tables(tmp_path, 2, mesh, result_of(mesh, 2 / 3))
-    for name in names:
-        path = tmp_path / name
-        path.write_bytes(path.read_bytes()[:-9])  # a crash in the middle of a row
-    cut_tables(tmp_path, ["base"], 1 / 3)
+    write_tables(tmp_path, tables_of(3, mesh, result_of(mesh, 1.0)))  # a step that was not kept
+    (tmp_path / names[0]).write_bytes(before[names[0]][:99])  # with a hole
+    (tmp_path / names[1]).unlink()
+    (tmp_path / "contact_mine.csv").write_text("a user's own")
+    (tmp_path / "steps.csv").write_text("of nothing")
+    tables = (tables_of(index, mesh, result) for index, result in enumerate(results, start=1))
+    write_again(tmp_path, tables, [*names, "steps.csv"])
     assert {name: (tmp_path / name).read_bytes() for name in names} == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*names, "contact_mine.csv"])
 
 
 def test_a_table_that_cannot_grow_is_said(tmp_path: Path) -> None:
     mesh = mesh_of("triangle")
     (tmp_path / "contact_base.csv").mkdir()
     with pytest.raises(MachineError, match=r"contact_base\.csv: cannot be written: Is a directory"):
-        write_tables(tmp_path, 1, mesh, result_of(mesh))
+        write_tables(tmp_path, tables_of(1, mesh, result_of(mesh)))

@@ -46,7 +46,6 @@ PHASES: Mapping[str, tuple[Any, str]] = {  # of output: what is called
     "checkpoint": (Checkpoints, "take"),
     "learnt": (LearntFiles, "write"),
     "tables": (running, "write_tables"),
-    "by time": (running, "write_by_time"),
     "step files": (running, "write_step"),
     "XDMF": (FieldFiles, "add"),
     "audit": (running, "audited"),

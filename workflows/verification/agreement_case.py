@@ -94,12 +94,14 @@ class Answer:
         }
 
     def energy_norm(self, other: Answer) -> Iterator[float]:
-        """Of the difference of each step from another answer's, relative to that; on one rank."""
+        """Of the difference of each step from another answer's, relative to the largest so far; on one rank."""
         system = self.simulation.system
         apart, own = system.K.createVecRight(), system.nodes.input[: system.nodes.owned]
+        peak = 0.0
         for mine, theirs in zip(self.steps, other.steps, strict=True):
+            peak = max(peak, theirs.energy.stored)
             apart.array[:] = (mine.displacement - theirs.displacement)[own].ravel()
-            yield float(np.sqrt((system.K * apart).dot(apart) / (2 * theirs.energy.stored)))
+            yield float(np.sqrt((system.K * apart).dot(apart) / (2 * peak)))
 
 
 def _resultants(step: StepResult) -> Array:

@@ -13,7 +13,7 @@ from solvers.nouns.place import Place
 from solvers.nouns.scene import Scene
 from solvers.quantities import CONTACT_NUMBERS, ENERGIES, values
 from solvers.step_result import Array, ContactState, StepResult
-from workflows.writers.tables import append_rows
+from workflows.writers.tables import Table
 
 NAME = "steps.csv"
 DRIVEN = {  # what is prescribed of them; where an obstacle goes is told with what comes of its force
@@ -26,14 +26,10 @@ DRIVEN = {  # what is prescribed of them; where an obstacle goes is told with wh
 EFFORT = ("substeps", "iterations", "volume_solves", "residual")
 
 
-def write_by_time(folder: Path, index: int, scene: Scene, step: StepResult) -> None:
-    """Append the row of a step.
-
-    Raises:
-        MachineError: the disk is full.
-    """
+def by_time(index: int, scene: Scene, step: StepResult) -> Table:
+    """What a step adds to it."""
     row = row_of(index, scene, step)
-    append_rows(folder / NAME, list(row), [list(row.values())])
+    return NAME, list(row), [list(row.values())]
 
 
 def column(place: Place) -> str:

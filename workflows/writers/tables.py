@@ -1,7 +1,7 @@
 """Tables for spreadsheets and scripts: what grows by the rows of each step, in columns with names.
 
 Numbers are written so that they read back to the same bits. Write a step's tables before its step file: whatever a
-crash leaves beyond the last step file is then surplus, and `cut_tables` takes it away.
+crash leaves beyond the last step file is then surplus, and `write_again` takes it away.
 """
 
 from __future__ import annotations
@@ -9,45 +9,73 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from geometry.errors import MachineError
 from solvers.quantities import STRESSES
 from solvers.step_result import OPEN, SLIP, STICK, Array, ContactState, HistoryTuple, MeshData, StepResult
-from workflows.writers.aside import disk_errors, make_folder, write_aside
+from workflows.writers.aside import disk_errors, make_folder
 
 STATUS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
 HISTORY = ("step", "time", "iteration", "residual", "volume_solves", "seconds", "method")
-OTHERS = ("probes.csv", "history.csv", "steps.csv")  # that `cut_tables` cuts
+OTHERS = ("probes.csv", "history.csv", "steps.csv")
 Row = Sequence[object]
+Table = tuple[str, Sequence[str], Sequence[Row]]  # name, header, rows to add
 
 
-def write_tables(folder: Path, index: int, mesh: MeshData, result: StepResult) -> None:
+def write_tables(folder: Path, tables: Iterable[Table]) -> None:
     """Append the rows of one step to every table.
 
     Raises:
         MachineError: the disk is full.
     """
     make_folder(folder)
+    for name, header, rows in tables:
+        append_rows(folder / name, header, rows)
+
+
+def write_again(folder: Path, steps: Iterable[Iterable[Table]], known: Iterable[str]) -> None:
+    """Write every table anew, from the rows of each step, before a run is resumed.
+
+    Args:
+        known: names of all tables; one that has no rows is removed.
+
+    Raises:
+        MachineError: the disk is full; the tables are then as they were.
+    """
+    aside: dict[str, Path] = {}
+    for tables in steps:
+        for name, header, rows in tables:
+            aside[name] = folder / f".{name}.part"
+            append_rows(aside[name], header, rows)
+    with disk_errors(folder):
+        for name in known:
+            if name in aside:
+                aside[name].replace(folder / name)
+            else:
+                (folder / name).unlink(missing_ok=True)
+
+
+def tables_of(index: int, mesh: MeshData, result: StepResult) -> Iterator[Table]:
+    """What a step adds to the tables of contacts, probes and iterations."""
     dim = mesh.points.shape[1]
     for name, contact in result.contacts.items():
         rows = contact_rows(result.time, mesh.surfaces[name][0], contact)
-        append_rows(folder / contact_table(name), contact_header(dim), rows)
+        yield contact_table(name), contact_header(dim), rows
     if result.probes:
-        append_rows(folder / "probes.csv", probe_header(dim), probe_rows(result))
-    write_history(folder, index, result.history)
+        yield "probes.csv", probe_header(dim), probe_rows(result)
+    yield history_of(index, result.history)
 
 
-def write_history(folder: Path, index: int, history: Iterable[HistoryTuple]) -> None:
-    """Append iterations to history.csv; those of a step that failed too.
+def history_of(index: int, history: Iterable[HistoryTuple]) -> Table:
+    """Rows of history.csv; those of a step that failed too.
 
     Args:
         history: see `HistoryRow`.
     """
-    append_rows(folder / "history.csv", HISTORY, [(int(index), *_plain(row)) for row in history])
+    return "history.csv", HISTORY, [(int(index), *_plain(row)) for row in history]
 
 
 def contact_table(contact: str) -> str:
@@ -87,32 +115,6 @@ def probe_rows(result: StepResult) -> list[Row]:
     ]
 
 
-def cut_tables(folder: Path, contacts: Iterable[str], time: float) -> None:
-    """Take away the rows after `time` [s] and rows cut short, before a run is resumed from there.
-
-    Raises:
-        MachineError: a table cannot be read or is not what was written, or the disk is full.
-    """
-    for path in (folder / name for name in (*map(contact_table, contacts), *OTHERS)):
-        if path.exists():
-            write_aside(path, _text(_kept(path, time)).encode())
-
-
-def _kept(path: Path, time: float) -> list[list[str]]:
-    """Header and rows until `time`."""
-    try:
-        text = path.read_bytes().decode(errors="replace")
-        whole = text[: text.rfind("\n") + 1]  # a last line without its end may be half a number
-        header, *rows = list(csv.reader(io.StringIO(whole))) or [[]]
-        when = header.index("time") if header else 0
-        kept = [row for row in rows if len(row) == len(header) and float(row[when]) <= time]
-    except OSError as error:
-        raise MachineError(f"{path}: cannot be read: {error.strerror}") from error
-    except (ValueError, csv.Error) as error:
-        raise MachineError(f"{path}: not as it was written: {error}") from error
-    return [header, *kept] if header else []
-
-
 def append_rows(path: Path, header: Sequence[str], rows: Iterable[Row]) -> None:
     """Add rows at the end of a table, which begins with its header.
 
@@ -122,8 +124,18 @@ def append_rows(path: Path, header: Sequence[str], rows: Iterable[Row]) -> None:
     with disk_errors(path), path.open("ab") as file:
         first = [header] if file.tell() == 0 else []
         file.write(_text([*first, *rows]).encode())
-        file.flush()
-        os.fsync(file.fileno())
+
+
+def bring_to_disk(folder: Path, names: Iterable[str]) -> None:
+    """At the end: until then step files hold all that a table does, and `write_again` has it from there.
+
+    Raises:
+        MachineError: the disk is full.
+    """
+    for path in (folder / name for name in names):
+        if path.exists():
+            with disk_errors(path), path.open("rb") as file:
+                os.fsync(file.fileno())
 
 
 def _text(rows: Iterable[Row]) -> str:
