@@ -164,6 +164,93 @@ def test_what_was_named_once_stays_and_may_be_named_again_later() -> None:
     assert script.scene.supports["top"].displacement["x"] == ((1.0, 0.0), (1.5, 0.01), (2.5, 0.01), (4.0, 0.04))
 
 
+def test_a_step_hits_the_times_that_the_scene_lists_on_the_way() -> None:
+    """One step does what the scene's own steps do: friction remembers the way there, and tells it by its forces."""
+    ready = stickslip.read("block", COARSE)
+    path: dict[Any, Any] = {"x": ((1.0, 0.0), (2.0, 0.08), (4.0, -0.02)), "y": ((0.0, -0.05), (1.0, -0.1))}
+    gravity = {"gravity": stickslip.Gravity(acceleration=(0.0, -1e-3))}  # whose ramp ends at t = 3, as `steps` says
+    scene = replace(
+        ready,
+        bodies={"block": stickslip.Material(E=1.0, nu=0.3, density=1.0)},
+        sections=gravity,
+        supports={"top": replace(ready.supports["top"], displacement=path)},
+        steps=stickslip.Steps(end=3.0),
+    )
+    heavy = {"gravity": stickslip.Gravity(acceleration=(0.0, ((3.0, -1e-3),)))}
+    expected = list(stickslip.steps(replace(scene, sections=heavy, steps=stickslip.Steps(end=4.0))))
+    script = stickslip.prepare(scene).script()
+    seen: list[float] = []
+    step = script.step(to=4.0, on_iteration=lambda row: seen.append(row.time))
+    assert [theirs.time for theirs in expected] == sorted(set(seen)) == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert_allclose(step.p, expected[-1].p, atol=1e-9 * step.p_ref)  # gravity's ramp rounds otherwise
+    base = step.contacts["base"]
+    assert base.dissipation == base.dissipation_total > expected[-1].contacts["base"].dissipation
+    for key in ("substeps", "iterations", "volume_solves"):
+        assert getattr(step, key) == sum(getattr(theirs, key) for theirs in expected)
+    assert [row[0] for row in step.history] == seen
+    leap = (
+        stickslip.prepare(
+            replace(
+                scene,
+                supports={
+                    "top": replace(ready.supports["top"], displacement={"x": ((4.0, -0.02),), "y": ((4.0, -0.1),)})
+                },
+            )
+        )
+        .script()
+        .step(to=4.0)
+    )
+    assert abs(leap.contacts["base"].force[0] - base.force[0]) > 0.05 * abs(base.force[0])  # the way matters
+    again = list(stickslip.steps(script.scene))
+    assert_same(replace(again[-1], iterations=step.iterations), step)
+
+
+@pytest.mark.parametrize("named", [{}, {"x": -0.02}])
+def test_listed_times_are_those_of_the_scene_file_bit_by_bit(named: dict[str, float]) -> None:
+    """What is named goes along its straight line meanwhile."""
+    ready = stickslip.read("block", COARSE)
+    x = ((2.0, 0.04), (4.0, -0.02))
+    listed: dict[Any, Any] = {"x": ((1.0, -0.005), (2.0, -0.01), (4.0, -0.02)) if named else x}
+    pressed: dict[Any, Any] = {"y": ((1.0, -0.1), (2.0, -0.08))}
+    top = ready.supports["top"]
+    file, mine = (
+        replace(ready, supports={"top": replace(top, displacement=way | pressed)}, steps=stickslip.Steps(end=4.0))
+        for way in (listed, {"x": x})
+    )
+    expected = list(stickslip.steps(file))
+    script = stickslip.prepare(mine).script()
+    step = script.step(to=4.0, supports={"top": named})
+    assert_same(replace(step, iterations=expected[-1].iterations), expected[-1])
+    again = list(stickslip.steps(script.scene))
+    assert len(again) == len(expected) == 3
+    for one, other in zip(again, expected, strict=True):
+        assert_same(one, other)
+
+
+def test_a_step_that_fails_on_the_way_leaves_all_as_it_was() -> None:
+    """Friction bears 0.12 N; the scene's hand pushes harder at t = 2, and less at t = 3."""
+    ready = stickslip.read("block", COARSE)
+    hand = ((1.0, 0.1), (2.0, 0.13), (3.0, 0.05))
+    scene = replace(
+        ready,
+        supports={},
+        loads={
+            "lid": stickslip.Load(boundary="block.top", pressure=((0.5, 0.1),)),
+            "hand": stickslip.Load(boundary="block.left", force=(hand, 0.0)),
+        },
+        probes={},
+    )
+    script = stickslip.prepare(scene).script()
+    with pytest.raises(StepError, match="cannot balance the loads"):
+        script.step(to=3.0)
+    assert script.time == 0.0
+    with pytest.raises(stickslip.StickslipError, match="no step yet"):
+        _ = script.scene
+    found = script.step(to=3.0, loads={"hand": {"x": 0.05}})
+    assert [t for t, _ in script.scene.loads["lid"].pressure] == [0.5, 3.0]  # type: ignore[union-attr]
+    assert_allclose(found.contacts["base"].force, [-0.05, 0.4], atol=1e-9)
+
+
 def test_a_step_that_fails_leaves_all_as_it_was() -> None:
     """Pushed harder than friction can bear: no equilibrium; the script tries less, as if nothing had happened."""
     scene = replace(
@@ -218,23 +305,36 @@ def test_pairs_that_slide_follow_a_script() -> None:
     ("wrong", "text"),
     [
         ({"to": 1.0}, r"to = 1\.0: expected a time after 1"),
-        ({"to": float("nan")}, "to = nan: expected a time after 1"),
+        ({"to": float("nan")}, "to = nan: expected a number"),
         ({"to": 2.0, "supports": {"tip": {"x": 0.0}}}, r"supports\.tip: nothing there .* did you mean top\?"),
         ({"to": 2.0, "supports": {"top": {"z": 0.1}}}, r"supports\.top\.z = 0\.1: the scene prescribes only x, y"),
         ({"to": 2.0, "supports": {"top": {"x": float("inf")}}}, r"supports\.top\.x = inf: expected a number"),
-        ({"to": 2.0, "supports": {"top": {"x": "far"}}}, r"supports\.top\.x = far: expected a number"),
+        ({"to": 2.0, "supports": {"top": {"x": "far"}}}, r"supports\.top\.x = 'far': expected a number"),
+        ({"to": 2.0, "supports": {"top": {"x": True}}}, r"supports\.top\.x = True: expected a number"),
+        ({"to": 2.0, "supports": {"top": {"x": [0.1]}}}, r"supports\.top\.x = \[0\.1\]: expected a number"),
+        ({"to": 2.0, "supports": {"top": {"x": np.eye(4)}}}, r"supports\.top\.x = array.*: expected a number"),
+        ({"to": 2.0, "supports": {"top": {"x": 10**400}}}, r"supports\.top\.x = 1000.*: expected a number"),
+        ({"to": 2.0, "supports": {"top": 0.1}}, r"supports\.top = 0\.1: expected { component: number }"),
+        ({"to": 2.0, "supports": [0.1]}, r"supports = \[0\.1\]: expected { name: { component: number } }"),
+        ({"to": 2.0, "supports": {1: {"x": 0.1}}}, r"supports\.1: nothing there"),
+        ({"to": "3"}, "to = '3': expected a number"),
+        ({"to": True}, "to = True: expected a number"),
+        ({"to": None}, "to = None: expected a number"),
         ({"to": 2.0, "loads": {"wind": {"y": 1.0}}}, r"loads\.wind\.y = 1\.0: the scene prescribes only x,"),
         ({"to": 2.0, "loads": {"wind": {"pressure": 1.0}}}, r"loads\.wind\.pressure = 1\.0: the scene"),
-        ({"to": 2.0, "obstacles": {"foundation": {"x": 1.0}}}, r"obstacles\.foundation: nothing there"),
+        ({"to": 2.0, "obstacles": {"foundation": {"x": 1.0}}}, r"foundation: has no displacement, .* must name one"),
+        ({"to": 2.0, "obstacles": {"foundatoin": {"x": 1.0}}}, r"nothing there .* did you mean foundation\?"),
+        ({"to": 2.0, "loads": {"calm": {"x": 1.0}}}, r"loads\.calm: has no traction, .* must name one"),
         ({"to": 2.0, "supports": {"top": {"x": 0.1}, "corner": {"x": 0.0}}}, r"contradict each other"),
     ],
 )
 def test_what_cannot_be_changed_is_refused_in_one_line_and_changes_nothing(wrong: dict[str, Any], text: str) -> None:
     ready = stickslip.read("block", COARSE)
     wind = stickslip.Load(boundary="block.left", traction=(((1.0, 0.0),), 0.0))
+    calm = stickslip.Load(boundary="block.right", traction=(0.0, 0.0))
     corner = stickslip.Support(point=(0.0, 2.0), displacement={"x": ready.supports["top"].displacement["x"]})
     script = stickslip.prepare(
-        replace(ready, loads={"wind": wind}, supports={**ready.supports, "corner": corner})
+        replace(ready, loads={"wind": wind, "calm": calm}, supports={**ready.supports, "corner": corner})
     ).script()
     before = script.step(to=1.0)
     with pytest.raises(stickslip.StickslipError, match=text) as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import replace
 from pathlib import Path
 
@@ -76,7 +77,7 @@ def test_gravity_and_a_given_bound_are_prescribed_too(scene: stickslip.Scene, st
     assert (row["gravity.acceleration.x"], row["gravity.acceleration.y"]) == (0.0, -0.5)
 
 
-def test_mean_slip_is_that_of_what_presses(scene: stickslip.Scene, steps: list[StepResult]) -> None:
+def test_mean_slip_is_that_of_what_presses(scene: stickslip.Scene, steps: list[StepResult], tmp_path: Path) -> None:
     base = steps[1].contacts["base"]
     half = replace(
         base, pressure=np.where(base.slip[:, 0] > 1e-3, 2.0, 0.0), slip=np.tile([0.01, 0.0], (len(base.slip), 1))
@@ -84,7 +85,15 @@ def test_mean_slip_is_that_of_what_presses(scene: stickslip.Scene, steps: list[S
     row = row_of(1, scene, replace(steps[1], contacts={"base": half}))
     assert row["base.slip.x"] == pytest.approx(0.01, rel=1e-14)
     lifted = replace(half, pressure=0 * half.pressure)
-    assert row_of(1, scene, replace(steps[1], contacts={"base": lifted}))["base.slip.x"] == 0.0
+    touching_by_rounding = replace(half, pressure=1e-20 * half.pressure, contact_area=0.0)
+    for index, open_one in enumerate((lifted, touching_by_rounding), start=1):  # no slip: not one of 0
+        write_tables(tmp_path, [by_time(index, scene, replace(steps[1], contacts={"base": open_one}))])
+    header, *rows = list(csv.reader((tmp_path / "steps.csv").read_text().splitlines()))
+    assert [(row[header.index("base.slip.x")], row[header.index("base.slip.y")]) for row in rows] == [("", "")] * 2
+    found = read_by_time(tmp_path)
+    empty = {name for name, values in found.items() if np.isnan(values).any()}
+    assert empty == {"base.slip.x", "base.slip.y"}
+    assert_array_equal(read_by_time(tmp_path)["base.slip.x"], [np.nan, np.nan])
 
 
 def test_a_table_that_is_missing_or_damaged_is_said_in_one_line(tmp_path: Path) -> None:

@@ -9,7 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib import pyplot
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
 from matplotlib.image import imread
+from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
 import stickslip
@@ -23,8 +26,9 @@ from workflows.writers.contact_curves import walk
 from workflows.writers.contact_maps import dual_cells, view_of
 from workflows.writers.focus import focus
 from workflows.writers.history_picture import draw_history, most, panels_of
-from workflows.writers.loops import Panel, draw_loops, driving, from_rest, largest, sliding
+from workflows.writers.loops import Panel, _draw, draw_loops, driving, from_rest, largest, sliding
 from workflows.writers.render import View, grid_of
+from workflows.writers.sheet import Sheet
 from workflows.writers.tables import write_tables
 
 Ints = NDArray[np.int64]
@@ -356,6 +360,45 @@ def test_a_contact_that_only_sticks_or_goes_round_has_no_loop() -> None:
     assert not list(sliding(scene, still))
     round_it = columns | {"base.force.y": np.full(24, 5.0)}
     assert not list(sliding(scene, round_it))
+
+
+def test_a_loop_breaks_where_the_contact_is_open() -> None:
+    scene, columns = circle()
+    lifted = np.isin(np.arange(24), (5, 6, 12))
+    slip = np.where(lifted, np.nan, 0.5 + columns["base.slip.x"])
+    force = np.where(lifted, 0.0, columns["base.tangential_force.x"])
+    steps = from_rest(columns | {"base.slip.x": slip, "base.tangential_force.x": force})
+    (panel,) = sliding(scene, steps)
+    assert panel.travel == pytest.approx(np.ptp(np.concatenate([[0.0], slip[~lifted]])))
+    sheet = Sheet(3.0, 3.0)
+    axes = sheet.axes(0.5, 0.5, 2.0, 2.0)
+    _draw(axes, panel, steps["time"], Normalize(0.0, 24.0))
+    sheet.pixels()
+    (lines,) = (c for c in axes.collections if isinstance(c, LineCollection))
+    ends = np.array(lines.get_segments())
+    assert len(ends) == 24 - 5  # two pieces about the last one lifted, three about the others
+    assert not (ends[1:] == 0.0).all(axis=-1).any()  # none runs back to the origin, where the first begins
+    assert_array_equal(lines.get_array(), np.delete(steps["time"][1:], [5, 6, 7, 12, 13]))
+    never = columns | {"base.slip.x": np.full(24, np.nan)}
+    assert not list(sliding(scene, never))
+
+
+@pytest.mark.parametrize("width", [4.85, 8.05])  # of one loop, and of history.png
+@pytest.mark.parametrize("letters", [0, 5, 60, 80, 110, 500])
+def test_a_title_fits_the_sheet_whole_unless_it_is_endless(width: float, letters: int) -> None:
+    title = ("A Wide Model " * 50)[:letters].strip()
+    sheet = Sheet(width, 3.0)
+    sheet.head(title, "caption", 0.95)
+    text, caption = sheet.figure.texts
+    box, below = (t.get_window_extent(sheet.canvas.get_renderer()) for t in (text, caption))
+    assert box.x1 <= width * sheet.dpi
+    assert below.y1 <= box.y0
+    assert box.y1 <= 3.0 * sheet.dpi
+    if letters < 500:
+        assert text.get_text().replace("\n", " ") == title
+    else:
+        assert text.get_text().endswith("…")
+        assert text.get_fontsize() > 6  # still legible
 
 
 def test_a_history_is_drawn(tmp_path: Path) -> None:

@@ -27,9 +27,9 @@ EFFORT = ("substeps", "iterations", "volume_solves", "residual")
 
 
 def by_time(index: int, scene: Scene, step: StepResult) -> Table:
-    """What a step adds to it."""
+    """What a step adds to it; what has no value then is an empty cell."""
     row = row_of(index, scene, step)
-    return NAME, list(row), [list(row.values())]
+    return NAME, list(row), [["" if np.isnan(n) else n for n in row.values()]]
 
 
 def column(place: Place) -> str:
@@ -42,7 +42,7 @@ def column(place: Place) -> str:
 
 
 def row_of(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
-    """By column: SI units; resultants act on the slave side."""
+    """By column: SI units; resultants act on the slave side; NaN: the mean slip where nothing touches."""
     found: dict[str, float] = {"step": index, "time": step.time}
     for place, amplitude in scene.drives().items():
         if place.table in DRIVEN and place.quantity in DRIVEN[place.table]:
@@ -63,7 +63,7 @@ def row_of(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
 
 
 def read_by_time(folder: Path) -> dict[str, Array]:
-    """The columns of steps.csv, each with a value a step.
+    """The columns of steps.csv, each with a value a step; an empty cell is NaN.
 
     Raises:
         MachineError: it is missing or damaged.
@@ -72,7 +72,7 @@ def read_by_time(folder: Path) -> dict[str, Array]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             header, *rows = csv.reader(file)
-            table = np.array(rows, float).reshape(len(rows), len(header))
+            table = np.array([[cell or "nan" for cell in row] for row in rows], float).reshape(len(rows), len(header))
     except (OSError, ValueError) as error:
         raise MachineError(f"{path}: cannot be read: {error}") from error
     return dict(zip(header, table.T, strict=True))
@@ -82,7 +82,8 @@ def _vectors(name: str, contact: ContactState, axisymmetric: bool) -> dict[str, 
     """Components of the resultant, of its tangential part, and of the mean slip, weighted by pressure."""
     tangential = contact.weight @ contact.traction
     pressing = contact.weight * np.abs(contact.pressure)
-    slip = pressing @ contact.slip / (pressing.sum() or 1.0)
+    touches = contact.contact_area > 0 and pressing.sum() > 0
+    slip = pressing @ contact.slip / (pressing.sum() if touches else np.nan)
     if axisymmetric:  # over the full circle the radial parts balance
         tangential = tangential * [0, 1]
     vectors = {"force": contact.force, "tangential_force": tangential, "slip": slip}

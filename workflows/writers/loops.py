@@ -28,7 +28,7 @@ Columns = Mapping[str, Array]
 
 @dataclass(frozen=True)
 class Panel:
-    """A force (steps,) over a motion (steps,)."""
+    """A force (steps,) over a motion (steps,), which is NaN where there is none: the line breaks there."""
 
     title: str
     x: Array
@@ -41,6 +41,11 @@ class Panel:
         """By how much the force varies."""
         return float(np.ptp(self.y))
 
+    @property
+    def travel(self) -> float:
+        """By how much the motion varies."""
+        return _travel(self.x)
+
 
 def draw_loops(folder: Path, scene: Scene, columns: Columns, title: str) -> Path | None:
     """Draw them; None if nothing moves under a force.
@@ -52,7 +57,7 @@ def draw_loops(folder: Path, scene: Scene, columns: Columns, title: str) -> Path
         MachineError: the disk is full.
     """
     steps = from_rest(columns)
-    rows = [largest([p for p in of(scene, steps) if np.ptp(p.x) > 0]) for of in (driving, sliding)]
+    rows = [largest([p for p in of(scene, steps) if p.travel > 0]) for of in (driving, sliding)]
     rows = [row for row in rows if row]
     if not rows:
         return None
@@ -117,13 +122,18 @@ def sliding(scene: Scene, steps: Columns) -> Iterator[Panel]:
     for name, contact in scene.contacts.items():
         flat = contact.friction is not None and _is_flat(name, scene, steps)
         for axis in "xyz"[: scene.dim] if flat else "":
-            if np.ptp(steps[f"{name}.slip.{axis}"]) <= ROUNDING * _motion(name, steps):
+            if _travel(steps[f"{name}.slip.{axis}"]) <= ROUNDING * _motion(name, steps):
                 continue
             x, y = steps[f"{name}.slip.{axis}"], -steps[f"{name}.tangential_force.{axis}"]
             other = f"on {contact.against}, {axis}"
             yield Panel(
                 f"contact {name}", x, y, f"mean slip, {axis} [m]", f"friction {other} [{per_metre(scene, 'N')}]"
             )
+
+
+def _travel(x: Array) -> float:
+    known = x[np.isfinite(x)]
+    return float(np.ptp(known)) if len(known) else 0.0
 
 
 def _motion(contact: str, steps: Columns) -> float:
@@ -142,8 +152,9 @@ def _is_flat(contact: str, scene: Scene, steps: Columns) -> bool:
 def _draw(axes: Any, panel: Panel, time: Array, norm: Normalize) -> None:
     points = np.column_stack([panel.x, panel.y])
     pieces = np.stack([points[:-1], points[1:]], axis=1)
-    lines = LineCollection(list(pieces), cmap=COLOURS, norm=norm, linewidth=1.4)
-    lines.set_array(time[1:])
+    whole = np.isfinite(pieces).all(axis=(1, 2))
+    lines = LineCollection(list(pieces[whole]), cmap=COLOURS, norm=norm, linewidth=1.4)
+    lines.set_array(time[1:][whole])
     for zero in (axes.axhline, axes.axvline):
         zero(0.0, color=PALE, linewidth=0.5)
     axes.add_collection(lines)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ from workflows.writers.aside import write_aside
 from workflows.writers.render import Image, View
 
 DPI = 200
+TITLE = (11.0, 8.0)  # points of a title of one line, and of two
+LETTERS = 17  # that an inch takes when the title is shrunk to fit
 INK, PALE = "#222222", "#666666"
 COLOURS = "viridis"
 CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d31", "#7f7f7f")  # told apart by all
@@ -47,12 +50,15 @@ class Sheet:
         return self.figure.text(x / self.width, y / self.height, text, **look)
 
     def head(self, title: str, caption: str, left: float) -> None:
-        """Title in the top line, what the picture shows in the line below."""
-        room = int(11 * (self.width - left - 0.1))  # letters of 11 points, bold
-        longest = int(1.6 * room)
-        title = title if len(title) <= longest else title[: longest - 1].rstrip() + "…"
-        size = 11.0 * min(1.0, room / max(1, len(title)))
-        self.write(left, self.height - 0.28, title, fontsize=size, fontweight="bold")
+        """Title in the top line, or small in two, what the picture shows in the line below."""
+        canvas: Any = self.canvas
+        room = self.width - left - 0.1
+        lines = wrap(title, int(room * LETTERS), max_lines=2, placeholder="…")
+        place, size = (0.34, TITLE[1]) if len(lines) > 1 else (0.28, TITLE[0])
+        look = {"fontsize": size, "fontweight": "bold", "linespacing": 1.15}
+        text = self.write(left, self.height - place, "\n".join(lines), **look)
+        wide = text.get_window_extent(canvas.get_renderer()).width / self.dpi
+        text.set_fontsize(size * room / max(wide, room))
         self.write(left, self.height - 0.48, caption, color=PALE)
 
     def colour_bar(self, axes: Any, norm: Normalize, label: str, orientation: str) -> None:
