@@ -231,9 +231,22 @@ def main() -> None:
     logging.getLogger().addHandler(logging.NullHandler())  # FFCx writes its compiler commands to the root logger
     if not _speaks():
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115  until the process ends
-    code = guarded(lambda: app(standalone_mode=False))
-    sys.stdout.flush()
-    sys.exit(code)
+    try:
+        code = guarded(lambda: app(standalone_mode=False))
+    except SystemExit as ended:  # by rich, where nobody listens any more
+        code = ended.code if isinstance(ended.code, int) else 1
+    sys.exit(_flushed(code))
+
+
+def _flushed(code: int) -> int:
+    """The exit code, once all is said: a reader that has gone would make it 120 in Python's own last flush."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+            code = code or 1
+    return code
 
 
 if __name__ == "__main__":
