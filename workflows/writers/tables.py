@@ -134,7 +134,7 @@ def bring_to_disk(folder: Path, names: Iterable[str]) -> None:
     """
     for path in (folder / name for name in names):
         if path.exists():
-            with disk_errors(path), path.open("rb") as file:
+            with disk_errors(path), path.open("r+b") as file:
                 os.fsync(file.fileno())
 
 
