@@ -15,9 +15,10 @@ def warnings(steps: Sequence[StepResult], contacts: Sequence[ContactRows]) -> tu
     if len(steps) < 3 or any((c.gap < 0).any() for c in contacts):
         return ()
     energy = steps[-1].energy
-    if abs(energy.time_remainder) <= LARGE * energy.dissipated:
+    if energy.dissipated <= 0 or abs(energy.time_remainder) <= LARGE * energy.dissipated:
         return ()
+    share = abs(energy.time_remainder) / energy.dissipated
     return (
-        f"friction dissipated {energy.dissipated:.4g} J by the end of each step, but a time remainder of "
-        f"{energy.time_remainder:.2g} J is left of its work: for the dissipation take smaller steps",
+        f"the time remainder is {share:.0%} of what friction dissipated, which is summed by the end of each step: "
+        "for the dissipation take smaller steps",
     )
