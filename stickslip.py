@@ -28,25 +28,24 @@ from geometry.obstacles.plane import Plane
 from geometry.obstacles.rotation import Rotation
 from geometry.obstacles.sphere import Sphere
 from geometry.user_files.user_file import UserFile
-from solvers.effects.bilateral import Bilateral
-from solvers.effects.compliance import Compliance
-from solvers.effects.friction import Coulomb, Stick, Tresca
 from solvers.effects.gravity import Gravity
 from solvers.effects.periodic import Periodic
-from solvers.effects.tangential_compliance import TangentialCompliance
-from solvers.effects.tied import Tied
-from solvers.effects.unilateral import Unilateral
-from solvers.nouns.contact import Contact
-from solvers.nouns.load import Load
-from solvers.nouns.material import Material
-from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Output, Probe, Solver, Steps
-from solvers.nouns.support import Support
-from solvers.script import Script
-from solvers.simulation import prepare
-from solvers.step_result import StepResult
-from workflows.run import run
-from workflows.scene import read
+from solvers.laws.bilateral import Bilateral
+from solvers.laws.compliance import Compliance
+from solvers.laws.friction import Coulomb, Stick, Tresca
+from solvers.laws.tangential_compliance import TangentialCompliance
+from solvers.laws.tied import Tied
+from solvers.laws.unilateral import Unilateral
+from solvers.results.step_result import StepResult
+from solvers.scene.contact import Contact
+from solvers.scene.loads import Load, Support
+from solvers.scene.material import Material
+from solvers.scene.scene import Scene
+from solvers.scene.settings import Output, Probe, Solver, Steps
+from solvers.simulation.script import Script
+from solvers.simulation.simulation import prepare
+from workflows.run.run import run
+from workflows.scene_file.read import read
 
 __version__ = "0.1.0"
 

@@ -10,25 +10,24 @@ from functools import reduce
 from pathlib import Path
 from typing import Any
 
+import basix
+import dolfinx
+import dolfinx.fem.petsc
+import dolfinx.jit
 import numpy as np
-from numpy.typing import NDArray
+import ufl
+from dolfinx import cpp, fem, mesh
+
+from geometry.arrays import Array, Ints
 
 _flags = sys.getdlopenflags()
-import dolfinx  # noqa: E402
-import dolfinx.fem.petsc  # noqa: E402
-import dolfinx.jit  # noqa: E402
 
 sys.setdlopenflags(_flags)  # 0.5.2 leaves RTLD_GLOBAL on for every later import
 
-import basix  # noqa: E402
-import ufl  # noqa: E402
-from dolfinx import cpp, fem, mesh  # noqa: E402
 
 DOLFINX: str = dolfinx.__version__
 VERSION = tuple(int(part) for part in DOLFINX.split(".")[:2])
 OLD = VERSION < (0, 6)
-Ints = NDArray[np.int64]
-Array = NDArray[np.float64]
 
 
 def stable(domain: Any) -> Any:

@@ -6,10 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, Self
 
-import numpy as np
-from numpy.typing import NDArray
+from geometry.arrays import Array
 
-Array = NDArray[np.float64]
 Model = Literal["plane strain", "plane stress", "axisymmetric", "3d"]
 
 

@@ -9,10 +9,11 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from geometry.arrays import Array
 from geometry.builders.builder import Builder
 from geometry.errors import SceneError
-from geometry.mesh import put_shape
-from geometry.shape import Array, Model, Request
+from geometry.mesh.mesh import put_shape
+from geometry.shape import Model, Request
 from geometry.user_files.parts import Parts, find_parts
 from geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
 

@@ -8,11 +8,12 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
+from geometry.arrays import Array
 from geometry.builders import sides
 from geometry.builders.builder import Builder
 from geometry.errors import SceneError, require
 from geometry.keys import Key
-from geometry.shape import Array, Model
+from geometry.shape import Model
 
 
 @dataclass(frozen=True, kw_only=True)

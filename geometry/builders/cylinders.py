@@ -8,8 +8,8 @@ from typing import Annotated, ClassVar, Literal
 
 from geometry.builders import sides
 from geometry.builders.assembly import Part
-from geometry.builders.domes import Domes
 from geometry.builders.half_disc import HalfDisc
+from geometry.builders.pair import Domes
 from geometry.keys import Key
 from geometry.shape import Model
 

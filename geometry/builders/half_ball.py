@@ -8,11 +8,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from geometry.arrays import Array
 from geometry.builders import sides
 from geometry.builders.dome import Dome
 from geometry.errors import SceneError
 from geometry.keys import Key
-from geometry.shape import Array, Model, Request
+from geometry.shape import Model, Request
 
 PLANES = {"x_plane": 0, "y_plane": 1}  # sides of a quarter -> axis of the normal
 SYMMETRY = "quarter: x, y >= 0 only, with sides x_plane and y_plane"

@@ -8,11 +8,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from geometry.arrays import Array
 from geometry.builders import sides
 from geometry.builders.dome import Dome
 from geometry.errors import SceneError
 from geometry.keys import Key
-from geometry.shape import Array, Model, Request
+from geometry.shape import Model, Request
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,12 +9,13 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
+from geometry.arrays import Array
 from geometry.builders import sides
 from geometry.builders.builder import Builder
 from geometry.builders.sizes import beyond, cells_around, grow, norm
 from geometry.errors import require
 from geometry.keys import Key
-from geometry.shape import Array, Model, Request
+from geometry.shape import Model, Request
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,13 +8,14 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
+from geometry.arrays import Array
 from geometry.builders import sides
 from geometry.builders.builder import Builder
 from geometry.builders.cuboid import transfinite
 from geometry.builders.sizes import graded
 from geometry.errors import SceneError, require
 from geometry.keys import Key
-from geometry.shape import Array, Model, Request
+from geometry.shape import Model, Request
 
 ANGLE = "in degrees: 360, or 90: a quarter with sides x_axis and y_axis"
 RADIAL = {"x_axis": 1, "y_axis": 0}  # sides of a quarter -> axis of the normal

@@ -9,13 +9,14 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
+from geometry.arrays import Array
 from geometry.builders import sides
 from geometry.builders.builder import Builder
 from geometry.builders.cuboid import transfinite
 from geometry.builders.ring import draw_sectors
 from geometry.errors import require
 from geometry.keys import Key
-from geometry.shape import Array, Model, Request
+from geometry.shape import Model, Request
 
 
 @dataclass(frozen=True, kw_only=True)

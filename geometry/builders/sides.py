@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from geometry.arrays import Array
 from geometry.errors import GeometryError, require
-from geometry.shape import Array, Model
+from geometry.shape import Model
 
 Flat = tuple[int, float]  # axis of the normal, position along it
 SYMMETRIC = "true: the half x >= 0 only, with a side `axis`; axisymmetric models need it"

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
 from geometry.builders.assembly import Part
-from geometry.builders.domes import Domes
 from geometry.builders.half_ball import SYMMETRY, HalfBall
+from geometry.builders.pair import Domes
 from geometry.keys import Key
 from geometry.shape import Model
 

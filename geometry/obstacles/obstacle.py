@@ -7,15 +7,14 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geometry.amplitude import Amplitude, check, value_at
+from geometry.arrays import Array
 from geometry.errors import SceneError, require
 from geometry.keys import Choice, Key
 from geometry.obstacles.rotation import Rotation
 from geometry.shape import Model
 
-Array = NDArray[np.float64]
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = ("x", "y", "z")
 

@@ -8,9 +8,10 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
+from geometry.arrays import Array
 from geometry.errors import require
 from geometry.keys import Key
-from geometry.obstacles.obstacle import Array, Obstacle
+from geometry.obstacles.obstacle import Obstacle
 from geometry.obstacles.rotation import unit
 
 

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from geometry.amplitude import Amplitude, check
+from geometry.arrays import Array
 from geometry.errors import require
 from geometry.keys import Key, Noun
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from geometry.arrays import Array
 from geometry.errors import require
 from geometry.keys import Key
-from geometry.obstacles.obstacle import Array
 
 
 @dataclass(frozen=True, kw_only=True)

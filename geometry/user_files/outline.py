@@ -7,14 +7,12 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from geometry.arrays import Array
 from geometry.errors import GeometryError
 from geometry.user_files.parts import FACET_WORD, Parts, nodes_at
 from geometry.user_files.raw_mesh import CORNERS, TYPES, RawMesh, read_raw_mesh
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 COARSE = 8  # cells along the box's diagonal, for sampling and drawing
 ROUND = 16  # cells around a full circle
 FLAT_SIDE = 1e-6  # spread of the unit normals of a flat side

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from geometry.arrays import Array, Ints
 from geometry.errors import GeometryError, nearest
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")
@@ -180,7 +180,7 @@ def _select(gmsh: Any, dim: int, name: str, selection: Selection, unit: float) -
     return sorted(set(found))
 
 
-def _points_on(gmsh: Any, dim: int, tag: int) -> NDArray[np.float64]:
+def _points_on(gmsh: Any, dim: int, tag: int) -> Array:
     """Points (n, 3) of an entity: gmsh's own boxes hold the control points of curved faces too."""
     rows = [np.asarray(nodes, np.int64) for nodes in gmsh.model.mesh.getElements(dim, tag)[2]]
     if rows:
@@ -196,7 +196,7 @@ def _points_on(gmsh: Any, dim: int, tag: int) -> NDArray[np.float64]:
     return np.concatenate([np.zeros((0, 3)), *found])
 
 
-def nodes_at(gmsh: Any, dim: int, tag: int, numbers: NDArray[np.int64]) -> NDArray[np.float64]:
+def nodes_at(gmsh: Any, dim: int, tag: int, numbers: Ints) -> Array:
     """Coordinates (..., 3) of nodes of an entity's elements; a file may keep them in any other entity."""
     known, x, _ = gmsh.model.mesh.getNodes(dim, tag, includeBoundary=True)
     if not np.isin(numbers, known).all():

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from geometry.arrays import Array, Ints
 from geometry.errors import GeometryError
 from geometry.user_files.parts import CELL_WORD, Parts
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 # gmsh's element types: (cell, facet), of order 1 and 2
 TYPES = {2: 1, 3: 1, 4: 2, 5: 3, 9: 8, 10: 8, 11: 9, 12: 10}
 CORNERS = {1: 2, 2: 3, 3: 4, 8: 2, 9: 3, 10: 4}

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from geometry.errors import StickslipError
-from geometry.gmsh_session import gmsh_session
+from geometry.mesh.gmsh_session import gmsh_session
 from geometry.user_files.meshing import mesh_parts
 from geometry.user_files.opening import Parameter, kind_of, open_file, unpacked
 from geometry.user_files.outline import Outline, read_outline

@@ -11,9 +11,10 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 
+from geometry.arrays import Array
 from geometry.errors import GeometryError, SceneError, nearest, require
 from geometry.keys import Key, Noun
-from geometry.shape import Array, Model, Request, Shape
+from geometry.shape import Model, Request, Shape
 from geometry.user_files.asking import ask
 from geometry.user_files.opening import KINDS, Parameter, kind_of
 from geometry.user_files.outline import Outline

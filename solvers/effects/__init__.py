@@ -13,6 +13,7 @@ from solvers.effects.effect import Effect
 _ORDER = ("contact", "unilateral", "compliance", "bilateral", "friction")  # the rest follows by name
 _modules = [importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__)]
 _found: list[Effect] = [module.EFFECT for module in _modules if hasattr(module, "EFFECT")]
+_found += [effect for module in _modules for effect in getattr(module, "EFFECTS", ())]
 
 EFFECTS: tuple[Effect, ...] = tuple(
     sorted(_found, key=lambda e: (_ORDER.index(e.name) if e.name in _ORDER else len(_ORDER), e.name))

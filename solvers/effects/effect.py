@@ -7,8 +7,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from solvers.forms import LoadForm, WeakForms
-    from solvers.nouns.scene import Scene
+    from solvers.fem.forms import LoadForm, WeakForms
+    from solvers.scene.scene import Scene
+
+
+def contacts_with(law: type[Any], key: str) -> Callable[[Scene], str | None]:
+    """The reason function of a law: the keys `contacts.NAME.key` whose value is of that kind."""
+
+    def because(scene: Scene) -> str | None:
+        named = [f"contacts.{name}.{key}" for name, c in scene.contacts.items() if isinstance(getattr(c, key), law)]
+        return ", ".join(named) or None
+
+    return because
 
 
 def no_loads(scene: Scene, weak: WeakForms) -> Iterable[LoadForm]:

@@ -12,9 +12,9 @@ from geometry.keys import Key, Noun
 from solvers.effects.effect import Effect
 
 if TYPE_CHECKING:
-    from solvers.course import Drive
-    from solvers.forms import LoadForm, WeakForms
-    from solvers.nouns.scene import Scene
+    from solvers.fem.forms import LoadForm, WeakForms
+    from solvers.scene.course import Drive
+    from solvers.scene.scene import Scene
 
 
 @dataclass(frozen=True, kw_only=True)

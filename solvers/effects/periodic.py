@@ -11,7 +11,7 @@ from geometry.keys import Key, Noun
 from solvers.effects.effect import Effect
 
 if TYPE_CHECKING:
-    from solvers.nouns.scene import Scene
+    from solvers.scene.scene import Scene
 
 
 @dataclass(frozen=True, kw_only=True)

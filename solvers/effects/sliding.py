@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from solvers.effects.effect import Effect
 
 if TYPE_CHECKING:
-    from solvers.nouns.scene import Scene
+    from solvers.scene.scene import Scene
 
 
 def because(scene: Scene) -> str | None:

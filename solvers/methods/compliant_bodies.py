@@ -7,19 +7,18 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import cho_solve
 from scipy.sparse.linalg import LinearOperator, eigsh
 
+from geometry.arrays import Array, Ints
 from geometry.errors import SolverError
-from solvers.condensed import CondensedSurface
-from solvers.cone import Place
-from solvers.dense_metric import DenseMetric, inverse_root
-from solvers.effects.compliance import Compliance
+from solvers.contact.admissible_set import Place
+from solvers.interface.problem import SurfaceProblem
+from solvers.interface.schur_complement import CondensedSurface
+from solvers.laws.compliance import Compliance
 from solvers.methods.inner_tolerance import Allowed
-from solvers.methods.solution import Array
-from solvers.surface_problem import SurfaceProblem
+from solvers.metrics.dense import DenseMetric, inverse_root
 
 NEWTON_STEPS = 100
 HALVINGS = 30
@@ -46,7 +45,7 @@ class CompliantBodies:
         return tuple((place, law) for place, law in laws if isinstance(law, Compliance))
 
     @cached_property
-    def others(self) -> NDArray[np.int64]:
+    def others(self) -> Ints:
         """Rows whose tractions are not a function of displacement."""
         left = self.problem.cone.carrying.copy()
         for place, _ in self.places:

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solvers.equilibrium import balancing_tractions
-from solvers.methods import newton_system
-from solvers.methods.linearised_laws import linearise
-from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
-from solvers.surface_problem import SurfaceProblem
+from geometry.arrays import Array
+from solvers.interface.limit_analysis import balancing_tractions
+from solvers.interface.problem import SurfaceProblem
+from solvers.newton import condensed_system as newton_system
+from solvers.newton.active_set import linearise
+from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
 
 STALL_WINDOW = 12  # iterations in which the least residual must halve
 RETREATS = 6  # times that trial tractions under which nothing holds the bodies are taken back by half

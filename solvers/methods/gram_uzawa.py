@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from solvers.gram_metric import GramMetric
+from geometry.arrays import Array
+from solvers.interface.problem import SurfaceProblem
 from solvers.methods.outer_iteration import Outer, Solved
-from solvers.methods.solution import Array, OnStep, Solution, ignore
-from solvers.methods.surface_model import nearest_in_cone
-from solvers.surface_problem import SurfaceProblem
+from solvers.metrics.gram import GramMetric
+from solvers.newton.solution import OnStep, Solution, ignore
+from solvers.newton.surface_model import nearest_in_cone
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from solvers.matrix_free import MatrixFreeSurface
+from geometry.arrays import Array
+from solvers.interface.matrix_free import MatrixFreeSurface
+from solvers.interface.problem import SurfaceProblem
 from solvers.methods.inner_tolerance import InnerTolerance, negligible
 from solvers.methods.outer_iteration import FrictionUpdate, Outer, Solved
-from solvers.methods.solution import Array, OnStep, Solution, ignore
 from solvers.methods.uzawa import step_size
-from solvers.surface_problem import SurfaceProblem
+from solvers.newton.solution import OnStep, Solution, ignore
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -17,8 +18,8 @@ class InexactUzawa:
     """K_B u_{k+1} = R_B - B^T p_k + delta_k by conjugate gradients from u_k, ||delta_k|| <= tau_k; then as `Uzawa`.
 
     Q = W, alpha = relaxation / lambda_max or given. tau_k = 0 is `Uzawa`; for small tau_k the rate is close to that
-    (Elman & Golub; `Tied.rate` of solvers/saddle_points.py bounds it). A residual that is small enough is believed only
-    after an inner solve whose error it would show.
+    (Elman & Golub; `Tied.rate` of solvers/analysis/saddle_points.py bounds it). A residual that is small enough is
+    believed only after an inner solve whose error it would show.
 
     Source: Pop (1999), (1.2); Elman & Golub, SIAM J. Numer. Anal. 31 (1994); Bramble, Pasciak & Vassilev, ibid. 34
     (1997), section 4, where the inner iteration need not be linear, as conjugate gradients are not.

@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
+from geometry.arrays import Array
+from solvers.interface.problem import SurfaceProblem
 from solvers.methods.outer_iteration import Solved
-from solvers.methods.solution import Array
-from solvers.surface_problem import SurfaceProblem
 
 InnerRule = Literal["elman-golub", "bramble-pasciak-vassilev"]
 Allowed = Callable[[float], float]  # from ||delta|| at the start of an inner solve to ||delta|| at its end

@@ -7,13 +7,14 @@ from typing import Literal
 
 import numpy as np
 
-from solvers.condensed import CondensedSurface
+from geometry.arrays import Array
+from solvers.interface.problem import SurfaceProblem
+from solvers.interface.schur_complement import CondensedSurface
 from solvers.methods.compliant_bodies import CompliantBodies
 from solvers.methods.inner_tolerance import InnerTolerance, negligible
 from solvers.methods.outer_iteration import FrictionUpdate, Outer, Solved, projected
-from solvers.methods.solution import Array, OnStep, Solution, ignore
-from solvers.methods.surface_model import nearest_in_cone
-from solvers.surface_problem import SurfaceProblem
+from solvers.newton.solution import OnStep, Solution, ignore
+from solvers.newton.surface_model import nearest_in_cone
 
 OuterMetric = Literal["points", "jacobian"]
 CHANGED = 0.01  # of the largest spring: faces that have changed less keep their alpha_k

@@ -3,14 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
+from scipy import sparse
 
-from solvers.given_friction import with_given_friction
-from solvers.methods.solution import Array, OnStep, Solution, Status, Step
-from solvers.surface_problem import SurfaceProblem
+from geometry.arrays import Array
+from solvers.contact.admissible_set import AdmissibleSet, Place
+from solvers.interface.problem import SurfaceProblem
+from solvers.newton.solution import OnStep, Solution, Status, Step
+
+
+@dataclass(frozen=True)
+class GivenFriction(AdmissibleSet):
+    """s = s(p_n of `given`), whatever p_n is: j_T with its p_T frozen, a convex problem.
+
+    Source: Pop (1999), (2.2) and the remark after (2.6), "contact problem with given friction".
+    """
+
+    given: Array  # (rows,) [Pa]
+
+    def bound(self, place: Place, p_n: Array) -> Array:
+        return super().bound(place, self.given[place.normal])
+
+    def bound_slope(self, place: Place, p_n: Array) -> Any:
+        return sparse.csr_matrix(place.average.shape)
+
+
+def with_given_friction(problem: SurfaceProblem, p: Array) -> SurfaceProblem:
+    """The same step with the friction bounds of tractions p (rows,) [Pa]."""
+    cone = problem.cone
+    return replace(problem, cone=GivenFriction(cone.contacts, cone.time, cone.end, p))
+
 
 FrictionUpdate = Literal["every iteration", "outer"]
 STALL_WINDOW = 500  # iterations without a new least residual

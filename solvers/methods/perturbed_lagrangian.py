@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from solvers.condensed import CondensedSurface
+from geometry.arrays import Array
+from solvers.interface.problem import SurfaceProblem
+from solvers.interface.schur_complement import CondensedSurface
 from solvers.methods.contact_element import STICK, Answer, ContactElements, kept
-from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
-from solvers.surface_problem import SurfaceProblem
+from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
 
 FACTOR = 10.0  # from one level of ω to the next
 START = 1e-8  # residual at which the status of all elements at a softer level is a good start for the next

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from solvers.bodies import Bodies
-from solvers.methods.solution import Array, OnStep, Solution, Status, Step, ignore
-from solvers.methods.surface_model import nearest_in_cone
-from solvers.methods.surface_system import Flexibility
-from solvers.secants import Secants
-from solvers.surface_metric import SurfaceMetric
-from solvers.surface_problem import SurfaceProblem
+from geometry.arrays import Array
+from solvers.interface.flexibility import Bodies
+from solvers.interface.problem import SurfaceProblem
+from solvers.metrics.secants import Secants
+from solvers.metrics.surface_metric import SurfaceMetric
+from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
+from solvers.newton.surface_model import nearest_in_cone
+from solvers.newton.surface_system import Flexibility
 
 STALL_WINDOW = 50  # iterations in which the least residual must halve
 VOLUME = 0.3  # of the residual to be expected, how exact the volume is

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from geometry.arrays import Array
+from solvers.interface.problem import SurfaceProblem
 from solvers.methods.outer_iteration import FrictionUpdate, Outer, Solved
-from solvers.methods.solution import Array, OnStep, Solution, ignore
-from solvers.surface_problem import SurfaceProblem
+from solvers.newton.solution import OnStep, Solution, ignore
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,8 +11,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.ranks import mpirun, options
-from workflows.run import run
-from workflows.scene import read
+from workflows.run.run import run
+from workflows.scene_file.read import read
 from workflows.writers.steps import read_step, step_name
 
 SCENES = {

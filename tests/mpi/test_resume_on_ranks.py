@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose
 
 from shared.histories import LEARNS, SMALL, Stop
 from shared.ranks import mpirun
-from workflows.run import run
-from workflows.scene import read
-from workflows.watch import Watch
+from workflows.run.run import run
+from workflows.run.watch import Watch
+from workflows.scene_file.read import read
 from workflows.writers.steps import read_step, step_name
 
 EXACT = "solver.tolerance=1e-12"

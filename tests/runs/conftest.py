@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from shared.solved import Solved, coarse, solve
-from workflows.cli import app, guarded
-from workflows.scene import READY, read
+from workflows.commands.cli import app, guarded
+from workflows.scene_file.read import READY, read
 
 Spoken = tuple[int, str, str]  # exit code, standard output, standard error
 
@@ -38,7 +38,7 @@ def call(folder: Path, capfd: pytest.CaptureFixture[str]) -> Callable[..., Spoke
 @pytest.fixture
 def command() -> list[str]:
     """What starts the command line as a process."""
-    return [sys.executable, "-m", "workflows.cli"]
+    return [sys.executable, "-m", "workflows.commands.cli"]
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 
 from shared.command import BUILT, COARSE, READY_NAMES, Call, result, table
 from workflows import VERSION
-from workflows.scene import READY, read
+from workflows.scene_file.read import READY, read
 
 # --- what it says about itself
 

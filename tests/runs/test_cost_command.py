@@ -13,7 +13,7 @@ import pytest
 import workflows.cost.command
 import workflows.cost.kept
 from shared.command import Call, table
-from solvers.nouns.scene import Scene
+from solvers.scene.scene import Scene
 from workflows.cost.run_record import Run
 from workflows.cost.rung import Rung
 

@@ -11,13 +11,13 @@ import pytest
 from mpi4py import MPI
 
 from geometry.errors import GeometryError, SceneError
-from geometry.mesh import build_mesh
-from geometry.quality import worst_quality
+from geometry.mesh.mesh import build_mesh
+from geometry.mesh.quality import worst_quality
 from geometry.user_files import asking
 from shared.drawn import FACES, GEO, PY, draw, scene_data
-from solvers.nouns.scene import Scene
-from workflows.cli import guarded
-from workflows.scene import from_dict
+from solvers.scene.scene import Scene
+from workflows.commands.cli import guarded
+from workflows.scene_file.read import from_dict
 
 EACH = 25  # damaged files of each kind, half of them cut short, half with a byte changed
 SIGNS = b"0123456789.-(){};,\x00\xff"  # what hurts most

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from shared.solved import ZERO, Solved, coarse, solve
-from solvers.nouns.scene import Scene
-from solvers.nouns.support import Support
-from workflows.scene import read
+from solvers.scene.loads import Support
+from solvers.scene.scene import Scene
+from workflows.scene_file.read import read
 
 
 @pytest.fixture(scope="module")

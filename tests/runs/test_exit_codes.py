@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-import workflows.run
+import workflows.run.run
 from geometry.errors import SolverError, StickslipError
 from shared.command import COARSE, Call, result, table
-from solvers.simulation import Simulation, prepare
-from workflows.cli import app, guarded
+from solvers.simulation.simulation import Simulation, prepare
+from workflows.commands.cli import app, guarded
 from workflows.writers.steps import write_step
 
 
@@ -143,6 +143,6 @@ def test_program_error_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
     def wrong(*arguments: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("workflows.scene.read", wrong)
+    monkeypatch.setattr("workflows.scene_file.read.read", wrong)
     with pytest.raises(ZeroDivisionError):
         guarded(lambda: app(["plan", "block"], standalone_mode=False))

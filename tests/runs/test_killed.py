@@ -17,10 +17,10 @@ import pytest
 
 from shared.command import Call
 from shared.histories import LEARNS, SMALL, assert_same, names_in
-from solvers.step_result import StepResult
-from workflows.run import run
-from workflows.scene import read
-from workflows.watch import Watch
+from solvers.results.step_result import StepResult
+from workflows.run.run import run
+from workflows.run.watch import Watch
+from workflows.scene_file.read import read
 from workflows.writers.steps import step_name
 
 SCENE = [*SMALL, *LEARNS, "steps.count=4"]
@@ -250,7 +250,7 @@ def test_full_disk_loses_no_step_and_the_run_goes_on_when_there_is_room(
             resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
 
     with monkeypatch.context() as patch:
-        patch.setattr("workflows.report.Reporter._step", fill)
+        patch.setattr("workflows.commands.terminal.Reporter._step", fill)
         try:
             code, _, err = call(*words)
         finally:

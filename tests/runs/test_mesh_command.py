@@ -9,15 +9,14 @@ from mpi4py import MPI
 from numpy.testing import assert_allclose
 from PIL import Image
 
-from geometry.mesh import build_mesh
+from geometry.mesh.mesh import build_mesh
 from shared.command import COARSE, Call, result
 from shared.drawn import draw, scene_data
-from solvers.counters import Counters
-from solvers.system import assemble
-from workflows.count import look
-from workflows.mesh_report import elements_across
-from workflows.run import run
-from workflows.scene import from_dict, read
+from solvers.parallel.counters import Counters
+from solvers.system.system import assemble
+from workflows.run.mesh_report import elements_across, look
+from workflows.run.run import run
+from workflows.scene_file.read import from_dict, read
 
 CAD = """
 model = "3d"

@@ -8,12 +8,12 @@ import pyvista
 from numpy.testing import assert_allclose
 
 from geometry.amplitude import value_at
-from geometry.builders.domes import Domes
+from geometry.builders.pair import Domes
 from geometry.obstacles.plane import Plane
 from shared.measures import facets_miss, measures
 from shared.solved import ROUNDING, ZERO, Solved
-from solvers.effects.friction import Coulomb
-from solvers.nouns.scene import Scene
+from solvers.laws.friction import Coulomb
+from solvers.scene.scene import Scene
 from workflows.writers.steps import read_step, step_name
 
 

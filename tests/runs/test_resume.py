@@ -18,11 +18,11 @@ import pytest
 from shared.command import Call, result
 from shared.histories import LEARNS, SMALL, Stop, assert_same, names_in, rows
 from solvers.methods.surface_uzawa import SurfaceUzawa
-from workflows.folder import ResultsFolder
-from workflows.left import BEGUN, VERSIONS
-from workflows.run import run
-from workflows.scene import READY, from_dict, read
-from workflows.watch import Watch
+from workflows.run.folder import ResultsFolder
+from workflows.run.resume import BEGUN, VERSIONS
+from workflows.run.run import run
+from workflows.run.watch import Watch
+from workflows.scene_file.read import READY, from_dict, read
 from workflows.writers.hdf5 import write_arrays
 from workflows.writers.steps import step_name
 
@@ -100,7 +100,7 @@ def test_methods_that_were_given_up_stay_so(name: str, tmp_path: Path, monkeypat
     run(scene, tmp_path / "whole")
     run(scene, tmp_path / "out", Watch(on_step=Stop(2)))
     with monkeypatch.context() as patched:
-        patched.setattr("solvers.choice.available", lambda: 0)
+        patched.setattr("solvers.stepping.choice.available", lambda: 0)
         run(scene, tmp_path / "out", resume=True)
     done = result(tmp_path / "out")
     assert [switch["after"] for switch in done["switches"]][-1] == "condensed-newton (condensed)"
@@ -117,7 +117,7 @@ def test_signals_end_the_run_after_the_iteration_and_it_goes_on(
     first = sum(row["step"] == "1" for row in rows(whole / "history.csv"))
     stops = [Stop(first + 2, number), Stop(2, number)]
     with monkeypatch.context() as patched:
-        patched.setattr("workflows.report.Reporter._iteration", lambda self, row: stops[0](row))
+        patched.setattr("workflows.commands.terminal.Reporter._iteration", lambda self, row: stops[0](row))
         code, _, err = call(*WORDS)
         assert (code, err.count("\n")) == (130, 1)
         assert f"stopped by {number.name} after 1 of 6 steps; go on with: stickslip run block -o out --set=" in err

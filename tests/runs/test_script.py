@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose
 
 import stickslip
 from geometry.amplitude import Amplitude
-from solvers.nouns.support import Direction
-from workflows.scene import from_dict, to_dict
+from solvers.scene.loads import Direction
+from workflows.scene_file.read import from_dict, to_dict
 from workflows.studies import block_from_python
 
 

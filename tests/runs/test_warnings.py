@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from shared.command import COARSE, Spoken
-from solvers.plan import warnings
-from workflows.scene import read
+from solvers.simulation.plan import warnings
+from workflows.scene_file.read import read
 
 Call = Callable[..., Spoken]
 SOFT = "--set=bodies.block.nu=0.4999"

@@ -9,14 +9,14 @@ import numpy as np
 from mpi4py import MPI
 
 from geometry.errors import SceneError
-from solvers.effects.laws import FrictionLaw, NormalLaw
-from solvers.methods.table import RIGID
-from solvers.nouns.scene import Scene
-from solvers.operators import OPERATORS
-from solvers.plan import make_plan
-from solvers.simulation import Simulation, prepare
-from solvers.step_result import StepResult
-from workflows.scene import from_dict
+from solvers.contact.operators import OPERATORS
+from solvers.laws.law import FrictionLaw, NormalLaw
+from solvers.results.step_result import StepResult
+from solvers.scene.applicability import RIGID
+from solvers.scene.scene import Scene
+from solvers.simulation.plan import make_plan
+from solvers.simulation.simulation import Simulation, prepare
+from workflows.scene_file.read import from_dict
 
 NORMAL: dict[str, dict[str, Any]] = {"compliance": {"c_n": 20.0, "m_n": 2.0}}  # parameters of laws that need some
 FRICTION: dict[str, dict[str, Any]] = {

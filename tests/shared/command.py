@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from workflows.scene import READY
+from workflows.scene_file.read import READY
 
 Spoken = tuple[int, str, str]
 Call = Callable[..., Spoken]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from geometry import dolfinx_versions as dx
-from geometry.surface import Surface
+from geometry.surfaces.surface import Surface
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

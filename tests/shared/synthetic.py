@@ -6,8 +6,9 @@ import basix
 import numpy as np
 from numpy.typing import NDArray
 
-from solvers.energy import Energy
-from solvers.step_result import OPEN, SLIP, STICK, Array, ContactState, MeshData, StepResult
+from geometry.arrays import Array
+from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
+from solvers.stepping.state import Energy
 
 FACET = {"triangle": "interval", "quadrilateral": "interval", "tetrahedron": "triangle", "hexahedron": "quadrilateral"}
 SIZE = {"triangle": 1 / 2, "quadrilateral": 1, "tetrahedron": 1 / 6, "hexahedron": 1, "interval": 1}

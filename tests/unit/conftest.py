@@ -6,12 +6,12 @@ from typing import Any
 import pytest
 from mpi4py import MPI
 
-from geometry.mesh import build_mesh
-from solvers.counters import Counters
-from solvers.nouns.scene import Scene
-from solvers.simulation import Simulation, prepare
-from solvers.system import System, assemble
-from workflows.scene import from_dict
+from geometry.mesh.mesh import build_mesh
+from solvers.parallel.counters import Counters
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation, prepare
+from solvers.system.system import System, assemble
+from workflows.scene_file.read import from_dict
 
 
 @pytest.fixture(scope="session")

@@ -9,17 +9,17 @@ import pytest
 from numpy.testing import assert_allclose
 
 from geometry.errors import MachineError
-from solvers.choice import Size, Stage, chosen
-from solvers.coarse_mesh import CoarseMesh
-from solvers.methods.solution import Solution, Status
+from solvers.interface.coarse_mesh import CoarseMesh
 from solvers.methods.surface_uzawa import SurfaceUzawa
-from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver
-from solvers.simulation import Simulation
-from solvers.stepping import StepError
-from solvers.system import System
-from workflows.results import summary
-from workflows.scene import read
+from solvers.newton.solution import Solution, Status
+from solvers.scene.scene import Scene
+from solvers.scene.settings import Solver
+from solvers.simulation.simulation import Simulation
+from solvers.stepping.choice import Size, Stage, chosen
+from solvers.stepping.stepper import StepError
+from solvers.system.system import System
+from workflows.scene_file.read import read
+from workflows.writers.result import summary
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
@@ -79,7 +79,7 @@ def test_a_linear_solve_that_fails_hands_the_step_on(
 ) -> None:
     expected = forces(simulation_of(pressed(scene_of, method="condensed-newton")))
     simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
-    monkeypatch.setattr("solvers.conjugate_gradients.MOST_ITERATIONS", 1)
+    monkeypatch.setattr("solvers.linear.conjugate_gradients.MOST_ITERATIONS", 1)
     assert_allclose(forces(simulation), expected, rtol=0, atol=1e-7)
     assert {switch.because for switch in simulation.stepper.attempts.switches} == {Status.BROKEN.value}
 
@@ -89,7 +89,7 @@ def test_a_linear_solve_that_fails_leaves_the_steps_before_it(
 ) -> None:
     steps = simulation_of(pressed(scene_of, method="surface-uzawa", surface="matrix-free")).steps()
     assert next(steps).time == 1.0
-    monkeypatch.setattr("solvers.conjugate_gradients.MOST_ITERATIONS", 0)
+    monkeypatch.setattr("solvers.linear.conjugate_gradients.MOST_ITERATIONS", 0)
     with pytest.raises(StepError, match="a linear solve failed"):
         next(steps)
 
@@ -99,7 +99,7 @@ def test_no_switch_to_what_memory_has_no_room_for(
 ) -> None:
     hasten(monkeypatch)
     simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
-    monkeypatch.setattr("solvers.choice.available", lambda: 0)
+    monkeypatch.setattr("solvers.stepping.choice.available", lambda: 0)
     with pytest.raises(StepError, match="iterations ran out"):
         next(simulation.steps())
     attempts = simulation.stepper.attempts

@@ -12,11 +12,11 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from solvers.audit import Audit, Auditor, Record
-from solvers.gathered import nodes_of
-from solvers.nouns.scene import Scene
-from solvers.simulation import Simulation
-from solvers.step_result import OPEN, SLIP, STICK, StepResult
+from solvers.parallel.gather import nodes_of
+from solvers.results.audit import Audit, Auditor, Record
+from solvers.results.step_result import OPEN, SLIP, STICK, StepResult
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation
 
 Array = NDArray[np.float64]
 CLEAN = 1e-8  # solver.tolerance is 1e-10

@@ -8,10 +8,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from geometry.errors import SceneError
-from solvers.nouns.scene import Scene
-from solvers.plan import make_plan
-from solvers.simulation import Simulation
-from solvers.system import System
+from solvers.scene.scene import Scene
+from solvers.simulation.plan import make_plan
+from solvers.simulation.simulation import Simulation
+from solvers.system.system import System
 
 SceneOf = Callable[..., Scene]
 SystemOf = Callable[[Scene], System]

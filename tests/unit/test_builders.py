@@ -11,6 +11,7 @@ from mpi4py import MPI
 from numpy.testing import assert_allclose
 
 from geometry import dolfinx_versions as dx
+from geometry.arrays import Array
 from geometry.builders import Builder
 from geometry.builders.block import Block
 from geometry.builders.half_ball import HalfBall
@@ -19,11 +20,11 @@ from geometry.builders.half_space import HalfSpace
 from geometry.builders.ring import Ring
 from geometry.builders.strip import Strip
 from geometry.errors import GeometryError, SceneError
-from geometry.inverted import flatness
-from geometry.mesh import Mesh, build_mesh
-from geometry.nodes import Nodes
-from geometry.shape import Array, Model, Request
-from geometry.surface import Surface, gather_surface
+from geometry.mesh.jacobian import flatness
+from geometry.mesh.mesh import Mesh, build_mesh
+from geometry.mesh.nodes import Nodes
+from geometry.shape import Model, Request
+from geometry.surfaces.surface import Surface, gather_surface
 from shared.measures import facets_miss, measures
 
 Case = tuple[Builder, Model]

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from geometry.errors import MachineError
 from shared.histories import SMALL
 from shared.synthetic import mesh_of, result_of
-from solvers.checkpoint import ROWS, Checkpoints
-from solvers.plain import packed, unpacked
-from solvers.simulation import Simulation, prepare
-from solvers.state import State
-from workflows.scene import read
+from solvers.parallel.serialise import packed, unpacked
+from solvers.simulation.checkpoint import ROWS, Checkpoints
+from solvers.simulation.simulation import Simulation, prepare
+from solvers.stepping.state import State
+from workflows.scene_file.read import read
 from workflows.writers.learnt import LearntFiles, is_kept
-from workflows.writers.plain_arrays import BYTES, TEXT, from_arrays, to_arrays
+from workflows.writers.serialised import BYTES, TEXT, from_arrays, to_arrays
 from workflows.writers.steps import read_checkpoint, write_step
 
 

@@ -9,16 +9,16 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from shared.drawn import GEO, draw, scene_data
-from solvers.coarse_mesh import LEAST, CoarseMesh
-from solvers.condensed import CondensedSurface
-from solvers.counters import Counters
+from solvers.interface.coarse_mesh import LEAST, CoarseMesh
+from solvers.interface.factorised import Volume
+from solvers.interface.prepare import prepare_surface
+from solvers.interface.schur_complement import CondensedSurface
 from solvers.methods.surface_uzawa import SurfaceUzawa
-from solvers.nouns.scene import Scene
-from solvers.prepare import prepare_surface
-from solvers.surface_metric import surface_metric
-from solvers.system import System
-from solvers.volume import Volume
-from workflows.scene import from_dict, read
+from solvers.metrics.surface_metric import surface_metric
+from solvers.parallel.counters import Counters
+from solvers.scene.scene import Scene
+from solvers.system.system import System
+from workflows.scene_file.read import from_dict, read
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

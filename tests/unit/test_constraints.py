@@ -12,14 +12,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from geometry.errors import SceneError
-from geometry.surface import Surface, gather_surface
-from solvers.constraints import Row
-from solvers.nouns.scene import Scene
-from solvers.plan import make_plan
-from solvers.rigid_motions import rigid_fields
-from solvers.simulation import Simulation
-from solvers.system import System
-from workflows.scene import from_dict
+from geometry.surfaces.surface import Surface, gather_surface
+from solvers.fem.constraints import Row
+from solvers.fem.rigid_modes import rigid_fields
+from solvers.scene.scene import Scene
+from solvers.simulation.plan import make_plan
+from solvers.simulation.simulation import Simulation
+from solvers.system.system import System
+from workflows.scene_file.read import from_dict
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

@@ -9,14 +9,14 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.linalg import eigh, null_space
 
-from solvers.condensed import CondensedSurface
-from solvers.contact_layer import ContactLayer
-from solvers.counters import Counters
-from solvers.nouns.scene import Scene
-from solvers.prepare import prepare_surface
-from solvers.system import System
-from solvers.volume import Volume
-from workflows.scene import read
+from solvers.interface.factorised import Volume
+from solvers.interface.prepare import prepare_surface
+from solvers.interface.schur_complement import CondensedSurface
+from solvers.metrics.surface_metric import ContactLayer
+from solvers.parallel.counters import Counters
+from solvers.scene.scene import Scene
+from solvers.system.system import System
+from workflows.scene_file.read import read
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

@@ -11,8 +11,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from geometry.errors import MachineError, SceneError, SolverError
-from solvers.nouns.exact import Exact
-from solvers.nouns.scene import Scene
+from solvers.scene.scene import Scene
+from solvers.scene.settings import Exact
 from workflows.cost import child, predict
 from workflows.cost import climb as climbing
 from workflows.cost.climb import Budget, climb, retry
@@ -25,7 +25,7 @@ from workflows.cost.rung import RATIO, Rung
 from workflows.cost.sentence import headline, sentence
 from workflows.cost.study import Study
 from workflows.cost.truth import truth_of
-from workflows.scene import from_dict, read
+from workflows.scene_file.read import from_dict, read
 
 TIGHT = 1e-8
 ROOMY = Budget(seconds=60.0, memory=1e12, dim=2)

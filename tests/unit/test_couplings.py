@@ -7,17 +7,16 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose, assert_array_equal
 
-from geometry.mesh import build_mesh
-from geometry.overlap import overlap
-from geometry.surface import Surface
+from geometry.mesh.mesh import build_mesh
+from geometry.surfaces.overlap import overlap
+from geometry.surfaces.surface import Surface
 from shared.overlays import above, below
-from solvers.counters import Counters
-from solvers.operators.mortar import mortar_integrals
-from solvers.operators.mortar_coupling import mortar_coupling
-from solvers.operators.rows import ContactRows
-from solvers.simulation import prepare
-from solvers.system import assemble
-from workflows.scene import from_dict, read
+from solvers.contact.mortar import mortar_coupling, mortar_integrals
+from solvers.contact.rows import ContactRows
+from solvers.parallel.counters import Counters
+from solvers.simulation.simulation import prepare
+from solvers.system.system import assemble
+from workflows.scene_file.read import from_dict, read
 
 LAWS: dict[str, dict[str, Any]] = {"unilateral": {"law": "unilateral"}, "compliance": {"law": "compliance", "c_n": 9.0}}
 

@@ -8,11 +8,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from geometry.errors import SceneError
-from solvers.nouns.scene import Scene
-from solvers.plan import make_plan
-from solvers.simulation import Simulation
-from solvers.step_result import SLIP
-from workflows.scene import from_dict
+from solvers.results.step_result import SLIP
+from solvers.scene.scene import Scene
+from solvers.simulation.plan import make_plan
+from solvers.simulation.simulation import Simulation
+from workflows.scene_file.read import from_dict
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
@@ -63,7 +63,7 @@ def test_a_sideways_force_beyond_friction_has_no_answer_and_one_below_it_has(
     (step,) = simulation_of(held).steps()
     assert_allclose(step.obstacles["foundation"][1], [0.05, 0.2], rtol=1e-10)
     assert step.obstacles["foundation"][0][0] > 0  # the way the force pushes
-    from solvers.stepping import StepError
+    from solvers.stepping.stepper import StepError
 
     slips = scene_of(obstacles=driven(2, force={"y": 0.2, "x": 0.07}), **tables)  # 0.07 > 0.3 * 0.2
     with pytest.raises(StepError):

@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from geometry.errors import SceneError
-from solvers.nouns.scene import Scene
-from solvers.simulation import Simulation
-from solvers.stepping import NoEquilibriumError
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation
+from solvers.stepping.stepper import NoEquilibriumError
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

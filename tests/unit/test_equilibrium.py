@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.bodies import Load
-from solvers.equilibrium import Balance, balancing_tractions, decide, unbalanced_motion
-from solvers.nouns.scene import Scene
-from solvers.simulation import Simulation
-from solvers.surface_problem import SurfaceProblem
+from solvers.interface.flexibility import Load
+from solvers.interface.limit_analysis import Balance, balancing_tractions, decide, unbalanced_motion
+from solvers.interface.problem import SurfaceProblem
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
@@ -37,8 +37,10 @@ def problem_of(
             loads={"lid": {"boundary": "block.bottom", "traction": [*(f / area for f in pull), -PRESS / area]}},
         )
         seen: list[SurfaceProblem] = []
-        monkeypatch.setattr("solvers.stepping.unbalanced_motion", lambda problem: seen.append(problem) or np.ones(1))
-        monkeypatch.setattr("solvers.stepping.in_words", lambda system, motion: "")
+        monkeypatch.setattr(
+            "solvers.stepping.stepper.unbalanced_motion", lambda problem: seen.append(problem) or np.ones(1)
+        )
+        monkeypatch.setattr("solvers.stepping.stepper.motion_in_words", lambda system, motion: "")
         stepper = simulation_of(scene).stepper
         with pytest.raises(Exception, match="cannot balance"):
             stepper.reach(stepper.start(), 1.0, lambda row: None)

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from vtkmodules.vtkCommonDataModel import vtkGenericCell
 
 from shared.synthetic import FACET, MESHES, SIZE, mesh_of, padded, reference_nodes, result_of
-from solvers.step_result import MeshData, StepResult
+from solvers.results.step_result import MeshData, StepResult
 from workflows.writers.shapes import SHAPES
 from workflows.writers.steps import write_step
 from workflows.writers.xdmf import FieldFiles

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from geometry import dolfinx_versions as dx
 from geometry.dolfinx_versions import ufl
-from solvers.effects.compliance import Compliance
-from solvers.nouns.scene import Scene
-from solvers.operators.rows import ContactRows
-from solvers.simulation import Simulation
-from solvers.system import System
+from solvers.contact.rows import ContactRows
+from solvers.laws.compliance import Compliance
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation
+from solvers.system.system import System
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

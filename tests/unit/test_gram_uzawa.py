@@ -10,16 +10,16 @@ from numpy.testing import assert_allclose
 from scipy import sparse
 
 from geometry.errors import MachineError, SceneError
-from solvers.effects.compliance import Compliance
-from solvers.gram_metric import GramMetric, contact_last, volume_block, volume_gram
-from solvers.incomplete_cholesky import incomplete_cholesky
+from solvers.interface.problem import SurfaceProblem
+from solvers.laws.compliance import Compliance
+from solvers.linear.incomplete_cholesky import incomplete_cholesky
 from solvers.methods.gram_uzawa import GramUzawa
-from solvers.methods.solution import Solution
-from solvers.nouns.gram import Gram
-from solvers.nouns.scene import Scene
-from solvers.plan import make_plan
-from solvers.simulation import Simulation
-from solvers.surface_problem import SurfaceProblem
+from solvers.metrics.gram import GramMetric, contact_last, volume_block, volume_gram
+from solvers.newton.solution import Solution
+from solvers.scene.gram import Gram
+from solvers.scene.scene import Scene
+from solvers.simulation.plan import make_plan
+from solvers.simulation.simulation import Simulation
 from workflows.studies import gram as study
 
 SceneOf = Callable[..., Scene]

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from geometry.errors import SceneError
-from solvers.cone import project_disc
-from solvers.effects import compliance
-from solvers.effects.bilateral import Bilateral
-from solvers.effects.compliance import Compliance
-from solvers.effects.friction import Coulomb, Stick, Tresca
-from solvers.effects.laws import FrictionLaw, NormalLaw
-from solvers.effects.tangential_compliance import TangentialCompliance
-from solvers.effects.tied import Tied
-from solvers.effects.unilateral import Unilateral
-from solvers.nouns.contact import Contact
+from solvers.contact.admissible_set import project_disc
+from solvers.laws import compliance
+from solvers.laws.bilateral import Bilateral
+from solvers.laws.compliance import Compliance
+from solvers.laws.friction import Coulomb, Stick, Tresca
+from solvers.laws.law import FrictionLaw, NormalLaw
+from solvers.laws.tangential_compliance import TangentialCompliance
+from solvers.laws.tied import Tied
+from solvers.laws.unilateral import Unilateral
+from solvers.scene.contact import Contact
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)

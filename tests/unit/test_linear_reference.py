@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solvers import linear_reference as module
-from solvers.linear_reference import linear_reference
-from solvers.nouns.scene import Scene
-from solvers.system import System
+from solvers.results import linear_reference as module
+from solvers.results.linear_reference import linear_reference
+from solvers.scene.scene import Scene
+from solvers.system.system import System
 
 SceneOf = Callable[..., Scene]
 SystemOf = Callable[[Scene], System]

@@ -11,18 +11,16 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from geometry.errors import SolverError
-from solvers.condensed import CondensedSurface
-from solvers.conjugate_gradients import ConjugateGradients
-from solvers.counters import Counters
-from solvers.iterative_volume import IterativeVolume
-from solvers.matrix_free import MatrixFreeSurface
-from solvers.nouns.scene import Scene
-from solvers.prepare import prepare_surface
-from solvers.simulation import Simulation
-from solvers.stopping import ContactError, EnergyError
-from solvers.system import System
-from solvers.volume import Volume
-from workflows.scene import read
+from solvers.interface.factorised import Volume
+from solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
+from solvers.interface.prepare import prepare_surface
+from solvers.interface.schur_complement import CondensedSurface
+from solvers.linear.conjugate_gradients import ConjugateGradients, ContactError, EnergyError
+from solvers.parallel.counters import Counters
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation
+from solvers.system.system import System
+from workflows.scene_file.read import read
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]
@@ -179,7 +177,7 @@ def test_a_stiffness_that_is_none_is_said(
 ) -> None:
     system = system_of(block(scene_of, 2))
     surface = prepare_surface(system, IterativeVolume(system))
-    monkeypatch.setattr("solvers.conjugate_gradients.MOST_ITERATIONS", 3)
+    monkeypatch.setattr("solvers.linear.conjugate_gradients.MOST_ITERATIONS", 3)
     with pytest.raises(SolverError, match=r"does not converge; set solver\.surface"):
         surface.displacement(np.ones(surface.size))
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from solvers.memory import available
+from solvers.parallel.memory import available
 
 GIB = 2**30
 

@@ -9,11 +9,11 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy import sparse
 
-from geometry.facet_map import place
-from geometry.overlap import Overlap, overlap
-from geometry.surface import Surface
+from geometry.surfaces.facet_map import place
+from geometry.surfaces.overlap import Overlap, overlap
+from geometry.surfaces.surface import Surface
 from shared.overlays import above, ball, below, both, flat, scattered
-from solvers.operators.mortar import mortar_integrals
+from solvers.contact.mortar import mortar_integrals
 
 Array = NDArray[np.float64]
 SHAPES = ("interval", "triangle", "quadrilateral")

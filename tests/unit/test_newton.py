@@ -9,17 +9,17 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from solvers.condensed import CondensedSurface
-from solvers.cone import Cone
+from solvers.contact.admissible_set import AdmissibleSet
+from solvers.interface.problem import SurfaceProblem
+from solvers.interface.schur_complement import CondensedSurface
 from solvers.methods.condensed_newton import CondensedNewton
-from solvers.methods.linearised_laws import LinearisedLaws, linearise
-from solvers.methods.newton_system import by_motion, by_tractions, solve
-from solvers.methods.solution import Status
 from solvers.methods.uzawa import Uzawa
-from solvers.nouns.scene import Scene
-from solvers.simulation import Simulation, prepare
-from solvers.surface_problem import SurfaceProblem
-from workflows.scene import from_dict
+from solvers.newton.active_set import ActiveSet, linearise
+from solvers.newton.condensed_system import by_motion, by_tractions, solve
+from solvers.newton.solution import Status
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation, prepare
+from workflows.scene_file.read import from_dict
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]
@@ -62,7 +62,7 @@ def problem_of(simulation: Simulation) -> SurfaceProblem:
     return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
 
 
-def trial_away_from_kinks(cone: Cone, gamma: Array, seed: int) -> tuple[Array, NDArray[np.str_]]:
+def trial_away_from_kinks(cone: AdmissibleSet, gamma: Array, seed: int) -> tuple[Array, NDArray[np.str_]]:
     """Random trial tractions, none near an edge between open, stick and slip; the state of each tangential point."""
     random = np.random.default_rng(seed)
     (place,) = cone.places
@@ -82,7 +82,7 @@ def trial_away_from_kinks(cone: Cone, gamma: Array, seed: int) -> tuple[Array, N
     return p_hat, np.where(s == 0, "open", np.where(slipping & np.isfinite(s), "slip", "stick"))
 
 
-def as_one_system(laws: LinearisedLaws) -> tuple[Array, Array]:
+def as_one_system(laws: ActiveSet) -> tuple[Array, Array]:
     """M (p, w) = r."""
     return np.hstack([laws.A_p.toarray(), laws.A_w.toarray()]), laws.rhs
 

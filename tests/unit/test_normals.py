@@ -5,8 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from geometry.normals import CREASE
-from geometry.surface import Surface
+from geometry.surfaces.surface import CREASE, Surface
 
 Array = NDArray[np.float64]
 

@@ -11,19 +11,18 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from geometry.errors import SceneError
+from solvers.interface.problem import SurfaceProblem
 from solvers.methods import perturbed_lagrangian as module
-from solvers.methods.contact_element import OPEN, SLIP, STICK, ContactElements
+from solvers.methods.contact_element import OPEN, SLIP, STICK, ContactElements, penalties
 from solvers.methods.perturbed_lagrangian import Newton, least_energy, newton_step, residual
-from solvers.methods.solution import Status, ignore
-from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver
-from solvers.penalties import penalties
-from solvers.plan import make_plan
-from solvers.simulation import Simulation
-from solvers.step_result import StepResult
-from solvers.stepping import StepError
-from solvers.surface_problem import SurfaceProblem
-from workflows.scene import from_dict, read
+from solvers.newton.solution import Status, ignore
+from solvers.results.step_result import StepResult
+from solvers.scene.scene import Scene
+from solvers.scene.settings import Solver
+from solvers.simulation.plan import make_plan
+from solvers.simulation.simulation import Simulation
+from solvers.stepping.stepper import StepError
+from workflows.scene_file.read import from_dict, read
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

@@ -16,19 +16,20 @@ from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
 import stickslip
+from geometry.arrays import Array
 from geometry.errors import MachineError
-from solvers.energy import Energy
-from solvers.step_result import OPEN, SLIP, STICK, Array, ContactState, MeshData, StepResult
-from workflows.pictures import draw, draw_course
-from workflows.writers.body_picture import _outline, displacement_scale
+from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
+from solvers.stepping.state import Energy
+from workflows.pictures.body_picture import _outline, displacement_scale
+from workflows.pictures.contact_curves import walk
+from workflows.pictures.contact_maps import dual_cells, view_of
+from workflows.pictures.draw import draw, draw_course
+from workflows.pictures.focus import focus
+from workflows.pictures.history_picture import draw_history, most, panels_of
+from workflows.pictures.loops import Panel, _draw, draw_loops, driving, from_rest, largest, sliding
+from workflows.pictures.render import View, grid_of
+from workflows.pictures.sheet import Sheet
 from workflows.writers.by_time import by_time
-from workflows.writers.contact_curves import walk
-from workflows.writers.contact_maps import dual_cells, view_of
-from workflows.writers.focus import focus
-from workflows.writers.history_picture import draw_history, most, panels_of
-from workflows.writers.loops import Panel, _draw, draw_loops, driving, from_rest, largest, sliding
-from workflows.writers.render import View, grid_of
-from workflows.writers.sheet import Sheet
 from workflows.writers.tables import write_tables
 
 Ints = NDArray[np.int64]

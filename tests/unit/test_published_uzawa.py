@@ -12,15 +12,14 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
 from geometry.errors import SceneError
-from solvers.iterative_volume import IterativeVolume
-from solvers.matrix_free import MatrixFreeSurface
+from solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from solvers.methods.inexact_uzawa import InexactUzawa
 from solvers.methods.inner_tolerance import InnerTolerance
-from solvers.methods.solution import Status
-from solvers.nouns.scene import Scene
-from solvers.plan import make_plan
-from solvers.simulation import Simulation
-from solvers.step_result import StepResult
+from solvers.newton.solution import Status
+from solvers.results.step_result import StepResult
+from solvers.scene.scene import Scene
+from solvers.simulation.plan import make_plan
+from solvers.simulation.simulation import Simulation
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

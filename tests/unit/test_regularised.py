@@ -10,15 +10,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from geometry.errors import SceneError
-from solvers import regularised as module
-from solvers.methods.table import METHODS
-from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver
-from solvers.plan import make_plan
-from solvers.regularised import NextStep
-from solvers.simulation import Simulation
-from solvers.step_result import StepResult
-from solvers.stepping import StepError
+from solvers.methods import regularised as module
+from solvers.methods.regularised import NextStep
+from solvers.results.step_result import StepResult
+from solvers.scene.applicability import METHODS
+from solvers.scene.scene import Scene
+from solvers.scene.settings import Solver
+from solvers.simulation.plan import make_plan
+from solvers.simulation.simulation import Simulation
+from solvers.stepping.stepper import StepError
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

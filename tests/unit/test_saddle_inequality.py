@@ -13,15 +13,15 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solvers.accept import relative_displacement
-from solvers.cone import Place
-from solvers.methods.table import METHODS
-from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Solver
-from solvers.simulation import Simulation, prepare
-from solvers.stepping import Accepted
-from solvers.system import System
-from workflows.scene import read
+from solvers.contact.admissible_set import Place
+from solvers.scene.applicability import METHODS
+from solvers.scene.scene import Scene
+from solvers.scene.settings import Solver
+from solvers.simulation.simulation import Simulation, prepare
+from solvers.stepping.stepper import Accepted
+from solvers.stepping.update import relative_displacement
+from solvers.system.system import System
+from workflows.scene_file.read import read
 
 Array = NDArray[np.float64]
 COMPLIANCE = (

@@ -9,12 +9,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.linalg import eigvalsh
 
-from solvers.condensed import CondensedSurface
-from solvers.methods.condensed_newton import CondensedNewton
-from solvers.methods.solution import Status
-from solvers.methods.uzawa import Uzawa
-from solvers.nouns.scene import Scene
-from solvers.saddle_points import (
+from solvers.analysis.saddle_points import (
     Bounds,
     Exact,
     InexactRichardson,
@@ -28,8 +23,13 @@ from solvers.saddle_points import (
     measured,
     membrane,
 )
-from solvers.simulation import Simulation
-from solvers.surface_problem import SurfaceProblem
+from solvers.interface.problem import SurfaceProblem
+from solvers.interface.schur_complement import CondensedSurface
+from solvers.methods.condensed_newton import CondensedNewton
+from solvers.methods.uzawa import Uzawa
+from solvers.newton.solution import Status
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation
 from workflows.studies import saddle_points as study
 
 Array = NDArray[np.float64]

@@ -6,11 +6,11 @@ from typing import Any
 import pytest
 
 from geometry.errors import SceneError
-from solvers.drives import over
 from solvers.effects import EFFECTS
-from solvers.nouns.scene import Scene
-from solvers.plan import make_plan
-from workflows.scene import READY, from_dict, read, to_dict
+from solvers.scene.course import over
+from solvers.scene.scene import Scene
+from solvers.simulation.plan import make_plan
+from workflows.scene_file.read import READY, from_dict, read, to_dict
 
 SceneOf = Callable[..., Scene]
 READY_NAMES = sorted(path.stem for path in READY.glob("*.toml"))

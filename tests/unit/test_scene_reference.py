@@ -7,16 +7,16 @@ from pathlib import Path
 import pytest
 
 import workflows
-from solvers.methods.table import METHODS
-from workflows.method_table import ROW, renewed
-from workflows.scene import READY, from_dict, read
-from workflows.scene_reference import FILE, reference
+from solvers.scene.applicability import METHODS
+from workflows.reference.method_table import ROW, renewed
+from workflows.reference.scene_page import FILE, reference
+from workflows.scene_file.read import READY, from_dict, read
 
 README = Path(workflows.__file__).parents[1] / "README.md"
 
 
 def test_scene_reference_is_what_the_dataclasses_say() -> None:
-    """Renew it with `python -m workflows.scene_reference`."""
+    """Renew it with `python -m workflows.reference.scene_page`."""
     assert FILE.read_text(encoding="utf-8") == reference()
 
 
@@ -36,7 +36,7 @@ def test_the_readme_scene_is_the_ready_scene_block() -> None:
 
 
 def test_the_readme_says_of_every_method_what_the_code_says() -> None:
-    """Renew it with `python -m workflows.method_table`."""
+    """Renew it with `python -m workflows.reference.method_table`."""
     text = README.read_text(encoding="utf-8")
     assert text == renewed(text)
     assert [line.split("`")[1] for line in text.splitlines() if ROW.match(line)][-len(METHODS) :] == list(METHODS)

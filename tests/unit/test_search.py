@@ -9,10 +9,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from geometry import dolfinx_versions as dx
-from geometry import search
-from geometry.crossing import across, cross
-from geometry.search import Pairing, pair
-from geometry.surface import Surface
+from geometry.surfaces import search
+from geometry.surfaces.search import Pairing, across, cross, pair
+from geometry.surfaces.surface import Surface
 
 Array = NDArray[np.float64]
 Map = Callable[[Array], Array]

@@ -11,15 +11,14 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from geometry.amplitude import value_at
-from solvers import failure
-from solvers.methods.solution import OnStep, Solution, Status
-from solvers.nouns.scene import Scene
-from solvers.pace import ENOUGH, HALVINGS, Pace
-from solvers.simulation import Simulation
-from solvers.state import State
-from solvers.step_result import StepResult
-from solvers.stepping import Accepted, StepError, Stepper
-from solvers.surface_problem import SurfaceProblem
+from solvers.interface.problem import SurfaceProblem
+from solvers.newton.solution import OnStep, Solution, Status
+from solvers.results.step_result import StepResult
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation
+from solvers.stepping import failure
+from solvers.stepping.state import ENOUGH, HALVINGS, Pace, State
+from solvers.stepping.stepper import Accepted, StepError, Stepper
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import eigh
 
-from geometry.surface_forms import surface_mass, surface_stiffness
-from solvers.condensed import CondensedSurface
-from solvers.counters import Counters
-from solvers.inverse_root import InverseRoot, poles
-from solvers.nouns.scene import Scene
-from solvers.prepare import prepare_surface
-from solvers.secants import Secants
-from solvers.surface_metric import surface_metric
-from solvers.system import System
-from solvers.volume import Volume
-from workflows.scene import read
+from geometry.surfaces.forms import surface_mass, surface_stiffness
+from solvers.interface.factorised import Volume
+from solvers.interface.prepare import prepare_surface
+from solvers.interface.schur_complement import CondensedSurface
+from solvers.linear.inverse_root import InverseRoot, poles
+from solvers.metrics.secants import Secants
+from solvers.metrics.surface_metric import surface_metric
+from solvers.parallel.counters import Counters
+from solvers.scene.scene import Scene
+from solvers.system.system import System
+from workflows.scene_file.read import read
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

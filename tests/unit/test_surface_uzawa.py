@@ -9,18 +9,18 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-import solvers.methods.surface_system as surface_system
-from solvers.condensed import CondensedSurface
-from solvers.methods.gmres import gmres
-from solvers.methods.solution import Status
-from solvers.methods.surface_model import SurfaceModel
+import solvers.newton.surface_system as surface_system
+from solvers.interface.problem import SurfaceProblem
+from solvers.interface.schur_complement import CondensedSurface
+from solvers.linear.gmres import gmres
 from solvers.methods.surface_uzawa import SurfaceUzawa
-from solvers.nouns.scene import Scene
-from solvers.simulation import Simulation
-from solvers.state import State
-from solvers.surface_metric import surface_metric
-from solvers.surface_problem import SurfaceProblem
-from workflows.scene import read
+from solvers.metrics.surface_metric import surface_metric
+from solvers.newton.solution import Status
+from solvers.newton.surface_model import SurfaceModel
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation
+from solvers.stepping.state import State
+from workflows.scene_file.read import read
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

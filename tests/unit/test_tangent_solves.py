@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from geometry.errors import MachineError
-from solvers.condensed import CondensedSurface
-from solvers.dropped_fill import dropped_fill
-from solvers.methods.contact_element import SLIP
-from solvers.penalties import penalties
-from solvers.slip_tangent import SlipTangent, unsymmetry
-from solvers.tangent_solves import ILU, condition, gauss_seidel, gmres, mumps
+from solvers.analysis.slip_tangent import SlipTangent, unsymmetry
+from solvers.analysis.tangent_solves import ILU, condition, dropped_fill, gauss_seidel, gmres, mumps
+from solvers.interface.schur_complement import CondensedSurface
+from solvers.methods.contact_element import SLIP, penalties
 from workflows.studies.published.contact import march
 from workflows.studies.published.scenes import scene
 

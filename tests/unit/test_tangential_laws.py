@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.audit import Auditor, Record
 from solvers.methods.uzawa import Uzawa
-from solvers.nouns.scene import Scene
-from solvers.simulation import Simulation
-from solvers.step_result import SLIP, STICK, StepResult
-from solvers.system import System
+from solvers.results.audit import Auditor, Record
+from solvers.results.step_result import SLIP, STICK, StepResult
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation
+from solvers.system.system import System
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

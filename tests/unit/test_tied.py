@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from solvers.audit import Auditor, Record
-from solvers.nouns.scene import Scene
-from solvers.plan import make_plan
-from solvers.simulation import Simulation
-from solvers.step_result import STICK, StepResult
+from solvers.results.audit import Auditor, Record
+from solvers.results.step_result import STICK, StepResult
+from solvers.scene.scene import Scene
+from solvers.simulation.plan import make_plan
+from solvers.simulation.simulation import Simulation
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

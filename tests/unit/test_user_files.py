@@ -13,20 +13,20 @@ from mpi4py import MPI
 from numpy.testing import assert_allclose
 
 from geometry.errors import GeometryError, SceneError
-from geometry.gmsh_session import gmsh_session
-from geometry.mesh import Mesh, build_mesh
-from geometry.msh_file import write_msh
-from geometry.quality import worst_quality
+from geometry.mesh.gmsh_session import gmsh_session
+from geometry.mesh.mesh import Mesh, build_mesh
+from geometry.mesh.msh_file import write_msh
+from geometry.mesh.quality import worst_quality
 from geometry.user_files.parts import find_parts
 from geometry.user_files.system_calls import parameter_names
 from shared.drawn import FACES, GEO, PY, draw, scene_data
-from solvers.nouns.scene import Scene
-from solvers.plan import make_plan
-from workflows.left import BEGUN
-from workflows.results import scene_hash
-from workflows.run import run
-from workflows.scene import from_dict, read, to_dict
-from workflows.watch import Watch
+from solvers.scene.scene import Scene
+from solvers.simulation.plan import make_plan
+from workflows.run.resume import BEGUN
+from workflows.run.run import run
+from workflows.run.watch import Watch
+from workflows.scene_file.read import from_dict, read, to_dict
+from workflows.writers.result import scene_hash
 
 
 def meshed(scene: Scene) -> Mesh:

@@ -11,16 +11,16 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from geometry.errors import MachineError
-from solvers.condensed import CondensedSurface
-from solvers.counters import Counters
-from solvers.methods.linearised_laws import linearise
-from solvers.methods.newton_system import solve
-from solvers.nouns.scene import Scene
-from solvers.prepare import prepare_surface
-from solvers.remembered import Remembered
-from solvers.simulation import Simulation
-from solvers.system import System
-from solvers.volume import Volume
+from solvers.interface.factorised import Volume
+from solvers.interface.prepare import prepare_surface
+from solvers.interface.schur_complement import CondensedSurface
+from solvers.linear.memoised_map import Remembered
+from solvers.newton.active_set import linearise
+from solvers.newton.condensed_system import solve
+from solvers.parallel.counters import Counters
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation
+from solvers.system.system import System
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]
@@ -100,10 +100,10 @@ def test_a_factorisation_that_mumps_gave_too_little_memory_is_repeated_with_more
         return volume.S
 
     expected = schur_complement()
-    monkeypatch.setattr("solvers.volume.WORKSPACE", (-90,))  # nine tenths less than MUMPS asks for
+    monkeypatch.setattr("solvers.interface.factorised.WORKSPACE", (-90,))  # nine tenths less than MUMPS asks for
     with pytest.raises(MachineError, match="too little memory"):
         schur_complement()
-    monkeypatch.setattr("solvers.volume.WORKSPACE", (-90, 100))
+    monkeypatch.setattr("solvers.interface.factorised.WORKSPACE", (-90, 100))
     assert_allclose(schur_complement(), expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 

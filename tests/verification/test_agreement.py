@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solvers.effects.friction import Coulomb
-from solvers.nouns.scene import Scene
-from workflows.verification import agreement_case
-from workflows.verification.agreement_case import ALL, REFERENCE, SCENES
+from solvers.laws.friction import Coulomb
+from solvers.scene.scene import Scene
+from workflows.verification.cases import agreement as agreement_case
+from workflows.verification.cases.agreement import ALL, REFERENCE, SCENES
 from workflows.verification.check import failures
 
 UZAWA = ("uzawa", "inexact-uzawa", "nonlinear-uzawa", "gram-uzawa")

@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 
 from shared.cells import FORMS, MODELS, REFERENCE, Cell, largest, reference, refused, solved, whole
-from solvers import stepping
-from solvers.effects.laws import FrictionLaw, NormalLaw
-from solvers.methods.table import METHODS, RIGID
-from solvers.operators import OPERATORS
-from workflows.verification.agreement_case import Answer
+from solvers.contact.operators import OPERATORS
+from solvers.laws.law import FrictionLaw, NormalLaw
+from solvers.scene.applicability import METHODS, RIGID
+from solvers.stepping import stepper as stepping
+from workflows.verification.cases.agreement import Answer
 
 TOLERANCE = 1e-9
 SAME = 1e-6  # that, times the condition of friction, and digits to spare

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from workflows.verification import cattaneo_case
-from workflows.verification.cattaneo_case import PAIRS, RATIO, Two, solve
+from workflows.verification.cases import cattaneo as cattaneo_case
+from workflows.verification.cases.cattaneo import PAIRS, RATIO, Two, solve
 from workflows.verification.check import failures
 
 # tolerances are the case's own, with what was measured

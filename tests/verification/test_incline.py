@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.nouns.stepping import Output
-from solvers.stepping import NoEquilibriumError, StepError
-from workflows.run import run
-from workflows.verification import incline, incline_case
+from solvers.scene.settings import Output
+from solvers.stepping.stepper import NoEquilibriumError, StepError
+from workflows.run.run import run
+from workflows.verification.cases import incline as incline_case
 from workflows.verification.check import failures
-from workflows.verification.incline import HOLDS, LAYER, SLIDES
+from workflows.verification.closed_forms import incline
+from workflows.verification.closed_forms.incline import HOLDS, LAYER, SLIDES
 from workflows.verification.prepared import observed, system_of
 
 METHOD = "condensed-newton"  # the layer is held by contact alone

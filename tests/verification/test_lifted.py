@@ -2,8 +2,8 @@
 
 import pytest
 
-from solvers.effects.compliance import Compliance
-from workflows.verification import lifted_case
+from solvers.laws.compliance import Compliance
+from workflows.verification.cases import lifted as lifted_case
 from workflows.verification.check import failures
 
 METHODS = ("condensed-newton", "uzawa", "surface-uzawa")

@@ -8,17 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from geometry.arrays import Array
 from shared.command import table
-from solvers.effects.compliance import Compliance
-from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Output, Steps
-from solvers.simulation import prepare
-from workflows.results import Outcome
-from workflows.run import run
-from workflows.verification import column_case, limits_case
+from solvers.laws.compliance import Compliance
+from solvers.scene.scene import Scene
+from solvers.scene.settings import Output, Steps
+from solvers.simulation.simulation import prepare
+from workflows.run.run import run
+from workflows.verification.cases import column as column_case
+from workflows.verification.cases import limits as limits_case
 from workflows.verification.check import failures
-from workflows.verification.circular_drive import Array
-from workflows.verification.limits import END, LIMITS, NONE, STEADY, Limit
+from workflows.verification.closed_forms.limits import END, LIMITS, NONE, STEADY, Limit
+from workflows.writers.result import Outcome
 from workflows.writers.steps import read_step
 
 

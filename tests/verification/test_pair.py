@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from solvers.nouns.scene import Scene
-from solvers.step_result import SLIP, STICK
-from solvers.system import System
-from workflows.verification import pair_case
+from geometry.arrays import Array
+from solvers.results.step_result import SLIP, STICK
+from solvers.scene.scene import Scene
+from solvers.system.system import System
+from workflows.verification.cases import pair as pair_case
+from workflows.verification.cases.pair import GRADED, SCENES, steps_of, turned
 from workflows.verification.check import failures
-from workflows.verification.circular_drive import Array
-from workflows.verification.pair_case import GRADED, SCENES, steps_of, turned
 from workflows.verification.prepared import system_of
 
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from solvers.plan import warnings
-from workflows.verification import punch, punch_case
+from solvers.simulation.plan import warnings
+from workflows.verification.cases import punch as punch_case
+from workflows.verification.cases.punch import BONDED, REFERENCE, Cut
 from workflows.verification.check import failures
-from workflows.verification.punch_case import BONDED, REFERENCE, Cut
+from workflows.verification.closed_forms import punch
 
 # tolerances are the case's own, with their reasons there: the mesh, or the digits of the source
 

@@ -3,10 +3,10 @@
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.effects.friction import Coulomb
-from workflows.verification import raous_case
+from solvers.laws.friction import Coulomb
+from workflows.verification.cases import raous as raous_case
+from workflows.verification.cases.raous_compliance import RIGID, checks, solve
 from workflows.verification.check import failures
-from workflows.verification.raous_compliance_case import RIGID, checks, solve
 
 
 @pytest.mark.parametrize("method", ["condensed-newton", "uzawa"])

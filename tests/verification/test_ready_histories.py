@@ -9,9 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.solved import Solved, coarse, solve
-from solvers.nouns.stepping import Steps
-from solvers.simulation import prepare
-from workflows.scene import read
+from solvers.scene.settings import Steps
+from solvers.simulation.simulation import prepare
+from workflows.scene_file.read import read
 
 FIRST, PERIOD, CYCLES = 2, 4, 5  # [s]
 VALUES = ("pressure", "traction", "slip_increment", "slip", "gap")

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.simulation import prepare
-from solvers.step_result import StepResult
-from workflows.scene import from_dict
+from solvers.results.step_result import StepResult
+from solvers.simulation.simulation import prepare
+from workflows.scene_file.read import from_dict
 
 TABLE = """
 def build(model, parameters):

@@ -5,11 +5,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import lsq_linear
 
-from solvers.effects.laws import FrictionLaw, NormalLaw
-from solvers.effects.unilateral import Unilateral
-from workflows.verification import shear_lag, shear_lag_case
+from solvers.laws.law import FrictionLaw, NormalLaw
+from solvers.laws.unilateral import Unilateral
+from workflows.verification.cases import shear_lag as shear_lag_case
 from workflows.verification.check import failures
-from workflows.verification.shear_lag import FORCE, STRIP
+from workflows.verification.closed_forms import shear_lag
+from workflows.verification.closed_forms.shear_lag import FORCE, STRIP
 
 METHOD = "condensed-newton"  # the others need bodies that their supports hold
 

@@ -7,13 +7,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.effects.friction import Coulomb
-from solvers.effects.tangential_compliance import TangentialCompliance
-from solvers.simulation import prepare
-from workflows.verification import sheared_column, sheared_column_case
-from workflows.verification.check import Check, failures
-from workflows.verification.cycles import accounted, repeats
-from workflows.verification.sheared_column_case import (
+from solvers.laws.friction import Coulomb
+from solvers.laws.tangential_compliance import TangentialCompliance
+from solvers.simulation.simulation import prepare
+from workflows.verification.cases import sheared_column as sheared_column_case
+from workflows.verification.cases.sheared_column import (
     BY_PENETRATION,
     K_T,
     MU,
@@ -26,6 +24,9 @@ from workflows.verification.sheared_column_case import (
     scene,
     threshold,
 )
+from workflows.verification.check import Check, failures
+from workflows.verification.closed_forms import sheared_column
+from workflows.verification.cycles import accounted, repeats
 
 METHODS = ("condensed-newton", "uzawa")
 PATH = sheared_column.TOP[:, None]

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.methods.table import METHODS
-from workflows.verification import slivers_case
+from solvers.scene.applicability import METHODS
+from workflows.verification.cases import slivers as slivers_case
+from workflows.verification.cases.slivers import ASPECT, CELLS, SCENES, squeezed
 from workflows.verification.check import failures
 from workflows.verification.prepared import system_of
-from workflows.verification.slivers_case import ASPECT, CELLS, SCENES, squeezed
 
 HELD = [name for name, thin in SCENES.items() if not thin.floating]
 

@@ -7,14 +7,14 @@ from typing import Any
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.effects.friction import Coulomb
-from solvers.nouns.scene import Scene
-from solvers.nouns.stepping import Output
-from solvers.simulation import prepare
-from solvers.step_result import StepResult
-from solvers.stepping import NoEquilibriumError, StepError
-from workflows.run import run
-from workflows.scene import from_dict
+from solvers.laws.friction import Coulomb
+from solvers.results.step_result import StepResult
+from solvers.scene.scene import Scene
+from solvers.scene.settings import Output
+from solvers.simulation.simulation import prepare
+from solvers.stepping.stepper import NoEquilibriumError, StepError
+from workflows.run.run import run
+from workflows.scene_file.read import from_dict
 
 PRESS, MU = 100.0, 0.3
 LIMIT = 2 * MU * PRESS

@@ -9,9 +9,9 @@ from numpy.testing import assert_allclose
 
 import stickslip
 from geometry.keys import Choice, Key, Noun
-from solvers.methods.table import METHODS
-from workflows.scene import from_dict, read, to_dict
-from workflows.verification import units_case
+from solvers.scene.applicability import METHODS
+from workflows.scene_file.read import from_dict, read, to_dict
+from workflows.verification.cases import units as units_case
 from workflows.verification.check import failures
 from workflows.verification.units import Units, in_millimetres
 

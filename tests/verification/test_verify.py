@@ -3,10 +3,10 @@
 import pytest
 
 from geometry.errors import SceneError, SolverError
-from workflows import verify as module
-from workflows.verification.cases import CASES, Case
+from workflows.commands import verify as module
+from workflows.commands.verify import verify
 from workflows.verification.check import Check, failures
-from workflows.verify import verify
+from workflows.verification.registry import CASES, Case
 
 
 def test_named_problem_is_solved_and_tabulated(capsys: pytest.CaptureFixture[str]) -> None:

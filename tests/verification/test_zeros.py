@@ -2,7 +2,7 @@
 
 import pytest
 
-from workflows.verification import zeros_case
+from workflows.verification.cases import zeros as zeros_case
 from workflows.verification.check import failures
 
 METHODS = ("condensed-newton", "uzawa")

@@ -6,37 +6,37 @@ a step costs the same at the end as at the beginning.
 
 from __future__ import annotations
 
+import logging
 import os
+import tempfile
+import time as clock
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+from unittest import mock
+
+import numpy as np
+import typer
+
+from geometry.errors import SolverError
+from solvers.results.observe import Observer
+from solvers.results.step_result import StepResult
+from solvers.scene.scene import Scene
+from solvers.simulation.checkpoint import Checkpoints
+from solvers.simulation.simulation import Simulation
+from workflows.run import run as running
+from workflows.run.run_log import LOGGERS
+from workflows.run.watch import Watch
+from workflows.scene_file.read import read
+from workflows.writers.learnt import LearntFiles
+from workflows.writers.xdmf import FieldFiles
 
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[threads] = "1"  # before numpy starts them
 
-import logging  # noqa: E402
-import tempfile  # noqa: E402
-import time as clock  # noqa: E402
-from collections import defaultdict  # noqa: E402
-from collections.abc import Iterator, Mapping  # noqa: E402
-from contextlib import ExitStack, contextmanager  # noqa: E402
-from dataclasses import dataclass, field  # noqa: E402
-from pathlib import Path  # noqa: E402
-from typing import Annotated, Any  # noqa: E402
-from unittest import mock  # noqa: E402
-
-import numpy as np  # noqa: E402
-import typer  # noqa: E402
-
-from geometry.errors import SolverError  # noqa: E402
-from solvers.checkpoint import Checkpoints  # noqa: E402
-from solvers.nouns.scene import Scene  # noqa: E402
-from solvers.observe import Observer  # noqa: E402
-from solvers.simulation import Simulation  # noqa: E402
-from solvers.step_result import StepResult  # noqa: E402
-from workflows import run as running  # noqa: E402
-from workflows.run_log import LOGGERS  # noqa: E402
-from workflows.scene import read  # noqa: E402
-from workflows.watch import Watch  # noqa: E402
-from workflows.writers.learnt import LearntFiles  # noqa: E402
-from workflows.writers.xdmf import FieldFiles  # noqa: E402
 
 CYCLES = 5
 LENGTH = 2.0  # [m] of the strip

@@ -11,13 +11,14 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-
-matplotlib.use("Agg")
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from workflows.benchmarks.price_run import REFERENCE
 from workflows.writers.aside import write_aside
+
+matplotlib.use("Agg")
+
 
 Run = dict[str, Any]
 COLOURS = {

@@ -5,29 +5,29 @@ With a SOLVER the linear reference is solved by that one alone, so that the proc
 
 from __future__ import annotations
 
+import json
 import os
+import statistics
+import sys
+import time as clock
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from mpi4py import MPI
+
+from geometry.errors import StickslipError
+from geometry.mesh.mesh import build_mesh
+from solvers.parallel.counters import Counters
+from solvers.results.linear_reference import linear_reference
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation, prepare
+from solvers.system.system import assemble
+from workflows.cost.child import peak_memory
+from workflows.scene_file.read import read
 
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[threads] = "1"  # before numpy starts them
 
-import json  # noqa: E402
-import statistics  # noqa: E402
-import sys  # noqa: E402
-import time as clock  # noqa: E402
-from dataclasses import asdict, dataclass  # noqa: E402
-from typing import Any  # noqa: E402
-
-from mpi4py import MPI  # noqa: E402
-
-from geometry.errors import StickslipError  # noqa: E402
-from geometry.mesh import build_mesh  # noqa: E402
-from solvers.counters import Counters  # noqa: E402
-from solvers.linear_reference import linear_reference  # noqa: E402
-from solvers.nouns.scene import Scene  # noqa: E402
-from solvers.simulation import Simulation, prepare  # noqa: E402
-from solvers.system import assemble  # noqa: E402
-from workflows.cost.child import peak_memory  # noqa: E402
-from workflows.scene import read  # noqa: E402
 
 REFERENCE = "linear reference"  # the method that solves no contact at all
 GIGABYTE = 1e9  # bytes

@@ -8,17 +8,17 @@ from __future__ import annotations
 import os
 from time import process_time
 
+import numpy as np
+
+from geometry import dolfinx_versions as dx
+from geometry.arrays import Array
+from geometry.surfaces.search import pair
+from geometry.surfaces.surface import Surface
+
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[threads] = "1"  # before numpy starts them
 
-import numpy as np  # noqa: E402
-from numpy.typing import NDArray  # noqa: E402
 
-from geometry import dolfinx_versions as dx  # noqa: E402
-from geometry.search import pair  # noqa: E402
-from geometry.surface import Surface  # noqa: E402
-
-Array = NDArray[np.float64]
 FACETS = 100_000
 POINTS = 100_000
 WAVE = 0.05  # [m] height of the master's waves, on a side of 1 m

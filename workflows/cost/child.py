@@ -13,11 +13,11 @@ from typing import Any
 
 from geometry.dolfinx_versions import form_cache
 from geometry.errors import GeometryError, MachineError, SceneError, SolverError
-from solvers.nouns.scene import Scene
-from solvers.quantities import values
-from solvers.simulation import prepare
-from solvers.stepping import NoEquilibriumError
-from workflows.scene import from_dict
+from solvers.scene.quantities import values
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import prepare
+from solvers.stepping.stepper import NoEquilibriumError
+from workflows.scene_file.read import from_dict
 from workflows.writers.aside import write_aside
 
 DIE_WITH_PARENT = 1  # prctl's PR_SET_PDEATHSIG

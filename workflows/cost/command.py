@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from geometry.errors import SceneError
-from solvers.memory import available
-from solvers.nouns.scene import Scene
+from solvers.parallel.memory import available
+from solvers.scene.scene import Scene
 from workflows.cost.climb import Budget, climb, retry
 from workflows.cost.kept import Kept
 from workflows.cost.ladder import ladder_of
@@ -23,7 +23,7 @@ from workflows.cost.sentence import headline, sentence
 from workflows.cost.study import Study
 from workflows.cost.table import summary, write_csv, write_summary
 from workflows.cost.truth import truth_of
-from workflows.interrupt import Interrupt
+from workflows.run.interrupt import Interrupt
 
 BUSY = 0.9  # share of a core below which seconds are not those of the runs alone
 OF_MEMORY = 0.8  # of what is available, for one run

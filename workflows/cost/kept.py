@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 
 from geometry.errors import FolderError
-from solvers.nouns.scene import Scene
-from workflows.changes import DECIDES_NOTHING, identity, refuse_changes
+from solvers.scene.scene import Scene
 from workflows.cost.run_record import Run, load, store
-from workflows.folder import ResultsFolder
-from workflows.results import write_json
+from workflows.run.folder import ResultsFolder
+from workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
 from workflows.writers.aside import make_folder
+from workflows.writers.result import write_json
 
 SCENE, RUNS = "scene.json", "runs"
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
 from geometry.errors import SceneError
-from solvers.methods.table import METHODS
-from solvers.nouns.scene import Scene
-from solvers.plan import make_plan
+from solvers.scene.applicability import METHODS
+from solvers.scene.scene import Scene
+from solvers.simulation.plan import make_plan
 from workflows.cost.predict import overhead
 from workflows.cost.run_record import Run
 from workflows.cost.rung import Rung

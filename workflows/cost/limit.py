@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-Array = NDArray[np.float64]
+from geometry.arrays import Array
+
 WINDOW = 4  # meshes, the finest: coarse ones do not follow the power yet; fewer do not prove growth without end
 SLOWEST, FASTEST = 0.25, 6.0  # powers
 SETTLED = 0.01  # relative spread of a sequence that is as good as constant

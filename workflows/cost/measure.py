@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from geometry.errors import SceneError
-from solvers.nouns.scene import Scene
+from solvers.scene.scene import Scene
 from workflows.cost.run_record import Run
 from workflows.cost.rung import Rung, mesh_size
-from workflows.scene import to_dict
+from workflows.scene_file.read import to_dict
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 LOOK = 0.02  # seconds between two looks at the process

@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from workflows.cost.run_record import Run
 from workflows.cost.sentence import sentence
 from workflows.cost.study import Study
-from workflows.writers.sheet import CURVES, INK, PALE, Sheet
+from workflows.pictures.sheet import CURVES, INK, PALE, Sheet
 
 MARKERS = {1: "^", 2: "s"}  # by order
 BAND = "#ececec"

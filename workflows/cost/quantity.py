@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from geometry.errors import SceneError, nearest
-from solvers.nouns.scene import Scene
+from solvers.scene.scene import Scene
 from workflows.cost.run_record import Run
 
 USUAL = ("max_pressure", "normal_force", "tangential_force")

@@ -7,8 +7,8 @@ from math import sqrt
 from typing import Literal
 
 from geometry.errors import SceneError
-from solvers.nouns.scene import Scene, prefixed
-from solvers.nouns.stepping import Output
+from solvers.scene.scene import Scene, prefixed
+from solvers.scene.settings import Output
 
 RATIO = sqrt(2)  # between the cells of neighbouring levels
 

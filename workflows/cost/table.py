@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from geometry.dolfinx_versions import DOLFINX
-from solvers.nouns.scene import Scene
+from solvers.scene.scene import Scene
 from workflows import VERSION
 from workflows.cost.run_record import PHASES, Run
 from workflows.cost.sentence import headline, sentence
 from workflows.cost.study import Study
-from workflows.results import scene_hash, write_json
-from workflows.scene import to_dict
+from workflows.scene_file.read import to_dict
 from workflows.writers.aside import write_aside
+from workflows.writers.result import scene_hash, write_json
 
 COUNTS = ("dofs", "contact_points", "volume_solves", "linear_iterations")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from solvers.nouns.exact import Exact
+from solvers.scene.settings import Exact
 from workflows.cost.limit import Limit, limit
 from workflows.cost.run_record import Run
 

@@ -12,23 +12,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 from scipy import sparse
 
-from geometry.mesh import build_mesh
-from solvers.condensed import CondensedSurface
-from solvers.cone import Cone
-from solvers.counters import Counters
-from solvers.gram_metric import GramMetric, contact_last, drop_of, volume_gram
-from solvers.incomplete_cholesky import incomplete_cholesky
-from solvers.nouns.gram import Gram
-from solvers.nouns.scene import Scene
-from solvers.prepare import prepare_surface
-from solvers.system import System, assemble
-from solvers.volume import Volume
-from workflows.scene import from_dict
+from geometry.arrays import Array
+from geometry.mesh.mesh import build_mesh
+from solvers.contact.admissible_set import AdmissibleSet
+from solvers.interface.factorised import Volume
+from solvers.interface.prepare import prepare_surface
+from solvers.interface.schur_complement import CondensedSurface
+from solvers.linear.incomplete_cholesky import incomplete_cholesky
+from solvers.metrics.gram import GramMetric, contact_last, drop_of, volume_gram
+from solvers.parallel.counters import Counters
+from solvers.scene.gram import Gram
+from solvers.scene.scene import Scene
+from solvers.system.system import System, assemble
+from workflows.scene_file.read import from_dict
 
 SIZES = (8, 16, 32)
 METRE = Gram(length=1.0)  # the source has no length in its product
@@ -47,7 +47,7 @@ class Row:
 
     n: int
     reading: str
-    spectrum: NDArray[np.float64]  # increasing
+    spectrum: Array  # increasing
     fill: float | None  # nothing is factorised, or the surface alone
 
     @property
@@ -80,10 +80,10 @@ def block(n: int, held: bool = True, dim: int = 2) -> System:
     return assemble(found, build_mesh(found.geometry, found.request(), MPI.COMM_SELF), Counters())
 
 
-def surface_of(system: System) -> tuple[CondensedSurface, Cone]:
+def surface_of(system: System) -> tuple[CondensedSurface, AdmissibleSet]:
     """K_B^-1 on the contact dofs, and the laws that say which rows carry tractions."""
     volume = Volume(system.K_B, system.contact_dofs, system.counters)
-    return prepare_surface(system, volume), Cone(system.contacts, 0.0, system.scene.steps.end)
+    return prepare_surface(system, volume), AdmissibleSet(system.contacts, 0.0, system.scene.steps.end)
 
 
 def fill(system: System, gram: Gram) -> float:

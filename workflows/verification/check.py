@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from geometry.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ def _nearness(check: Check) -> tuple[bool, float]:
     return not check.passed, check.deviation / check.tolerance if check.tolerance else check.deviation
 
 
-def farthest(values: NDArray[np.float64], reference: float) -> float:
+def farthest(values: Array, reference: float) -> float:
     """The value that is farthest from the reference: a field that must be uniform is checked by its worst point.
 
     >>> farthest(np.array([1.0, 1.2, 0.9]), 1.0)

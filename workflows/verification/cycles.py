@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from solvers.step_result import ContactState, StepResult
+from geometry.arrays import Array
+from solvers.results.step_result import ContactState, StepResult
 from workflows.verification.check import Check, close
-from workflows.verification.circular_drive import Array
 
 CYCLES = 5
 SAME = 1e-8  # beside the largest value of the same kind

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from geometry.mesh import build_mesh
-from solvers.counters import Counters
-from solvers.nouns.scene import Scene
-from solvers.observe import Observer
-from solvers.step_result import StepResult
-from solvers.stepping import Accepted, Stepper
-from solvers.system import System, assemble
-from workflows.verification.circular_drive import Array
+from geometry.arrays import Array
+from geometry.mesh.mesh import build_mesh
+from solvers.parallel.counters import Counters
+from solvers.results.observe import Observer
+from solvers.results.step_result import StepResult
+from solvers.scene.scene import Scene
+from solvers.stepping.stepper import Accepted, Stepper
+from solvers.system.system import System, assemble
 
 Move = Callable[[Array], Array]  # points (n, 3) [m] to where they shall be; a plane model's third coordinate stays 0
 

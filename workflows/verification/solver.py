@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from solvers.nouns.stepping import Solver
+from solvers.scene.settings import Solver
 
 
 def solver(method: str, tolerance: float) -> Solver:

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from geometry.amplitude import Amplitude, listed_times, value_at
+from geometry.arrays import Array
 from geometry.obstacles.obstacle import AXES, Obstacle
 from geometry.obstacles.plane import Plane
 from geometry.obstacles.rotation import unit
-from solvers.nouns.scene import Scene
-from solvers.nouns.support import Direction
-from solvers.system import System
-from workflows.verification.circular_drive import Array
+from solvers.scene.loads import Direction
+from solvers.scene.scene import Scene
+from solvers.system.system import System
 from workflows.verification.prepared import system_of
 
 

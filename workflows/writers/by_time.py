@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from geometry.amplitude import value_at
+from geometry.arrays import Array
 from geometry.errors import MachineError
-from solvers.nouns.place import Place
-from solvers.nouns.scene import Scene
-from solvers.quantities import CONTACT_NUMBERS, ENERGIES, values
-from solvers.step_result import Array, ContactState, StepResult
+from solvers.results.step_result import ContactState, StepResult
+from solvers.scene.quantities import CONTACT_NUMBERS, ENERGIES, values
+from solvers.scene.scene import Scene
+from solvers.scene.timeline import Place
 from workflows.writers.tables import Table
 
 NAME = "steps.csv"

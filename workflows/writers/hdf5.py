@@ -12,16 +12,14 @@ import io
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from geometry.arrays import AnyArray
 from geometry.errors import DamagedError, MachineError
 from workflows.writers.aside import write_aside
 
-AnyArray = NDArray[Any]
 Numbers = Mapping[str, float | int]
 USER_BLOCK = 512  # bytes, HDF5's smallest
 LINE = "stickslip: sha256 of the bytes from 512 on {bytes}, of the arrays {arrays}\n"

@@ -10,10 +10,10 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from solvers.plain import Plain
-from workflows.together import all_act
+from solvers.parallel.serialise import Plain
+from workflows.run.collective import all_act
 from workflows.writers.aside import disk_errors, make_folder
-from workflows.writers.plain_file import PlainFile, read_plain
+from workflows.writers.serialised import PlainFile, read_plain
 
 FOLDER = "learnt"
 

@@ -8,10 +8,10 @@ corner 0.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from geometry.arrays import AnyArray, Ints
 
 CORNERS = {"interval": 2, "triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 
@@ -42,12 +42,12 @@ SHAPES = {
 # fmt: on
 
 
-def shape_of(name: str, cells: NDArray[Any]) -> Shape:
+def shape_of(name: str, cells: AnyArray) -> Shape:
     """Shape of cells (c, k) by its dolfinx name."""
     return SHAPES[name, cells.shape[1]]
 
 
-def corner_cells(name: str, cells: NDArray[Any]) -> tuple[NDArray[np.int64], int]:
+def corner_cells(name: str, cells: AnyArray) -> tuple[Ints, int]:
     """Straight cells on the corners alone, in VTK's order, and VTK's type: enough for a picture.
 
     >>> corner_cells("quadrilateral", np.array([[0, 1, 2, 3]]))

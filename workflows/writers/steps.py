@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from geometry.arrays import AnyArray, Array
 from geometry.errors import MachineError
-from solvers.plain import Plain, packed, unpacked
-from solvers.step_result import Array, ContactState, StepResult
+from solvers.parallel.serialise import Plain, packed, unpacked
+from solvers.results.step_result import ContactState, StepResult
 from workflows.writers.aside import make_folder
-from workflows.writers.hdf5 import AnyArray, read_arrays, write_arrays
-from workflows.writers.plain_arrays import BYTES, TEXT, from_arrays, to_arrays
+from workflows.writers.hdf5 import read_arrays, write_arrays
+from workflows.writers.serialised import BYTES, TEXT, from_arrays, to_arrays
 
 CHECKPOINT = "checkpoint"  # a group
 

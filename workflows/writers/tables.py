@@ -14,8 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from solvers.quantities import STRESSES
-from solvers.step_result import OPEN, SLIP, STICK, Array, ContactState, HistoryTuple, MeshData, StepResult
+from geometry.arrays import Array
+from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, HistoryTuple, MeshData, StepResult
+from solvers.scene.quantities import STRESSES
 from workflows.writers.aside import disk_errors, make_folder
 
 STATUS = {OPEN: "open", SLIP: "slip", STICK: "stick"}

@@ -9,11 +9,11 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from numpy.typing import NDArray
 
-from solvers.step_result import Array, MeshData
+from geometry.arrays import AnyArray, Array, Ints
+from solvers.results.step_result import MeshData
 from workflows.writers.aside import make_folder, write_aside
-from workflows.writers.hdf5 import AnyArray, checksum, stored_checksum, write_arrays
+from workflows.writers.hdf5 import checksum, stored_checksum, write_arrays
 from workflows.writers.shapes import Shape, shape_of
 from workflows.writers.steps import step_name, three
 
@@ -172,7 +172,7 @@ def _arrays(mesh: MeshData) -> dict[str, AnyArray]:
     return found
 
 
-def _grid(place: str, name: str, points: Array, cells: NDArray[np.int64], shape: str) -> Grid:
+def _grid(place: str, name: str, points: Array, cells: Ints, shape: str) -> Grid:
     return Grid(name, place, len(points), len(cells), cells.shape[1], shape_of(shape, cells))
 
 

@@ -8,13 +8,13 @@ import numpy as np
 from mpi4py import MPI
 
 from geometry.errors import StickslipError
-from solvers.certificate import law_error
-from solvers.condensed import CondensedSurface
+from solvers.interface.schur_complement import CondensedSurface
+from solvers.methods.contact_element import penalties
 from solvers.methods.uzawa import Uzawa
-from solvers.nouns.scene import Scene
-from solvers.penalties import penalties
-from solvers.simulation import Simulation, prepare
-from solvers.stepping import Accepted
+from solvers.results.observe import law_error
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation, prepare
+from solvers.stepping.stepper import Accepted
 from workflows.studies.published.finding import Row
 from workflows.studies.published.scenes import scene
 from workflows.studies.published.spectrum import plain

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solvers.saddle_points import Exact, membrane
+from solvers.analysis.saddle_points import Exact, membrane
 from workflows.studies.published.finding import Row
 from workflows.studies.saddle_points import NODES, RULES, SOFTNESS, STEPS, factors
 

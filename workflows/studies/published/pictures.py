@@ -7,14 +7,15 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import matplotlib
-
-matplotlib.use("Agg")
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from workflows.studies.published.finding import Row, chosen, different
 from workflows.studies.published.tangent import DIRECT
+
+matplotlib.use("Agg")
+
 
 DPI = 110
 DASHES, MARKS = ("-", "--", ":", "-."), "os^vD"  # lines that lie on each other stay visible

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from solvers.nouns.scene import Scene
-from workflows.scene import read
+from solvers.scene.scene import Scene
+from workflows.scene_file.read import read
 
 PRESSED = {2: 0.1, 3: 0.05}  # m, in the first step
 DRAGGED = {2: 0.05, 3: 0.02}  # m, in the second

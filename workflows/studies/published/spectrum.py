@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from solvers.condensed import CondensedSurface
-from solvers.cone import Cone
-from solvers.surface_metric import surface_metric
+from geometry.arrays import Array
+from solvers.contact.admissible_set import AdmissibleSet
+from solvers.interface.schur_complement import CondensedSurface
+from solvers.metrics.surface_metric import surface_metric
 from workflows.studies import gram
 from workflows.studies.published.finding import Row
 
-Array = NDArray[np.float64]
 PLAIN, LEARNING = "W (uzawa)", "boundary operator (surface-uzawa)"
 
 
-def plain(surface: CondensedSurface, cone: Cone, give: Array | float = 0.0) -> Array:
+def plain(surface: CondensedSurface, cone: AdmissibleSet, give: Array | float = 0.0) -> Array:
     """Eigenvalues of W^-1 (B K_B^-1 B^T - K_C) on the rows that carry tractions [m/Pa], increasing; see (5.5).
 
     Args:

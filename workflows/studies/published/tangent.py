@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from solvers.methods.contact_element import SLIP
-from solvers.penalties import penalties
-from solvers.slip_tangent import SlipTangent, unsymmetry
-from solvers.tangent_solves import ILU, Solve, condition, gauss_seidel, gmres, mumps
+from solvers.analysis.slip_tangent import SlipTangent, unsymmetry
+from solvers.analysis.tangent_solves import ILU, Solve, condition, gauss_seidel, gmres, mumps
+from solvers.methods.contact_element import SLIP, penalties
 from workflows.studies.published.contact import march
 from workflows.studies.published.finding import Row
 from workflows.studies.published.scenes import scene, slipping

@@ -1,0 +1,134 @@
+"""A gmsh model becomes a distributed mesh whose bodies and sides are found by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from geometry import dolfinx_versions as dx
+from geometry.arrays import Array, Ints
+from geometry.errors import GeometryError, SceneError
+from geometry.mesh.gmsh_session import gmsh_session, own_interrupt
+from geometry.mesh.jacobian import refuse_inverted
+from geometry.shape import Request, Shape
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Distributed mesh; every name stands for a tag of cells (bodies) or of facets (sides, `body.side`)."""
+
+    domain: Any  # dolfinx mesh
+    cell_tags: Any
+    facet_tags: Any
+    bodies: Mapping[str, int]
+    sides: Mapping[str, int]
+    degree: int  # of geometry and displacement
+    axisymmetric: bool
+    parts: Ints  # connected part of each node of the gmsh model, numbered from 0
+
+    @property
+    def dim(self) -> int:
+        return int(self.domain.geometry.dim)
+
+    @property
+    def comm(self) -> Any:
+        return self.domain.comm
+
+    @property
+    def part_count(self) -> int:
+        return int(self.parts.max()) + 1
+
+    def facets(self, side: str) -> Ints:
+        """Facets of a side that this rank owns."""
+        owned = self.domain.topology.index_map(self.dim - 1).size_local
+        found = self.facet_tags.indices[self.facet_tags.values == self.sides[side]]
+        return np.asarray(found[found < owned], np.int64)
+
+    def box(self) -> Array:
+        """Corners of the bounding box (2, d) [m]."""
+        return self._box_of(self.domain.geometry.x[:, : self.dim])
+
+    def body_box(self, body: str) -> Array:
+        """The same of one body."""
+        cells = self.cell_tags.indices[self.cell_tags.values == self.bodies[body]]
+        inside = np.zeros(len(self.domain.geometry.x), bool)
+        inside[dx.cell_nodes(self.domain)[cells]] = True
+        return self._box_of(self.domain.geometry.x[inside, : self.dim])
+
+    def _box_of(self, x: Array) -> Array:
+        low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)
+        return np.array([np.min(self.comm.allgather(low), axis=0), np.max(self.comm.allgather(high), axis=0)])
+
+
+def build_mesh(shape: Shape, request: Request, comm: Any) -> Mesh:
+    """Mesh the shape on rank 0 and hand it out to all ranks of `comm`.
+
+    Raises:
+        GeometryError: gmsh cannot mesh the shape; on every rank alike.
+    """
+    with own_interrupt():
+        return _build(shape, request, comm)
+
+
+def _build(shape: Shape, request: Request, comm: Any) -> Mesh:
+    names: dict[int, dict[str, int]] | None = None
+    unit, failure = 1.0, None
+    parts = np.zeros(0, np.int64)
+    with gmsh_session() if comm.rank == 0 else nullcontext() as gmsh:
+        if comm.rank == 0:
+            try:
+                unit = put_shape(gmsh, shape, request)
+                names = {d: _group_names(gmsh, d) for d in (request.dim - 1, request.dim)}
+                parts = _connected_parts(gmsh, request.dim)
+            except (GeometryError, SceneError) as error:
+                failure = str(error)
+            except Exception as error:  # gmsh raises bare Exception
+                failure = f"gmsh could not mesh the geometry: {' '.join(str(error).split())}"
+        failure = comm.bcast(failure)
+        if failure is not None:
+            raise GeometryError(failure)
+        domain, cells, facets = dx.model_to_mesh(gmsh.model if gmsh else None, comm, request.dim)
+    shares = comm.allgather(domain.topology.index_map(request.dim).size_local)
+    if min(shares) == 0:
+        raise GeometryError(f"the mesh has {sum(shares)} cells, too few for {comm.size} ranks; use fewer")
+    domain.geometry.x[:] *= comm.bcast(unit)
+    if shape.degree > 1:
+        refuse_inverted(domain, shape.degree)
+    names, parts = comm.bcast((names, parts))
+    assert names is not None
+    bodies, sides = names[request.dim], names[request.dim - 1]
+    return Mesh(domain, cells, facets, bodies, sides, shape.degree, request.model == "axisymmetric", parts)
+
+
+def put_shape(gmsh: Any, shape: Shape, request: Request) -> float:
+    """Mesh the shape in the current gmsh model, of the shape's degree; the length of the model's unit [m]."""
+    unit = shape.put(gmsh, request)
+    kinds = gmsh.model.mesh.getElementTypes(request.dim)
+    if any(gmsh.model.mesh.getElementProperties(kind)[2] != shape.degree for kind in kinds):
+        gmsh.model.mesh.setOrder(shape.degree)
+    return unit
+
+
+def _group_names(gmsh: Any, dim: int) -> dict[str, int]:
+    return {gmsh.model.getPhysicalName(d, tag): int(tag) for d, tag in gmsh.model.getPhysicalGroups(dim)}
+
+
+def _connected_parts(gmsh: Any, dim: int) -> Ints:
+    """Connected part of each node, numbered from 0; -1 for nodes of no cell."""
+    tags = []
+    for kind in gmsh.model.mesh.getElementTypes(dim):
+        count = gmsh.model.mesh.getElementProperties(kind)[3]
+        tags.append(np.reshape(gmsh.model.mesh.getElementsByType(kind)[1], (-1, count)).astype(np.int64) - 1)
+    first = np.concatenate([np.repeat(cells[:, 0], cells.shape[1]) for cells in tags])
+    nodes = np.concatenate([cells.ravel() for cells in tags])
+    graph = sparse.coo_matrix((np.ones(len(nodes), bool), (first, nodes)), shape=(nodes.max() + 1,) * 2)
+    labels = connected_components(graph, directed=False)[1]
+    found = np.full(len(labels), -1)
+    found[nodes] = np.unique(labels[nodes], return_inverse=True)[1]
+    return found

@@ -1,0 +1,1 @@
+"""Sides of bodies as surfaces: contact search, overlap of two surfaces, their mass and stiffness."""

@@ -1,0 +1,47 @@
+"""Stiffness and mass of a scalar field on a side: the Laplace-Beltrami operator, by quadrature."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from geometry import dolfinx_versions as dx
+from geometry.arrays import Array
+from geometry.surfaces.surface import Surface
+
+
+def surface_stiffness(surface: Surface) -> Any:
+    """∫ grad phi_i . grad phi_j ds (n, n) sparse [m^(d-3)], grad along the surface, of the nodal basis phi."""
+    degree = 2 * surface.degree
+    weights, _ = surface.quadrature(degree)
+    points, _ = dx.reference_rule(surface.shape, degree)
+    gradient = dx.reference_basis(surface.shape, surface.degree, points)[1]
+    tangents = np.einsum("aqk,fki->fqai", gradient, surface.points[surface.facets])
+    inverse = np.linalg.inv(tangents @ tangents.swapaxes(2, 3))  # of the first fundamental form
+    return _assembled(surface, np.einsum("fq,aqi,fqab,bqj->fij", weights, gradient, inverse, gradient, optimize=True))
+
+
+def surface_product(surface: Surface) -> Any:
+    """∫ phi_i phi_j ds (n, n) sparse [m^(d-1)], not lumped."""
+    weights, basis = surface.quadrature(2 * surface.degree + surface.axisymmetric)
+    return _assembled(surface, np.einsum("fq,qi,qj->fij", weights, basis, basis, optimize=True))
+
+
+def _assembled(surface: Surface, local: Array) -> Any:
+    """Matrices of the facets (f, k, k) added up (n, n)."""
+    i = np.broadcast_to(surface.facets[:, :, None], local.shape)
+    j = np.broadcast_to(surface.facets[:, None, :], local.shape)
+    n = len(surface.nodes)
+    return sparse.csr_matrix((local.ravel(), (i.ravel(), j.ravel())), shape=(n, n))
+
+
+def surface_mass(surface: Surface) -> Array:
+    """Lumped mass (n,) [m^(d-1)] of the nodal basis, all positive: each facet shares its own as ∫ phi_i² ds does.
+
+    Source: Hinton, Rock & Zienkiewicz, Earthquake Eng. Struct. Dyn. 4 (1976).
+    """
+    weights, basis = surface.quadrature(2 * surface.degree + surface.axisymmetric)
+    share = weights @ basis**2
+    return surface.scatter(share * (weights.sum(axis=1) / share.sum(axis=1))[:, None])

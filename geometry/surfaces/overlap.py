@@ -1,0 +1,180 @@
+"""Quadrature over the part of a slave surface that faces a master surface, cell by cell of the two meshes' overlay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from geometry import dolfinx_versions as dx
+from geometry.arrays import Array, Bools, Ints
+from geometry.surfaces.clipping import triangles
+from geometry.surfaces.facet_map import locate, place
+from geometry.surfaces.segments import segments
+from geometry.surfaces.surface import Surface
+
+TOLERANCE = 1e-14  # in reference coordinates
+EDGE = 1e-9  # of a cell: a centre on the edge between two cells is covered
+
+
+@dataclass(frozen=True)
+class Cells:
+    """c intervals or triangles, each on one slave facet and facing one master facet."""
+
+    slave_facet: Ints  # (c,)
+    master_facet: Ints  # (c,)
+    corners: Array  # (c, d, d-1) in slave reference coordinates
+    directions: Array | None = None  # (c, d) of projection; None: along the slave's interpolated normals
+
+    def __getitem__(self, rows: Any) -> Cells:
+        along = None if self.directions is None else self.directions[rows]
+        return Cells(self.slave_facet[rows], self.master_facet[rows], self.corners[rows], along)
+
+    def at(self, points: Array) -> Array:
+        """Slave reference coordinates (c, g, d-1) of points (g, d-1) of the reference interval or triangle."""
+        return np.asarray(self.corners[:, :1] + points @ (self.corners[:, 1:] - self.corners[:, :1]))
+
+    @property
+    def areas(self) -> Array:
+        """Area by that of the reference interval or triangle (c,)."""
+        return np.asarray(np.abs(np.linalg.det(self.corners[:, 1:] - self.corners[:, :1])))
+
+
+def nearest(cells: Cells, master: Surface, gap: Callable[[Cells, Array], Array]) -> Bools:
+    """Which cells (c,) no nearer master facet covers, judged at their centres.
+
+    Cells that hang together by master nodes are one layer, as all face the slave: few slave facets meet several.
+
+    Args:
+        gap: of cells at one place each (c, d-1) in slave coordinates [m].
+    """
+    kept = np.ones(len(cells.slave_facet), bool)
+    layer, rows = _layers(cells, master)
+    i, j = _together(cells.slave_facet[rows])
+    i, j = rows[i], rows[j]
+    i, j = i[layer[i] != layer[j]], j[layer[i] != layer[j]]
+    centres = cells.corners.mean(axis=1)
+    arms = cells.corners[j, 1:] - cells.corners[j, :1]
+    share = np.linalg.solve(np.swapaxes(arms, 1, 2), (centres[i] - cells.corners[j, 0])[:, :, None])[:, :, 0]
+    covers = (share > -EDGE).all(axis=1) & (share.sum(axis=1) < 1 + EDGE)
+    i, j = i[covers], j[covers]
+    own, other = (np.abs(gap(cells[k], centres[i])) for k in (i, j))
+    kept[i[(other < own) | ((other == own) & (j < i))]] = False
+    return kept
+
+
+def cut_apart(cells: Cells, master: Surface) -> Cells:
+    """Intervals of several layers cut at each other's ends."""
+    rows = _layers(cells, master)[1]
+    i, j = _together(cells.slave_facet[rows])
+    ends = np.sort(cells.corners[rows, :, 0], axis=1)
+    points = np.clip(ends[j], ends[i][:, :1], ends[i][:, 1:]).ravel()
+    owner = np.repeat(i, 2)
+    order = np.lexsort((points, owner))
+    points, owner = points[order], owner[order]
+    cut = (owner[1:] == owner[:-1]) & (np.diff(points) > TOLERANCE)
+    parts = cells[rows[owner[1:][cut]]]
+    whole = cells[np.setdiff1d(np.arange(len(cells.slave_facet)), rows)]
+    return Cells(
+        np.concatenate([whole.slave_facet, parts.slave_facet]),
+        np.concatenate([whole.master_facet, parts.master_facet]),
+        np.concatenate([whole.corners, np.stack([points[:-1][cut], points[1:][cut]], axis=1)[:, :, None]]),
+    )
+
+
+def _layers(cells: Cells, master: Surface) -> tuple[Ints, Ints]:
+    """The layer (c,) of each cell, and the cells on slave facets that meet more than one."""
+    count, nodes = len(cells.slave_facet), master.facets[cells.master_facet]
+    key = cells.slave_facet[:, None] * len(master.points) + nodes
+    met, column = np.unique(key, return_inverse=True)
+    row = np.repeat(np.arange(count), nodes.shape[1])
+    size = count + len(met)
+    graph = sparse.coo_matrix((np.ones(len(row)), (row, count + column.ravel())), shape=(size, size))
+    layer = connected_components(graph, directed=False)[1][:count].astype(np.int64)
+    pairs = np.unique(np.stack([cells.slave_facet, layer], axis=1), axis=0)
+    facets, layers = np.unique(pairs[:, 0], return_counts=True)
+    return layer, np.flatnonzero(np.isin(cells.slave_facet, facets[layers > 1]))
+
+
+def _together(keys: Ints) -> tuple[Ints, Ints]:
+    """All pairs of rows with the same key, each row with itself too.
+
+    >>> _together(np.array([7, 3, 7]))
+    (array([0, 0, 1, 2, 2]), array([0, 2, 1, 0, 2]))
+    """
+    _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    order, start = np.argsort(inverse, kind="stable"), np.cumsum(counts) - counts
+    many = counts[inverse]
+    i = np.repeat(np.arange(len(keys)), many)
+    step = np.arange(len(i)) - np.repeat(np.cumsum(many) - many, many)
+    return i, order[start[inverse[i]] + step]
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Quadrature points of the part of a slave surface that faces a master surface: q points, ordered by slave facet.
+
+    Cells are cut in the reference coordinates of the slave facet and weigh what its area weighs there: over a facet
+    that is covered as a whole they add up to its integral, whatever its curvature.
+    """
+
+    slave_facet: Ints  # (q,) row of slave.facets
+    slave_local: Array  # (q, d-1) reference coordinates there
+    master_facet: Ints  # (q,)
+    master_local: Array  # (q, d-1)
+    weights: Array  # (q,) [m^(d-1)]: integral over the slave surface (2 pi r included if axisymmetric)
+    gap: Array  # (q,) [m] signed, along the slave normal, positive = open
+    normals: Array  # (q, d) unit slave normals used there: nodal averaged normals, interpolated, normalised
+
+
+def overlap(slave: Surface, master: Surface, reach: float, degree: int) -> Overlap:
+    """Lay two surfaces over each other.
+
+    A master facet counts where it faces the slave (their normals are opposed) at no more than `reach` [m], the nearest
+    one if there are several; both are decided for a cell as a whole, at its centre. In the plane a point's partner
+    lies along its own normal, in space along the averaged normal at the centre of its facet.
+
+    Args:
+        degree: of the quadrature on a cell: the total degree of the integrand in reference coordinates, area included;
+            4 times the order for products of two basis functions on quadrilaterals, 2 times on other facets.
+    """
+    normals = slave.node_normals()
+
+    def gap(cells: Cells, local: Array) -> Array:
+        return _face(slave, master, normals, cells, local, np.zeros(len(local))).gap
+
+    if slave.dim == 2:
+        cells = cut_apart(Cells(*segments(slave, master, normals, reach)), master)
+    else:
+        cells = Cells(*triangles(slave, master, normals, reach))
+    cells = cells[np.abs(gap(cells, cells.corners.mean(axis=1))) <= reach]
+    cells = cells[nearest(cells, master, gap)]
+    cells = cells[np.argsort(cells.slave_facet, kind="stable")]
+    points, weights = dx.reference_rule("interval" if slave.dim == 2 else "triangle", degree)
+    each = cells[np.repeat(np.arange(len(cells.areas)), len(weights))]
+    local = cells.at(points).reshape(-1, slave.dim - 1)
+    found = _face(slave, master, normals, each, local, np.outer(cells.areas, weights).ravel())
+    met = np.isfinite(found.gap).reshape(-1, len(weights)).all(axis=1)  # a line may miss a curved facet
+    rows = np.repeat(met, len(weights))
+    return Overlap(**{field.name: getattr(found, field.name)[rows] for field in fields(found)})
+
+
+def _face(slave: Surface, master: Surface, normals: Array, cells: Cells, local: Array, areas: Array) -> Overlap:
+    """What faces one place (q, d-1) on each of the cells (q,); `areas` (q,) in reference coordinates."""
+    here = place(slave, cells.slave_facet, local)
+    normal = np.einsum("qk,qkd->qd", here.basis, normals[slave.facets[cells.slave_facet]])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    middle = dx.reference_nodes(master.shape, 1).mean(axis=0)
+    start = np.tile(middle, (len(local), 1))
+    along = normal if cells.directions is None else cells.directions
+    partner = locate(master, cells.master_facet, start, here.points, along)
+    away = place(master, cells.master_facet, partner).points - here.points
+    weights = areas * here.stretch
+    if slave.axisymmetric:
+        weights = weights * 2 * np.pi * here.points[:, 0]
+    gap = np.einsum("qd,qd->q", away, normal)
+    return Overlap(cells.slave_facet, local, cells.master_facet, partner, weights, gap, normal)

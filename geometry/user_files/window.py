@@ -1,0 +1,61 @@
+"""gmsh's window, in a process of its own: a display that does not answer brings gmsh down."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from geometry.errors import MachineError, StickslipError
+from geometry.mesh.gmsh_session import gmsh_session
+from geometry.shape import Request, Shape
+from geometry.user_files.asking import child_environment
+from geometry.user_files.reader import read_parts, setting_words
+from geometry.user_files.user_file import UserFile
+
+NO_WINDOW = 3  # exit code of the child
+
+
+def open_window(shape: Shape, request: Request) -> None:
+    """Show the geometry in gmsh until its window is closed.
+
+    Raises:
+        MachineError: there is no display, or gmsh was built without its window.
+    """
+    display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if not display:
+        raise MachineError("--gui: there is no display here (DISPLAY is not set); try --list, or gmsh elsewhere")
+    with tempfile.TemporaryDirectory(prefix="stickslip-") as folder:
+        wanted = Path(folder) / "wanted"
+        wanted.write_bytes(pickle.dumps((shape, request)))
+        words = [sys.executable, "-m", "geometry.user_files.window", str(wanted)]
+        done = subprocess.run(words, env=child_environment(), capture_output=True, check=False)
+    if done.returncode == NO_WINDOW:
+        raise MachineError("--gui: this gmsh was built without its window (FLTK); try --list")
+    if done.returncode:
+        raise MachineError(f"--gui: gmsh could not open its window on the display {display}; try --list")
+
+
+def main() -> int:
+    """`python -m geometry.user_files.window WANTED`."""
+    shape, request = pickle.loads(Path(sys.argv[1]).read_bytes())
+    question = shape.question(request.dim) if isinstance(shape, UserFile) else None
+    with gmsh_session(setting_words(question) if question else ()) as gmsh:
+        if "Fltk" not in gmsh.option.getString("General.BuildOptions").split():
+            return NO_WINDOW
+        try:
+            if question:
+                read_parts(gmsh, question)
+            else:
+                shape.put(gmsh, request)
+        except StickslipError:  # a file that names nothing yet is there to be edited
+            pass
+        gmsh.fltk.run()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,259 @@
+"""Linear saddle points: Uzawa's iteration on small dense matrices, what theory says of it and what it does.
+
+Of a contact problem this is what is left when every point is closed and sticks: no projection, Richardson's iteration
+on S = B A^-1 B^T + C, here C = -K_C. Everything is dense, so that the norms of the theory can be measured.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import eigvalsh
+
+from geometry.arrays import Array
+
+TAIL = 20  # iterations over which a factor is measured
+NOTHING = 1e-10  # of the first error: what is less is rounding
+RUNAWAY = 1e12  # times the first error: it diverges
+
+
+@dataclass(frozen=True)
+class SaddlePoint:
+    """[A B^T; B -C] [x; y] = [p; q], A (n, n) positive definite, C (m, m) positive semidefinite.
+
+    Source: Pop (1999), (1.1).
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    p: Array
+    q: Array
+
+    @cached_property
+    def solution(self) -> tuple[Array, Array]:
+        whole = np.block([[self.A, self.B.T], [self.B, -self.C]])
+        x, y = np.split(np.linalg.solve(whole, np.concatenate([self.p, self.q])), [len(self.p)])
+        return x, y
+
+    @cached_property
+    def flexibility(self) -> Array:
+        """B A^-1 B^T (m, m)."""
+        return np.asarray(self.B @ np.linalg.solve(self.A, self.B.T))
+
+    @property
+    def S(self) -> Array:
+        """The matrix of (5.5)."""
+        return self.flexibility + self.C
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What the theory knows of a problem in the metric Q of its multipliers."""
+
+    s: float  # ||B x||_(Q^-1) <= s ||x||_A
+    c: float  # ||C y||_(Q^-1) <= c ||y||_Q
+    eigenvalues: Array  # (m,) of Q^-1 S, increasing
+
+    @classmethod
+    def of(cls, problem: SaddlePoint, Q: Array) -> Bounds:
+        s, c = (max(eigvalsh(M, Q)[-1], 0.0) for M in (problem.flexibility, problem.C))
+        return cls(float(np.sqrt(s)), float(c), eigvalsh(problem.S, Q))
+
+    @property
+    def limit(self) -> float:
+        """2 / lambda_1, which alpha must stay below. Source: Pop (1999), section 5, remarks."""
+        return float(2 / self.eigenvalues[-1])
+
+    def factor(self, alpha: float) -> float:
+        """max |1 - alpha lambda|: what an iteration with exact inner solves makes of ||y - y_k||_Q."""
+        return float(np.abs(1 - alpha * self.eigenvalues).max())
+
+
+class Inner(ABC):
+    """How x_(k+1) is found from A x = b, b = p - B^T y_k, and how far off it may be.
+
+    The residual is promised to be ||delta_k||_(A^-1) <= e ||x - x_k||_A + f ||y - y_k||_Q.
+    """
+
+    @abstractmethod
+    def promise(self, bounds: Bounds) -> tuple[float, float]:
+        """e and f."""
+
+    @abstractmethod
+    def allowed(self, problem: SaddlePoint, x: Array, y: Array, Q: Array) -> float:
+        """How large ||delta_k||_(A^-1) may be after (x_k, y_k)."""
+
+    def solve(self, problem: SaddlePoint, x: Array, y: Array, alpha: float, Q: Array) -> Array:
+        """x_(k+1), by conjugate gradients from x_k."""
+        b = problem.p - problem.B.T @ y
+        return conjugate_gradients(problem.A, b, x, self.allowed(problem, x, y, Q))
+
+    def rate(self, bounds: Bounds, alpha: float) -> tuple[float, float]:
+        """Spectral radius of the matrix M that bounds both errors of one iteration by those of the one before,
+
+            (||x - x_(k+1)||_A, ||y - y_(k+1)||_Q) <= M (||x - x_k||_A, ||y - y_k||_Q),
+
+        and the weight w in whose norm, (w ||x||_A² + ||y||_Q²)^(1/2), no iteration does worse.
+        """
+        e, f = self.promise(bounds)
+        across, back = bounds.s + f, alpha * bounds.s * e
+        down = bounds.factor(alpha) + alpha * bounds.s * f
+        return float(e + down + np.sqrt((e - down) ** 2 + 4 * across * back)) / 2, back / across
+
+
+@dataclass(frozen=True)
+class Exact(Inner):
+    """delta_k = 0."""
+
+    def promise(self, bounds: Bounds) -> tuple[float, float]:
+        return 0.0, 0.0
+
+    def allowed(self, problem: SaddlePoint, x: Array, y: Array, Q: Array) -> float:
+        return 0.0
+
+    def solve(self, problem: SaddlePoint, x: Array, y: Array, alpha: float, Q: Array) -> Array:
+        return np.asarray(np.linalg.solve(problem.A, problem.p - problem.B.T @ y))
+
+
+@dataclass(frozen=True)
+class Reducing(Inner):
+    """The inner residual falls by a factor from where x_k leaves it: ||delta_k|| <= delta ||b - A x_k||.
+
+    For C = 0 and alpha lambda_1 <= 1 `rate` is that of the source's theorem on the nonlinear iteration, and `w` that of
+    its norm, with gamma = 1 - alpha lambda_min there; for other alpha and C it follows in the same way.
+
+    Source: Bramble, Pasciak & Vassilev, SIAM J. Numer. Anal. 34 (1997), section 4.
+    """
+
+    delta: float
+
+    def promise(self, bounds: Bounds) -> tuple[float, float]:
+        return self.delta, self.delta * bounds.s
+
+    def allowed(self, problem: SaddlePoint, x: Array, y: Array, Q: Array) -> float:
+        return self.delta * dual(problem.p - problem.B.T @ y - problem.A @ x, problem.A)
+
+
+@dataclass(frozen=True)
+class Tied(Inner):
+    """The residual of the inner system is tied to that of the outer one: ||delta_k|| <= tau ||B x_k - C y_k - q||.
+
+    The rule is the source's; `rate` is derived here, in norms that are those of the matrices and not Euclidean, so that
+    their condition numbers do not come in.
+
+    Source: Elman & Golub, SIAM J. Numer. Anal. 31 (1994), section 2.
+    """
+
+    tau: float
+
+    def promise(self, bounds: Bounds) -> tuple[float, float]:
+        return self.tau * bounds.s, self.tau * bounds.c
+
+    def allowed(self, problem: SaddlePoint, x: Array, y: Array, Q: Array) -> float:
+        return self.tau * dual(problem.B @ x - problem.C @ y - problem.q, Q)
+
+
+@dataclass(frozen=True)
+class Worst(Inner):
+    """As large a residual as a rule allows, where it does most harm to the multipliers. It knows the solution."""
+
+    rule: Inner
+
+    def promise(self, bounds: Bounds) -> tuple[float, float]:
+        return self.rule.promise(bounds)
+
+    def allowed(self, problem: SaddlePoint, x: Array, y: Array, Q: Array) -> float:
+        return self.rule.allowed(problem, x, y, Q)
+
+    def solve(self, problem: SaddlePoint, x: Array, y: Array, alpha: float, Q: Array) -> Array:
+        error = problem.solution[1] - y
+        harm = -problem.B.T @ (error - alpha * np.linalg.solve(Q, problem.S @ error))
+        delta = harm * self.allowed(problem, x, y, Q) / dual(harm, problem.A)
+        return np.asarray(np.linalg.solve(problem.A, problem.p - problem.B.T @ y + delta))
+
+
+@dataclass(frozen=True, kw_only=True)
+class InexactRichardson:
+    """x_(k+1): A x = p - B^T y_k + delta_k; y_(k+1) = y_k + alpha Q^-1 (B x_(k+1) - C y_k - q).
+
+    Source: Pop (1999), (1.2); with exact inner solves (5.4).
+    """
+
+    alpha: float
+    Q: Array  # (m, m)
+    inner: Inner = field(default_factory=Exact)
+    iterations: int = 1000
+
+    def __call__(self, problem: SaddlePoint, x: Array, y: Array) -> Array:
+        """Errors (k, 2), ||x - x_k||_A and ||y - y_k||_Q, until only rounding is left or nothing is in sight."""
+        errors = [self._errors(problem, x, y)]
+        for _ in range(self.iterations):
+            x = self.inner.solve(problem, x, y, self.alpha, self.Q)
+            y = y + self.alpha * np.linalg.solve(self.Q, problem.B @ x - problem.C @ y - problem.q)
+            errors.append(self._errors(problem, x, y))
+            if not NOTHING * errors[0][1] < errors[-1][1] < RUNAWAY * errors[0][1]:
+                break
+        return np.array(errors)
+
+    def _errors(self, problem: SaddlePoint, x: Array, y: Array) -> tuple[float, float]:
+        exact_x, exact_y = problem.solution
+        return size(exact_x - x, problem.A), size(exact_y - y, self.Q)
+
+
+def size(v: Array, M: Array) -> float:
+    """||v||_M."""
+    return float(np.sqrt(v @ M @ v))
+
+
+def dual(v: Array, M: Array) -> float:
+    """||v||_(M^-1)."""
+    return float(np.sqrt(v @ np.linalg.solve(M, v)))
+
+
+def measured(errors: Array, weight: float) -> tuple[float, float]:
+    """Factor of one iteration, at its worst and towards the end, of (weight ||x||_A² + ||y||_Q²)^(1/2).
+
+    >>> measured(np.array([[1.0, 8.0], [1.0, 4.0], [1.0, 1.0]]), 0.0)
+    (0.5, 0.35355...)
+    """
+    norm = np.sqrt(errors**2 @ [weight, 1.0])
+    tail = min(TAIL, len(norm) - 1)
+    return float(np.max(norm[1:] / norm[:-1])), float((norm[-1] / norm[-1 - tail]) ** (1 / tail))
+
+
+def conjugate_gradients(A: Array, b: Array, x: Array, allowed: float) -> Array:
+    """About A^-1 b, from x on, as soon as ||b - A x||_(A^-1) <= allowed: that norm falls in every iteration."""
+    r = b - A @ x
+    d = r
+    for _ in range(10 * len(b)):
+        if dual(r, A) <= allowed:
+            break
+        Ad = A @ d
+        before = r @ r
+        step = before / (d @ Ad)
+        x, r = x + step * d, r - step * Ad
+        d = r + r @ r / before * d
+    return x
+
+
+def membrane(n: int, softness: float = 0.0, seed: int = 0) -> SaddlePoint:
+    """A square membrane of n x n nodes, held on three sides, that touches along the fourth; loads at random.
+
+    B A^-1 B^T is what it gives there: an operator of order -1, as in elastic contact. Use Q = W = h I.
+
+    Args:
+        softness: C = softness h I, the give 1/omega of the contact itself: a penalty.
+    """
+    h = 1 / (n + 1)
+    chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    across, end = np.eye(n), np.eye(n)
+    end[0, 0] = 0.5  # the side that touches has half a cell below it, and nothing holds it
+    free = chain - np.outer(np.eye(n)[0], np.eye(n)[0])
+    A = np.asarray(np.kron(free, across) + np.kron(end, chain), np.float64)
+    B = h * np.eye(n, n * n)
+    random = np.random.default_rng(seed)
+    return SaddlePoint(A, B, softness * h * np.eye(n), random.normal(size=n * n), random.normal(size=n))

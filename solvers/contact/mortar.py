@@ -1,0 +1,184 @@
+"""Mortar integrals: what a slave node weighs, which master nodes face it, and how far they are away.
+
+With the dual basis psi the mass matrix of the slave side is diagonal, so that each slave node has a row of its own.
+psi is dual on the covered part of each facet: what hangs over the master's edge does not count, and a linear
+displacement goes over exactly up to that edge.
+
+Source: Wohlmuth, SIAM J. Numer. Anal. 38 (2000); Popp et al., Int. J. Numer. Meth. Engng 83 (2010); of the edges
+Cichosz & Bischoff, Comput. Methods Appl. Mech. Engrg. 200 (2011).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from geometry import dolfinx_versions as dx
+from geometry.arrays import Array, Bools, Ints
+from geometry.surfaces.overlap import Overlap, overlap
+from geometry.surfaces.surface import Surface
+from solvers.contact.build import take_over
+from solvers.contact.coupling import Coupling, Points, between
+
+DUAL = 1e-3  # of a facet's weights: psi that is off by more before its refinement is given up
+SLIVER = 1e-9  # of a facet, or of a node's weight: less is not covered
+WILD = 1e6  # psi is about 10 at most on a whole facet
+
+
+def mortar_integrals(slave: Surface, master: Surface, found: Overlap) -> tuple[Array, sparse.csr_matrix, Array, Any]:
+    """Weights, projection, weighted gap and dual basis of the covered part of a slave surface.
+
+    The overlay's degree must do for products of two basis functions. On partly covered facets a quadratic node may
+    weigh less than nothing: sums over all nodes are right with it, but no multiplier can live there.
+
+    Returns:
+        W (n,) [m^(d-1)]: ∫ phi~_j, 0 where not covered; whole facets make it positive.
+        P (n, n_master): ∫ psi_j phi_k of the master's nodal values, divided by W_j; rows add up to 1, or are empty.
+        gap (n,) [m]: ∫ psi_j g, divided by W_j; inf where not covered.
+        psi (n, q): psi_j times the weight of the quadrature points.
+    """
+    q, (n, k) = len(found.weights), (len(slave.points), slave.facets.shape[1])
+    rows = np.flatnonzero(_covered(slave, found))
+    dual, lumped = _dual(slave, found.slave_facet[rows], found.slave_local[rows], found.weights[rows])
+    nodes = slave.facets[found.slave_facet[rows]]
+    W = np.bincount(nodes.ravel(), lumped.ravel(), n).astype(float)  # integers where nothing is covered
+    W[np.abs(W) <= SLIVER * slave.node_weights()] = 0.0
+    values = dual * found.weights[rows, None] * (W[nodes] != 0)
+    psi = sparse.csr_matrix((values.ravel(), (nodes.ravel(), np.repeat(rows, k))), shape=(n, q))
+    basis = _values(master, found.master_local)
+    partners = master.facets[found.master_facet]
+    point = np.repeat(np.arange(q), partners.shape[1])
+    phi = sparse.csr_matrix((basis.ravel(), (point, partners.ravel())), shape=(q, len(master.points)))
+    share = np.divide(1.0, W, out=np.zeros(n), where=W != 0)
+    gap = np.where(W != 0, share * (psi @ found.gap), np.inf)
+    return W, (sparse.diags(share) @ psi @ phi).tocsr(), gap, psi
+
+
+def _covered(slave: Surface, found: Overlap) -> Bools:
+    """Points (q,) on facets of which more than a sliver is covered."""
+    full = slave.quadrature(2 * slave.degree)[0].sum(axis=1)
+    covered = np.bincount(found.slave_facet, found.weights, len(full))
+    return np.asarray((covered > SLIVER * full)[found.slave_facet])
+
+
+def _dual(slave: Surface, facets: Ints, local: Array, weights: Array) -> tuple[Array, Array]:
+    """Values of the dual basis (q, k) at points ordered by facet, and what each adds to ∫ phi~ (q, k).
+
+    psi = phi~ M^-1 D on a facet, of which a small part makes M nearly singular. With L, the facet's basis stretched
+    over the box that the points fill, phi~ = L T, M = T^T G T and G = ∫ L^T L is as well conditioned as on a whole
+    facet: psi = L G^-1 T^-T D. Inside a facet, a small part tells nodes far away apart only by extrapolation: where
+    that is wild, psi is constant, not dual; its integrals are the same.
+    """
+    first = np.flatnonzero(np.diff(facets, prepend=-1))
+    at = np.cumsum(np.diff(facets, prepend=-1) > 0) - 1
+    low, high = np.minimum.reduceat(local, first), np.maximum.reduceat(local, first)
+    box = low[:, None] + dx.reference_nodes(slave.shape, slave.degree) * (high - low)[:, None]  # (f, k, d-1)
+    f, k = box.shape[:2]
+    T = _values(slave, box.reshape(f * k, local.shape[1])).reshape(f, k, k) @ slave.change.T
+    L, phi = _values(slave, (local - low[at]) / (high - low)[at]), _values(slave, local) @ slave.change.T
+    C = np.linalg.pinv(_products(L, L, weights, first), hermitian=True) @ np.swapaxes(np.linalg.pinv(T), 1, 2)
+    lumped = weights[:, None] * phi
+    D = np.add.reduceat(lumped, first)
+    psi = _combine(L, (C * D[:, None])[at])
+    left = D[:, :, None] * np.eye(k) - _products(phi, psi, weights, first)  # of rounding: one step of refinement
+    psi = psi + _combine(L, (C @ left)[at])
+    dual = np.abs(left).max(axis=(1, 2)) <= DUAL * np.abs(D).max(axis=1)  # not so where T is singular to rounding
+    wild = ~((np.maximum.reduceat(np.abs(psi).max(axis=1), first) <= WILD) & dual)
+    mean = D[wild] / D[wild].sum(axis=1, keepdims=True)
+    psi[wild[at]] = np.repeat(mean, np.bincount(at, minlength=f)[wild], axis=0)
+    return psi, lumped
+
+
+def _products(a: Array, b: Array, weights: Array, first: Ints) -> Array:
+    """∫ a_i b_j over each facet (f, k, k)."""
+    return np.stack([np.add.reduceat((weights * column)[:, None] * b, first) for column in a.T], axis=1)
+
+
+def _combine(values: Array, coefficients: Array) -> Array:
+    return np.asarray(np.einsum("qn,qni->qi", values, coefficients))
+
+
+def _values(surface: Surface, local: Array) -> Array:
+    return dx.reference_basis(surface.shape, surface.degree, local)[0]
+
+
+LITTLE = 0.01  # of a node's weight: less faces the master
+FAR = 10.0  # ∫ |psi_j| by ∫ psi_j: below 5 on whole facets, far more where a node's values are extrapolated
+
+
+def mortar_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
+    """Biorthogonal multipliers at the slave's nodes; what nothing faces carries none."""
+    found = overlap(slave, master, reach, _degree(slave, master))
+    weights, P, gap, psi = mortar_integrals(slave, master, found)
+    facing = weights != 0
+    own = sparse.diags(facing.astype(float)) @ slave.transform
+    gap = np.where(facing, gap, 0.0)
+    other = P @ master.node_normals()
+    spread = np.divide(abs(psi).sum(axis=1).A1, weights, out=np.full(len(weights), np.inf), where=weights > 0)
+    far = facing & ((spread > FAR) | (weights <= LITTLE * slave.node_weights()))
+    if far.any():
+        gap[far], other[far] = np.clip(gap[far], found.gap.min(), found.gap.max()), 0.0
+    normals, gap = between(slave.node_normals(), other, gap)
+    share = _handed_over(slave, weights, facing & (~far | _least(slave, spread)))
+    total = np.asarray(share @ weights)
+    each = np.divide(1.0, total, out=np.zeros(len(total)), where=total > 0)
+    mean = sparse.diags(each) @ share @ sparse.diags(weights)
+    return Coupling(
+        slave,
+        master,
+        total,
+        (mean @ sparse.hstack([own, -P])).tocsr(),
+        mean @ gap,
+        normals,
+        total > 0,
+        points=lambda degree: _points(slave, master, reach, max(degree, _degree(slave, master)), share),
+    )
+
+
+def _handed_over(slave: Surface, weights: Array, carries: Bools) -> Any:
+    """Shares (n, n): what nodes that carry nothing weigh goes to their neighbours, and all that is left is positive.
+
+    A carrier that is given more of less than nothing than it weighs itself hands over too. What a part of the surface
+    weighs in all is its area: the last carrier there is keeps a positive weight.
+    """
+    n, facing = len(weights), weights != 0
+    while True:
+        share = take_over(slave, np.where(carries, np.arange(n), -1), facing, n)
+        positive = carries & (share @ weights > 0)
+        if np.array_equal(positive, carries):
+            return share
+        carries = positive
+
+
+def _least(slave: Surface, values: Array) -> Bools:
+    """Nodes (n,) whose value is finite and no larger than their neighbours': one at least of each part faced."""
+    least = values.copy()
+    np.minimum.at(least, slave.facets, values[slave.facets].min(axis=1, keepdims=True))
+    return np.asarray(np.isfinite(values) & (values == least))
+
+
+def _degree(slave: Surface, master: Surface) -> int:
+    """Total degree of psi_j phi_k; the map of a quadrilateral doubles it."""
+    product = slave.degree + max(slave.degree, master.degree)
+    return product * (1 + (slave.shape == "quadrilateral")) + slave.axisymmetric
+
+
+def _points(slave: Surface, master: Surface, reach: float, degree: int, share: Any) -> Points:
+    """The integration points themselves."""
+    found = overlap(slave, master, reach, degree)
+    psi: Any = mortar_integrals(slave, master, found)[3]
+    own = _at_points(slave, found.slave_facet, found.slave_local)
+    other = _at_points(master, found.master_facet, found.master_local)
+    relative = sparse.hstack([own, -other], format="csr")
+    normals, gap = between(found.normals, other @ master.node_normals(), found.gap)
+    return Points(found.weights, relative, gap, normals, (share @ psi).tocsr())
+
+
+def _at_points(surface: Surface, facet: Ints, local: Array) -> sparse.csr_matrix:
+    """Basis (q, n) of a surface at points given by facet and reference coordinates."""
+    basis = dx.reference_basis(surface.shape, surface.degree, local)[0]
+    rows = np.repeat(np.arange(len(facet)), basis.shape[1])
+    entries = (basis.ravel(), (rows, surface.facets[facet].ravel()))
+    return sparse.csr_matrix(entries, shape=(len(facet), len(surface.nodes)))

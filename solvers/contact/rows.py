@@ -1,0 +1,104 @@
+"""One contact's rows: where its unknowns live, what they weigh, and what they measure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from geometry.arrays import Array, Bools, Ints
+from geometry.surfaces.surface import Surface
+from solvers.laws.law import FrictionLaw, NormalLaw
+
+
+@dataclass(frozen=True)
+class ContactRows:
+    """m_n normal points, m_t tangential points, n nodes of the slave surface and n_all with the master's, d dimensions.
+
+    `N_n`, `N_t` act on the displacement of `nodes`, flattened (n_all d); the motion of a rigid obstacle is taken off.
+    """
+
+    name: str
+    surface: Surface  # slave
+    master: Surface | None  # None: a rigid obstacle
+    normal: NormalLaw
+    friction: FrictionLaw | None
+    frames: Array  # (n, d, d): row 0 the normal n, then the tangents
+    node_weights: Array  # (n,) [m^(d-1)], 0 where a node faces nothing
+    node_gap: Array  # (n,) [m], gap_offset included; like all nodal values in the basis phi~ of `Surface`
+    relative: Any  # (n, n_all) sparse: displacement of `nodes` to relative displacement at the slave's nodes
+    N_n: Any  # (m_n, n_all d) sparse
+    W_n: Array  # (m_n,)
+    gap: Array  # (m_n,) [m]
+    N_t: Any  # (m_t (d-1), n_all d) sparse
+    W_t: Array  # (m_t,)
+    tangents: Array  # (m_t, d-1, d) at the tangential points
+    free: Bools  # (m_t, d-1) tangential directions that carry a multiplier
+    psi: Any  # (n, m_n) sparse: ∫ psi_j of a normal field, by node
+    share_t: Any  # (m_t, n) sparse: which nodes a tangential point stands for; columns add up to 1
+    dropped: int  # nodes whose multiplier a support or another contact makes redundant
+
+    @cached_property
+    def nodes(self) -> Ints:
+        """Global numbers (n_all,): the slave's, then the master's."""
+        return np.concatenate([self.surface.nodes, self.master.nodes]) if self.master else self.surface.nodes
+
+    @cached_property
+    def input(self) -> Ints:
+        """Their numbers in the gmsh model (n_all,)."""
+        return np.concatenate([self.surface.input, self.master.input]) if self.master else self.surface.input
+
+    @cached_property
+    def points(self) -> Array:
+        """Their coordinates (n_all, d) [m]."""
+        return np.concatenate([self.surface.points, self.master.points]) if self.master else self.surface.points
+
+    @property
+    def average(self) -> Any:
+        """Sparse (m_t, m_n): pressure at normal points to psi_j-average at tangential points."""
+        return (self.share_t @ self.psi).multiply(1 / self.W_t[:, None]).tocsr()
+
+    def node_pressure(self, p_n: Array) -> Array:
+        """Pressure (n,) [Pa] at the surface's nodes, with the same resultant."""
+        return self._per_weight(self.psi @ p_n)
+
+    def node_traction(self, t: Array) -> Array:
+        """Tangential multiplier t (n, d) [Pa], Cartesian, at the surface's nodes; sigma_T = -t."""
+        n, d = self.surface.points.shape
+        if not len(self.W_t):
+            return np.zeros((n, d))
+        nodal_forces = self.N_t.T @ (t.reshape(len(self.W_t), d - 1) * self.W_t[:, None]).ravel()
+        return self._per_weight(self.surface.forces_transform @ nodal_forces.reshape(-1, d)[:n])
+
+    def normal_of_nodes(self, pressure: Array) -> Array:
+        """Pressure at normal points (m_n,) from that of the nodes (n,): the transpose of `node_pressure`, weighted."""
+        spread = self.psi.T @ pressure
+        total = self.psi.T @ np.ones(len(pressure))
+        return np.asarray(np.divide(spread, total, out=np.zeros_like(spread), where=np.abs(total) > 0))
+
+    def tangential_of_nodes(self, traction: Array) -> Array:
+        """Multiplier t (m_t, d-1) from a Cartesian one at the nodes (n, d): each point takes its nodes' mean."""
+        d = self.surface.dim
+        if not len(self.W_t):
+            return np.zeros((0, d - 1))
+        mean = self.share_t.multiply(1 / np.maximum(self.share_t.sum(axis=1), 1e-300)) @ traction
+        return np.asarray(np.einsum("mcd,md->mc", self.tangents, mean))
+
+    def _per_weight(self, values: Array) -> Array:
+        weights = self.node_weights.reshape(-1, *[1] * (values.ndim - 1))
+        return np.divide(values, weights, out=np.zeros_like(values), where=weights > 0)
+
+    def nodal_forces(self, p_n: Array, t: Array) -> Array:
+        """B^T p (n_all, d) [N]; the force on the bodies is its negative."""
+        total = self.N_n.T @ (self.W_n * p_n)
+        if len(self.W_t):
+            total = total + self.N_t.T @ (t.reshape(len(self.W_t), -1) * self.W_t[:, None]).ravel()
+        return np.asarray(total.reshape(self.points.shape))
+
+    def node_motion(self, moved: Array) -> tuple[Array, Array]:
+        """Normal (n,) and tangential (n, d) relative displacement; `moved` (n_all, d) is that of `nodes`."""
+        relative = self.relative @ moved
+        normal = np.einsum("nd,nd->n", self.frames[:, 0], relative)
+        return normal, relative - normal[:, None] * self.frames[:, 0]

@@ -1,0 +1,246 @@
+"""Supports and periodic sides: u = T q + u_s(t), with q the free displacements.
+
+All that is prescribed is known on every rank (O(N^(2/3)) data), so the free numbers need no communication. A node has
+d numbers whatever is prescribed there: multigrid then sees the blocks of elasticity. Numbers that are not free are the
+eliminated ones: zero columns of T. Where supports lie along the axes a free number keeps its place, and T selects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.linalg import null_space
+
+from geometry.arrays import Array, Bools, Ints
+from geometry.errors import SceneError
+from geometry.mesh.nodes import Nodes
+from solvers.scene.course import Course, Drive
+
+AXES = {"x": 0, "y": 1, "z": 2}
+AXIS = "axis of symmetry"
+SMALL = 1e-10  # sine of the angle below which directions are the same
+
+
+@dataclass(frozen=True)
+class Row:
+    """One prescribed component: direction . u = what drives it at t."""
+
+    direction: Array  # (d,) unit
+    drive: Drive
+    support: str
+
+
+@dataclass(frozen=True)
+class Alike:
+    """k nodes of which r components each are prescribed."""
+
+    at: Ints  # (k,) places in `Constraints.held`
+    directions: Array  # (k, r, d)
+    inverse: Array  # (k, d, r) pseudo-inverse of the directions
+    drives: Ints  # (k, r) which drive
+    supports: Ints  # (k, r) which support
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """Which displacements are free."""
+
+    nodes: Nodes
+    dim: int
+    course: Course
+    rows: Mapping[int, tuple[Row, ...]]  # by global node; for periodic nodes by their root
+    root: Mapping[int, int]  # eliminated periodic node -> the node that it follows
+    points: Mapping[int, Array]  # coordinates of the nodes named above
+    part: Mapping[int, int]  # the connected parts of the mesh that they belong to
+    parts: int  # how many there are
+    axisymmetric: bool
+
+    @cached_property
+    def held(self) -> Ints:
+        """Nodes with rows, increasing."""
+        return np.array(sorted(self.rows), np.int64)
+
+    @cached_property
+    def followers(self) -> Ints:
+        """Eliminated periodic nodes, increasing."""
+        return np.array(sorted(self.root), np.int64)
+
+    def roots(self, nodes: Ints) -> Ints:
+        """The nodes themselves, or those that they follow."""
+        found = np.array(nodes, np.int64)
+        follows, at = _places(self.followers, found)
+        leaders = np.array([self.root[int(n)] for n in self.followers], np.int64)
+        found[follows] = leaders[at]
+        return found
+
+    @cached_property
+    def _bases(self) -> tuple[Array, Bools]:
+        """Free directions of the held nodes, see `bases`."""
+        known: dict[bytes, tuple[Array, Bools]] = {}
+        shape = (len(self.held), self.dim, self.dim)
+        columns, free = np.zeros(shape), np.zeros(shape[:2], bool)
+        for alike in self.alike:
+            for place, matrix in zip(alike.at, alike.directions, strict=True):
+                key = matrix.tobytes()
+                if key not in known:
+                    known[key] = _free_basis(matrix)
+                columns[place], free[place] = known[key]
+        return columns, free
+
+    def bases(self, nodes: Ints) -> tuple[Array, Bools]:
+        """Free directions of nodes, those of their roots if they are periodic.
+
+        Returns:
+            (n, d, d), a column for each of the node's d numbers, 0 if it is eliminated; and (n, d) which are free.
+        """
+        columns, free = np.tile(np.eye(self.dim), (len(nodes), 1, 1)), np.ones((len(nodes), self.dim), bool)
+        held, at = _places(self.held, self.roots(nodes))
+        columns[held], free[held] = self._bases[0][at], self._bases[1][at]
+        return columns, free
+
+    def eliminated(self) -> Ints:
+        """Numbers, of all nodes, that are not free; increasing."""
+        numbers = self.dim * self.held[:, None] + np.arange(self.dim)
+        followers = self.dim * self.followers[:, None] + np.arange(self.dim)
+        return np.sort(np.concatenate([numbers[~self._bases[1]], followers.ravel()]))
+
+    @cached_property
+    def selects(self) -> bool:
+        """Whether T picks displacements, each in its own place."""
+        return not self.root and bool(np.all(self._bases[0] == self._bases[1][:, None] * np.eye(self.dim)))
+
+    def numbers(self, nodes: Ints) -> Ints:
+        """The d numbers of each node (n, d), of its root if it is periodic; some may be eliminated."""
+        return np.asarray(self.dim * self.roots(nodes)[:, None] + np.arange(self.dim))
+
+    @cached_property
+    def free_total(self) -> int:
+        return int(self.dim * self.nodes.total - len(self.eliminated()))
+
+    def transformation(self, comm: Any) -> Any:
+        """T as a PETSc matrix, (d n, d n)."""
+        d, low = self.dim, self.nodes.offset
+        own = np.arange(low, low + self.nodes.owned)
+        bases, numbers = self.bases(own)[0], self.numbers(own)
+        node, i, j = np.nonzero(bases)
+        pointer = np.searchsorted(d * node + i, np.arange(d * len(own) + 1)).astype(PETSc.IntType)
+        size = (d * len(own), d * self.nodes.total)
+        rows = (pointer, numbers[node, j].astype(PETSc.IntType), bases[node, i, j])
+        matrix = PETSc.Mat().createAIJ((size, size), bsize=d, csr=rows, comm=comm)
+        matrix.assemble()
+        return matrix
+
+    @cached_property
+    def prescribed_nodes(self) -> Ints:
+        """Global numbers of all nodes with a prescribed component, followers of prescribed roots included."""
+        follow = _places(self.held, self.roots(self.followers))[0]
+        return np.sort(np.concatenate([np.setdiff1d(self.held, self.followers), self.followers[follow]]))
+
+    @cached_property
+    def _of_prescribed(self) -> Ints:
+        """Where the rows of `prescribed_nodes` stand in `held`."""
+        return _places(self.held, self.roots(self.prescribed_nodes))[1]
+
+    @cached_property
+    def _drives(self) -> dict[Drive, int]:
+        """Number of each drive."""
+        return {drive: i for i, drive in enumerate(dict.fromkeys(r.drive for n in self.rows.values() for r in n))}
+
+    @cached_property
+    def _supports(self) -> dict[str, int]:
+        """Number of each support."""
+        return {name: i for i, name in enumerate(dict.fromkeys(r.support for n in self.rows.values() for r in n))}
+
+    @cached_property
+    def alike(self) -> tuple[Alike, ...]:
+        """The held nodes by how many rows they have."""
+        by_count: dict[int, list[int]] = {}
+        for place, node in enumerate(self.held.tolist()):
+            by_count.setdefault(len(self.rows[node]), []).append(place)
+        found = []
+        for count, places in by_count.items():
+            rows = [row for place in places for row in self.rows[int(self.held[place])]]
+            directions = np.array([row.direction for row in rows]).reshape(-1, count, self.dim)
+            found.append(
+                Alike(
+                    at=np.array(places),
+                    directions=directions,
+                    inverse=np.linalg.pinv(directions, rcond=SMALL) if count > 1 else np.swapaxes(directions, 1, 2),
+                    drives=np.array([self._drives[r.drive] for r in rows]).reshape(-1, count),
+                    supports=np.array([self._supports[r.support] for r in rows]).reshape(-1, count),
+                )
+            )
+        return tuple(found)
+
+    def wanted(self, time: float) -> list[Array]:
+        """What each row of `alike` asks for, (k, r) [m]."""
+        values = np.array([self.course.value(drive, time) for drive in self._drives])
+        return [values[alike.drives] for alike in self.alike]
+
+    def prescribed(self, time: float) -> Array:
+        """u_s (k, d) [m] at `prescribed_nodes`.
+
+        Raises:
+            SceneError: two supports ask different things of one node.
+        """
+        found, wrong = np.zeros((len(self.held), self.dim)), [np.zeros(0, np.int64)]
+        for alike, wanted in zip(self.alike, self.wanted(time), strict=True):
+            found[alike.at] = np.einsum("kdr,kr->kd", alike.inverse, wanted)
+            off = np.abs(np.einsum("krd,kd->kr", alike.directions, found[alike.at]) - wanted)
+            wrong.append(alike.at[np.any(off > 1e-9 * np.abs(wanted).max(axis=1, keepdims=True), axis=1)])
+        if np.concatenate(wrong).size:
+            self._refuse(int(self.held[np.concatenate(wrong).min()]), time)
+        return found[self._of_prescribed]
+
+    def _refuse(self, node: int, time: float) -> None:
+        names = {row.support if row.support == AXIS else f"supports.{row.support}" for row in self.rows[node]}
+        point = ", ".join(f"{x:.6g}" for x in self.points[node])
+        raise SceneError(f"{' and '.join(sorted(names))}: contradict each other at the point ({point}) at t = {time:g}")
+
+    def reactions(self, forces: Array) -> dict[str, tuple[Array, Array]]:
+        """Share nodal forces (k, d) at `prescribed_nodes` among supports: force (d,) and moment about the origin.
+
+        A force is split along the prescribed directions; supports that overlap share it in the least-squares sense.
+        """
+        at = np.zeros((len(self.held), self.dim))
+        np.add.at(at, self._of_prescribed, forces)
+        points = self.points_of(self.held)
+        force = np.zeros((len(self._supports), self.dim))
+        moment = np.zeros((len(self._supports), 1 if self.dim == 2 else 3))
+        for alike in self.alike:
+            share = np.einsum("kdr,kd->kr", alike.inverse, at[alike.at])
+            pull = share[:, :, None] * alike.directions
+            turn = np.cross(points[alike.at][:, None], pull).reshape(*share.shape, moment.shape[1])
+            np.add.at(force, alike.supports, pull)
+            np.add.at(moment, alike.supports, turn)
+        if self.axisymmetric:  # over the full circle the radial parts balance
+            force, moment = force * [0, 1], 0 * moment
+        return {name: (force[i], moment[i]) for name, i in self._supports.items() if name != AXIS}
+
+    def points_of(self, nodes: Ints) -> Array:
+        """Coordinates (n, d) [m] of nodes with rows, of followers and of their roots."""
+        return np.array([self.points[int(n)] for n in nodes]).reshape(-1, self.dim)
+
+
+def _free_basis(directions: Array) -> tuple[Array, Bools]:
+    """Free directions (d, d) across prescribed ones (r, d), in the columns (d,) that are free."""
+    d = directions.shape[1]
+    if np.all(np.count_nonzero(directions, axis=1) == 1):
+        free = ~directions.any(axis=0)
+        return np.diag(free.astype(float)), free
+    basis = null_space(directions, rcond=SMALL)
+    return np.pad(basis, ((0, 0), (0, d - basis.shape[1]))), np.arange(d) < basis.shape[1]
+
+
+def _places(among: Ints, nodes: Ints) -> tuple[Bools, Ints]:
+    """Which of the nodes are `among` the increasing others, and the places there of those that are."""
+    at = np.searchsorted(among, nodes)
+    found = np.zeros(len(nodes), bool)
+    inside = at < len(among)
+    found[inside] = among[at[inside]] == nodes[inside]
+    return found, at[found]

@@ -1,0 +1,106 @@
+"""Rigid modes of bodies: translations and rotations, those that nothing resists, those that supports prescribe."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import null_space
+
+from geometry.arrays import Array, Ints
+from solvers.fem.constraints import Constraints
+
+
+def rigid_names(dim: int, axisymmetric: bool) -> list[str]:
+    """The rigid motions, in the order of `rigid_fields`."""
+    if axisymmetric:
+        return ["translation along y"]
+    turns = ["rotation"] if dim == 2 else [f"rotation about {axis}" for axis in "xyz"]
+    return [f"translation along {axis}" for axis in "xyz"[:dim]] + turns
+
+
+def rigid_fields(points: Array, centre: Array, size: float, axisymmetric: bool) -> Array:
+    """Translations and infinitesimal rotations (m, d, k) at `points` (m, d), of comparable magnitude.
+
+    Their number k is 3 in plane models, 6 in 3D, 1 in axisymmetric ones, where only the shift along the axis is rigid.
+
+    >>> rigid_fields(np.array([[2.0, 0.0]]), np.zeros(2), 2.0, axisymmetric=False)[0]
+    array([[ 1.,  0., -0.],
+           [ 0.,  1.,  1.]])
+    """
+    m, d = points.shape
+    x = (points - centre) / size
+    translations = np.tile(np.eye(d), (m, 1, 1))
+    if axisymmetric:
+        return translations[:, :, 1:]
+    if d == 2:
+        return np.concatenate([translations, np.stack([-x[:, 1], x[:, 0]], axis=1)[:, :, None]], axis=2)
+    rotations = np.stack([np.cross(axis, x) for axis in np.eye(3)], axis=2)
+    return np.concatenate([translations, rotations], axis=2)
+
+
+ROUNDING = 1e-12  # what rigid motions miss of what is prescribed when they miss nothing
+
+
+class Lifting:
+    """Rigid motions of the k kinds of `rigid_fields` by part of the mesh, told by coefficients (parts k,).
+
+    Where they do all that is prescribed, they are the better u_s: the bodies resist nothing of it.
+    """
+
+    def __init__(self, constraints: Constraints, low: Array, high: Array) -> None:
+        """
+        Args:
+            low, high: corners of the box about the mesh (d,) [m].
+        """
+        self.constraints, self.centre, self.size = constraints, (low + high) / 2, float(np.max(high - low))
+
+    def fields(self, points: Array) -> Array:
+        """(m, d, k); see `rigid_fields`."""
+        return rigid_fields(points, self.centre, self.size, self.constraints.axisymmetric)
+
+    @cached_property
+    def resisted(self) -> Array:
+        """(rows, parts k): by how much each motion moves along what is prescribed, and periodic sides apart."""
+        of, kinds = self.constraints, len(rigid_names(self.constraints.dim, self.constraints.axisymmetric))
+        held = self._of_nodes(of.held)
+        blocks = [np.einsum("krd,kdc->krc", alike.directions, held[alike.at]) for alike in of.alike]
+        blocks.append(self._of_nodes(of.followers) - self._of_nodes(of.roots(of.followers)))
+        nothing = np.zeros((1, of.parts * kinds))
+        return np.concatenate([nothing, *(block.reshape(-1, of.parts * kinds) for block in blocks)])
+
+    def _of_nodes(self, nodes: Ints) -> Array:
+        """(n, d, parts k): zero but in a node's own part."""
+        fields = self.fields(self.constraints.points_of(nodes))
+        found = np.zeros((*fields.shape[:2], self.constraints.parts, fields.shape[2]))
+        part = np.array([self.constraints.part[int(n)] for n in nodes], np.int64)
+        found[np.arange(len(nodes)), :, part] = fields
+        return found.reshape(*fields.shape[:2], self.constraints.parts * fields.shape[2])
+
+    @cached_property
+    def unresisted(self) -> Array:
+        """Coefficients (parts k, r) of the motions that nothing prescribed resists."""
+        return np.asarray(null_space(np.linalg.qr(self.resisted, mode="r"), rcond=1e-9))
+
+    @cached_property
+    def _inverse(self) -> Array:
+        return np.asarray(np.linalg.pinv(self.resisted, rcond=1e-9))
+
+    def followed(self, time: float) -> Array | None:
+        """Coefficients (parts, k) [m] of a rigid motion that is all that is prescribed; None if there is none."""
+        wanted = np.concatenate([np.zeros(1), *(rows.ravel() for rows in self.constraints.wanted(time))])
+        wanted = np.pad(wanted, (0, len(self.resisted) - len(wanted)))
+        found, rounding = self._inverse @ wanted, ROUNDING * np.abs(wanted).max()
+        found[np.abs(found) <= rounding] = 0.0  # periodic sides move alike to the last digit
+        if np.any(np.abs(self.resisted @ found - wanted) > rounding):
+            return None
+        return np.asarray(found.reshape(self.constraints.parts, -1))
+
+    def displacement(self, coefficients: Array, points: Array, part: Ints) -> Array:
+        """(m, d) [m] of a rigid motion (parts, k) at points (m, d) of these parts (m,)."""
+        d = points.shape[1]
+        of_frame = self.fields(np.concatenate([np.zeros((1, d)), np.eye(d)])) @ coefficients.T  # (1 + d, d, parts)
+        shift, turn = of_frame[0].T, (of_frame[1:] - of_frame[0]).transpose(2, 1, 0)
+        if len(coefficients) == 1:
+            return np.asarray(points @ turn[0].T + shift[0])
+        return np.asarray(np.einsum("mij,mj->mi", turn[part], points) + shift[part])

@@ -1,0 +1,127 @@
+"""Smoothed contact laws in UFL: penalty where the normal law is rigid, |slip| rounded off where it is zero."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from geometry import dolfinx_versions as dx
+from geometry.dolfinx_versions import ufl
+from geometry.surfaces.surface import FACET_OF
+from solvers.fem.forms import WeakForms
+from solvers.laws.compliance import Compliance
+from solvers.laws.friction import Coulomb, Tresca
+from solvers.scene.contact import Contact
+
+
+@dataclass(frozen=True)
+class Widths:
+    """How far the laws are rounded off; all three shrink together."""
+
+    slip: Any  # eps [m]
+    flexibility: Any  # delta [m/Pa]: penetration per pressure of a rigid normal law
+    pressure: Any  # [Pa] over which Tresca's bound rises from 0
+
+    @classmethod
+    def of(cls, weak: WeakForms) -> Widths:
+        """Numbers that compiled forms take at run time, to be set."""
+        return cls(*(weak.constant(1.0) for _ in range(3)))
+
+    def set(self, level: float, u_ref: float, p_ref: float) -> None:
+        """A part `level` of the scene's own scales."""
+        self.slip.value, self.flexibility.value = level * u_ref, level * u_ref / p_ref
+        self.pressure.value = level * p_ref
+
+
+@dataclass(frozen=True)
+class SmoothedContact:
+    """The laws of one contact at the nodes of its surface, where the other methods have their multipliers.
+
+    The fields live in the displacement space; on the surface's nodes they hold
+
+        motion  displacement relative to the obstacle, less g n, so that motion . n = u_n - g [m],
+        before  the same at the last accepted step [m],
+        normal  n, towards the obstacle [-],
+        share   W_j over the weight that the nodal rule gives node j, in every component [-].
+    """
+
+    weak: WeakForms
+    contact: Contact
+    widths: Widths
+    bound: Any  # Tresca's, at the step's time [Pa]
+
+    @cached_property
+    def motion(self) -> Any:
+        return dx.fem.Function(self.weak.space)
+
+    @cached_property
+    def before(self) -> Any:
+        return dx.fem.Function(self.weak.space)
+
+    @cached_property
+    def normal(self) -> Any:
+        return dx.fem.Function(self.weak.space)
+
+    @cached_property
+    def share(self) -> Any:
+        return dx.fem.Function(self.weak.space)
+
+    @cached_property
+    def relative(self) -> Any:
+        """Displacement relative to the obstacle [m], the field of the compliance form."""
+        return dx.fem.Function(self.weak.space)
+
+    @cached_property
+    def nodes(self) -> Any:
+        """Measure that samples the side at its nodes, all alike."""
+        mesh = self.weak.mesh
+        points = dx.reference_nodes(FACET_OF[mesh.domain.topology.cell_type.name], mesh.degree)
+        rule = {
+            "quadrature_rule": "custom",
+            "quadrature_degree": mesh.degree,
+            "quadrature_points": points.tolist(),
+            "quadrature_weights": [1 / len(points)] * len(points),
+        }
+        measure = ufl.Measure("ds", domain=mesh.domain, subdomain_data=mesh.facet_tags, metadata=rule)
+        return measure(mesh.sides[self.contact.surface])
+
+    def sampled(self) -> Any:
+        """Weight that the nodal rule gives each node, in every component."""
+        return sum(self.weak.v[i] for i in range(self.weak.mesh.dim)) * self.nodes
+
+    def works(self) -> list[tuple[Any, Any, Any]]:
+        """Forms whose sum is ∫ p_n v_n + t . v_T ds: field, form, its derivative by the field."""
+        p = self._pressure(ufl.inner(self.motion, self.normal))
+        found, tractions, law = [], [], self.contact.normal
+        if isinstance(law, Compliance):  # at quadrature points, as for every method
+            found.append((self.relative, self.weak.normal_compliance(self.relative, self.contact, law)))
+        else:
+            tractions.append(p * self.normal)
+        if self.contact.friction is not None:
+            tractions.append(self._limit(p) * self._direction())
+        if tractions:
+            found.append((self.motion, self.share[0] * ufl.inner(sum(tractions), self.weak.v) * self.nodes))
+        return [(field, form, ufl.derivative(form, field)) for field, form in found]
+
+    def _direction(self) -> Any:
+        """Du_T / sqrt(|Du_T|² + eps²), Du_T the slip since the last accepted step."""
+        slip = self.motion - self.before
+        slip_T = slip - ufl.inner(slip, self.normal) * self.normal
+        return slip_T / ufl.sqrt(ufl.inner(slip_T, slip_T) + self.widths.slip**2)
+
+    def _pressure(self, penetration: Any) -> Any:
+        """p_n [Pa]: of the law where it is compliant, else by penalty."""
+        law = self.contact.normal
+        closed = ufl.max_value(penetration, 0)
+        if isinstance(law, Compliance):
+            return self.weak.constant(law.c_n) * closed**law.m_n
+        return (penetration if law.sides == 2 else closed) / self.widths.flexibility
+
+    def _limit(self, p: Any) -> Any:
+        """Friction bound s [Pa]; Tresca's jump at p = 0 becomes a ramp."""
+        law = self.contact.friction
+        if isinstance(law, Coulomb):
+            return self.weak.constant(law.mu) * ufl.max_value(p, 0)
+        assert isinstance(law, Tresca)
+        return self.bound if self.contact.normal.sides == 2 else self.bound * ufl.min_value(p / self.widths.pressure, 1)

@@ -1,0 +1,114 @@
+"""The scene's supports and periodic sides on its mesh, collected from all ranks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from geometry.amplitude import Amplitude
+from geometry.arrays import Array, Ints
+from geometry.errors import GeometryError, SceneError
+from geometry.mesh.mesh import Mesh
+from geometry.mesh.nodes import Nodes
+from geometry.surfaces.surface import gather_surface
+from solvers.fem.constraints import AXES, AXIS, Constraints, Row
+from solvers.scene.course import Course, Drive
+from solvers.scene.loads import Direction
+from solvers.scene.scene import Scene
+
+
+def find_constraints(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes) -> Constraints:
+    """Collect supports and periodic sides from all ranks."""
+    rows: dict[int, list[Row]] = {}
+    points: dict[int, Array] = {}
+    part: dict[int, int] = {}
+    root = _periodic_roots(scene, mesh, space, nodes, points, part)
+    for name, support in scene.supports.items():
+        if support.boundary is not None:
+            side = gather_surface(mesh, space, nodes, support.boundary)
+            where, x, of = side.nodes, side.points, mesh.parts[side.input]
+            normals = side.node_normals() if "normal" in support.displacement else np.zeros_like(x)
+            normals[np.abs(normals) < 1e-12] = 0.0
+        else:
+            where, x, of = _vertex_at(mesh, nodes, np.array(support.point), f"supports.{name}.point")
+            normals = np.zeros_like(x)
+        points |= dict(zip(where.tolist(), x, strict=True))
+        part |= dict(zip(where.tolist(), of.tolist(), strict=True))
+        for axis in support.displacement:
+            directions = normals if axis == "normal" else np.eye(mesh.dim)[[AXES[axis]]]
+            drive = _drive(name, axis)
+            alike = [Row(direction, drive, name) for direction in directions]
+            for i, node in enumerate(where.tolist()):
+                rows.setdefault(root.get(node, node), []).append(alike[i % len(alike)])
+    if mesh.axisymmetric:
+        for node, x, its_part in _on_axis(mesh, nodes):
+            rows.setdefault(root.get(node, node), []).append(Row(np.array([1.0, 0.0]), _rest, AXIS))
+            points[node], part[node] = x, its_part
+    ordered = {n: tuple(r) for n, r in sorted(rows.items())}
+    return Constraints(nodes, mesh.dim, Course(scene), ordered, root, points, part, mesh.part_count, mesh.axisymmetric)
+
+
+def _drive(support: str, axis: Direction) -> Drive:
+    return lambda scene: scene.supports[support].displacement[axis]
+
+
+def _rest(scene: Scene) -> Amplitude:
+    return 0.0
+
+
+def _on_axis(mesh: Mesh, nodes: Nodes) -> list[tuple[int, Array, int]]:
+    """Nodes on the axis of symmetry: u_r = 0 there, whatever the scene says."""
+    low, high = mesh.box()
+    slack = 1e-9 * float(np.max(high - low))
+    if low[0] < -slack:
+        raise GeometryError(f"geometry: reaches to x = {low[0]:g}; an axisymmetric model lies in x >= 0")
+    own = np.flatnonzero(nodes.points[: nodes.owned, 0] <= slack)
+    found = mesh.comm.allgather([(int(nodes.number[i]), nodes.points[i], int(nodes.part[i])) for i in own])
+    return [pair for part in found for pair in part]
+
+
+def _vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, Array, Ints]:
+    own = nodes.points[: nodes.owned]
+    distance = np.linalg.norm(own - point, axis=1)
+    best = int(np.argmin(distance)) if len(own) else -1
+    offers = mesh.comm.allgather(
+        (distance[best], int(nodes.number[best]), own[best], int(nodes.part[best]))
+        if len(own)
+        else (np.inf, -1, point, -1)
+    )
+    nearest, number, x, found = min(offers, key=lambda offer: offer[0])
+    low, high = mesh.box()
+    if nearest > 1e-6 * float(np.max(high - low)):
+        at = ", ".join(f"{c:.6g}" for c in x)
+        raise SceneError(f"{key} = {point.tolist()}: no mesh vertex there; the nearest is ({at})")
+    return np.array([number]), np.array([x]), np.array([found])
+
+
+def _periodic_roots(
+    scene: Scene, mesh: Mesh, space: Any, nodes: Nodes, points: dict[int, Array], part: dict[int, int]
+) -> dict[int, int]:
+    follows: dict[int, int] = {}
+    for slave_side, master_side in scene.request().periodic:
+        slave, master = (gather_surface(mesh, space, nodes, side) for side in (slave_side, master_side))
+        shift = master.points.mean(axis=0) - slave.points.mean(axis=0)
+        distance, match = cKDTree(master.points).query(slave.points + shift)
+        size = float(np.ptp(master.points, axis=0).max())
+        if len(slave.nodes) != len(master.nodes) or distance.max() > 1e-6 * size:
+            raise GeometryError(f"periodic sides {slave_side} and {master_side}: their meshes do not match")
+        of, of_other = mesh.parts[slave.input], mesh.parts[master.input[match]]
+        part |= dict(zip(slave.nodes.tolist(), of.tolist(), strict=True))
+        part |= dict(zip(master.nodes[match].tolist(), of_other.tolist(), strict=True))
+        for node, other, x, y in zip(slave.nodes, master.nodes[match], slave.points, master.points[match], strict=True):
+            points[int(node)], points[int(other)] = x, y
+            own, others = _end_of(follows, int(node)), _end_of(follows, int(other))
+            if own != others:  # an edge of two periodic pairs in 3D is met twice: the second time says nothing new
+                follows[own] = others
+    return {node: _end_of(follows, node) for node in follows}
+
+
+def _end_of(follows: dict[int, int], node: int) -> int:
+    while node in follows:
+        node = follows[node]
+    return node

@@ -1,0 +1,170 @@
+"""The bodies, prepared once: K_B without its contact dofs is factorised, and condensed onto them.
+
+On one rank the Schur complement S = K_cc - K_ci K_ii^-1 K_ic comes out of the MUMPS factorisation itself;
+on several ranks K_ii is factorised and a block of right-hand sides gives S.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from geometry.arrays import Array, Ints
+from geometry.errors import MachineError
+from solvers.parallel.counters import Counters
+from solvers.parallel.replicated import Replicated
+
+BLOCK = 128  # right-hand sides solved together
+WORKSPACE = (20, 100, 400)  # percent that MUMPS adds to what it believes it needs, tried one after the other
+TOO_LITTLE = (-8, -9)  # INFOG(1): that was not enough
+METIS = 5  # MUMPS' own choice of ordering cost 2.7 times the flops on two ranks
+
+
+class Volume:
+    """K_B (free displacements), factorised; `S` (c, c) is its Schur complement on the contact dofs."""
+
+    def __init__(self, K: Any, contact_dofs: Ints, counters: Counters) -> None:
+        """
+        Args:
+            K: K_B, symmetric PETSc matrix [N/m], singular only by rigid motions that the contact dofs can see.
+            contact_dofs: global numbers (c,), increasing, the same on all ranks.
+
+        Raises:
+            MachineError: the factorisation failed.
+        """
+        self.K = K
+        self.counters = counters
+        self.contact = Replicated(K.createVecRight(), contact_dofs)
+        self.counters.schur_size = len(contact_dofs)
+        if K.comm.size == 1 and len(contact_dofs) < K.size[0]:  # MUMPS refuses a Schur block without an interior
+            self._factor_with_schur(contact_dofs)
+        else:
+            self._factor_interior(contact_dofs)
+        self.counters.factorisations += 1
+
+    def condense(self, f: Any) -> Array:
+        """f_c - K_ci K_ii^-1 f_i (c,): the forces that the contact dofs feel; one volume solve."""
+        if not len(self.contact.rows):
+            return np.zeros(0)
+        return np.asarray(self.contact.read(f) - self.contact.read(self.K * self._interior(f)))
+
+    def expand(self, f: Any, q_c: Array) -> Any:
+        """q with K_ii q_i = f_i - K_ic q_c and the given contact dofs; one volume solve."""
+        q = f.duplicate()
+        self.contact.write(q, q_c)
+        q += self._interior(f - self.K * q)
+        return q
+
+    def _interior(self, f: Any) -> Any:
+        """K_ii^-1 f_i, zero at the contact dofs."""
+        f = f.copy()
+        self.contact.write(f, np.zeros(len(self.contact.rows)))
+        q = f.duplicate()
+        self._ksp.solve(f, q)
+        self._check()
+        self.contact.write(q, np.zeros(len(self.contact.rows)))
+        self.counters.volume_solves += 1
+        return q
+
+    def _solver(self, K: Any) -> Any:
+        K.setOption(PETSc.Mat.Option.SPD, True)
+        ksp = PETSc.KSP().create(K.comm)
+        ksp.setOptionsPrefix("volume_")
+        ksp.setOperators(K)
+        ksp.setType("preonly")
+        pc = ksp.getPC()
+        pc.setType("cholesky")
+        pc.setFactorSolverType("mumps")
+        pc.setFactorSetUpSolverType()
+        pc.getFactorMatrix().setMumpsIcntl(7, METIS)
+        return ksp
+
+    def _factorise(self, K: Any, schur: Ints) -> Any:
+        """MUMPS' factor of K, with a Schur complement on those numbers if there are any."""
+        for percent in WORKSPACE:
+            self._ksp = self._solver(K)
+            factor = self._ksp.getPC().getFactorMatrix()
+            factor.setMumpsIcntl(14, percent)
+            if len(schur):
+                index = PETSc.IS().createGeneral(np.asarray(schur, PETSc.IntType), comm=PETSc.COMM_SELF)
+                _call(_petsc_library().MatFactorSetSchurIS, factor.handle, index.handle)
+            try:
+                self._ksp.setUp()
+            except PETSc.Error as error:
+                raise MachineError(f"the factorisation of the bodies failed: PETSc error {error.ierr}") from None
+            if factor.getMumpsInfog(1) not in TOO_LITTLE:
+                break
+        self._check()
+        return factor
+
+    def _check(self) -> None:
+        info = self._ksp.getPC().getFactorMatrix().getMumpsInfog(1)
+        if info < 0:
+            raise MachineError(f"MUMPS failed with INFOG(1) = {info}; -9 and -13 mean too little memory")
+
+    def _factor_with_schur(self, contact_dofs: Ints) -> None:
+        factor = self._factorise(self.K, contact_dofs)
+        if not len(contact_dofs):
+            self.S = np.zeros((0, 0))
+            return
+        self.S = _schur_complement(_petsc_library(), factor, len(contact_dofs))
+        factor.setMumpsIcntl(26, 0)  # from here on, solve with the interior block alone
+
+    def _factor_interior(self, contact_dofs: Ints) -> None:
+        own = self.contact.rows[self.contact.mine]
+        rows = PETSc.IS().createGeneral(own, comm=self.K.comm)
+        interior = self.K.copy()
+        interior.zeroRowsColumns(rows, diag=1.0)
+        factor = self._factorise(interior, contact_dofs[:0])
+        count = len(contact_dofs)
+        self.S = np.zeros((count, count))
+        low, high = self.K.getOwnershipRange()
+        every = PETSc.IS().createStride(high - low, first=low, step=1, comm=self.K.comm)
+        for first in range(0, count, BLOCK):
+            block = np.arange(first, min(first + BLOCK, count))
+            mine = block[(self.contact.rows[block] >= low) & (self.contact.rows[block] < high)]
+            columns = PETSc.IS().createGeneral(self.contact.rows[mine], comm=self.K.comm)
+            K_ic = self.K.createSubMatrix(every, columns).convert("dense")
+            direct = K_ic.getDenseArray()[self.contact.local].copy()  # my rows of K_cc
+            K_ic.getDenseArray()[self.contact.local] = 0.0
+            K_ic.assemble()
+            X = K_ic.duplicate()
+            factor.matSolve(K_ic, X)
+            correction = self.K.matMult(X).getDenseArray()[self.contact.local]
+            self.S[np.ix_(self.contact.mine, block)] = direct - correction
+        self.S = self.K.comm.tompi4py().allreduce(self.S)
+        self.S = (self.S + self.S.T) / 2
+
+
+def _petsc_library() -> Any:
+    """PETSc itself: the Schur calls are not wrapped in petsc4py 3.18."""
+    with open("/proc/self/maps") as maps:
+        return ctypes.CDLL(next(line.split()[-1] for line in maps if "libpetsc" in line))
+
+
+def _call(function: Any, *handles: int) -> None:
+    code = function(*(ctypes.c_void_p(handle) for handle in handles))
+    if code:
+        raise MachineError(f"PETSc error {code} in {function.__name__}")
+
+
+def _schur_complement(petsc: Any, factor: Any, count: int) -> Array:
+    matrix, status = ctypes.c_void_p(), ctypes.c_int()
+    data = ctypes.POINTER(ctypes.c_double)()
+    code = petsc.MatFactorCreateSchurComplement(
+        ctypes.c_void_p(factor.handle), ctypes.byref(matrix), ctypes.byref(status)
+    )
+    code = code or petsc.MatDenseGetArray(matrix, ctypes.byref(data))
+    if code:
+        raise MachineError(f"PETSc error {code} while the Schur complement was read")
+    S = np.ctypeslib.as_array(data, (count * count,)).reshape(count, count).T.copy()
+    petsc.MatDenseRestoreArray(matrix, ctypes.byref(data))
+    petsc.MatDestroy(ctypes.byref(matrix))
+    if not np.triu(S, 1).any():  # symmetric storage: one triangle comes back
+        return np.asarray(S + np.tril(S, -1).T)
+    if not np.tril(S, -1).any():
+        return np.asarray(S + np.triu(S, 1).T)
+    return S

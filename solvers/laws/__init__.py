@@ -1,0 +1,13 @@
+"""Contact laws, pointwise: a module here that defines a `NormalLaw` or a `FrictionLaw` is all it takes to add one."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+
+from solvers.laws.law import FrictionLaw, NormalLaw
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")
+
+__all__ = ["FrictionLaw", "NormalLaw"]

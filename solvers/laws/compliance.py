@@ -1,0 +1,73 @@
+"""Normal compliance: contact pressure grows as a power of the penetration, p_n = c_n (u_n - g)_+^m_n."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+
+from geometry.arrays import Array
+from geometry.errors import require
+from geometry.keys import Key
+from solvers.laws.law import NormalLaw
+
+NEWTON_STEPS = 200  # quadratic from the right; the bound is never met, a test says so
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compliance(NormalLaw):
+    """p_n = c_n (u_n - g)_+^m_n, evaluated at facet quadrature points as the form j_n writes it.
+
+    Source: Pop (1999), section 2, j_n.
+    """
+
+    at_quadrature: ClassVar[bool] = True
+    c_n: Annotated[float, Key("Pa/m^m_n", "stiffness of the surface")]
+    m_n: Annotated[float, Key("-", "exponent, at least 1")] = 1.0
+    law: Annotated[Literal["compliance"], Key("-", "the law's name")] = "compliance"
+
+    def __post_init__(self) -> None:
+        require(self.c_n > 0, "c_n", self.c_n, "must be positive, in Pa/m^m_n")
+        require(self.m_n >= 1, "m_n", self.m_n, "must be at least 1")
+
+    def degree(self, order: int) -> int:
+        return order + int(np.ceil(self.m_n * order))
+
+    def pressure(self, penetration: Array) -> Array:
+        """The law itself, (m,) [Pa]."""
+        return np.asarray(self.c_n * np.maximum(penetration, 0.0) ** self.m_n)
+
+    def penetration(self, p: Array) -> Array:
+        """
+        >>> Compliance(c_n=4.0, m_n=2.0).penetration(np.array([0.0, 1.0]))
+        array([0. , 0.5])
+        """
+        return np.asarray((np.maximum(p, 0.0) / self.c_n) ** (1 / self.m_n))
+
+    def resolvent(self, p_hat: Array, gamma: Array) -> Array:
+        """Pressure p with p + gamma (p/c_n)^(1/m_n) = max(0, p_hat), by Newton on the penetration.
+
+        c d^m + gamma d is convex, so Newton from the right falls monotonically onto the root.
+
+        >>> Compliance(c_n=1.0, m_n=2.0).resolvent(np.array([-1.0, 6.0]), np.ones(2))
+        array([0., 4.])
+        """
+        target = np.maximum(p_hat, 0.0)
+        if self.m_n == 1:
+            return np.asarray(target * (self.c_n / (self.c_n + gamma)))
+        d = np.minimum(target / gamma, (target / self.c_n) ** (1 / self.m_n))  # both lie right of the root
+        for _ in range(NEWTON_STEPS):
+            excess = self.c_n * d**self.m_n + gamma * d - target
+            step = excess / (self.c_n * self.m_n * d ** (self.m_n - 1) + gamma)
+            d = np.maximum(d - step, 0.0)
+            if np.all(np.abs(step) <= 4e-16 * d):
+                break
+        return np.asarray(self.c_n * d**self.m_n)
+
+    def stiffness(self, p: Array, p_hat: Array) -> Array:
+        slope = self.c_n * self.m_n * self.penetration(p) ** (self.m_n - 1)
+        return np.where(p_hat > 0, slope, 0.0)
+
+    def energy(self, p: Array) -> Array:
+        return np.asarray(p * self.penetration(p) / (self.m_n + 1))

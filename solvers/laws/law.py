@@ -1,0 +1,102 @@
+"""What a contact law answers to a method: its resolvent, its slope, its bound. Pointwise, vectorised."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from scipy import sparse
+
+from geometry.amplitude import Amplitude
+from geometry.arrays import Array, Bools
+from geometry.errors import require
+from geometry.keys import Choice, Key
+
+
+class NormalLaw(Choice):
+    """Relation of contact pressure p_n [Pa] and penetration u_n - g [m].
+
+    Methods meet it through the resolvent only: p* solves p + gamma (law's inverse)(p) = p_hat, where
+    p_hat = p + gamma (u_n - g) for any gamma > 0 [Pa/m]. So a vertical branch needs no penalty number.
+    """
+
+    tag: ClassVar[str] = "law"
+    sides: ClassVar[int] = 1  # 1: presses only, 2: holds in both directions
+    ties: ClassVar[bool] = False  # holds in every direction, from wherever the surfaces were at the start
+    at_quadrature: ClassVar[bool] = False  # pressure is a function of displacement, taken at facet quadrature points
+
+    def degree(self, order: int) -> int:
+        """Quadrature degree that the law needs on facets."""
+        return 2 * order
+
+    def resolvent(self, p_hat: Array, gamma: Array) -> Array:
+        """Pressure p* (m,) [Pa]."""
+        raise NotImplementedError
+
+    def stiffness(self, p: Array, p_hat: Array) -> Array:
+        """dp/d(penetration) (m,) [Pa/m] at p = resolvent(p_hat): 0 where open, inf where the law is rigid."""
+        raise NotImplementedError
+
+    def penetration(self, p: Array) -> Array:
+        """Penetration (m,) [m] that goes with a pressure: the law's inverse."""
+        return np.zeros_like(p)
+
+    def energy(self, p: Array) -> Array:
+        """Energy stored in the law at pressure p, per area (m,) [J/m²]."""
+        return np.zeros_like(p)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionLaw(Choice):
+    """Bound s [Pa] of the tangential traction t, and the give of the surface before it slips.
+
+    With k_T the relative displacement that t has made is t / k_T elastic, the rest is slip. Methods meet the bound
+    through `limit` and its slope: `average`, sparse (m_t, m_n), takes values at normal points to psi_j-averages at
+    the points of t.
+    """
+
+    tag: ClassVar[str] = "law"
+    k_T: Annotated[float | None, Key("Pa/m", "tangential stiffness before slip; absent: rigid")] = None
+
+    def __post_init__(self) -> None:
+        require(self.k_T is None or self.k_T > 0, "k_T", self.k_T, "must be positive, in Pa/m")
+
+    @property
+    def softness(self) -> float:
+        """1 / k_T [m/Pa], 0 where the surface is rigid before slip."""
+        return 1 / self.k_T if self.k_T else 0.0
+
+    def degree(self, order: int) -> int:
+        """Quadrature degree that the law needs on facets; 0: what the normal law has is enough."""
+        return 0
+
+    def resists(self) -> bool:
+        """Whether it can hold a body at all."""
+        return True
+
+    def refuses(self, normal: NormalLaw) -> str | None:
+        """Why this law cannot go with that normal law, or None."""
+        return None
+
+    def limit(self, p: Array, average: Any, normal: NormalLaw, time: float, end: float) -> Array:
+        """Bound s (m_t,) [Pa] >= 0 from normal pressures p (m_n,) [Pa]."""
+        raise NotImplementedError
+
+    def limit_slope(self, p: Array, average: Any, normal: NormalLaw) -> Any:
+        """ds/dp, sparse (m_t, m_n)."""
+        return sparse.csr_matrix(average.shape)
+
+    def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
+        """Cap [Pa], slopes below and above: min(cap, below p) <= s <= min(cap, above p) for p >= 0; inf: none."""
+        raise NotImplementedError
+
+    def amplitudes(self) -> Mapping[str, Amplitude]:
+        """Values in time that the law contains, by key."""
+        return {}
+
+
+def touching(p: Array, average: Any, normal: NormalLaw) -> Bools:
+    """Which tangential points (m_t,) a given bound holds at: where they press, or everywhere if they cannot part."""
+    return np.asarray((average @ p > 0) | (normal.sides == 2))

@@ -1,0 +1,60 @@
+"""Tangential compliance: the friction bound grows as a power of the penetration, s = c_T (u_n - g)_+^m_T."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from geometry.arrays import Array
+from geometry.errors import require
+from geometry.keys import Key
+from solvers.laws.law import FrictionLaw, NormalLaw
+
+
+@dataclass(frozen=True, kw_only=True)
+class TangentialCompliance(FrictionLaw):
+    """s = c_T delta^m_T, delta the penetration that goes with the pressure of a compliance law at the same point.
+
+    Source: Pop (1999), section 2, j_T.
+    """
+
+    c_T: Annotated[float, Key("Pa/m^m_T", "friction bound at a penetration of 1 m")]
+    m_T: Annotated[float, Key("-", "exponent, at least 1")] = 1.0
+    law: Annotated[Literal["compliance"], Key("-", "the law's name")] = "compliance"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.c_T >= 0, "c_T", self.c_T, "must not be negative, in Pa/m^m_T")
+        require(self.m_T >= 1, "m_T", self.m_T, "must be at least 1")
+
+    def degree(self, order: int) -> int:
+        return order + int(np.ceil(self.m_T * order))
+
+    def resists(self) -> bool:
+        return self.c_T > 0
+
+    def refuses(self, normal: NormalLaw) -> str | None:
+        if normal.at_quadrature:
+            return None
+        return 'law = "compliance" bounds friction by the penetration, and needs normal = { law = "compliance", ... }'
+
+    def limit(self, p: Array, average: Any, normal: NormalLaw, time: float, end: float) -> Array:
+        return np.asarray(np.maximum(average @ self._pointwise(p, normal), 0.0))
+
+    def limit_slope(self, p: Array, average: Any, normal: NormalLaw) -> Any:
+        s = self._pointwise(p, normal)
+        # ds/dp = (ds/d delta) / (dp/d delta): infinite at p = 0 if m_T < m_n, but an open point has no pressure to lose
+        stiffness = normal.stiffness(p, p)
+        by_depth = self.c_T * self.m_T * normal.penetration(p) ** (self.m_T - 1)
+        slope = np.divide(by_depth, stiffness, out=np.zeros_like(p), where=stiffness > 0)
+        return average.multiply((average @ s > 0)[:, None]).multiply(slope[None, :]).tocsr()
+
+    def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
+        one, two = self._pointwise(np.array([1.0, 2.0]), normal)
+        proportional = np.isclose(two, 2 * one, rtol=1e-12)  # m_T = m_n; other powers lie between no lines
+        return (np.inf, one, one) if proportional else (np.inf, 0.0, np.inf)
+
+    def _pointwise(self, p: Array, normal: NormalLaw) -> Array:
+        return np.asarray(self.c_T * normal.penetration(p) ** self.m_T)

@@ -1,0 +1,1 @@
+"""Linear algebra without contact: conjugate gradients, multigrid, Cholesky factors, GMRES."""

@@ -1,0 +1,223 @@
+"""Regularised: friction smoothed in UFL and rigid contact by penalty, Newton (SNES) on the whole volume.
+
+What a FEniCSx user would write today, with three things more: the level of smoothing follows from the scene's own
+scales, levels from coarse to fine lead up to it, and the error that it leaves is stated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from geometry.arrays import Array
+from solvers.interface.factorised import METIS, Volume
+from solvers.interface.flexibility import Bodies
+from solvers.interface.matrix_free import IterativeVolume
+from solvers.interface.problem import SurfaceProblem
+from solvers.laws.compliance import Compliance
+from solvers.methods.smoothed_forces import SmoothedForces
+from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
+from solvers.system.system import System
+
+FACTOR = 10**0.5  # from level to level; with 10, Newton crawls
+NEWTON_STEPS = 50  # at one level; half a dozen are enough if the levels before were a good start
+ROUNDING = 1e-6  # of a number of levels that is whole
+PENETRATION = 4 * float(np.finfo(float).eps)  # known to so much of u_ref
+SLIPPING = 10  # a point that moved by so many eps counts as slipping
+
+
+def levels(smoothing: float) -> tuple[float, ...]:
+    """Of smoothing, relative to u_ref and p_ref, at least two: how far they are apart tells the error.
+
+    >>> [round(level, 3) for level in levels(0.1)]
+    [1.0, 0.316, 0.1]
+    """
+    count = max(int(np.ceil(-np.log(smoothing) / np.log(FACTOR) - ROUNDING)), 1)
+    return tuple(smoothing * FACTOR**k for k in range(count, -1, -1))
+
+
+class Regularised:
+    """t = s Du_T / sqrt(|Du_T|² + eps²), and p_n = (u_n - g)_+ / delta where the normal law is rigid.
+
+    eps = level u_ref, delta = level u_ref / p_ref, with the level falling from about 1 to `smoothing` by sqrt(10), each
+    solved from the ones before. The laws are taken at the nodes, weighted as the multipliers of the other methods: as
+    the level falls, the answer tends to theirs. Two exceptions vanish with the mesh size only: at a compliant contact
+    the friction bound is that of the node's own pressure, not of its average around the node, and a node whose motion a
+    support prescribes keeps its contact force to itself.
+
+    The error stated is an estimate in the energy norm, an upper one if the error e falls at least like the square root
+    of the level: then e_L <= |u_(L-1) - u_L| / (10^(1/4) - 1). For Tresca's law smoothing alone leaves
+    e <= (2 eps ∫ s ds)^(1/2); where few points are near the edge of sticking, e falls like the level itself.
+    A point that sticks creeps by about eps in each step, and the next step starts from there: the errors of the steps
+    are added up.
+    """
+
+    def __init__(self, system: System, volume: Volume | IterativeVolume, surface: Bodies) -> None:
+        """Compile the forms; collective."""
+        self.system, self.volume = system, volume
+        self.contact = SmoothedForces(system)
+        self.rows = _Recovery(system, surface)
+        solver = system.scene.solver
+        self.rtol, self.max_it = solver.tolerance, solver.max_iterations
+        self.levels = levels(solver.smoothing)
+
+    def free_part(self, u: Any, time: float) -> Any:
+        """q with u = T q + u_s(t), but for the prescribed part of u."""
+        T = self.system.T  # its columns are orthogonal to each other
+        q = self.system.K_B.createVecRight()
+        T.multTranspose(u - self.system.prescribed(time), q)
+        return q / T.transposeMatMult(T).getDiagonal()
+
+    def after(self, u: Any, motion: Mapping[str, Array]) -> NextStep:
+        """The method for the step that follows an accepted displacement and motion of the obstacles."""
+        return NextStep(self, u, motion)
+
+
+@dataclass(frozen=True)
+class NextStep:
+    """The whole-volume problem of one step, with the signature of every method."""
+
+    method: Regularised
+    u: Any  # at the last accepted step [m]
+    motion: Mapping[str, Array]  # of each contact's obstacle then, at the surface's nodes [m]
+
+    def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
+        """Status is that of SNES at the last level; `residual` is the natural one, which the smoothing bounds below.
+
+        The residuals of the history are SNES's: |R|_2 over the nodal forces of a uniform pressure p_ref.
+        """
+        if problem.p_ref == 0 or not len(p):  # nothing happens, or nothing touches
+            u_c = problem.contact_displacement(p)
+            w = problem.relative_displacement(u_c)
+            return Solution(p, w, u_c, Status.CONVERGED, 0.0, ())
+        method = self.method
+        method.contact.begin(self.u, self.motion, problem.cone.time)
+        newton = VolumeNewton(method, problem, on_step)
+        found, status = [method.free_part(self.u, problem.cone.time)], Status.CONVERGED
+        for level in method.levels:
+            method.contact.widths.set(level, problem.u_ref, problem.p_ref)
+            found.append(_predicted(found))
+            status = newton.solve(found[-1], level)
+            if status is not Status.CONVERGED:
+                break
+        q, step = found[-1], found[-1] - found[-2]
+        apart = float(np.sqrt(max((method.system.K_B * step).dot(step), 0.0)))
+        newton.snes.destroy()  # it holds what holds it
+        u_c = method.volume.contact.read(q)
+        w = problem.relative_displacement(u_c)
+        read, given = method.volume.contact.read, newton.f - method.system.K_B * q
+        p = method.rows.tractions(w - problem.gap, asked=read(method.contact.forces(q)), given=read(given))
+        residual = problem.natural_residual(p, w)
+        history = tuple(newton.history)
+        law_error, slack = apart / (np.sqrt(FACTOR) - 1), 1 - SLIPPING / np.hypot(SLIPPING, 1)
+        return Solution(p, w, u_c, status, residual, history, law_error=float(law_error), slack=float(slack))
+
+
+def _predicted(found: list[Any]) -> Any:
+    """Where the next level starts: slip where points stick, and penetration, are proportional to the level."""
+    if len(found) < 3:
+        return found[-1].copy()
+    return found[-1] + (found[-1] - found[-2]) / FACTOR
+
+
+class VolumeNewton:
+    """Newton with line search on K_B q + contact(q) = f, one LU factorisation an iteration."""
+
+    def __init__(self, method: Regularised, problem: SurfaceProblem, on_step: OnStep) -> None:
+        system = method.system
+        self.method, self.problem, self.on_step = method, problem, on_step
+        self.history: list[Step] = []
+        self.iteration = 0
+        weights = np.concatenate([c.node_weights for c in system.contacts])
+        self.scale = problem.p_ref * float(np.linalg.norm(weights))
+        self.f = system.K_B.createVecRight()
+        time = problem.cone.time
+        system.T.multTranspose(system.load(time) - system.K * system.prescribed(time), self.f)
+        self.snes = self._snes(system.K_B)
+
+    def solve(self, q: Any, level: float) -> Status:
+        """Overwrite q with the solution at this level, as closely as the rounding of penetrations allows."""
+        allowed = self.method.max_it - self.iteration
+        atol = max(self.method.rtol, PENETRATION / level) * self.scale
+        self.snes.setTolerances(rtol=0.0, atol=atol, stol=0.0, max_it=min(allowed, NEWTON_STEPS))
+        self.snes.solve(None, q)
+        if self.snes.getConvergedReason() > 0:
+            return Status.CONVERGED
+        if not np.isfinite(self.snes.getFunctionNorm()):
+            return Status.NOT_FINITE
+        return Status.MAX_IT if self.iteration >= self.method.max_it else Status.STALLED
+
+    def _snes(self, K: Any) -> Any:
+        snes = PETSc.SNES().create(K.comm)
+        snes.setOptionsPrefix("regularised_")
+        snes.setType("newtonls")
+        snes.setFunction(self._residual, K.createVecRight())
+        snes.setJacobian(self._jacobian, K.duplicate(copy=True))
+        snes.setMonitor(self._record)
+        ksp = snes.getKSP()
+        ksp.setType("preonly")
+        pc = ksp.getPC()
+        pc.setType("lu")
+        pc.setFactorSolverType("mumps")
+        PETSc.Options()["regularised_mat_mumps_icntl_7"] = METIS
+        snes.setFromOptions()
+        return snes
+
+    def _residual(self, snes: Any, q: Any, R: Any) -> None:
+        self.method.system.K_B.mult(q, R)
+        R -= self.f
+        R += self.method.contact.forces(q)
+
+    def _jacobian(self, snes: Any, q: Any, J: Any, preconditioner: Any) -> None:
+        self.method.system.K_B.copy(J, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        self.method.contact.add_tangent(q, J)
+        self.method.system.counters.factorisations += 1
+        self.method.system.counters.volume_solves += 1
+
+    def _record(self, snes: Any, iteration: int, norm: float) -> None:
+        self.iteration += iteration > 0  # the first of a level measures where the last one ended
+        self.history.append(Step(self.iteration, norm / self.scale, self.problem.volume_solves))
+        self.on_step(self.history[-1])
+
+
+class _Recovery:
+    """Tractions whose B^T p is a given force on the contact dofs."""
+
+    def __init__(self, system: System, surface: Bodies) -> None:
+        self.surface = surface
+        self.compliant: list[tuple[slice, Compliance]] = []
+        start = 0
+        for c in system.contacts:
+            rows = slice(start, start := start + len(c.W_n))
+            if isinstance(c.normal, Compliance):
+                self.compliant.append((rows, c.normal))
+        self.nodal = np.ones(len(surface.W), bool)
+        for rows, _ in self.compliant:
+            self.nodal[rows] = False
+        self.N = surface.N[self.nodal]
+        gram = self.N @ self.N.T
+        empty = gram.diagonal() == 0  # directions in which a support holds the node
+        self.gram = splu((gram + sparse.diags(empty.astype(float))).tocsc()) if self.nodal.any() else None
+
+    def tractions(self, r: Array, asked: Array, given: Array) -> Array:
+        """p (rows,): compliance pressure by its law at w - gap, the rest so that N^T W p is the force on the bodies.
+
+        Args:
+            r: w - gap (rows,) [m].
+            asked: force (c,) [N] by the laws: 0 where nothing touches, elsewhere with the rounding of penetrations.
+            given: force (c,) [N] that the bodies' equilibrium gives: the same, more exactly.
+        """
+        p = np.zeros_like(r)
+        for rows, law in self.compliant:
+            p[rows] = law.pressure(r[rows])
+        if self.gram is not None:
+            compliant, W = self.surface.forces(p), self.surface.W[self.nodal]
+            found, touching = self.gram.solve(self.N @ (given - compliant)) / W, self.N @ (asked - compliant) != 0
+            p[self.nodal] = np.where(touching, found, 0.0)
+        return p

@@ -1,0 +1,154 @@
+"""Contact forces of the smoothed laws on the free displacements, with their tangent: what UFL wrote, assembled."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+from scipy import sparse
+
+from geometry import dolfinx_versions as dx
+from geometry.amplitude import value_at
+from geometry.arrays import Array, Ints
+from solvers.contact.rows import ContactRows
+from solvers.fem.smoothed_laws import SmoothedContact, Widths
+from solvers.laws.friction import Tresca
+from solvers.parallel.replicated import Replicated
+from solvers.system.system import System
+
+
+@dataclass(frozen=True)
+class Part:
+    """One form, of a field that is P q + shift."""
+
+    field: Any  # Function
+    P: Any  # (all, free)
+    shift: Any  # over all displacements [m], rewritten for each step
+    work: Any  # compiled
+    tangent: Any  # compiled
+
+
+class SmoothedForces:
+    """All contacts of a system: B^T p over the free displacements as a function of q, u = T q + u_s."""
+
+    def __init__(self, system: System) -> None:
+        """Compile the forms; collective."""
+        self.system = system
+        self.widths = Widths.of(system.weak)
+        self.contacts = [Nodal(system, rows, self.widths) for rows in system.contacts]
+        self.parts = [part for contact in self.contacts for part in contact.parts()]
+
+    def begin(self, u: Any, motion: Mapping[str, Array], time: float) -> None:
+        """Start a step from an accepted u and motion (n, d) of each contact's obstacle."""
+        u_s = self.system.prescribed(time)
+        for contact in self.contacts:
+            contact.begin(u, motion[contact.rows.name], u_s, time)
+
+    def update(self, q: Any) -> None:
+        """Give every form its field."""
+        for part in self.parts:
+            _fill(part.field, part.P * q + part.shift)
+
+    def forces(self, q: Any) -> Any:
+        """B^T p [N]."""
+        self.update(q)
+        total = q.duplicate()
+        for part in self.parts:
+            part.P.multTransposeAdd(dx.assemble_vector(part.work), total, total)
+        return total
+
+    def add_tangent(self, q: Any, J: Any) -> None:
+        """J += d forces / d q; contact couples no displacements that a cell does not couple."""
+        self.update(q)
+        for part in self.parts:
+            J.axpy(1.0, dx.assemble_matrix(part.tangent).PtAP(part.P), PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+
+
+class Nodal:
+    """One contact: its forms, and their data at the nodes of its surface."""
+
+    def __init__(self, system: System, rows: ContactRows, widths: Widths) -> None:
+        contact, weak = system.scene.contacts[rows.name], system.weak
+        self.system, self.rows, self.contact = system, rows, contact
+        self.bound = weak.constant(0.0)
+        self.forms = SmoothedContact(weak, contact, widths, self.bound)
+        self.S = _transformation(system, rows)  # displacements to coefficients of phi~
+        self.P = self.S.matMult(system.T) if self.S else system.T
+        self.nodes = Replicated(system.vector(), _components(rows, system.mesh.dim))
+        sampled = self.nodes.read(dx.assemble_vector(weak.compile(self.forms.sampled())))
+        _fill(self.forms.share, self._spread(np.repeat(rows.node_weights, system.mesh.dim) / sampled))
+        _fill(self.forms.normal, self._spread(rows.frames[:, 0].ravel()))
+        self.relative_shift, self.motion_shift = system.vector(), system.vector()
+
+    def parts(self) -> list[Part]:
+        """The forms, compiled."""
+        compile_, found = self.system.weak.compile, []
+        for field, work, tangent in self.forms.works():
+            nodal = field is self.forms.motion
+            P, shift = (self.P, self.motion_shift) if nodal else (self.system.T, self.relative_shift)
+            found.append(Part(field, P, shift, compile_(work), compile_(tangent)))
+        return found
+
+    def begin(self, u: Any, motion: Array, u_s: Any, time: float) -> None:
+        """Data of the step from an accepted u and motion (n, d) of the obstacle to `time`."""
+        end, law = self.system.scene.steps.end, self.rows.friction
+        if isinstance(law, Tresca):
+            self.bound.value = value_at(law.bound, time, end)
+        _fill(self.forms.before, self._motion(u - self._spread(motion.ravel())))
+        relative = self._relative(u_s, time)
+        relative.copy(self.relative_shift)
+        self._motion(relative).copy(self.motion_shift)
+
+    def _relative(self, u: Any, time: float) -> Any:
+        """u less the obstacle's motion, which is taken at the nodes of the body."""
+        system = self.system
+        moved = system.motion_of(self.contact, system.nodes.points[: system.nodes.owned], time, np.zeros(0))
+        relative = u.copy()
+        relative.array[:] -= moved.ravel()
+        return relative
+
+    def _motion(self, relative: Any) -> Any:
+        """In the basis phi~, less g n."""
+        motion = self.S * relative if self.S else relative.copy()
+        motion.axpy(-1.0, self._spread((self.rows.node_gap[:, None] * self.rows.frames[:, 0]).ravel()))
+        return motion
+
+    def _spread(self, values: Array) -> Any:
+        """Values (n d,) at the surface's nodes over all displacements, zero elsewhere."""
+        vector = self.system.vector()
+        self.nodes.write(vector, values)
+        return vector
+
+
+def _components(rows: ContactRows, dim: int) -> Ints:
+    return (rows.surface.nodes[:, None] * dim + np.arange(dim)).ravel()
+
+
+def _transformation(system: System, rows: ContactRows) -> Any:
+    """Displacements to coefficients of phi~ on the surface of a contact (all, all); None where they are the same."""
+    surface, dim, K = rows.surface, system.mesh.dim, system.K
+    change = sparse.coo_matrix(surface.transform - sparse.identity(len(surface.nodes)))
+    change.eliminate_zeros()
+    if not change.nnz:
+        return None
+    low, high = K.getOwnershipRange()
+    block = sparse.kron(change, sparse.identity(dim)).tocoo()
+    at = _components(rows, dim)
+    i, j = at[block.row], at[block.col]
+    own = (i >= low) & (i < high)
+    shape = (high - low, K.size[1])
+    local = sparse.coo_matrix((block.data[own], (i[own] - low, j[own])), shape=shape)
+    diagonal = sparse.eye(*shape, k=low)
+    csr = (local + diagonal).tocsr()
+    matrix = PETSc.Mat().createAIJ((K.sizes[0], K.sizes[1]), csr=(csr.indptr, csr.indices, csr.data), comm=K.comm)
+    matrix.assemble()
+    return matrix
+
+
+def _fill(function: Any, vector: Any) -> None:
+    """Copy, ghosts included."""
+    dx.petsc_vector(function).array[:] = vector.array
+    function.x.scatter_forward()

@@ -1,0 +1,1 @@
+"""Semismooth Newton: active sets, and the linear systems that they lead to."""

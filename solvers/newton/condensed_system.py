@@ -1,0 +1,88 @@
+"""The bodies with the laws linearised: solved for tractions that hold or for the other motions, the fewer of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import cho_solve
+
+from geometry.arrays import Array
+from solvers.interface.schur_complement import CondensedSurface, RowStiffness
+from solvers.newton.active_set import ActiveSet
+
+BALANCE = 1e-8  # force out of balance, relative, at which a solution of the linear system is none
+ROUNDING = 1e-12  # forces that are none, beside those of moving one contact dof alone as far
+FEW = 0.5  # unknown tractions beside unknown motions up to which they are worth the inverse that they need
+
+
+def solve(laws: ActiveSet) -> tuple[Array, Array]:
+    """Tractions (rows,) and displacement of the contact dofs (c,) that satisfy the linearised laws exactly.
+
+    Raises:
+        LinAlgError: the rows that hold do not hold the bodies.
+    """
+    problem, surface = laws.problem, laws.problem.surface
+    assert isinstance(surface, CondensedSurface)
+    bodies = surface.row_stiffness(problem.cone.carrying)
+    few = not laws.k.any() and (~laws.given).sum() < FEW * (~laws.held).sum()
+    p, u_c = by_tractions(laws, surface) if bodies is None or few else by_motion(laws, bodies)
+    load, held = problem.load.f_c, surface.forces(p)
+    allowed = BALANCE * (np.abs(load).sum() + np.abs(held).sum())
+    carried_along = np.abs(problem.offset - problem.gap).max(initial=0.0)
+    allowed += ROUNDING * surface.total * carried_along  # as a whole, there is no force
+    if np.abs(surface.R.T @ (load - held)).sum() > allowed:
+        raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
+    return p, u_c
+
+
+def by_motion(laws: ActiveSet, bodies: RowStiffness) -> tuple[Array, Array]:
+    """The unknowns are w on the rows that do not hold; W p = q - H w follows."""
+    problem, index = laws.problem, bodies.index
+    W, offset = problem.surface.W[index], problem.offset[index]
+    held = laws.held[index]
+    moving = np.flatnonzero(~held)
+    w = np.where(held, problem.gap[index], 0.0)
+    force = bodies.forces(problem.load.f_c) - bodies.H @ (w - offset)
+    A_p, A_w = laws.A_p[index[moving]][:, index], laws.A_w[index[moving]][:, index]
+    per_force = A_p @ sparse.diags(1 / W)
+    H = bodies.H[:, moving]
+    right = laws.rhs[index[moving]] - per_force @ force - A_w @ w
+    w[moving] = np.linalg.solve(A_w[:, moving].toarray() - per_force @ H, right)
+    p = np.zeros(len(laws.rhs))
+    p[index] = (force - H @ w[moving]) / W
+    given = laws.given
+    p[given] = 0.0  # to the last digit: the diagonal of A_p is 1 there
+    p[given] = (laws.rhs - laws.A_p @ p)[given]
+    return p, bodies.displacement(w - offset)
+
+
+def by_tractions(laws: ActiveSet, surface: CondensedSurface) -> tuple[Array, Array]:
+    """The unknowns x are p on the rows that hold, and the rigid motions b of floating bodies.
+
+    p = E x + p_0 + k (w - gap): springs are folded into the stiffness, rows whose p is given follow x.
+    """
+    problem, N, W, R, k = laws.problem, surface.N, surface.W, surface.R, laws.k
+    rows, spring = len(k), k > 0
+    on_springs = abs(laws.A_p) @ spring.astype(float) > 0  # slip whose pressure is that of a spring
+    unknown = (~laws.given | on_springs) & ~spring
+    x = np.flatnonzero(unknown)
+    follow = sparse.diags((~unknown & ~spring).astype(float)) @ (sparse.eye(rows, format="csr") - laws.A_p)
+    E = (follow + sparse.eye(rows, format="csr"))[:, x]
+    p_0 = np.where(unknown, 0.0, laws.rhs) + k * problem.offset  # of springs, rhs = p_0 - k gap
+    B = sparse.csr_matrix(N.T @ sparse.diags(W) @ E)  # (c, x)
+    A_p = laws.A_p[x]
+    A_u = (laws.A_w[x] + A_p @ sparse.diags(k)) @ N
+    right = laws.rhs[x] - A_p @ p_0 - laws.A_w[x] @ problem.offset
+    load = np.column_stack([surface.rho * R, problem.load.f_c - N.T @ (W * p_0)])
+    if spring.any():
+        factor = surface.factor((N.T @ sparse.diags(W * k) @ N).toarray())
+        # what is no number makes the residual none: that ends by name
+        moved, Y = (cho_solve(factor, side, check_finite=False) for side in (load, B.toarray()))
+    else:
+        moved, Y = surface.flexibility @ load, (B.T @ surface.flexibility).T
+    Z, u_0 = moved[:, :-1], moved[:, -1]
+    # u = u_0 - Y x + Z b,  b = R^T u
+    system = np.block([[(A_p @ E).toarray() - A_u @ Y, A_u @ Z], [R.T @ Y, np.eye(R.shape[1]) - R.T @ Z]])
+    found = np.linalg.solve(system, np.concatenate([right - A_u @ u_0, R.T @ u_0]))
+    u_c = u_0 - Y @ found[: len(x)] + Z @ found[len(x) :]
+    return p_0 + k * (N @ u_c) + E @ found[: len(x)], u_c

@@ -1,0 +1,171 @@
+"""One Newton system on the surface: linearised laws with a guess of the flexibility, dense or by GMRES."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from geometry.arrays import Array
+from solvers.interface.flexibility import Bodies
+from solvers.linear.gmres import gmres
+from solvers.metrics.secants import Secants
+from solvers.metrics.surface_metric import SurfaceMetric
+from solvers.newton.active_set import ActiveSet
+
+DENSE = 200  # contact rows up to which a dense matrix is factorised
+BALANCE = 1e-8  # force out of balance, relative, at which a solution of the linear system is none
+FAILED = 0.5  # of the residual: GMRES that leaves more found nothing
+
+
+class Metric(Protocol):
+    """Relative displacement that tractions cause, guessed: the metric that a step's cone is met in."""
+
+    @property
+    def matrix(self) -> Array: ...  # (rows, rows) [m/Pa]
+
+    @property
+    def diagonal(self) -> Array: ...  # about its own (rows,)
+
+    def __call__(self, p: Array) -> Array: ...  # (rows,) [Pa] to (rows,) [m]
+
+    def inverse(self, w: Array) -> Array: ...  # about what tractions cause w, for GMRES
+
+
+@dataclass(frozen=True)
+class Flexibility:
+    """G = N F N^T W: tractions (rows,) [Pa] to relative displacement [m], F what is known of the bodies."""
+
+    surface: Bodies
+    F: Secants
+    metric: SurfaceMetric
+
+    def __call__(self, p: Array) -> Array:
+        return np.asarray(self.surface.N @ self.F(self.surface.forces(p)))
+
+    @cached_property
+    def matrix(self) -> Array:
+        """G (rows, rows)."""
+        return np.asarray(self.surface.N @ self.F(self.surface.N.T.toarray() * self.surface.W))
+
+    @cached_property
+    def _share(self) -> Any:
+        """(rows, c) what each contact dof gives of a row's relative displacement, harmonic over the bodies."""
+        N = self.surface.N[:, : self.metric.size]
+        give = N.multiply(N) @ self.metric.compliance
+        part = np.divide(1.0, give, out=np.zeros_like(give), where=give > 0)  # held dofs alone: nothing gives
+        return sparse.diags(part) @ N @ sparse.diags(self.metric.compliance)
+
+    def inverse(self, w: Array) -> Array:
+        """About what tractions cause w: G^-1 within constants, for nodal rows."""
+        return np.asarray(self._share @ self.metric.stiffness(self._share.T @ w) / self.surface.W)
+
+    @cached_property
+    def diagonal(self) -> Array:
+        """About that of G (rows,)."""
+        N = self.surface.N[:, : self.metric.size]
+        return np.asarray(N.multiply(N) @ self.metric.diagonal * self.surface.W)
+
+
+class SurfaceSystem:
+    """A_p p + A_w (w_0 - G p + N R b) = rhs on the rows that carry traction, R^T B^T p = R^T f."""
+
+    def __init__(self, laws: ActiveSet, gamma: Array, flexibility: Metric, w_0: Array) -> None:
+        """
+        Args:
+            w_0: relative displacement (rows,) without tractions and rigid motions.
+        """
+        self.problem, self.flexibility = laws.problem, flexibility
+        surface = self.problem.surface
+        self.rows = np.flatnonzero(laws.held | laws.slip | (laws.k > 0))
+        k = laws.k[self.rows]
+        scale = np.where(k > 0, gamma[self.rows] / np.where(k > 0, k, 1.0), 1.0)  # of springs: rows of one unit, Pa
+        self.A_p = (sparse.diags(scale) @ laws.A_p[self.rows])[:, self.rows].tocsr()
+        self.A_w = (sparse.diags(scale) @ laws.A_w[self.rows]).tocsr()
+        rhs = scale * laws.rhs[self.rows]
+        NR = surface.N @ surface.R
+        self.C = np.asarray(self.A_w @ NR)  # (m, r)
+        self.H = NR[self.rows].T * surface.W[self.rows]  # (r, m)
+        self.right = np.concatenate([rhs - self.A_w @ w_0, self.problem.load.resultant])
+
+    def solve(self, p: Array, b: Array, leave: float) -> tuple[Array, Array]:
+        """Tractions (rows,) and rigid motions (r,).
+
+        Args:
+            p, b: where GMRES starts.
+            leave: 2-norm of the residual [Pa] at which it stops.
+
+        Raises:
+            LinAlgError: the rows do not hold the bodies.
+        """
+        m = len(self.rows)
+        found = self._dense() if len(p) <= DENSE else self._iterate(np.concatenate([p[self.rows], b]), leave)
+        full = np.zeros(len(p))
+        full[self.rows] = found[:m]
+        surface, load = self.problem.surface, self.problem.load.resultant
+        forces = surface.forces(full)
+        if np.abs(load - surface.R.T @ forces).sum() > BALANCE * (np.abs(forces).sum() + np.abs(load).sum()):
+            raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
+        return full, found[m:]
+
+    def _dense(self) -> Array:
+        nothing = np.zeros((len(self.H), len(self.H)))
+        inner = self.A_p.toarray() - self.A_w @ self.flexibility.matrix[:, self.rows]
+        return np.asarray(np.linalg.solve(np.block([[inner, self.C], [self.H, nothing]]), self.right))
+
+    def _iterate(self, x: Array, leave: float) -> Array:
+        m = len(self.rows)
+        approximate = self._preconditioner()
+        out_of_balance = np.concatenate([np.zeros(m), self.right[m:] - self.H @ x[:m]])
+        if len(self.H):
+            x = x + approximate(out_of_balance)  # from here on every iterate is in balance
+        began = float(np.linalg.norm(self.right - self._apply(x)))
+        x, left = gmres(self._apply, self.right, x, approximate, leave)
+        if left > max(leave, FAILED * began):
+            raise np.linalg.LinAlgError("GMRES does not converge: some rigid motion is hardly held")
+        return x
+
+    def _apply(self, x: Array) -> Array:
+        m = len(self.rows)
+        p = np.zeros(len(self.problem.gap))
+        p[self.rows] = x[:m]
+        carried = self.A_p @ x[:m] - self.A_w @ self.flexibility(p) + self.C @ x[m:]
+        return np.concatenate([carried, self.H @ x[:m]])
+
+    def _preconditioner(self) -> Callable[[Array], Array]:
+        """Rows of w alone by the inverse metric, then all others with G's diagonal; rigid motions exactly."""
+        m, flexibility = len(self.rows), self.flexibility
+        pure = np.diff(self.A_p.indptr) == 0
+        mixed = np.flatnonzero(~pure)
+        scale = self.A_w[:, self.rows].diagonal()
+        local = (self.A_p - self.A_w[:, self.rows] @ sparse.diags(flexibility.diagonal[self.rows]))[mixed]
+        try:
+            others = splu(sparse.csc_matrix(local[:, mixed])) if len(mixed) else None
+        except RuntimeError as error:  # SuperLU: exactly singular
+            raise np.linalg.LinAlgError(str(error)) from None
+        follow = self.A_p[mixed]
+
+        def inner(r: Array) -> Array:
+            w = np.zeros(len(self.problem.gap))
+            w[self.rows[pure]] = -r[pure] / scale[pure]
+            p = np.where(pure, flexibility.inverse(w)[self.rows], 0.0)
+            if others is not None:
+                p[mixed] = others.solve(r[mixed] - follow @ p)
+            return p
+
+        if not len(self.H):
+            return inner
+        moved = np.column_stack([inner(column) for column in self.C.T])
+        schur = self.H @ moved
+
+        def balanced(r: Array) -> Array:
+            p = inner(r[:m])
+            b = np.linalg.solve(schur, self.H @ p - r[m:])
+            return np.concatenate([p - moved @ b, b])
+
+        return balanced

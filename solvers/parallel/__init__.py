@@ -1,0 +1,1 @@
+"""What ranks share: gathering, replicated entries, serialisation, counters of work, memory."""

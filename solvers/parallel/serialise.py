@@ -1,0 +1,112 @@
+"""Dataclasses as plain data: dicts, lists, words, numbers, arrays, values by node; and back by their type hints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from itertools import repeat
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from geometry.arrays import AnyArray
+
+Plain = Any  # a dict by words, a list, a word, a number, None, an array, or values by node
+WORDS = (str, bool, int, float, NoneType)
+
+
+@dataclass(frozen=True, eq=False)
+class Own:
+    """This rank's part (owned, ...) of vectors over all displacements."""
+
+    values: AnyArray
+
+
+@dataclass(frozen=True, eq=False)
+class ByNode:
+    """The same whole, (nodes, d, ...) in the order of the gmsh model, on rank 0; (0, d, ...) elsewhere."""
+
+    values: AnyArray
+
+
+def packed(value: Any, whole: Callable[[Any], Any] | None = None, without: Collection[str] = ()) -> Plain:
+    """Plain data of a value; of a dataclass every field, but for those named in `without`.
+
+    Args:
+        whole: what `Own` and PETSc vectors become; collective.
+
+    Raises:
+        TypeError: there is something in it that plain data cannot say.
+
+    >>> packed({"a": (1, 2.5), "b": None})
+    {'a': [1, 2.5], 'b': None}
+    """
+    if isinstance(value, ByNode):
+        return value
+    if hasattr(value, "array_r"):
+        value = Own(value.array_r)
+    if isinstance(value, Own):
+        if whole is None:
+            raise TypeError("vectors have no place here")
+        return whole(value)
+    if is_dataclass(value):
+        names = [f.name for f in fields(value) if f.init and f.name not in without]
+        return {name: packed(getattr(value, name), whole) for name in names}
+    if isinstance(value, Mapping):
+        return {key: packed(item, whole) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [packed(item, whole) for item in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    if not isinstance(value, (*WORDS, np.ndarray)):
+        raise TypeError(f"{type(value).__name__} is no plain data")
+    return value
+
+
+def unpacked(kind: Any, plain: Plain, vector: Callable[[ByNode], Any] | None = None, **given: Any) -> Any:
+    """The value of that type.
+
+    Args:
+        vector: what values by node become; collective.
+        given: fields of a dataclass that plain data leaves out.
+
+    Raises:
+        KeyError: a field is missing.
+
+    >>> unpacked(dict[str, float], {"a": 1.0})
+    {'a': 1.0}
+    """
+    if isinstance(plain, ByNode):
+        assert vector is not None
+        return vector(plain)
+    if is_dataclass(kind) and isinstance(kind, type):
+        hints = get_type_hints(kind)
+        names = [f.name for f in fields(kind) if f.init and f.name not in given]
+        return kind(**{name: unpacked(hints[name], plain[name], vector) for name in names}, **given)
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        inner = tuple(k for k in inner if k is not NoneType)
+        return None if plain is None else unpacked(inner[0], plain, vector)
+    if isinstance(plain, dict):
+        of = inner[1] if inner else Any
+        return {key: unpacked(of, item, vector) for key, item in plain.items()}
+    if isinstance(plain, list):
+        each = repeat(inner[0] if inner else Any) if not inner or inner[-1] is Ellipsis or origin is list else inner
+        found = [unpacked(k, item, vector) for k, item in zip(each, plain, strict=False)]
+        return tuple(found) if origin is tuple else found
+    return plain
+
+
+def shared(comm: Any, plain: Plain) -> Plain:
+    """Plain data that rank 0 knows, on every rank; values by node stay on rank 0; collective."""
+    told = comm.bcast(_less(plain) if comm.rank == 0 else None)
+    return plain if comm.rank == 0 else told
+
+
+def _less(plain: Plain) -> Plain:
+    if isinstance(plain, ByNode):
+        return ByNode(plain.values[:0])
+    if isinstance(plain, dict):
+        return {key: _less(item) for key, item in plain.items()}
+    return [_less(item) for item in plain] if isinstance(plain, list) else plain

@@ -1,0 +1,1 @@
+"""What an accepted step says: fields, contact states, error estimates, audit."""

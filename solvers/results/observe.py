@@ -1,0 +1,241 @@
+"""From an accepted step to its result: what the unknowns mean at the surface's nodes, the supports and the probes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry import dolfinx_versions as dx
+from geometry.arrays import Array
+from geometry.errors import SceneError
+from geometry.mesh.mesh import Mesh
+from solvers.contact.rows import ContactRows
+from solvers.parallel.gather import Gathered, cells_of, nodes_of
+from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
+from solvers.stepping.state import State
+from solvers.stepping.stepper import Accepted, Stepper
+from solvers.system.system import System
+
+ROUGH = 0.1  # error of the displacement beside its size, as a share of the defect's
+
+
+def iteration_error(accepted: Accepted) -> float:
+    """Energy norm of the displacement that the tractions' defect would cause, relative to the largest one so far.
+
+    The defect is p - P_C(p + gamma r), gamma = p_ref / u_ref: what the contact laws would still change.
+    """
+    problem, state = accepted.problem, accepted.state
+    if problem.p_ref == 0 or state.peak <= 0:
+        return 0.0
+    defect = problem.cone.natural_residual(state.p, state.w - problem.gap, problem.p_ref / problem.u_ref)
+    force = problem.surface.forces(defect)
+    small = ROUGH * float(np.abs(defect).max(initial=0.0)) / problem.p_ref * problem.u_ref
+    energy = float(force @ problem.surface.displacement(force, small))
+    return float(np.sqrt(max(energy, 0.0) / (2 * state.peak)))
+
+
+def law_error(accepted: Accepted) -> float:
+    """What the method's approximation of the laws leaves, relative to the largest energy norm so far.
+
+    Steps add up: each starts from the slip of the one before, and a slip that is off changes the answer by no more
+    than that (Tresca's law: the steps are a non-expansive map in the energy norm).
+    """
+    state = accepted.state
+    return state.law_error / float(np.sqrt(2 * state.peak)) if state.law_error else 0.0
+
+
+class CellStress:
+    """sigma(u) (own cells, 3, 3) [Pa]; the strain is compiled once, u is left in `displacement`."""
+
+    def __init__(self, system: System) -> None:
+        self._system = system
+        self.displacement = dx.fem.Function(system.space)
+        mesh = system.mesh
+        self._strain = dx.CellExpression(system.weak.strain(self.displacement), dx.midpoint(mesh.domain), mesh.domain)
+        system.counters.forms += 1
+        count = mesh.domain.topology.index_map(mesh.dim).size_local
+        self._cells = np.arange(count)
+        self._lame = np.zeros((count, 2))
+        for name, tag in mesh.bodies.items():
+            material = system.scene.bodies[name]
+            members = mesh.cell_tags.indices[mesh.cell_tags.values == tag]
+            self._lame[members[members < count]] = material.lame_lambda, material.lame_mu
+
+    def __call__(self, u: Any) -> Array:
+        dx.petsc_vector(self.displacement).array[:] = u.array
+        self.displacement.x.scatter_forward()
+        strain = np.zeros((len(self._cells), 3, 3))
+        found = self._strain(self._cells)
+        d = round(found.shape[-1] ** 0.5)
+        strain[:, :d, :d] = found.reshape(-1, d, d)
+        lame_lambda, lame_mu = self._lame.T
+        if self._system.scene.model == "plane stress":
+            strain[:, 2, 2] = -lame_lambda / (lame_lambda + 2 * lame_mu) * (strain[:, 0, 0] + strain[:, 1, 1])
+        trace = np.trace(strain, axis1=1, axis2=2)
+        return np.asarray(2 * lame_mu[:, None, None] * strain + (lame_lambda * trace)[:, None, None] * np.eye(3))
+
+
+@dataclass(frozen=True)
+class Observer:
+    """Reads results off accepted steps; collective."""
+
+    stepper: Stepper
+    stress: CellStress = field(init=False)
+    by_node: Gathered = field(init=False)
+    by_cell: Gathered = field(init=False)
+    probes: dict[str, tuple[int, Array] | None] = field(init=False)  # cell and reference basis, where this rank has it
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stress", CellStress(self.stepper.system))
+        system = self.stepper.system
+        object.__setattr__(self, "by_node", nodes_of(system.mesh, system.nodes))
+        object.__setattr__(self, "by_cell", cells_of(system.mesh))
+        points = {name: np.array(probe.point) for name, probe in system.scene.probes.items()}
+        object.__setattr__(self, "probes", {name: _locate(system.mesh, x, name) for name, x in points.items()})
+
+    def __call__(self, accepted: Accepted) -> StepResult:
+        system, state = accepted.stepper.system, accepted.state
+        cell_stress, nodal = self.stress(state.u), self.stress.displacement.x.array
+        contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
+        return StepResult(
+            time=state.time,
+            substeps=accepted.substeps,
+            iterations=accepted.iterations,
+            volume_solves=accepted.volume_solves,
+            residual=accepted.residual,
+            displacement=self.by_node(state.u.array.reshape(-1, system.mesh.dim)),
+            stress=self.by_cell(cell_stress),
+            contacts=contacts,
+            obstacles=self._obstacles(accepted.state, contacts),
+            supports=system.reactions(state.residual),
+            probes={name: self._probe(where, nodal, cell_stress) for name, where in self.probes.items()},
+            energy=state.energy,
+            iteration_error=iteration_error(accepted),
+            law_error=law_error(accepted),
+            linear_error=accepted.linear_error,
+            p=state.p,
+            w=state.w,
+            reference=accepted.problem.gap,
+            driven=state.driven,
+            searched=accepted.stepper.searched,
+            p_ref=accepted.problem.p_ref,
+            u_ref=accepted.problem.u_ref,
+            history=tuple(row.as_tuple() for row in accepted.history),
+        )
+
+    def _contact(self, index: int, c: ContactRows, accepted: Accepted) -> ContactState:
+        state = accepted.state
+        stepper = accepted.stepper
+        p_n, t = (parts[index] for parts in stepper.split(state.p))
+        u_n = c.node_motion(stepper.system.contact_displacement(state.u)[index] - state.motion[c.name])[0]
+        pressure, multiplier, gap = c.node_pressure(p_n), c.node_traction(t), c.node_gap - u_n
+        slip, increment = state.slip[c.name], state.slip[c.name] - accepted.last.slip[c.name]
+        place = stepper.cone.places[index]
+        bound = np.zeros_like(pressure)
+        if c.friction is not None:  # at the points that carry the multipliers, then at the nodes that each stands for
+            bound = c.share_t.T @ accepted.problem.cone.bound(place, p_n)
+        lam = np.divide(multiplier, bound[:, None], out=np.zeros_like(multiplier), where=bound[:, None] > 0)
+        status = _status(c, pressure, multiplier, bound, increment, accepted)
+        weight, x = c.node_weights, c.surface.points
+        forces = -c.nodal_forces(p_n, t)[: len(x)]  # on the slave side
+        resultant, tangential = forces.sum(axis=0), (weight[:, None] * multiplier).sum(axis=0)
+        moment = np.atleast_1d(np.cross(x, forces).sum(axis=0))
+        if c.surface.axisymmetric:  # over the full circle the radial parts balance
+            resultant, tangential, moment = resultant * [0, 1], tangential * [0, 1], 0 * moment
+        return ContactState(
+            weight=weight,
+            gap=gap,
+            pressure=pressure,
+            traction=-multiplier,
+            slip=slip,
+            slip_increment=increment,
+            bound=bound,
+            lam=lam,
+            status=status,
+            force=resultant,
+            moment=moment,
+            normal_force=float(c.W_n @ p_n),
+            tangential_force=float(np.linalg.norm(tangential)),
+            max_pressure=float(p_n.max(initial=0.0)),
+            contact_area=float(weight[status != OPEN].sum()),
+            stick_area=float(weight[status == STICK].sum()),
+            slip_area=float(weight[status == SLIP].sum()),
+            max_penetration=float(np.max(state.w[place.normal] - c.gap, initial=0.0)),
+            max_slip=float(np.linalg.norm(slip[status != OPEN], axis=1).max(initial=0.0)),
+            dissipation=float(state.energy.dissipation[index] - accepted.before.energy.dissipation[index]),
+            dissipation_total=float(state.energy.dissipation[index]),
+        )
+
+    def _obstacles(self, state: State, contacts: Mapping[str, ContactState]) -> dict[str, tuple[Array, Array, Array]]:
+        """Translation of each obstacle, force and moment that it exerts on the bodies."""
+        system, end = self.stepper.system, self.stepper.system.scene.steps.end
+        found = {}
+        for name, obstacle in system.course.scene.obstacles.items():
+            moved = obstacle.translation(state.time, end, system.mesh.dim)
+            for (driven, axis), size in zip(system.driven, state.driven, strict=True):
+                moved[axis] += size * (driven == name)
+            touching = [contacts[key] for key, c in system.scene.contacts.items() if c.against == name]
+            force = sum((c.force for c in touching), np.zeros(system.mesh.dim))
+            moment = sum((c.moment for c in touching), np.zeros(1 if system.mesh.dim == 2 else 3))
+            axis_point = np.array(obstacle.rotation.point) if obstacle.rotation else np.zeros(system.mesh.dim)
+            found[name] = (moved, force, moment - np.cross(axis_point, force))
+        return found
+
+    def _probe(self, where: tuple[int, Array] | None, nodal: Array, cell_stress: Array) -> tuple[Array, Array]:
+        """Displacement and stress; nodal: all displacements that this rank knows, those of its neighbours too [m]."""
+        system = self.stepper.system
+        found = None
+        if where is not None:
+            cell, basis = where
+            values = nodal.reshape(-1, system.mesh.dim)[dx.cell_dofs(system.space)[cell]]
+            found = (basis @ values, cell_stress[cell])
+        offers = [offer for offer in system.mesh.comm.allgather(found) if offer is not None]
+        found_first: tuple[Array, Array] = offers[0]
+        return found_first
+
+
+def _status(
+    c: ContactRows, pressure: Array, multiplier: Array, bound: Array, increment: Array, accepted: Accepted
+) -> NDArray[np.int8]:
+    """OPEN, SLIP or STICK of each node, as the result files define them."""
+    touching = (pressure > 1e-9 * accepted.problem.p_ref) | (c.normal.sides == 2)
+    at_bound = np.linalg.norm(multiplier, axis=1) >= bound * (1 - accepted.slack)
+    moving = np.linalg.norm(increment, axis=1) > 1e-9 * accepted.problem.u_ref
+    slipping = at_bound & (moving | (not bound.any()))  # nothing sticks without friction
+    return np.where(touching, np.where(slipping, SLIP, STICK), OPEN).astype(np.int8)
+
+
+def _locate(mesh: Mesh, point: Array, name: str) -> tuple[int, Array] | None:
+    """Cell that holds the point, and its basis there: on one rank, that of the gmsh model's first such cell."""
+    size = float(np.max(np.diff(mesh.box(), axis=0)))
+    found = dx.find_cell(mesh.domain, mesh.degree, point, 1e-9 * size)
+    mine = (int(mesh.domain.topology.original_cell_index[found[0]]), mesh.comm.rank) if found else (np.inf, -1)
+    best = min(mesh.comm.allgather(mine))
+    if best[1] < 0:
+        raise SceneError(f"probes.{name}.point = {point.tolist()}: lies outside the bodies")
+    return found if best[1] == mesh.comm.rank else None
+
+
+def mesh_data(system: System) -> MeshData:
+    """The mesh and its contact surfaces as plain arrays; collective."""
+    mesh, nodes = system.mesh, system.nodes
+    by_node, by_cell = nodes_of(mesh, nodes), cells_of(mesh)
+    own = mesh.domain.topology.index_map(mesh.dim).size_local
+    body = np.zeros(own, np.int64)
+    for index, tag in enumerate(mesh.bodies.values()):
+        members = mesh.cell_tags.indices[mesh.cell_tags.values == tag]
+        body[members[members < own]] = index
+    known = by_node(nodes.input[: nodes.owned])
+    return MeshData(
+        points=by_node(nodes.points[: nodes.owned]),
+        cells=np.searchsorted(known, by_cell(nodes.input[dx.cell_dofs(system.space)[:own]])),
+        shape=mesh.domain.topology.cell_type.name,
+        body=by_cell(body),
+        bodies=tuple(mesh.bodies),
+        surfaces={c.name: (c.surface.points, c.surface.facets, c.surface.shape) for c in system.contacts},
+        gaps={c.name: c.node_gap for c in system.contacts if c.master},
+    )

@@ -1,0 +1,54 @@
+"""A surface that may touch an obstacle, and the laws that hold there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from geometry.errors import SceneError, require
+from geometry.keys import Key, Noun
+from solvers.laws import FrictionLaw, NormalLaw
+from solvers.laws.friction import Stick
+from solvers.laws.unilateral import Unilateral
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact(Noun):
+    """Slave surface against a rigid obstacle or another body."""
+
+    surface: Annotated[str, Key("-", "slave side, as body.side")]
+    against: Annotated[str, Key("-", "name of an obstacle, or another body's side: the master")]
+    normal: Annotated[NormalLaw, Key("-", "normal law")] = Unilateral()
+    friction: Annotated[FrictionLaw | None, Key("-", "friction law; absent: none")] = None
+
+    gap_offset: Annotated[float, Key("m", "added to the geometric gap; negative: interference")] = 0.0
+
+    operator: Annotated[
+        Literal["mortar", "node-to-segment", "node-to-face"] | None,
+        Key("-", "between bodies; absent: mortar"),
+    ] = None
+    search_distance: Annotated[
+        float | None, Key("m", "how far apart sides may be to be paired; absent: a fifth of the sides' extent")
+    ] = None
+
+    sliding: Annotated[
+        bool, Key("-", "pairs, normals and gaps follow the motion; false: those of the start, for small slips")
+    ] = False
+
+    def __post_init__(self) -> None:
+        reach = self.search_distance
+        require(reach is None or reach > 0, "search_distance", reach, "must be positive, in metres")
+        require(not (self.sliding and self.normal.ties), "sliding", "true", "a tied surface does not slide")
+        if self.friction is not None:
+            reason = "a tied surface sticks, leave it out" if self.normal.ties else self.friction.refuses(self.normal)
+            if reason:
+                raise SceneError(f"friction: {reason}")
+
+    @property
+    def tangential(self) -> FrictionLaw | None:
+        """The friction law in force: a tied surface sticks."""
+        return Stick() if self.normal.ties else self.friction
+
+    def degree(self, order: int) -> int:
+        """Quadrature degree that both laws need on facets."""
+        return max(self.normal.degree(order), self.friction.degree(order) if self.friction else 0)

@@ -1,0 +1,60 @@
+"""What acts on the sides of bodies: loads, and supports, which prescribe displacements."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from geometry.amplitude import Amplitude, check
+from geometry.errors import SceneError, require
+from geometry.keys import Key, Noun
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load(Noun):
+    """Exactly one of traction, pressure, force."""
+
+    boundary: Annotated[str, Key("-", "side, as body.side")]
+    traction: Annotated[tuple[Amplitude, ...] | None, Key("Pa", "force per area, by component")] = None
+    pressure: Annotated[Amplitude | None, Key("Pa", "positive pushes inward")] = None
+    force: Annotated[tuple[Amplitude, ...] | None, Key("N", "resultant, spread evenly; per metre in plane models")] = (
+        None
+    )
+
+    def __post_init__(self) -> None:
+        given = [key for key in ("traction", "pressure", "force") if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise SceneError(
+                f"{' / '.join(given) or 'traction / pressure / force'}: exactly one of the three is needed"
+            )
+        for amplitude in self.amplitudes():
+            check(amplitude, given[0])
+
+    def amplitudes(self) -> tuple[Amplitude, ...]:
+        if self.pressure is not None:
+            return (self.pressure,)
+        return self.traction or self.force or ()
+
+
+Direction = Literal["x", "y", "z", "normal"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Support(Noun):
+    """Components that are not named stay free."""
+
+    displacement: Annotated[Mapping[Direction, Amplitude], Key("m", "by component x, y, z or normal (outward)")]
+    boundary: Annotated[str | None, Key("-", "side, as body.side")] = None
+    point: Annotated[tuple[float, ...] | None, Key("m", "a mesh vertex lies here; instead of boundary")] = None
+
+    def __post_init__(self) -> None:
+        if (self.boundary is None) == (self.point is None):
+            raise SceneError("boundary / point: a support needs exactly one of the two")
+        require(len(self.displacement) > 0, "displacement", "{}", "name at least one of x, y, z, normal")
+        for axis, amplitude in self.displacement.items():
+            check(amplitude, f"displacement.{axis}")
+        if self.point is not None:
+            require(
+                "normal" not in self.displacement, "displacement.normal", "given", "a point has no normal; use x, y, z"
+            )

@@ -1,0 +1,57 @@
+"""The numbers of a step that have a name: what error estimates, cost tables and closed forms speak of."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from geometry.arrays import Array
+from solvers.results.step_result import StepResult
+
+CONTACT_NUMBERS = (
+    "normal_force", "tangential_force", "max_pressure", "contact_area", "stick_area", "slip_area", "max_penetration",
+    "max_slip", "dissipation", "dissipation_total",
+)  # fmt: skip
+ENERGIES = ("external", "stored", "contact", "dissipated", "time_remainder")
+STRESSES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
+
+
+def names(
+    dim: int,
+    contacts: Collection[str] = (),
+    supports: Collection[str] = (),
+    obstacles: Collection[str] = (),
+    probes: Collection[str] = (),
+) -> tuple[str, ...]:
+    """Every name in a scene of these parts.
+
+    >>> names(2, contacts=["base"])[:2], names(2, probes=["tip"])[:2]
+    (('base.normal_force', 'base.tangential_force'), ('probe.tip.displacement.x', 'probe.tip.displacement.y'))
+    """
+    axes = "xyz"[:dim]
+    return (
+        *(f"{name}.{key}" for name in contacts for key in CONTACT_NUMBERS),
+        *(f"probe.{name}.displacement.{a}" for name in probes for a in axes),
+        *(f"probe.{name}.stress.{ij}" for name in probes for ij in STRESSES),
+        *(f"support.{name}.force.{a}" for name in supports for a in axes),
+        *(f"obstacle.{name}.{key}.{a}" for name in obstacles for key in ("displacement", "force") for a in axes),
+        *(f"energy.{key}" for key in ENERGIES),
+    )
+
+
+def values(step: StepResult) -> dict[str, float]:
+    """All of them at a step, by the same names."""
+    found: dict[str, float] = {}
+    for name, contact in step.contacts.items():
+        found |= {f"{name}.{key}": getattr(contact, key) for key in CONTACT_NUMBERS}
+    for name, (moved, stress) in step.probes.items():
+        found |= _vector(f"probe.{name}.displacement", moved)
+        found |= {f"probe.{name}.stress.{key}": float(stress[ij]) for key, ij in STRESSES.items()}
+    for name, (force, _) in step.supports.items():
+        found |= _vector(f"support.{name}.force", force)
+    for name, (moved, force, _) in step.obstacles.items():
+        found |= _vector(f"obstacle.{name}.displacement", moved) | _vector(f"obstacle.{name}.force", force)
+    return found | {f"energy.{key}": float(getattr(step.energy, key)) for key in ENERGIES}
+
+
+def _vector(name: str, components: Array) -> dict[str, float]:
+    return {f"{name}.{axis}": float(value) for axis, value in zip("xyz", components, strict=False)}

@@ -1,0 +1,214 @@
+"""The scene: every noun a user has said, checked against each other before anything is built."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Any
+
+import numpy as np
+
+from geometry.amplitude import Amplitude, listed_times, turns, value_at
+from geometry.builders import Builder
+from geometry.errors import SceneError, nearest, require
+from geometry.keys import Key, Noun
+from geometry.obstacles import Obstacle
+from geometry.shape import Model, Request
+from geometry.user_files.user_file import UserFile
+from solvers.effects import EFFECTS
+from solvers.scene.applicability import METHODS
+from solvers.scene.contact import Contact
+from solvers.scene.loads import Load, Support
+from solvers.scene.material import Material
+from solvers.scene.quantities import names
+from solvers.scene.settings import Exact, Output, Probe, Solver, Steps
+from solvers.scene.timeline import Place
+
+NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene(Noun):
+    """Frozen and validated; `sections` holds the tables that effects own (`gravity`, `periodic`)."""
+
+    model: Annotated[Model, Key("-", "kinematics; plane: per metre; axisymmetric: x radius, y axis, full circle")]
+    geometry: Builder | UserFile
+    bodies: Mapping[str, Material]
+    title: Annotated[str, Key("-", "a sentence for tables and pictures")] = ""
+    obstacles: Mapping[str, Obstacle] = field(default_factory=dict)
+    contacts: Mapping[str, Contact] = field(default_factory=dict)
+    supports: Mapping[str, Support] = field(default_factory=dict)
+    loads: Mapping[str, Load] = field(default_factory=dict)
+    probes: Mapping[str, Probe] = field(default_factory=dict)
+    steps: Steps = Steps()
+    solver: Solver = Solver()
+    output: Output = Output()
+    exact: Exact = Exact()
+    sections: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._check_names()
+        self._check_dimensions()
+        self._check_references()
+        require(
+            self.solver.method in METHODS, "solver.method", self.solver.method, nearest(self.solver.method, METHODS)
+        )
+        self.exact.check(self.quantities())
+        for effect in EFFECTS:
+            if effect.name in self.sections:
+                effect.check(self)
+
+    @property
+    def dim(self) -> int:
+        return 3 if self.model == "3d" else 2
+
+    @property
+    def axisymmetric(self) -> bool:
+        return self.model == "axisymmetric"
+
+    def request(self) -> Request:
+        """What the mesh must offer this scene."""
+        return Request(
+            model=self.model,
+            contact_sides=tuple(
+                dict.fromkeys(
+                    s for c in self.contacts.values() for s in (c.surface, c.against) if s not in self.obstacles
+                )
+            ),
+            periodic=tuple(pair for effect in EFFECTS if effect.because(self) for pair in effect.periodic(self)),
+        )
+
+    def sides(self) -> tuple[str, ...]:
+        """All sides, as body.side."""
+        return tuple(f"{body}.{side}" for body, sides in self.geometry.bodies(self.dim).items() for side in sides)
+
+    def require_side(self, side: str, key: str) -> None:
+        """Refuse a side that the geometry does not have."""
+        require(side in self.sides(), key, side, f"no such side; {nearest(side, self.sides())}")
+
+    def quantities(self) -> tuple[str, ...]:
+        """Names of the numbers that every step of this scene has."""
+        return names(self.dim, self.contacts, self.supports, self.obstacles, self.probes)
+
+    def requested_times(self) -> tuple[float, ...]:
+        """Equal steps and every time of a table up to the end; t = 0 only if a load or motion starts from a value."""
+        end, count = self.steps.end, self.steps.count
+        times = {end * (k + 1) / count for k in range(count)}
+        driven = self.drives()
+        times |= {t for a in driven.values() for t in listed_times(a) if 0 < t <= end}
+        moving = [a for place, a in driven.items() if place.table != "contacts"]  # no bound
+        if any(0.0 in listed_times(a) and value_at(a, 0.0, end) != 0 for a in moving):
+            times.add(0.0)
+        close = 1e-12 * end
+        ordered = sorted(times)
+        later = [*ordered[1:], np.inf]
+        return tuple(t for t, after in zip(ordered, later, strict=True) if after - t > close)
+
+    def turns(self) -> frozenset[float]:
+        """Times at which the rate of a load, a motion or a bound changes."""
+        return frozenset(t for a in self.drives().values() for t in turns(a, self.steps.end))
+
+    def drives(self) -> dict[Place, Amplitude]:
+        """Every value in time: loads, motions and bounds."""
+        return dict(self._drives())
+
+    def _drives(self) -> Iterator[tuple[Place, Amplitude]]:
+        def parts(table: str, name: str, quantity: str, values: Mapping[Any, Amplitude]) -> Iterator[Any]:
+            return ((Place(table, name, quantity, part), amplitude) for part, amplitude in values.items())
+
+        def vector(table: str, name: str, quantity: str, values: tuple[Amplitude, ...] | None) -> Iterator[Any]:
+            return parts(table, name, quantity, dict(zip("xyz", values or (), strict=False)))
+
+        for name, support in self.supports.items():
+            yield from parts("supports", name, "displacement", support.displacement)
+        for name, load in self.loads.items():
+            yield from vector("loads", name, "traction", load.traction)
+            yield from vector("loads", name, "force", load.force)
+            if load.pressure is not None:
+                yield Place("loads", name, "pressure"), load.pressure
+        for name, obstacle in self.obstacles.items():
+            yield from parts("obstacles", name, "displacement", obstacle.displacement)
+            yield from parts("obstacles", name, "force", obstacle.force)
+            if obstacle.rotation is not None:
+                yield Place("obstacles", name, "rotation", "angle"), obstacle.rotation.angle
+        for name, contact in self.contacts.items():
+            if contact.friction is not None:
+                yield from parts("contacts", name, "friction", contact.friction.amplitudes())
+        for name, section in self.sections.items():
+            yield from vector(name, "", "acceleration", getattr(section, "acceleration", None))
+
+    def _check_names(self) -> None:
+        for table in ("bodies", "obstacles", "contacts", "supports", "loads", "probes"):
+            for name in getattr(self, table):
+                if not NAME.fullmatch(name):
+                    raise SceneError(f"{table}.{name}: a name is made of a-z, 0-9 and _, and begins with a letter")
+        known = self.geometry.bodies(self.dim)
+        for name in self.bodies:
+            if name not in known:
+                raise SceneError(f"bodies.{name}: no such body in the geometry; {nearest(name, known)}")
+        for name in known:
+            if name not in self.bodies:
+                raise SceneError(f"bodies.{name}: missing, this body of the geometry needs E and nu")
+
+    def _check_dimensions(self) -> None:
+        with prefixed("geometry"):
+            self.geometry.check_model(self.model)
+        for name, obstacle in self.obstacles.items():
+            with prefixed(f"obstacles.{name}"):
+                obstacle.check_model(self.model)
+        expected = f"expected {self.dim} components in this model"
+        for name, load in self.loads.items():
+            vector = load.traction if load.traction is not None else load.force
+            key = f"loads.{name}.{'traction' if load.traction is not None else 'force'}"
+            require(vector is None or len(vector) == self.dim, key, list(vector or ()), expected)
+            radial = self.axisymmetric and load.force is not None and load.force[0] != 0
+            require(not radial, key, list(vector or ()), "a radial force has no resultant; use traction or pressure")
+        for table, items in (("supports", self.supports), ("probes", self.probes)):
+            for name, item in items.items():
+                found = list(item.point or ())
+                require(item.point is None or len(found) == self.dim, f"{table}.{name}.point", found, expected)
+        for name, support in self.supports.items():
+            if self.dim == 2 and "z" in support.displacement:
+                raise SceneError(f"supports.{name}.displacement.z: a plane model has x and y only")
+
+    def _check_references(self) -> None:
+        slaves: dict[str, str] = {}
+        for name, contact in self.contacts.items():
+            self.require_side(contact.surface, f"contacts.{name}.surface")
+            self._check_other_side(name, contact)
+            other = slaves.setdefault(contact.surface, name)
+            expected = f"already the slave of contacts.{other}; a facet has one slave role"
+            require(other == name, f"contacts.{name}.surface", contact.surface, expected)
+        for table, items in (("supports", self.supports), ("loads", self.loads)):
+            for name, item in items.items():
+                if item.boundary is not None:
+                    self.require_side(item.boundary, f"{table}.{name}.boundary")
+
+    def _check_other_side(self, name: str, contact: Contact) -> None:
+        """An obstacle, or the side of another body; an operator that the model has."""
+        known, against = (*self.obstacles, *self.sides()), contact.against
+        expected = f"no such obstacle or side; {nearest(against, known)}"
+        require(against in known, f"contacts.{name}.against", against, expected)
+        own = contact.surface.split(".")[0]
+        itself = against not in self.obstacles and against.split(".")[0] == own
+        require(not itself, f"contacts.{name}.against", against, "a side of the same body; contact needs two bodies")
+        if contact.operator is not None:
+            key = f"contacts.{name}.operator"
+            require(against not in self.obstacles, key, contact.operator, "a rigid obstacle needs none; remove the key")
+            wrong = {2: "node-to-face", 3: "node-to-segment"}[self.dim]
+            require(contact.operator != wrong, key, contact.operator, f"there is none in {self.dim}D; use mortar")
+
+
+class prefixed:  # noqa: N801  reads as a word in `with`
+    """Context that puts the table's name in front of a SceneError."""
+
+    def __init__(self, prefix: str) -> None:
+        self.prefix = prefix
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, SceneError):
+            raise SceneError(f"{self.prefix}.{error}") from None

@@ -1,0 +1,1 @@
+"""A scene prepared and marched: plan, simulation, script, checkpoint."""

@@ -1,0 +1,1 @@
+"""Load steps: which method, from which state, and what happens when one fails."""

@@ -1,0 +1,148 @@
+"""Which methods a scene is tried with, on which form of the bodies: by dimension and size, never by the clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from mpi4py import MPI
+
+from geometry.errors import MachineError
+from geometry.mesh.mesh import Mesh
+from solvers.contact.rows import ContactRows
+from solvers.fem.constraints import Constraints
+from solvers.parallel.memory import available
+from solvers.scene.applicability import METHODS
+from solvers.scene.settings import Solver
+from solvers.system.system import System
+
+Form = Literal["condensed", "matrix-free"]
+ENTRIES = {  # of a row of K_B, inside a regular mesh
+    ("triangle", 1): 14, ("triangle", 2): 23, ("quadrilateral", 1): 18, ("quadrilateral", 2): 32,
+    ("tetrahedron", 1): 44, ("tetrahedron", 2): 84, ("hexahedron", 1): 81, ("hexahedron", 2): 192,
+}  # fmt: skip
+ITERATIONS = 100  # of conjugate gradients that a frictional problem of two steps takes, measured 60 to 130
+PER_ENTRY = 1.5e-8  # [s] of one of them, for each entry of K_B: products and one multigrid cycle
+PLANE, SPACE = 1.2e-8, 6e-9  # [s] a factorisation with its Schur complement takes, times N^1.5 and N^2
+DENSE = 1e-10  # [s] for each cube of a contact dof
+COPIES = 5  # of the dense stiffness that are alive together
+FACTOR = {2: 40.0, 3: 60.0}  # numbers a factor holds, times N and N^(4/3)
+SHARE = 0.7  # of the available memory that the condensed form may take
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One method on one form of the bodies."""
+
+    method: str
+    surface: Form
+    safe: bool = False  # with a metric that errs to the side of small steps
+
+    def __str__(self) -> str:
+        return f"{self.method} ({self.surface}{', safer metric' if self.safe else ''})"
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large a problem is."""
+
+    dim: int
+    dofs: int
+    entries: float  # of K_B, about
+    contact_dofs: int
+    ranks: int = 1  # that share a machine's memory
+
+    @staticmethod
+    def of(mesh: Mesh, constraints: Constraints, contacts: tuple[ContactRows, ...]) -> Size:
+        """Known before anything is assembled."""
+        dofs = constraints.free_total
+        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in contacts)]))
+        kind = mesh.domain.topology.cell_type.name, mesh.degree
+        machine = mesh.comm.Split_type(MPI.COMM_TYPE_SHARED)
+        ranks = mesh.comm.allreduce(machine.size, op=MPI.MAX)
+        machine.Free()
+        return Size(mesh.dim, dofs, dofs * ENTRIES[kind], mesh.dim * len(nodes), ranks)
+
+    @property
+    def seconds(self) -> dict[Form, float]:
+        """Of one core, predicted."""
+        factor = PLANE * self.dofs**1.5 if self.dim == 2 else SPACE * self.dofs**2
+        return {
+            "condensed": factor + DENSE * self.contact_dofs**3,
+            "matrix-free": ITERATIONS * PER_ENTRY * self.entries,
+        }
+
+    @property
+    def dense_bytes(self) -> float:
+        """Memory of the condensed form, predicted: each rank has its own dense stiffness, all share a factor."""
+        factor = self.dofs * (self.dofs ** (1 / 3) * FACTOR[3] if self.dim == 3 else FACTOR[2])
+        return 8.0 * (self.ranks * COPIES * self.contact_dofs**2 + factor)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Stages tried one after the other, and why the first of them comes first."""
+
+    stages: tuple[Stage, ...]
+    because: str
+
+    @property
+    def coarse(self) -> bool:
+        """Whether a coarse mesh beside has a use: it improves the metric of surface-uzawa."""
+        return self.stages[0].method == "surface-uzawa"
+
+
+def choose(system: System) -> Choice:
+    """What a scene's `solver.method` and `solver.surface` come to at the size it has; collective.
+
+    Raises:
+        MachineError: they ask for a dense stiffness that does not fit in memory.
+    """
+    return chosen(_size(system), system.scene.solver, _memory(system))
+
+
+def fits(system: System, form: Form) -> bool:
+    """Whether that form of the bodies fits in what memory is left now; collective."""
+    return form == "matrix-free" or _size(system).dense_bytes < SHARE * _memory(system)
+
+
+def _size(system: System) -> Size:
+    return Size.of(system.mesh, system.constraints, system.contacts)
+
+
+def _memory(system: System) -> float:
+    return float(min(system.mesh.comm.allgather(available())))
+
+
+def chosen(size: Size, solver: Solver, memory: float) -> Choice:
+    """The same for a known size and memory [bytes]."""
+    form, because = _form(size, solver, size.dense_bytes < SHARE * memory)
+    if solver.method != "auto":
+        return Choice((Stage(solver.method, form),), because)
+    uzawa = (Stage("surface-uzawa", "matrix-free"), Stage("surface-uzawa", "matrix-free", safe=True))
+    newton = Stage("condensed-newton", "condensed")
+    if form == "condensed":
+        return Choice((newton,), because)
+    return Choice((*uzawa, newton) if size.dense_bytes < SHARE * memory else uzawa, because)
+
+
+def _form(size: Size, solver: Solver, fits: bool) -> tuple[Form, str]:
+    table = METHODS[solver.method]
+    wanted = "condensed" if not table.matrix_free else "matrix-free" if not table.condensed else solver.surface
+    if wanted == "matrix-free":
+        because = "surface = matrix-free" if solver.surface == wanted else f"method = {solver.method}"
+        return "matrix-free", f"solver.{because}"
+    needs = f"{size.dense_bytes / 1e9:.2g} GB for {size.contact_dofs} contact dofs of {size.dofs} dofs in all"
+    if wanted == "condensed":
+        if not fits:
+            raise MachineError(
+                f"solver.method = {solver.method}, surface = {solver.surface}: the condensed form needs about {needs}, "
+                "more than this machine has free; use solver.method = surface-uzawa, surface = matrix-free"
+            )
+        return "condensed", f"solver.method = {solver.method}, surface = {solver.surface}"
+    if not fits:
+        return "matrix-free", f"the condensed form needs about {needs}, more than this machine has free"
+    seconds = size.seconds
+    form: Form = "condensed" if seconds["condensed"] <= seconds["matrix-free"] else "matrix-free"
+    return form, f"{size.dofs} dofs in {size.dim}D: {form} is the cheaper form"

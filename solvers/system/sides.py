@@ -1,0 +1,23 @@
+"""The sides that contacts name, each once, and where their nodes stand among the contact dofs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from geometry.surfaces.surface import Surface
+from solvers.system.system import System
+
+
+def contact_sides(system: System) -> Iterator[tuple[str, Surface, Any]]:
+    """Name, surface, and a sparse matrix: contact dofs (c,) to the displacement of its nodes (n d,)."""
+    seen = set[str]()
+    for rows in system.contacts:
+        contact, trace, first = system.scene.contacts[rows.name], system.trace(rows), 0
+        for name, side in ((contact.surface, rows.surface), (contact.against, rows.master)):
+            if side is not None:
+                last = first + side.dim * len(side.nodes)
+                if name not in seen:
+                    yield name, side, trace[first:last]
+                seen.add(name)
+                first = last

@@ -1,0 +1,253 @@
+"""The command line: stickslip run | plan | mesh | cost | verify | scenes | new."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import shlex
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from geometry.errors import SceneError, StickslipError
+from workflows import VERSION
+
+app = typer.Typer(
+    help="Frictional contact between elastic bodies in FEniCSx.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="a scene file, or a ready scene's name")]
+SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override a key of the scene")]
+
+
+@app.command("run")
+def run_command(
+    scene: SceneArgument,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="results folder [results/NAME]")] = None,
+    override: SetOption = None,
+    resume: Annotated[bool, typer.Option("--resume", help="go on where an earlier run of it was stopped")] = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="say nothing but errors")] = False,
+    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="one line an iteration")] = False,
+) -> None:
+    """Solve a scene and write its results."""
+    from workflows.commands.terminal import Reporter
+    from workflows.run.run import run
+    from workflows.scene_file.read import find, named, read
+
+    loaded = read(scene, override or ())
+    folder = output or Path("results") / find(scene).stem
+    reporter = Reporter(quiet=quiet or not _speaks(), verbose=verbose)
+    with reporter, named(scene):
+        outcome, content = run(loaded, folder, reporter.watch(), resume)
+    reporter.table(content)
+    reporter.files(outcome)
+    if outcome.sentence and _speaks():
+        again = [
+            "stickslip",
+            "run",
+            scene,
+            "-o",
+            str(folder),
+            *(f"--set={word}" for word in override or ()),
+            "--resume",
+        ]
+        how = f"; go on with: {shlex.join(again)}" if outcome.status == "interrupted" else ""
+        typer.echo(f"stickslip: {outcome.status.replace('_', ' ')}: {outcome.sentence}{how}", err=True)
+    raise typer.Exit(outcome.exit_code)
+
+
+@app.command("plan")
+def plan_command(
+    scene: SceneArgument,
+    override: SetOption = None,
+    mesh: Annotated[bool, typer.Option("--mesh", help="mesh it too, and count")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="for scripts")] = False,
+) -> None:
+    """Say which effects a scene switches on, and why, without solving."""
+    from solvers.simulation.plan import make_plan, warnings
+    from workflows.commands.terminal import print_plan
+    from workflows.scene_file.read import named, read
+
+    loaded = read(scene, override or ())
+    with named(scene):
+        rows = make_plan(loaded)
+    content: dict[str, Any] = {
+        "title": loaded.title,
+        "model": loaded.model,
+        "method": loaded.solver.method,
+        "times": list(loaded.requested_times()),
+        "effects": [asdict(row) for row in rows],
+        "warnings": list(warnings(loaded)),
+    }
+    if mesh:
+        from workflows.run.mesh_report import count
+
+        with named(scene):
+            content["mesh"] = count(loaded)
+    if _speaks():
+        typer.echo(json.dumps(content, indent=1, ensure_ascii=False)) if as_json else print_plan(content)
+
+
+@app.command("mesh")
+def mesh_command(
+    scene: SceneArgument,
+    override: SetOption = None,
+    gui: Annotated[bool, typer.Option("--gui", help="open the geometry in gmsh's window")] = False,
+    listed: Annotated[bool, typer.Option("--list", help="bodies, sides, and numbered faces in a picture")] = False,
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE.msh", help="write the mesh")] = None,
+) -> None:
+    """Mesh a scene and judge its mesh, without solving."""
+    from workflows.commands.mesh import edit, list_entities, report
+    from workflows.scene_file.read import find, named, read, read_geometry
+
+    if listed or gui:
+        model, geometry = read_geometry(scene, override or ())
+        with named(scene):
+            if listed:
+                list_entities(geometry, model, Path(f"{find(scene).stem}_faces.png"))
+            if gui:
+                edit(geometry, model)
+    if output is not None or not (listed or gui):
+        loaded = read(scene, override or ())
+        with named(scene):
+            report(loaded, output)
+
+
+@app.command("cost")
+def cost_command(
+    scene: SceneArgument,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="results folder [results/NAME_cost]")] = None,
+    budget: Annotated[float, typer.Option("--budget", metavar="SECONDS", help="for all runs together")] = 300.0,
+    quantity: Annotated[
+        list[str] | None, typer.Option("--quantity", metavar="NAME", help="e.g. base.normal_force, energy.stored")
+    ] = None,
+    override: SetOption = None,
+    resume: Annotated[bool, typer.Option("--resume", help="go on with the runs of an earlier study")] = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="say nothing but the sentence")] = False,
+) -> None:
+    """Show what accuracy costs in time: mesh sizes, orders, methods, tolerances."""
+    from workflows.cost.command import cost
+    from workflows.cost.progress import Teller
+    from workflows.scene_file.read import find, named, read
+
+    loaded = read(scene, override or ())
+    folder = output or Path("results") / f"{find(scene).stem}_cost"
+    with named(scene):
+        answer = cost(loaded, folder, budget, quantity or (), resume, Teller(budget, quiet))
+    typer.echo(answer.sentence)
+    if answer.complaint:
+        typer.echo(f"stickslip: {answer.complaint}", err=True)
+    raise typer.Exit(answer.exit_code)
+
+
+@app.command("verify")
+def verify_command(
+    names: Annotated[list[str] | None, typer.Argument(metavar="[NAME]...", help="cases; all if none is named")] = None,
+) -> None:
+    """Compare computed figures with closed forms and published values."""
+    from workflows.commands.verify import verify
+
+    if not verify(names or []):
+        raise typer.Exit(1)
+
+
+@app.command("scenes")
+def scenes_command() -> None:
+    """List the ready scenes."""
+    from workflows.scene_file.read import READY, title_of
+
+    for path in sorted(READY.glob("*.toml")):
+        typer.echo(f"{path.stem:<12} {title_of(path)}")
+
+
+@app.command("new")
+def new_command(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="a ready scene to start from")],
+    file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="where to put it [NAME.toml]")] = None,
+) -> None:
+    """Copy a ready scene to a file of one's own."""
+    from workflows.scene_file.read import READY
+
+    if not _speaks():
+        return
+    path, ready = file or Path(f"{name}.toml"), {p.stem: p for p in READY.glob("*.toml")}
+    if name not in ready:
+        from geometry.errors import nearest
+
+        raise SceneError(f"{name}: no such ready scene; {nearest(name, ready)}")
+    try:
+        with path.open("x", encoding="utf-8") as target:
+            target.write(ready[name].read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be written: {error.strerror}") from None
+    typer.echo(f"wrote {path}; solve it with: stickslip run {path}")
+
+
+@app.callback(invoke_without_command=True)
+def start(
+    context: typer.Context, version: Annotated[bool, typer.Option("--version", help="print the version")] = False
+) -> None:
+    """Frictional contact between elastic bodies in FEniCSx."""
+    if version or context.invoked_subcommand is None:
+        typer.echo(VERSION if version else context.get_help())
+
+
+def _speaks() -> bool:
+    """Whether this is rank 0."""
+    return os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0")) == "0"
+
+
+def guarded(act: Callable[[], object]) -> int:
+    """Run and turn every expected failure into one line and its exit code."""
+    try:
+        code = act()
+    except StickslipError as error:
+        return _say(str(error), error.exit_code)
+    except typer.TyperException as error:
+        text = str(error) or "see stickslip --help"
+        return _say(text, 2)
+    except (KeyboardInterrupt, typer.Abort):
+        return _say("interrupted", 130)
+    except MemoryError:
+        return _say("out of memory: use a larger mesh_size", 4)
+    return code if isinstance(code, int) else 0
+
+
+def _say(text: str, code: int) -> int:
+    if _speaks():
+        print(f"stickslip: {' '.join(text.split())}", file=sys.stderr)
+    return code
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    logging.getLogger().addHandler(logging.NullHandler())  # FFCx writes its compiler commands to the root logger
+    if not _speaks():
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115  until the process ends
+    try:
+        code = guarded(lambda: app(standalone_mode=False))
+    except SystemExit as ended:  # by rich, where nobody listens any more
+        code = ended.code if isinstance(ended.code, int) else 1
+    sys.exit(_flushed(code))
+
+
+def _flushed(code: int) -> int:
+    """The exit code, once all is said: a reader that has gone would make it 120 in Python's own last flush."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+            code = code or 1
+    return code
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,102 @@
+"""`stickslip mesh`: look at a scene's geometry and mesh, name its faces, edit it, write it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+from rich.console import Console
+from rich.table import Table
+
+from geometry.errors import GeometryError, SceneError
+from geometry.mesh.msh_file import write_msh
+from geometry.shape import Model, Request, Shape
+from geometry.user_files.outline import Facets
+from geometry.user_files.user_file import UserFile
+from geometry.user_files.window import open_window
+from solvers.scene.scene import Scene
+from workflows.commands.terminal import console, print_mesh, print_table
+from workflows.run.collective import raise_together
+from workflows.run.mesh_report import look
+
+
+def report(scene: Scene, target: Path | None) -> None:
+    """Mesh the scene, print the mesh report, and write the mesh if there is a target; collective.
+
+    Raises:
+        SceneError: `target` is no .msh file.
+        MachineError: it cannot be written.
+    """
+    if target is not None and target.suffix != ".msh":
+        raise SceneError(f"-o {target}: expected a file that ends in .msh")
+    out = _console()
+    print_mesh(look(scene)[0], out)
+    if target is not None:
+        raise_together(MPI.COMM_WORLD, lambda: write_msh(scene.geometry, scene.request(), target))
+        out.print(f"wrote {target}, in metres")
+
+
+def edit(geometry: Shape, model: Model) -> None:
+    """Open gmsh's window on rank 0; collective."""
+    raise_together(MPI.COMM_WORLD, lambda: open_window(geometry, Request(model=model)))
+
+
+def list_entities(geometry: Shape, model: Model, picture: Path) -> None:
+    """Bodies, sides, and every face or edge of a user's file, in a table and in a picture; collective."""
+    raise_together(MPI.COMM_WORLD, lambda: _list(geometry, 3 if model == "3d" else 2, picture, _console()))
+
+
+def _console() -> Console:
+    return console(160, quiet=MPI.COMM_WORLD.rank > 0)
+
+
+def _list(geometry: Shape, dim: int, picture: Path, out: Console) -> None:
+    if isinstance(geometry, UserFile):
+        geometry = _without_wrong_names(geometry, dim, out)
+    for body, sides in geometry.bodies(dim).items():
+        out.print(f"body {body}: sides {', '.join(f'{body}.{side}' for side in sides) or '-'}")
+    if not isinstance(geometry, UserFile):
+        out.print("a builder's sides have names only; numbers are those of CAD files")
+        return
+    outline, word = geometry.outline(dim), "face" if dim == 3 else "edge"
+    table = Table()
+    for head in (word, "side", "name in the file", "area [m²]" if dim == 3 else "length [m]", "centre [m]"):
+        table.add_column(head)
+    table.add_column("box [m]")
+    for facets in outline.entities:
+        table.add_row(
+            str(facets.number), outline.side_of.get(facets.number, "-"), facets.name or "-", *_measures(facets)
+        )
+    print_table(table, out)
+    draw_picture(picture, outline.entities, Path(geometry.file).name)
+    out.print(f"drawn in {picture}")
+
+
+def _without_wrong_names(geometry: UserFile, dim: int, out: Console) -> UserFile:
+    """Whoever lists numbers is still looking for the right ones."""
+    try:
+        geometry.outline(dim)
+    except GeometryError as error:
+        if not geometry.names:
+            raise
+        out.print(f"warning: {error}; listed without geometry.names", soft_wrap=True)
+        return replace(geometry, names={})
+    return geometry
+
+
+def _measures(facets: Facets) -> tuple[str, str, str]:
+    low, high = facets.box
+    return f"{facets.size:.4g}", _vector(facets.centre), f"{_vector(low)} to {_vector(high)}"
+
+
+def _vector(x: Any) -> str:
+    return ", ".join(f"{value + 0.0:.4g}" for value in x.round(12))
+
+
+def draw_picture(picture: Path, entities: tuple[Facets, ...], title: str) -> None:
+    """VTK is loaded only here."""
+    from workflows.pictures.numbered import draw_numbers
+
+    draw_numbers(picture, entities, title)

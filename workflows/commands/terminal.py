@@ -1,0 +1,214 @@
+"""What the run says on the terminal: progress while it works, a short table at the end."""
+
+from __future__ import annotations
+
+import sys
+from types import TracebackType
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from solvers.results.step_result import StepResult
+from solvers.simulation.plan import warnings
+from solvers.simulation.simulation import Simulation
+from solvers.stepping.history import HistoryRow
+from workflows.run.mesh_report import ContactReport, MeshReport
+from workflows.run.watch import Watch
+from workflows.writers.result import Outcome
+
+Content = dict[str, Any]
+
+
+class Reporter:
+    """Speaks on rank 0 unless quiet; a bar on a terminal, plain lines elsewhere."""
+
+    def __init__(self, quiet: bool, verbose: bool) -> None:
+        self.quiet, self.verbose = quiet, verbose
+        self.console = Console(stderr=True, highlight=False, markup=False)
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        self.progress = Progress(*columns, console=self.console, disable=quiet or not self.console.is_terminal)
+        self.task = self.progress.add_task("meshing and preparing", total=None)
+
+    def __enter__(self) -> Reporter:
+        self.progress.start()
+        if not self.console.is_terminal:
+            self._line("meshing and preparing ...")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.progress.stop()
+
+    def watch(self) -> Watch:
+        """Callbacks for the run."""
+        return Watch(self._meshed, self._prepared, self._iteration, self._step, self._resumed, self._note)
+
+    def _meshed(self, report: MeshReport) -> None:
+        for line in report.lines():
+            self._line(line)
+        for line in report.warnings():
+            self._line(f"warning: {line}")
+
+    def _prepared(self, simulation: Simulation) -> None:
+        times = simulation.scene.requested_times()
+        self.progress.update(self.task, total=len(times), description="solving")
+        free, points = simulation.system.constraints.free_total, simulation.stepper.cone.size
+        self._line(f"{free} unknown displacements, {points} contact unknowns, {len(times)} steps")
+        for warning in warnings(simulation.scene):
+            self._line(f"warning: {warning}")
+
+    def _iteration(self, row: HistoryRow) -> None:
+        if self.verbose:
+            self._line(f"  t = {row.time:g}  iteration {row.step.iteration}  residual {row.step.residual:.1e}")
+        text = f"solving t = {row.time:g}, iteration {row.step.iteration}, residual {row.step.residual:.0e}"
+        self.progress.update(self.task, description=text)
+
+    def _step(self, step: StepResult) -> None:
+        self.progress.advance(self.task)
+        if not self.console.is_terminal or self.verbose:
+            self._line(f"t = {step.time:g}: {step.iterations} iterations, residual {step.residual:.1e}")
+
+    def _resumed(self, done: int, time: float) -> None:
+        self.progress.advance(self.task, done)
+        self._line(f"resumed after step {done}, t = {time:g}")
+
+    def _note(self, line: str) -> None:
+        self.console.print(f"stickslip: {line}", soft_wrap=True)  # also where it is to be quiet
+
+    def _line(self, text: str) -> None:
+        if not self.quiet:
+            self.console.print(text, soft_wrap=True)
+
+    def table(self, content: Content) -> None:
+        """Contacts by step, then cost and accuracy."""
+        if self.quiet:
+            return
+        out = console(160)
+        out.print(content["scene"]["title"])
+        if content["steps"]:
+            print_table(_contacts(content), out)
+        else:
+            out.print("no step was solved")
+        seconds, counters, audit = content["seconds"], content["counters"], content["audit"]
+        phases = ", ".join(
+            f"{name} {seconds[name]:.2f}" for name in ("mesh", "assemble", "prepare", "iterate", "output")
+        )
+        out.print(f"method {content['method']}, {counters['volume_solves']} volume solves, {content['dofs']} unknowns")
+        out.print(f"seconds: {phases}, total {seconds['total']:.2f}")
+        defects = ", ".join(
+            f"{name.replace('_', ' ')} {value:.0e}" for name, value in audit.items() if value is not None
+        )
+        if defects:
+            out.print(f"audit (relative defects): {defects}")
+        if content["steps"] and content["steps"][-1]["energy"]["dissipated"] > 0:
+            energy, unit = (
+                content["steps"][-1]["energy"],
+                "J/m" if content["scene"]["model"].startswith("plane") else "J",
+            )
+            out.print(
+                f"friction dissipated {energy['dissipated']:.4g} {unit}, time remainder {energy['time_remainder']:.2g} "
+                f"{unit}"
+            )
+
+    def files(self, outcome: Outcome) -> None:
+        """What to doubt, and which files to open."""
+        for warning in outcome.warnings:
+            self._line(f"warning: {warning}")
+        if self.quiet:
+            return
+        folder = outcome.folder
+        print(f"results in {folder}: fields.xdmf and contact_*.xdmf for ParaView, result.json and *.csv for scripts,")
+        pictures = sorted(path.name for path in folder.iterdir() if path.suffix in (".png", ".gif"))
+        print(f"pictures {', '.join(pictures)}" if pictures else "no pictures")
+
+
+def console(width: int, quiet: bool = False) -> Console:
+    """Standard output, `width` columns wide unless it is a terminal; [m²] is a unit, and no markup."""
+    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else width, quiet=quiet)
+
+
+def print_table(table: Table, out: Console) -> None:
+    """Print the table; a narrow terminal folds its heads and leaves out its last columns, for a cut number misleads."""
+    free = out.options.update(max_width=10_000)
+
+    def too_wide() -> bool:
+        return out.measure(table, options=free).maximum > out.width
+
+    if too_wide():
+        for column in table.columns:
+            column.header = str(column.header).replace(" ", "\n")
+    while len(table.columns) > 1 and too_wide():
+        table.columns.pop()
+    out.print(table)
+
+
+def _contacts(content: Content) -> Table:
+    table, plane = Table(), content["scene"]["model"].startswith("plane")  # for a metre of thickness
+    force, area = ("N/m", "m") if plane else ("N", "m²")
+    for name in (
+        "t",
+        "contact",
+        f"normal force [{force}]",
+        f"tangential [{force}]",
+        f"touching [{area}]",
+        "stick",
+        "slip",
+    ):
+        table.add_column(name, justify="left" if name == "contact" else "right")
+    for name in ("max pressure [Pa]", "max penetration [m]", "iterations", "volume solves"):
+        table.add_column(name, justify="right")
+    for step in content["steps"]:
+        cost = (str(step["iterations"]), str(step["volume_solves"]))
+        for name, c in (step["contacts"] or {"-": None}).items():
+            keys = ("normal_force", "tangential_force", "contact_area", "stick_area", "slip_area")
+            numbers = [f"{c[k]:.5g}" for k in (*keys, "max_pressure", "max_penetration")] if c else ["-"] * 7
+            table.add_row(f"{step['time']:g}", name, *numbers, *cost)
+    return table
+
+
+def print_plan(content: Content) -> None:
+    """Effects, reasons, and counts where the scene was meshed."""
+    out = console(120)
+    out.print(content["title"])
+    table = Table()
+    for name in ("effect", "on", "because"):
+        table.add_column(name)
+    for row in content["effects"]:
+        table.add_row(row["effect"], "yes" if row["on"] else "-", row["because"])
+    out.print(table)
+    times = content["times"]
+    shown = ", ".join(f"{t:g}" for t in times[:8]) + (", ..." if len(times) > 8 else "")
+    out.print(f"model {content['model']}, method {content['method']}, {len(times)} steps at t = {shown}")
+    for warning in content["warnings"]:
+        out.print(f"warning: {warning}")
+    if "mesh" in content:
+        mesh = content["mesh"]
+        choice = mesh["choice"]
+        out.print(f"{mesh['displacement_unknowns']} unknown displacements")
+        out.print(f"{choice['method']}, {choice['surface']}: {choice['because']}")
+        for name, c in mesh["contacts"].items():
+            if c["dropped_multipliers"]:
+                out.print(f"contact {name}: {c['dropped_multipliers']} multipliers dropped")
+        contacts = {name: ContactReport(**c) for name, c in mesh["contacts"].items()}
+        report = MeshReport(**{key: mesh[key] for key in ("cells", "nodes", "worst_quality")}, contacts=contacts)
+        print_mesh(report, out)
+
+
+def print_mesh(report: MeshReport, out: Console) -> None:
+    """The mesh in a table, its contacts in another, warnings below."""
+    out.print(f"{report.cells} cells, {report.nodes} nodes, worst quality {report.worst_quality:.2f} (1 is best)")
+    table = Table()
+    heads = ("contact", "normal points", "tangential", "area [m²]", "elements across", "smallest gap [m]")
+    for name in (*heads, "largest gap [m]", "overlapping points", "overlap [m²]", "can touch"):
+        table.add_column(name, justify="left" if name == "contact" else "right")
+    for name, c in report.contacts.items():
+        gaps = (f"{c.smallest_gap:.4g}", f"{c.largest_gap:.4g}", str(c.overlapping_points), f"{c.overlap_area:.4g}")
+        points = (str(c.normal_points), str(c.tangential_points), f"{c.area:.4g}", str(c.elements_across))
+        table.add_row(name, *points, *gaps, str(c.points_that_can_touch))
+    if report.contacts:
+        print_table(table, out)
+    for line in report.warnings():
+        out.print(f"warning: {line}", soft_wrap=True)

@@ -1,0 +1,71 @@
+"""`stickslip verify`: solve the verification problems with every method, and print computed against expected."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+
+from rich.console import Console
+from rich.table import Table
+
+from geometry.errors import SceneError, StickslipError, nearest
+from workflows.verification.check import Check
+from workflows.verification.registry import CASES
+
+Row = tuple[str, str, Check]  # case, method, what came out
+
+
+def verify(names: Sequence[str]) -> bool:
+    """Run the named problems, all of them if none is named, and print a table of each as it is done.
+
+    Returns:
+        Whether every check passed.
+
+    Raises:
+        SceneError: a name that is no verification problem.
+    """
+    for name in names:
+        if name not in CASES:
+            raise SceneError(f"{name}: no such verification problem; {nearest(name, CASES)}")
+    console = Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else 160)
+    total, failed = 0, 0
+    for name in dict.fromkeys(names or CASES):
+        rows = list(solve(name))
+        console.print(table(rows, CASES[name].about))
+        total += len(rows)
+        failed += sum(not check.passed for _, _, check in rows)
+    console.print(f"{failed} of {total} checks failed" if failed else f"all {total} checks passed")
+    return failed == 0
+
+
+def solve(name: str) -> Iterator[Row]:
+    """The checks of one problem with its methods; a method that finds no answer fails one check that says so."""
+    for method in CASES[name].methods:
+        try:
+            for check in CASES[name].checks(method):
+                yield name, method, check
+        except StickslipError as error:
+            yield name, method, Check(f"not solved: {error}", float("nan"), 0.0, 0.0, relative=False)
+
+
+def table(rows: Sequence[Row], about: str) -> Table:
+    """Rows as a rich table."""
+    drawn = Table(title=about, title_justify="left")
+    for heading in ("case", "quantity", "method"):
+        drawn.add_column(heading, overflow="fold")
+    for heading in ("computed", "reference", "deviation", "allowed", "pass"):
+        drawn.add_column(heading, justify="right", no_wrap=True)
+    for name, method, check in rows:
+        kind = "rel" if check.relative else "abs"
+        drawn.add_row(
+            name,
+            check.name,
+            method,
+            f"{check.computed:.9g}",
+            f"{check.reference:.9g}",
+            f"{check.deviation:.1e} {kind}",
+            f"{check.tolerance:.1e}",
+            "yes" if check.passed else "NO",
+            style=None if check.passed else "bold red",
+        )
+    return drawn

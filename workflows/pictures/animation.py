@@ -1,0 +1,254 @@
+"""animation.gif: the bodies on their way, coloured by von Mises stress, and where contacts open, slip and stick."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from matplotlib import colormaps
+from matplotlib.colors import Normalize, to_rgb
+from numpy.typing import NDArray
+from PIL import Image as Pillow
+from scipy.spatial import cKDTree
+
+from geometry.arrays import Array, Ints
+from solvers.results.step_result import OPEN, MeshData
+from solvers.scene.scene import Scene
+from workflows.pictures.body_picture import body_on_stage, displacement_scale, plain
+from workflows.pictures.contact_maps import dual_cells, view_of
+from workflows.pictures.focus import ROOM
+from workflows.pictures.render import Image, View, render
+from workflows.pictures.sheet import COLOURS, STATUS_COLOURS, Sheet, show_image, span
+from workflows.writers.aside import write_aside
+from workflows.writers.steps import read_step, step_name, three
+
+FRAMES = 100  # at most
+SECONDS, SLOWEST, LAST = 8.0, 0.5, 1.5  # of the whole, of a frame, and of the last one
+DPI = 110
+LINE = 9.0  # pixels
+SMALL = 0.25  # of the view: what touches there is shown beside it too
+GREYS = 40  # of the 256 colours of a GIF
+Statuses = Mapping[str, NDArray[np.int8]]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What is shown of a step."""
+
+    time: float
+    displacement: Array  # (nodes, 3)
+    von_mises: Array  # (cells,)
+    status: Statuses  # (n,) by contact
+
+
+@dataclass(frozen=True)
+class Course:
+    """What all frames share, so that they can be compared."""
+
+    norm: Normalize  # of von Mises stress
+    scale: float  # of displacements
+    view: View
+    nodes: Mapping[str, Ints]  # of the mesh, by contact surface
+    touching: Array  # (k, 3) where anything touches at any time, as it is drawn
+
+
+def animate(folder: Path, scene: Scene, mesh: MeshData, count: int) -> Path:
+    """Draw animation.gif from the files of the `count` steps, evenly chosen if they are many.
+
+    Raises:
+        MachineError: a step's file cannot be read, or the disk is full.
+    """
+    indices = np.unique(np.linspace(1, count, min(count, FRAMES)).round().astype(int)).tolist()
+    course = survey(folder, scene, mesh, indices)
+    drawn = _Film(mesh, course, " ".join(scene.title.split()))
+    pictures = [Pillow.fromarray(drawn(frame)) for frame in frames(folder, mesh, indices)]
+    each = min(SLOWEST, SECONDS / len(pictures))
+    content = io.BytesIO()
+    colours = palette(mesh.points.shape[1] == 3)
+    first, *others = [p.quantize(palette=colours, dither=Pillow.Dither.NONE) for p in pictures]
+    durations = [round(1000 * each)] * len(others) + [round(1000 * LAST)]
+    first.save(content, "GIF", save_all=True, append_images=others, duration=durations, loop=0)
+    path = folder / "animation.gif"
+    write_aside(path, content.getvalue())
+    return path
+
+
+def frames(folder: Path, mesh: MeshData, indices: list[int]) -> Iterator[Frame]:
+    """The bodies at rest, then the steps from their files."""
+    at_rest = {name: np.zeros(len(points), np.int8) + OPEN for name, (points, *_) in mesh.surfaces.items()}
+    yield Frame(0.0, np.zeros((len(mesh.points), 3)), np.zeros(len(mesh.cells)), at_rest)
+    for index in indices:
+        step = read_step(folder / step_name(index))
+        yield Frame(step.time, step.displacement, step.von_mises, {n: c.status for n, c in step.contacts.items()})
+
+
+def survey(folder: Path, scene: Scene, mesh: MeshData, indices: list[int]) -> Course:
+    """One scale of colours, one of displacements and one window for all frames."""
+    nodes = {name: nodes_of(mesh, name, scene.contacts[name].surface.split(".")[0]) for name in mesh.surfaces}
+    places, moves = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    solid = mesh.points.shape[1] == 3
+    points = three(mesh.points)
+    view = View.isometric(points) if solid else View.facing(points)
+    across = np.column_stack([view.right, view.up])
+    highest, scales = 0.0, [np.inf]
+    low, high = np.zeros(2), np.zeros(2)  # of the displacement, as it is seen
+    for index in indices:
+        step = read_step(folder / step_name(index))
+        highest = max(highest, float(step.von_mises.max(initial=0.0)))
+        if step.displacement.any():
+            scales.append(displacement_scale(mesh, step))
+        for name, contact in step.contacts.items():
+            there = nodes[name][contact.status != OPEN]
+            places.append(points[there])
+            moves.append(step.displacement[there])
+        seen = step.displacement @ across
+        low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
+    scale = min(scales) if len(scales) > 1 else 1.0
+    seen = points @ across
+    corners = np.stack([seen.min(axis=0) + scale * low, seen.max(axis=0) + scale * high])
+    window = View.around(corners @ across.T, view.right, view.up)
+    # a solid's contacts are shown on a map, where they were at the start
+    touching = np.concatenate(places) + (0.0 if solid else scale) * np.concatenate(moves)
+    return Course(span(np.array([highest])), scale, window, nodes, touching)
+
+
+def close_up(view: View, touching: Array) -> View | None:
+    """A square window on what touches (k, 3), if that is a small part of the view."""
+    seen = touching @ np.column_stack([view.right, view.up])
+    size = float(np.ptp(seen, axis=0).max()) if len(seen) else 0.0
+    if not 0 < size < SMALL * float(view.size.max()):
+        return None
+    centre = (seen.min(axis=0) + seen.max(axis=0)) / 2
+    return View(view.right, view.up, centre - (0.5 + ROOM) * size, centre + (0.5 + ROOM) * size)
+
+
+class _Film:
+    """A sheet on which frame after frame is drawn: the bodies, and beside them contacts that are hard to see."""
+
+    def __init__(self, mesh: MeshData, course: Course, title: str) -> None:
+        self.mesh, self.course = mesh, course
+        self.solid = mesh.points.shape[1] == 3
+        self.beside = self._view_beside()
+        view, plain_axes = course.view, None if self.solid else ("x", "y")
+        width, height = (5.2, 5.2 / view.aspect) if view.aspect > 1.3 else (4.0 * view.aspect, 4.0)
+        left, foot = (0.3, 0.3) if self.solid else (0.8, 0.55)
+        wide = min(3.2, 0.75 * max(height, 2.5) * self.beside.aspect) if self.beside else 0.0
+        room = (0.3 if self.solid else 0.75) if self.beside else 0.0
+        high = wide / self.beside.aspect if self.beside else 0.0
+        self.sheet = Sheet(max(5.0, left + width + 1.35 + room + wide + 0.2), foot + max(height, high) + 1.0, DPI)
+        axes, self.shown = self._picture(view, (left, foot, width, height), plain_axes)
+        tall = max(0.8 * height, 1.1)
+        bar = self.sheet.axes(left + width + 0.2, foot + (height - tall) / 2, 0.13, tall)
+        self.sheet.colour_bar(bar, course.norm, "von Mises stress [Pa]", orientation="vertical")
+        if self.beside:
+            place = (left + width + 1.35 + room, foot, wide, high)
+            close, self.shown_beside = self._picture(self.beside, place, plain_axes)
+            close.set_title("contact", fontsize=9, loc="left")
+        if mesh.surfaces:
+            self.sheet.status_legend(
+                axes, loc="lower left", bbox_to_anchor=(-0.01, 1.0), borderpad=0, handletextpad=0.5
+            )
+        drawn = "true displacement" if course.scale == 1 else f"displacement × {plain(course.scale)}"
+        self.sheet.head(title, f"{drawn}; grey: undeformed", left)
+        self.clock = self.sheet.write(self.sheet.width - 0.2, self.sheet.height - 0.48, "", fontsize=10, ha="right")
+
+    def __call__(self, frame: Frame) -> Image:
+        moved = three(self.mesh.points) + self.course.scale * frame.displacement
+        bodies = body_on_stage(self.mesh, moved, frame.von_mises, self.course.norm)
+        lines = [] if self.solid else [self._line(name, moved, status) for name, status in frame.status.items()]
+
+        def add(stage: Any) -> None:
+            bodies(stage)
+            for line in lines:
+                stage.add_mesh(line, scalars="colour", rgb=True, lighting=False, line_width=LINE)
+
+        self._show(self.shown, self.course.view, add)
+        if self.beside:
+            self._show(self.shown_beside, self.beside, self._map(frame.status) if self.solid else add)
+        self.clock.set_text(f"t = {frame.time:.4g} s")
+        return self.sheet.pixels()
+
+    def _view_beside(self) -> View | None:
+        """Of a solid the map of its contacts, of a plane body what touches if it is small."""
+        if not self.solid:
+            return close_up(self.course.view, self.course.touching)
+        if not self.mesh.surfaces:
+            return None
+        whole, _ = view_of(np.concatenate([points for points, *_ in self.mesh.surfaces.values()]))
+        return close_up(whole, self.course.touching) or whole
+
+    def _picture(self, view: View, place: tuple[float, ...], labels: tuple[str, str] | None) -> tuple[Any, Any]:
+        """Axes in inches, and the image in them."""
+        left, bottom, width, height = place
+        axes = self.sheet.axes(left, bottom, width, height)
+        show_image(axes, view, np.full((2, 2, 3), 255, np.uint8), labels)
+        return axes, axes.images[0]
+
+    def _show(self, image: Any, view: View, add: Callable[[Any], None]) -> None:
+        image.set_data(render(view, round(float(image.axes.get_window_extent().width)), add))
+
+    def _map(self, statuses: Statuses) -> Callable[[Any], None]:
+        """The contact surfaces on their own, each node's part in the colour of its status."""
+
+        def add(stage: Any) -> None:
+            for name, surface in self.mesh.surfaces.items():
+                cells, owners = dual_cells(*surface)
+                cells.cell_data["colour"] = _colours(statuses[name])[owners]
+                stage.add_mesh(cells, scalars="colour", rgb=True, lighting=False)
+
+        return add
+
+    def _line(self, name: str, moved: Array, status: NDArray[np.int8]) -> pv.PolyData:
+        """The contact line where it has moved to, each half of a facet in the colour of the node at its end."""
+        size = float(np.ptp(self.mesh.points, axis=0).max())
+        points = moved[self.course.nodes[name]] + np.array([0.0, 0.0, 1e-2 * size])  # before the bodies
+        pairs = np.concatenate(
+            [np.stack(pair, axis=1) for pair in pairwise(_along(self.mesh.surfaces[name][1]))]
+        )  # neighbours along the facets
+        middle = points[pairs].mean(axis=1)
+        ends = np.concatenate([np.stack([points[pairs[:, k]], middle], axis=1) for k in (0, 1)]).reshape(-1, 3)
+        count = 2 * len(pairs)
+        cells = np.column_stack([np.full(count, 2), np.arange(2 * count).reshape(-1, 2)])
+        line = pv.PolyData(ends, lines=cells.ravel())
+        line.cell_data["colour"] = _colours(status)[np.concatenate([pairs[:, 0], pairs[:, 1]])]
+        return line
+
+
+def nodes_of(mesh: MeshData, contact: str, body: str) -> Ints:
+    """Mesh nodes of a contact surface: of two bodies that touch each has its own in the same place."""
+    own = np.unique(mesh.cells[mesh.body == mesh.bodies.index(body)])
+    return np.asarray(own[cKDTree(mesh.points[own]).query(mesh.surfaces[contact][0])[1]])
+
+
+def _along(facets: Ints) -> tuple[Ints, ...]:
+    """Nodes of line facets in the order in which one walks along them: dolfinx counts middle nodes last."""
+    return (facets[:, 0], *facets[:, 2:].T, facets[:, 1])
+
+
+def _colours(status: NDArray[np.int8]) -> NDArray[np.uint8]:
+    table = np.zeros((max(STATUS_COLOURS) + 1, 3), np.uint8)
+    for s, colour in STATUS_COLOURS.items():
+        table[s] = np.round(255 * np.array(to_rgb(colour)))
+    return table[status]
+
+
+def palette(solid: bool) -> Pillow.Image:
+    """256 colours for all frames, those of von Mises stress among them: chosen by frequency, rare ones would be lost.
+
+    A solid's colours are darker on the sides that turn away from the lamps.
+    """
+    shades = (1.0, 0.88, 0.76) if solid else (1.0,)
+    status = [to_rgb(colour) for colour in STATUS_COLOURS.values()]
+    levels = (256 - GREYS - len(status)) // len(shades)
+    stress = colormaps[COLOURS](np.linspace(0.0, 1.0, levels))[:, :3]
+    greys = np.repeat(np.linspace(0.0, 1.0, GREYS)[:, None], 3, axis=1)
+    colours = np.concatenate([greys, status, *(shade * stress for shade in shades)])
+    found = Pillow.new("P", (1, 1))
+    found.putpalette(np.round(255 * colours).astype(np.uint8).tobytes())
+    return found

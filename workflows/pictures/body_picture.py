@@ -1,0 +1,121 @@
+"""deformed.png: the bodies where they have gone, coloured by von Mises stress."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import Normalize
+
+from geometry.arrays import Array
+from solvers.results.step_result import OPEN, MeshData, StepResult
+from workflows.pictures.render import SHADED, View, grid_of, render
+from workflows.pictures.sheet import COLOURS, DPI, Sheet, show_image, span
+from workflows.writers.steps import StoredStep, three
+
+VISIBLE = (0.02, 0.2)  # displacements between these parts of the size are drawn as they are
+DRAWN = 0.08  # others so that the largest is about this part
+APART = 0.005  # of the size: bodies that touch are drawn no farther from each other, or into each other, than this
+FEW_CELLS = 6000  # up to here their edges are drawn
+EDGES: dict[str, Any] = {"color": "#222222", "line_width": 2.5}
+GHOST: dict[str, Any] = {"color": "#8c8c8c", "line_width": 2.0}
+
+
+def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str) -> Path:
+    """Draw deformed.png, with the outline of the undeformed bodies in grey."""
+    solid = mesh.points.shape[1] == 3
+    scale = displacement_scale(mesh, result)
+    moved, norm = three(mesh.points + scale * result.displacement), span(result.von_mises)
+    add = body_on_stage(mesh, moved, result.von_mises, norm)
+    both = np.vstack([three(mesh.points), moved])
+    view = View.isometric(both) if solid else View.facing(both)
+    width, height = (6.0, 6.0 / view.aspect) if view.aspect > 1.3 else (4.6 * view.aspect, 4.6)
+    beside = view.aspect <= 1.6
+    left = 0.25 if solid else 0.8
+    foot = (0.2 if solid else 0.55) + (0.0 if beside else 0.75)
+    sheet = Sheet(max(4.5, left + width + (1.3 if beside else 0.4)), foot + height + 0.75)
+    show_image(
+        sheet.axes(left, foot, width, height),
+        view,
+        render(view, round(width * DPI), add),
+        None if solid else ("x", "y"),
+    )
+    bar = (left + width + 0.2, foot + 0.1 * height, 0.15, 0.8 * height) if beside else (left, 0.5, width, 0.13)
+    sheet.colour_bar(
+        sheet.axes(*bar), norm, "von Mises stress [Pa]", orientation="vertical" if beside else "horizontal"
+    )
+    drawn = "true displacement" if scale == 1 else f"displacement × {plain(scale)}"
+    sheet.head(title, f"t = {result.time:g} s, {drawn}; grey: undeformed", left)
+    return sheet.save(folder / "deformed.png")
+
+
+def body_on_stage(mesh: MeshData, moved: Array, von_mises: Array, norm: Normalize) -> Callable[[Any], None]:
+    """What puts the bodies on a stage where their nodes have moved to (n, 3), and grey outlines where they were."""
+    solid = mesh.points.shape[1] == 3
+    before = grid_of(mesh.points, mesh.cells, mesh.shape)
+    before.cell_data["von_mises"] = von_mises
+    before.point_data["moved"] = moved
+    if solid:  # all the rest comes from what can be seen
+        before = before.extract_surface()
+    after = before.copy()
+    after.points = after.point_data["moved"]
+
+    def add(stage: Any) -> None:
+        stage.add_mesh(
+            after,
+            scalars="von_mises",
+            cmap=COLOURS,
+            clim=(norm.vmin, norm.vmax),
+            **(SHADED if solid else {"lighting": False}),
+            show_edges=len(mesh.cells) <= FEW_CELLS,
+            edge_color="#333333",
+            edge_opacity=0.25,
+            show_scalar_bar=False,
+        )
+        for grid, look in ((after, EDGES), (before, GHOST)):
+            outline = _outline(grid, solid)
+            if outline.n_cells:
+                stage.add_mesh(outline, lighting=False, **look)
+
+    return add
+
+
+def displacement_scale(mesh: MeshData, result: StepResult | StoredStep) -> float:
+    """A round factor (1, 2 or 5 times a power of ten) that makes displacements visible; 1 where they are already.
+
+    A rigid motion common to all nodes counts like any other displacement. Where bodies touch that had a gap between
+    them, or an interference, it is closed by the true displacement only.
+    """
+    largest = float(np.abs(result.displacement).max(initial=0.0))
+    size = float(np.ptp(mesh.points, axis=0).max())
+    if not 0 < largest < math.inf or VISIBLE[0] * size <= largest <= VISIBLE[1] * size:
+        return 1.0
+    closed = max(
+        (np.abs(gap[result.contacts[name].status != OPEN]).max(initial=0.0) for name, gap in mesh.gaps.items()),
+        default=0.0,
+    )
+    wanted = DRAWN * size / largest
+    if wanted * closed > APART * size:
+        wanted = min(wanted, 1 + APART * size / closed)
+    decade = 10.0 ** math.floor(math.log10(wanted))
+    return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= wanted * (1 + 1e-12))
+
+
+def _outline(grid: Any, solid: bool) -> Any:
+    """Border of a plane body, sharp edges of a solid one."""
+    if solid:  # cells may be mirror images: faces are turned to one side before their angles are measured
+        grid = grid.extract_surface().compute_normals(point_normals=False, consistent_normals=True)
+    return grid.extract_feature_edges(
+        feature_angle=30.0,
+        boundary_edges=not solid,
+        feature_edges=solid,
+        manifold_edges=False,
+        non_manifold_edges=False,
+    )
+
+
+def plain(scale: float) -> str:
+    return f"{scale:,.0f}".replace(",", " ") if 1 <= scale < 1e6 else f"{scale:g}"

@@ -1,0 +1,148 @@
+"""contact_NAME.png of a plane model: tractions and status along the contact line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.arrays import AnyArray, Array, Bools, Ints
+from solvers.results.step_result import OPEN, ContactState
+from workflows.pictures.focus import focus
+from workflows.pictures.sheet import PALE, STATUS_COLOURS, Sheet, frame
+
+PRESSURE, TANGENTIAL = "#1b1b1b", "#b2182b"
+
+
+@dataclass(frozen=True)
+class Line:
+    """The nodes of a contact line in the order in which one walks along it; a closed line returns to its start."""
+
+    nodes: Ints  # (k,)
+    starts: Bools  # (k,) a new piece starts here
+    tangents: Array  # (k, 2) unit vectors
+    place: Array  # (k,) coordinate to plot over [m]
+    label: str
+
+
+def draw_line(folder: Path, name: str, points: Array, facets: Ints, contact: ContactState, head: str) -> Path:
+    """Draw pressure, tangential traction with the friction bound, and open, slip or stick."""
+    line = walk(points, facets)
+    pressure = contact.pressure[line.nodes]
+    tangential = np.einsum("ki,ki->k", contact.traction[line.nodes], line.tangents)
+    magnitude = np.linalg.norm(contact.traction[line.nodes], axis=1)
+    bound = np.where(np.isfinite(contact.bound), contact.bound, np.nan)[line.nodes]
+    sheet = Sheet(7.0, 4.0)
+    axes = sheet.axes(0.85, 0.87, 5.85, 2.23)
+    axes.axhline(0.0, color=PALE, linewidth=0.6)
+    style = {"markersize": 2.5, "marker": "o"} if len(line.nodes) <= 120 else {}
+    lines = [axes.plot(*line_of(line, pressure), color=PRESSURE, linewidth=1.4, label="pressure $p_n$", **style)[0]]
+    if np.any(contact.bound):
+        lines += axes.plot(
+            *line_of(line, tangential),
+            color=TANGENTIAL,
+            linewidth=1.4,
+            label=r"tangential traction $\sigma_T$",
+            **style,
+        )
+        for sign, label in ((1, r"friction bound $\pm s$"), (-1, "_")):
+            drawn = axes.plot(*line_of(line, sign * bound), color=TANGENTIAL, linewidth=1.0, linestyle=(0, (4, 2)))[0]
+            drawn.set_label(label)
+            lines += [drawn] if sign == 1 else []
+    axes.legend(
+        handles=lines, loc="lower right", bbox_to_anchor=(1.01, 1.0), ncols=3, fontsize=8, frameon=False, borderpad=0.2
+    )
+    axes.set_ylabel("traction [Pa]", fontsize=9)
+    low, high = axes.get_ylim()
+    if not np.any(pressure) and not np.any(magnitude):
+        axes.set_ylim(-1.0, 1.0)
+    else:
+        axes.set_ylim(low, high)
+    frame(axes, "top", "right")
+    axes.tick_params(labelbottom=False)
+    band = sheet.axes(0.85, 0.65, 5.85, 0.14, sharex=axes)
+    _status_band(band, line, contact.status[line.nodes])
+    frame(band)
+    band.set_yticks([])
+    band.set_xlabel(line.label, fontsize=9)
+    sheet.status_legend(band, loc="upper left", bbox_to_anchor=(-0.005, -1.6), borderpad=0)
+    shown = line.place[focus(line.place[:, None], contact.status[line.nodes] != OPEN)]
+    margin = 0.01 * (float(np.ptp(shown)) or 1.0)
+    axes.set_xlim(shown.min() - margin, shown.max() + margin)
+    title, caption = head.split("\n")
+    sheet.head(title, f"{caption}, contact {name}", 0.85)
+    return sheet.save(folder / f"contact_{name}.png")
+
+
+def walk(points: Array, facets: Ints) -> Line:
+    """Order the nodes of a contact line: points (n, 2), facets (f, 2 or 3) in dolfinx's order.
+
+    The abscissa is x or y where the line is straight along that axis, else the arc length.
+    """
+    neighbours: dict[int, list[int]] = {}
+    for facet in facets:
+        chain = [facet[0], *facet[2:], facet[1]]
+        for a, b in pairwise(chain):
+            neighbours.setdefault(int(a), []).append(int(b))
+            neighbours.setdefault(int(b), []).append(int(a))
+    ends = [j for j, near in neighbours.items() if len(near) != 2]
+    nodes: list[int] = []
+    starts: list[bool] = []
+    tangents: list[Array] = []
+    done: set[int] = set()
+    for first in sorted(ends, key=lambda j: tuple(points[j])) + sorted(neighbours):
+        if first in done:
+            continue
+        piece, here = [first], first
+        while True:
+            done.add(here)
+            onward = [j for j in neighbours[here] if j not in done]
+            if not onward:
+                break
+            here = onward[0]
+            piece.append(here)
+        if len(piece) > 2 and first in neighbours[piece[-1]]:  # a closed line
+            piece.append(first)
+        nodes += piece
+        starts += [True] + [False] * (len(piece) - 1)
+        tangents += list(_tangents(points[piece]))
+    order = np.array(nodes, np.int64)
+    begin = np.array(starts, bool)
+    lengths = np.linalg.norm(np.diff(points[order], axis=0, prepend=points[order[:1]]), axis=1)
+    arc = np.cumsum(np.where(begin, 0.0, lengths))
+    spread = np.ptp(points, axis=0)
+    along = int(np.argmax(spread))
+    if spread[1 - along] <= 1e-9 * spread[along]:
+        return Line(order, begin, np.array(tangents), points[order, along], f"{'xy'[along]} [m]")
+    return Line(order, begin, np.array(tangents), arc, "arc length [m]")
+
+
+def line_of(line: Line, values: AnyArray) -> tuple[Array, Array]:
+    """Abscissa and ordinate of a curve that breaks between the pieces of a line."""
+    breaks = np.flatnonzero(line.starts)[1:]
+    return np.insert(line.place, breaks, np.nan), np.insert(values, breaks, np.nan)
+
+
+def _tangents(points: Array) -> Array:
+    """Unit tangents at the nodes of one piece, in the direction of the walk."""
+    if len(points) == 1:
+        return np.array([[1.0, 0.0]])
+    along = np.gradient(points, axis=0)
+    if np.array_equal(points[0], points[-1]):
+        along[0] = along[-1] = points[1] - points[-2]
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    return np.asarray(along / np.where(length > 0, length, 1.0))
+
+
+def _status_band(axes: Any, line: Line, status: NDArray[np.int8]) -> None:
+    """Each node colours its half of the facets beside it."""
+    for piece in np.split(np.arange(len(line.nodes)), np.flatnonzero(line.starts)[1:]):
+        x = line.place[piece]
+        borders = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
+        bars = [(left, right - left) for left, right in pairwise(borders)]
+        axes.broken_barh(bars, (0.0, 1.0), facecolors=[STATUS_COLOURS[int(s)] for s in status[piece]], linewidth=0)
+    axes.set_ylim(0.0, 1.0)

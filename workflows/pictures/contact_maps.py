@@ -1,0 +1,133 @@
+"""contact_NAME.png of a solid model: pressure with traction arrows, and the status, on the contact surface."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from matplotlib.colors import to_rgb
+
+from geometry.arrays import Array, Ints
+from solvers.results.step_result import OPEN, ContactState
+from workflows.pictures.focus import focus
+from workflows.pictures.render import SHADED, View, grid_of, render
+from workflows.pictures.sheet import COLOURS, DPI, STATUS_COLOURS, Sheet, show_image, span
+from workflows.writers.shapes import corner_cells
+
+ARROWS = 250  # at most about so many
+LONGEST = 0.12  # of the surface's size
+NEARLY_FLAT = 0.25  # depth of a surface by its size, up to which it is seen straight on
+FEW_FACETS = 3000  # up to here their edges are drawn
+Facets = Ints
+Surface = tuple[Array, Facets, str]  # nodes, facets, their shape
+
+
+def draw_surface(folder: Path, name: str, surface: Surface, contact: ContactState, head: str) -> Path:
+    """Draw the pressure with arrows of tangential traction, and beside it open, slip or stick."""
+    (points, facets, shape), contact = _closer(surface, contact)
+    view, labels = view_of(points)
+    norm = span(contact.pressure)
+    grid = grid_of(points, facets, shape)
+    grid.point_data["pressure"] = contact.pressure
+    arrows, longest = _arrows(points, contact, view)
+    dual, owners = dual_cells(points, facets, shape)
+    dual.cell_data["colour"] = np.array(
+        [np.round(255 * np.array(to_rgb(STATUS_COLOURS[int(s)]))) for s in contact.status[owners]]
+    ).astype(np.uint8)
+    flat = labels is not None
+    lit: dict[str, Any] = {"lighting": False} if flat else SHADED
+    edges = grid.extract_all_edges() if len(facets) <= FEW_FACETS else None
+
+    def add_edges(stage: Any) -> None:
+        if edges is not None:
+            stage.add_mesh(edges, color="#333333", line_width=1.0, opacity=0.25, lighting=False)
+
+    def add_pressure(stage: Any) -> None:
+        stage.add_mesh(
+            grid,
+            scalars="pressure",
+            cmap=COLOURS,
+            clim=(norm.vmin, norm.vmax),
+            **lit,
+            show_scalar_bar=False,
+        )
+        add_edges(stage)
+        if arrows is not None:
+            stage.add_mesh(arrows, color="#d7301f", lighting=False)
+
+    def add_status(stage: Any) -> None:
+        stage.add_mesh(dual, scalars="colour", rgb=True, **lit)
+        add_edges(stage)
+
+    width, height = (3.6, 3.6 / view.aspect) if view.aspect > 1 else (3.6 * view.aspect, 3.6)
+    left, foot, gap = (0.75, 1.25, 0.75) if flat else (0.3, 0.95, 0.4)
+    sheet = Sheet(left + max(2 * width + gap, 5.0) + 0.3, foot + height + 0.75)
+    first = sheet.axes(left, foot, width, height)
+    second = sheet.axes(left + width + gap, foot, width, height)
+    show_image(first, view, render(view, round(width * DPI), add_pressure), labels)
+    show_image(second, view, render(view, round(width * DPI), add_status), labels)
+    sheet.colour_bar(sheet.axes(left, 0.5, width, 0.12), norm, "pressure [Pa]", orientation="horizontal")
+    sheet.status_legend(second, loc="upper center", bbox_to_anchor=(0.5, -(foot - 0.75) / height), borderpad=0)
+    arrow_text = f"; arrows: tangential traction, longest {longest:.3g} Pa" if arrows is not None else ""
+    title, caption = head.split("\n")
+    sheet.head(title, f"{caption}, contact {name}{arrow_text}", left)
+    return sheet.save(folder / f"contact_{name}.png")
+
+
+def view_of(points: Array) -> tuple[View, tuple[str, str] | None]:
+    """Straight on, with named axes, where the surface is nearly flat and square to an axis; else from the right."""
+    spread = np.ptp(points, axis=0)
+    thin = int(np.argmin(spread))
+    if spread[thin] > NEARLY_FLAT * spread.max():
+        return View.isometric(points), None
+    across, up = (i for i in range(3) if i != thin)
+    return View.facing(points, across, up), ("xyz"[across], "xyz"[up])
+
+
+def _closer(surface: Surface, contact: ContactState) -> tuple[Surface, ContactState]:
+    """The facets on which something happens, with room around, and what holds at their nodes."""
+    points, facets, shape = surface
+    facets = facets[focus(points, contact.status != OPEN)[facets].any(axis=1)]
+    nodes, numbers = np.unique(facets, return_inverse=True)
+    fields = {name: getattr(contact, name)[nodes] for name in ("pressure", "traction", "status")}
+    return (points[nodes], numbers.reshape(facets.shape), shape), replace(contact, **fields)
+
+
+def dual_cells(points: Array, facets: Facets, shape: str) -> tuple[pv.PolyData, Ints]:
+    """Cut each facet into one quadrilateral a corner; returns them and the node that owns each."""
+    corners, _ = corner_cells(shape, facets)
+    x = points[corners]
+    centre = x.mean(axis=1, keepdims=True)
+    after, before = (x + np.roll(x, -1, axis=1)) / 2, (x + np.roll(x, 1, axis=1)) / 2
+    quads = np.stack([x, after, np.broadcast_to(centre, x.shape), before], axis=2).reshape(-1, 3)
+    cells = np.column_stack([np.full(corners.size, 4), np.arange(4 * corners.size).reshape(-1, 4)])
+    return pv.PolyData(quads, faces=cells.ravel()), corners.ravel()
+
+
+def _arrows(points: Array, contact: ContactState, view: View) -> tuple[Any, float]:
+    """Arrows of sigma_T at some of the nodes, a little towards the viewer, and the longest traction [Pa]."""
+    size = np.linalg.norm(contact.traction, axis=1)
+    longest = float(size.max(initial=0.0))
+    chosen = _spread(points, ARROWS)
+    chosen = chosen[size[chosen] > 1e-3 * longest]
+    if longest == 0.0 or not len(chosen):
+        return None, 0.0
+    extent = float(np.ptp(points, axis=0).max())
+    towards = np.cross(view.right, view.up) * 0.02 * extent
+    cloud = pv.PolyData(points[chosen] + towards)
+    cloud.point_data["traction"] = contact.traction[chosen] / longest
+    shape = pv.Arrow(tip_length=0.35, tip_radius=0.12, shaft_radius=0.035)
+    return cloud.glyph(orient="traction", scale="traction", factor=LONGEST * extent, geom=shape), longest
+
+
+def _spread(points: Array, count: int) -> Ints:
+    """About `count` of the points, the first in each box of a regular grid."""
+    if len(points) <= count:
+        return np.arange(len(points))
+    low, extent = points.min(axis=0), np.ptp(points, axis=0)
+    box = extent.max() / np.sqrt(count)
+    keys = np.floor((points - low) / box + 1e-9).astype(np.int64)
+    return np.sort(np.unique(keys, axis=0, return_index=True)[1])

@@ -1,0 +1,138 @@
+"""history.png: what is prescribed, what contacts carry, where they stick, and energy, over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.patches import Patch
+
+from geometry.amplitude import value_at
+from geometry.arrays import Array
+from geometry.obstacles.obstacle import AXES
+from solvers.results.step_result import SLIP, STICK
+from solvers.scene.scene import Scene
+from solvers.scene.timeline import Place
+from workflows.pictures.loops import FEW, Columns, from_rest, per_metre
+from workflows.pictures.sheet import CURVES, INK, PALE, STATUS_COLOURS, STATUS_WORDS, Sheet, frame
+from workflows.writers.by_time import DRIVEN, column
+
+MOST = 6  # curves of a panel
+WIDE, HIGH, LEFT, GAP, BESIDE = 5.2, 1.4, 0.85, 0.22, 2.0  # of a panel and its legend [inch]
+PANELS = {  # by what is prescribed
+    "displacement": "motion [m]",
+    "rotation": "rotation [rad]",
+    "pressure": "load [Pa]",
+    "traction": "load [Pa]",
+    "friction": "friction bound [Pa]",
+    "acceleration": "gravity [m/s²]",
+}
+Curves = dict[str, Array]
+
+
+def draw_history(folder: Path, scene: Scene, columns: Columns, title: str) -> Path:
+    """Draw it.
+
+    Args:
+        columns: see `read_by_time`.
+
+    Raises:
+        MachineError: the disk is full.
+    """
+    steps = from_rest(columns)
+    everything = list(panels_of(scene, steps))
+    cut = f"; of many curves the {MOST} largest" if any(len(curves) > MOST for _, curves in everything) else ""
+    panels = [(label, most(curves)) for label, curves in everything]
+    panels = [(label, curves) for label, curves in panels if curves]
+    count = len(panels) + bool(scene.contacts)
+    sheet = Sheet(LEFT + WIDE + BESIDE, 0.75 + count * (HIGH + GAP) + 0.4)
+    place = (sheet.height - 0.75 - HIGH - k * (HIGH + GAP) for k in range(count))
+    drawn: list[Any] = []
+    for label, curves in panels:
+        axes = _below(sheet, next(place), drawn, label)
+        axes.axhline(0.0, color=PALE, linewidth=0.5)
+        marked = {"marker": "o", "markersize": 2.0} if len(steps["time"]) <= FEW else {}
+        for (name, values), colour in zip(curves.items(), CURVES, strict=False):
+            axes.plot(steps["time"], values, color=colour, linewidth=1.3, label=name, **marked)
+        _legend(axes)
+    if scene.contacts:
+        _areas(_below(sheet, next(place), drawn, f"contact area [{area(scene)}]"), scene, steps)
+    for axes in drawn:
+        axes.set_xlim(0.0, steps["time"][-1])
+        frame(axes, "top", "right")
+        axes.tick_params(labelbottom=axes is drawn[-1])
+    sheet.figure.align_ylabels(drawn)
+    drawn[-1].set_xlabel("time [s]", fontsize=9, color=INK)
+    sheet.head(title, f"{len(columns['time'])} steps; forces on contacts act on the slave side{cut}", LEFT)
+    return sheet.save(folder / "history.png")
+
+
+def panels_of(scene: Scene, steps: Columns) -> Iterator[tuple[str, Curves]]:
+    """Label and curves of each panel: prescribed values by unit, contact forces, energies."""
+    force = per_metre(scene, "N")
+    panels = PANELS | {"force": f"load [{force}]"}
+    prescribed: dict[str, Curves] = {}
+    for place, at_rest in _driven(scene):
+        axis = place.component if place.component in ("x", "y", "z", "normal") else ""
+        label = ", ".join(word for word in (place.name, axis) if word)
+        curve = np.concatenate([[at_rest], steps[column(place)][1:]])
+        prescribed.setdefault(panels[place.quantity], {})[label] = curve
+    yield from prescribed.items()
+    found: Curves = {}
+    for name, contact in scene.contacts.items():
+        found[f"{name}, normal"] = steps[f"{name}.normal_force"]
+        for axis in "xyz"[: scene.dim] if contact.friction is not None else "":
+            found[f"{name}, tangential {axis}"] = steps[f"{name}.tangential_force.{axis}"]
+    yield f"contact force [{force}]", found
+    energies = {"external work": "external", "elastic energy": "stored", "contact work": "contact"}
+    energies["dissipated (end of step)"] = "dissipated"  # their difference tells whether the steps are small enough
+    yield f"energy [{per_metre(scene, 'J')}]", {label: steps[f"energy.{key}"] for label, key in energies.items()}
+
+
+def _driven(scene: Scene) -> Iterator[tuple[Place, float]]:
+    """What is prescribed, and how obstacles move, be it that a force drives them; and its value at t = 0."""
+    for place, amplitude in scene.drives().items():
+        if place.quantity in DRIVEN.get(place.table, ()):
+            yield place, value_at(amplitude, 0.0, scene.steps.end)
+    for name, obstacle in scene.obstacles.items():
+        for axis in AXES[: scene.dim]:
+            at_rest = value_at(obstacle.displacement.get(axis, 0.0), 0.0, scene.steps.end)
+            yield Place("obstacles", name, "displacement", axis), at_rest
+
+
+def most(curves: Curves) -> Curves:
+    """Those that vary most, in their order; none that stays zero."""
+    size = {name: float(np.abs(values).max()) for name, values in curves.items()}
+    kept = sorted(size, key=lambda name: -size[name])[:MOST]
+    least = 1e-9 * max(size.values(), default=0.0)
+    return {name: values for name, values in curves.items() if name in kept and size[name] > least}
+
+
+def area(scene: Scene) -> str:
+    return "m" if scene.model.startswith("plane") else "m²"
+
+
+def _areas(axes: Any, scene: Scene, steps: Columns) -> None:
+    """What sticks and what slips, of all contacts together."""
+    total = {
+        s: np.sum([steps[f"{name}.{STATUS_WORDS[s]}_area"] for name in scene.contacts], axis=0) for s in (STICK, SLIP)
+    }
+    colours = [STATUS_COLOURS[s] for s in total]
+    axes.stackplot(steps["time"][1:], *(values[1:] for values in total.values()), colors=colours, linewidth=0)
+    axes.set_ylim(bottom=0.0)
+    patches = [Patch(facecolor=STATUS_COLOURS[s], label=STATUS_WORDS[s]) for s in (SLIP, STICK)]
+    _legend(axes, handles=patches)
+
+
+def _below(sheet: Sheet, bottom: float, drawn: list[Any], label: str) -> Any:
+    axes = sheet.axes(LEFT, bottom, WIDE, HIGH)
+    axes.set_ylabel(label, fontsize=9, color=INK)
+    drawn.append(axes)
+    return axes
+
+
+def _legend(axes: Any, **options: Any) -> None:
+    look: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.04), "fontsize": 8, "frameon": False}
+    axes.legend(**look, handlelength=1.4, **options)

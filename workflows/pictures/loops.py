@@ -1,0 +1,168 @@
+"""force_displacement.png: force against motion, of what drives the scene and of each flat contact with friction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+
+from geometry.arrays import Array
+from geometry.obstacles.rotation import unit
+from solvers.scene.scene import Scene
+from workflows.pictures.sheet import COLOURS, INK, PALE, Sheet, frame
+
+MOST = 3  # panels of what drives, and of contacts
+SMALL = 1e-3  # of the largest force: a force that varies less is rounding, or of no interest
+FEW = 80  # steps that are marked one by one
+WIDE, HIGH, LEFT, GAP = 2.45, 2.2, 0.95, 1.0  # of a panel [inch]
+ROUNDING = 1e-9  # of the motion: less is no slip
+STRAIGHT = 0.9  # of the pressure's integral, that a contact counted as flat has as its resultant
+HEAD, FOOT = 1.1, 0.6  # above and below the panels [inch]
+Columns = Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A force (steps,) over a motion (steps,), which is NaN where there is none: the line breaks there."""
+
+    title: str
+    x: Array
+    y: Array
+    x_label: str
+    y_label: str
+
+    @property
+    def swing(self) -> float:
+        """By how much the force varies."""
+        return float(np.ptp(self.y))
+
+    @property
+    def travel(self) -> float:
+        """By how much the motion varies."""
+        return _travel(self.x)
+
+
+def draw_loops(folder: Path, scene: Scene, columns: Columns, title: str) -> Path | None:
+    """Draw them; None if nothing moves under a force.
+
+    Args:
+        columns: see `read_by_time`.
+
+    Raises:
+        MachineError: the disk is full.
+    """
+    steps = from_rest(columns)
+    rows = [largest([p for p in of(scene, steps) if p.travel > 0]) for of in (driving, sliding)]
+    rows = [row for row in rows if row]
+    if not rows:
+        return None
+    across = max(map(len, rows))
+    sheet = Sheet(LEFT + across * (WIDE + GAP) + 0.45, HEAD + len(rows) * (HIGH + GAP) - GAP + FOOT)
+    time = steps["time"]
+    norm = Normalize(0.0, float(time[-1]))
+    for i, row in enumerate(rows):
+        for k, panel in enumerate(row):
+            bottom = sheet.height - HEAD - (i + 1) * HIGH - i * GAP
+            _draw(sheet.axes(LEFT + k * (WIDE + GAP), bottom, WIDE, HIGH), panel, time, norm)
+    high = len(rows) * HIGH + (len(rows) - 1) * GAP
+    bar = sheet.axes(LEFT + across * (WIDE + GAP) - 0.55, FOOT, 0.13, high)
+    sheet.colour_bar(bar, norm, "time [s]", orientation="vertical")
+    sheet.head(title, "force against motion; a loop's area is work", LEFT)
+    return sheet.save(folder / "force_displacement.png")
+
+
+def from_rest(columns: Columns) -> dict[str, Array]:
+    """The columns with a row of zeros ahead, where nothing has happened yet."""
+    first = columns["time"][0] == 0
+    return dict(columns) if first else {name: np.concatenate([[0.0], values]) for name, values in columns.items()}
+
+
+def largest(panels: Sequence[Panel]) -> list[Panel]:
+    """Those whose force varies most, in their order."""
+    swings = sorted((panel.swing for panel in panels), reverse=True)
+    least = max(swings[min(MOST, len(swings)) - 1], SMALL * swings[0]) if swings else 0.0
+    return [panel for panel in panels if panel.swing >= least > 0][:MOST]
+
+
+def per_metre(scene: Scene, unit_of_it: str) -> str:
+    """Units of resultants: plane models report them for a metre of thickness.
+
+    >>> import stickslip
+    >>> [per_metre(stickslip.read(name), "N") for name in ("block", "cube")]
+    ['N/m', 'N']
+    """
+    return f"{unit_of_it}/m" if scene.model.startswith("plane") else unit_of_it
+
+
+def driving(scene: Scene, steps: Columns) -> Iterator[Panel]:
+    """Supports and obstacles that move, and the force or moment that they exert."""
+    force, moment = per_metre(scene, "N"), per_metre(scene, "N m")
+    for table, name, axis in (
+        *(("support", name, axis) for name, support in scene.supports.items() for axis in support.displacement),
+        *(("obstacle", name, axis) for name in scene.obstacles for axis in "xyz"[: scene.dim]),
+    ):
+        if axis != "normal":  # has no component of the force
+            x, y = (steps[f"{table}.{name}.{key}.{axis}"] for key in ("displacement", "force"))
+            yield Panel(f"{table} {name}", x, y, f"displacement, {axis} [m]", f"force, {axis} [{force}]")
+    for name, obstacle in scene.obstacles.items():
+        if obstacle.rotation is not None:
+            axis_of_it = dict(zip("xyz", unit(obstacle.rotation.axis or (0.0, 0.0, 1.0)), strict=True))
+            about = [a * steps[f"obstacle.{name}.moment.{k}"] for k, a in axis_of_it.items() if a]
+            x, y = steps[f"obstacle.{name}.rotation.angle"], np.sum(about, axis=0)
+            yield Panel(f"obstacle {name}", x, y, "rotation [rad]", f"moment about its axis [{moment}]")
+
+
+def sliding(scene: Scene, steps: Columns) -> Iterator[Panel]:
+    """Flat contacts with friction: what the slave exerts on the other side, which rises with slip."""
+    for name, contact in scene.contacts.items():
+        flat = contact.friction is not None and _is_flat(name, scene, steps)
+        for axis in "xyz"[: scene.dim] if flat else "":
+            if _travel(steps[f"{name}.slip.{axis}"]) <= ROUNDING * _motion(name, steps):
+                continue
+            x, y = steps[f"{name}.slip.{axis}"], -steps[f"{name}.tangential_force.{axis}"]
+            other = f"on {contact.against}, {axis}"
+            yield Panel(
+                f"contact {name}", x, y, f"mean slip, {axis} [m]", f"friction {other} [{per_metre(scene, 'N')}]"
+            )
+
+
+def _travel(x: Array) -> float:
+    known = x[np.isfinite(x)]
+    return float(np.ptp(known)) if len(known) else 0.0
+
+
+def _motion(contact: str, steps: Columns) -> float:
+    """How far things move [m]: work over force."""
+    return float(np.abs(steps["energy.external"]).max() / np.abs(steps[f"{contact}.normal_force"]).max())
+
+
+def _is_flat(contact: str, scene: Scene, steps: Columns) -> bool:
+    """Whether forces and slips add up along the axes, and do not go round."""
+    normal, tangential = (steps[f"{contact}.{key}_force"] for key in ("normal", "tangential"))
+    resultant = np.linalg.norm([steps[f"{contact}.force.{axis}"] for axis in "xyz"[: scene.dim]], axis=0)
+    k = int(np.argmax(normal))
+    return bool(resultant[k] >= STRAIGHT * np.hypot(normal[k], tangential[k]) > 0)
+
+
+def _draw(axes: Any, panel: Panel, time: Array, norm: Normalize) -> None:
+    points = np.column_stack([panel.x, panel.y])
+    pieces = np.stack([points[:-1], points[1:]], axis=1)
+    whole = np.isfinite(pieces).all(axis=(1, 2))
+    lines = LineCollection(list(pieces[whole]), cmap=COLOURS, norm=norm, linewidth=1.4)
+    lines.set_array(time[1:][whole])
+    for zero in (axes.axhline, axes.axvline):
+        zero(0.0, color=PALE, linewidth=0.5)
+    axes.add_collection(lines)
+    if len(time) <= FEW:
+        axes.scatter(panel.x, panel.y, c=time, cmap=COLOURS, norm=norm, s=7, zorder=3, linewidth=0)
+    axes.set_title(panel.title, fontsize=9, loc="left", color=INK)
+    axes.set_xlabel(panel.x_label, fontsize=9, color=INK)
+    axes.set_ylabel(panel.y_label, fontsize=9, color=INK)
+    axes.margins(0.06)
+    axes.autoscale_view()
+    frame(axes, "top", "right")

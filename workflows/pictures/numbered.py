@@ -1,0 +1,97 @@
+"""faces.png: the faces or edges of a user's file with their numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from matplotlib import colormaps
+from scipy.ndimage import distance_transform_edt, label
+
+from geometry.arrays import Array
+from geometry.user_files.outline import Facets
+from workflows.pictures.render import Image, View, render
+from workflows.pictures.sheet import DPI, Sheet, show_image
+
+SIDE = 5.2  # inches of a view's longer side
+LEAST = 4  # pixels; a smaller visible part gets no number
+TEXT: dict[str, Any] = {"fontsize": 7, "ha": "center", "va": "center", "color": "#111111"}
+PAPER: dict[str, Any] = {"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "linewidth": 0}
+
+
+def draw_numbers(path: Path, entities: Sequence[Facets], title: str) -> Path:
+    """Draw faces from two sides (3D), or edges (2D), each with its number."""
+    points = np.concatenate([e.corners.reshape(-1, 3) for e in entities])
+    solid = entities[0].corners.shape[1] > 2
+    views = [View.isometric(points), _from_behind(points)] if solid else [View.facing(points)]
+    width = min(SIDE, SIDE * views[0].aspect)
+    height = width / min(view.aspect for view in views)
+    sheet = Sheet(max(4.5, 0.3 + len(views) * (width + 0.3)), height + 1.1)
+    for i, view in enumerate(views):
+        axes = sheet.axes(0.3 + i * (width + 0.3), 0.3, width, width / view.aspect)
+        if solid:
+            _draw_faces(axes, view, entities, round(width * DPI))
+        else:
+            _draw_edges(axes, view, entities)
+    word = "faces, from the front and from behind" if solid else "edges"
+    sheet.head(title, f"numbers of {word}", 0.3)
+    return sheet.save(path)
+
+
+def _from_behind(points: Array) -> View:
+    """Opposite to the isometric view: what that one hides."""
+    front = View.isometric(points)
+    back = np.cross(front.right, front.up)
+    right = -front.right
+    return View.around(points, right, np.cross(-back, right))
+
+
+def _draw_faces(axes: Any, view: View, entities: Sequence[Facets], width: int) -> None:
+    shades = np.array([colormaps["Set3"](i % 12)[:3] for i in range(len(entities))])
+    lit = render(view, width, lambda stage: _add(stage, entities, shades, lighting=True, ambient=0.5, diffuse=0.5))
+    codes = np.array([[(i + 1) // 256, (i + 1) % 256, 128] for i in range(len(entities))]) / 255
+    flat = render(view, width, lambda stage: _add(stage, entities, codes, lighting=False))
+    show_image(axes, view, lit, None)
+    for i, x, y in visible_places(flat, len(entities)):
+        right = view.low[0] + (x + 0.5) / flat.shape[1] * view.size[0]
+        up = view.high[1] - (y + 0.5) / flat.shape[0] * view.size[1]
+        axes.text(right, up, str(entities[i].number), bbox=PAPER, **TEXT)
+
+
+def _add(stage: Any, entities: Sequence[Facets], colours: Array, **look: Any) -> None:
+    for facets, colour in zip(entities, colours, strict=True):
+        f, k = facets.corners.shape[:2]
+        rows = np.column_stack([np.full(f, k), np.arange(f * k).reshape(f, k)])
+        surface = pv.PolyData(np.asarray(facets.corners.reshape(-1, 3), float), rows.ravel())
+        stage.add_mesh(surface, color=colour.tolist(), **look)
+
+
+def visible_places(flat: Image, count: int) -> Iterator[tuple[int, int, int]]:
+    """Entity, column and row of the pixel deepest inside each entity's largest visible part."""
+    found = flat[..., 0].astype(int) * 256 + flat[..., 1] - 1
+    found[flat[..., 2] != 128] = -1
+    for i in range(count):
+        parts, _ = label(found == i)
+        if not parts.any():
+            continue
+        largest = parts == np.argmax(np.bincount(parts.ravel())[1:]) + 1
+        depth = distance_transform_edt(np.pad(largest, 1))[1:-1, 1:-1]
+        y, x = np.unravel_index(int(np.argmax(depth)), depth.shape)
+        if depth[y, x] >= LEAST:
+            yield i, int(x), int(y)
+
+
+def _draw_edges(axes: Any, view: View, entities: Sequence[Facets]) -> None:
+    for facets in entities:
+        x = facets.corners[:, :, :2]
+        axes.plot(*np.moveaxis(x, 2, 0).transpose(0, 2, 1), color="#2f6db3", lw=1.2, marker=".", ms=1)
+        middle = x.mean(axis=1)[len(x) // 2]
+        axes.text(*middle, str(facets.number), bbox=PAPER, **TEXT)
+    left, right, bottom, top = view.extent
+    axes.set_xlim(left, right)
+    axes.set_ylim(bottom, top)
+    axes.set_xlabel("x [m]", fontsize=8)
+    axes.set_ylabel("y [m]", fontsize=8)

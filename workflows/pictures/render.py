@@ -1,0 +1,127 @@
+"""A scene of VTK seen in parallel projection, as an image that matplotlib can frame to scale."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyvista as pv
+from numpy.typing import NDArray
+from vtkmodules.vtkCommonCore import vtkLogger
+
+from geometry.arrays import Array, Ints
+from workflows.writers.shapes import corner_cells
+from workflows.writers.steps import three
+
+Image = NDArray[np.uint8]
+MARGIN = 0.04  # of the longer side of the view
+SHADED: dict[str, Any] = {"lighting": True, "ambient": 0.6, "diffuse": 0.45}  # edges show, colours stay near the bar's
+FLATTEST = 6.0  # largest ratio of the view's sides; slimmer bodies get empty space around them
+
+
+@dataclass(frozen=True)
+class View:
+    """A window: coordinates `right` · x and `up` · x between `low` and `high` [m]."""
+
+    right: Array  # (3,)
+    up: Array  # (3,)
+    low: Array  # (2,)
+    high: Array  # (2,)
+
+    @property
+    def size(self) -> Array:
+        return self.high - self.low
+
+    @property
+    def aspect(self) -> float:
+        return float(self.size[0] / self.size[1])
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom, top, as matplotlib wants them."""
+        return (float(self.low[0]), float(self.high[0]), float(self.low[1]), float(self.high[1]))
+
+    @staticmethod
+    def facing(points: Array, horizontal: int = 0, vertical: int = 1) -> View:
+        """Straight on: two of the axes x, y, z in the plane of the picture."""
+        return View.around(points, np.eye(3)[horizontal], np.eye(3)[vertical])
+
+    @staticmethod
+    def isometric(points: Array) -> View:
+        """From the front right, above; z is up."""
+        back = np.array([1.0, -1.3, 0.9])
+        back /= np.linalg.norm(back)
+        right = np.cross([0.0, 0.0, 1.0], back)
+        right /= np.linalg.norm(right)
+        return View.around(points, right, np.cross(back, right))
+
+    @staticmethod
+    def around(points: Array, right: Array, up: Array) -> View:
+        """The window that shows all points (n, 3) with a margin."""
+        seen = points @ np.column_stack([right, up])
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        longer = float((high - low).max()) or 1.0
+        half = (high - low) / 2 + MARGIN * longer
+        half = np.maximum(half, half.max() / FLATTEST)
+        centre = (low + high) / 2
+        return View(right, up, centre - half, centre + half)
+
+
+def grid_of(points: Array, cells: Ints, shape: str) -> pv.UnstructuredGrid:
+    """Cells in dolfinx's order, points (n, 2 or 3), as a grid of VTK with straight sides."""
+    corners, kind = corner_cells(shape, cells)
+    return pv.UnstructuredGrid({kind: corners}, three(points))
+
+
+def render(view: View, width: int, add: Callable[[Any], None]) -> Image:
+    """Draw what `add` puts on the stage, `width` pixels wide, on white."""
+    window = (width, max(1, round(width / view.aspect)))
+    with _quiet():
+        stage: Any = pv.Plotter(off_screen=True, window_size=list(window), lighting="none")
+        try:
+            stage.set_background("white")
+            stage.enable_anti_aliasing("ssaa")
+            _light(stage, view)
+            add(stage)
+            _aim(stage, view)
+            return np.asarray(stage.screenshot(return_img=True), np.uint8)
+        finally:
+            stage.close()
+
+
+def _aim(stage: Any, view: View) -> None:
+    back = np.cross(view.right, view.up)
+    bounds = np.reshape(stage.bounds, (3, 2))
+    middle = bounds.mean(axis=1)
+    centre = view.right * (view.low + view.high)[0] / 2 + view.up * (view.low + view.high)[1] / 2
+    centre = centre + back * (middle @ back)
+    distance = 2 * (float(np.linalg.norm(bounds[:, 1] - bounds[:, 0])) + float(view.size.max()))
+    camera = stage.camera
+    camera.parallel_projection = True
+    camera.focal_point, camera.position, camera.up = centre, centre + distance * back, view.up
+    camera.parallel_scale = float(view.size[1]) / 2
+    stage.renderer.reset_camera_clipping_range()
+
+
+def _light(stage: Any, view: View) -> None:
+    """One lamp above the viewer's left shoulder, one weaker at the right: edges between faces are seen."""
+    back = np.cross(view.right, view.up)
+    for left, above, strength in ((0.6, 0.9, 0.7), (-0.9, 0.1, 0.35)):
+        position = back - left * view.right + above * view.up
+        stage.add_light(
+            pv.Light(position=position, focal_point=(0, 0, 0), intensity=strength, light_type="scene light")
+        )
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without a display VTK complains on stderr before it finds another way to draw."""
+    before = vtkLogger.GetCurrentVerbosityCutoff()
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+    try:
+        yield
+    finally:
+        vtkLogger.SetStderrVerbosity(before)

@@ -1,0 +1,155 @@
+"""A sheet of matplotlib: axes placed in inches, so that nothing depends on a layout engine; no state outside."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
+
+from geometry.arrays import Array
+from solvers.results.step_result import OPEN, SLIP, STICK
+from workflows.pictures.render import Image, View
+from workflows.writers.aside import write_aside
+
+DPI = 200
+TITLE = (11.0, 8.0)  # points of a title of one line, and of two
+LETTERS = 17  # that an inch takes when the title is shrunk to fit
+INK, PALE = "#222222", "#666666"
+COLOURS = "viridis"
+CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d31", "#7f7f7f")  # told apart by all
+STATUS_COLOURS = {OPEN: "#d9d9d9", SLIP: "#e6862d", STICK: "#2f6db3"}
+STATUS_WORDS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
+
+
+class Sheet:
+    """A white page of width × height inches."""
+
+    def __init__(self, width: float, height: float, dpi: int = DPI) -> None:
+        self.width, self.height, self.dpi = width, height, dpi
+        self.figure = Figure(figsize=(width, height), dpi=dpi, facecolor="white")
+        self.canvas = FigureCanvasAgg(self.figure)
+
+    def axes(self, left: float, bottom: float, width: float, height: float, **options: Any) -> Any:
+        """Axes by their place in inches."""
+        place = (left / self.width, bottom / self.height, width / self.width, height / self.height)
+        axes = self.figure.add_axes(place, **options)
+        axes.tick_params(labelsize=8, color=PALE, labelcolor=INK)
+        return axes
+
+    def write(self, x: float, y: float, text: str, **options: Any) -> Any:
+        """Text at a place in inches."""
+        look: dict[str, Any] = {"fontsize": 8, "color": INK, "va": "baseline", "parse_math": False} | options
+        return self.figure.text(x / self.width, y / self.height, text, **look)
+
+    def head(self, title: str, caption: str, left: float) -> None:
+        """Title in the top line, or small in two, what the picture shows in the line below."""
+        canvas: Any = self.canvas
+        room = self.width - left - 0.1
+        lines = wrap(title, int(room * LETTERS), max_lines=2, placeholder="…")
+        place, size = (0.34, TITLE[1]) if len(lines) > 1 else (0.28, TITLE[0])
+        look = {"fontsize": size, "fontweight": "bold", "linespacing": 1.15}
+        text = self.write(left, self.height - place, "\n".join(lines), **look)
+        wide = text.get_window_extent(canvas.get_renderer()).width / self.dpi
+        text.set_fontsize(size * room / max(wide, room))
+        self.write(left, self.height - 0.48, caption, color=PALE)
+
+    def colour_bar(self, axes: Any, norm: Normalize, label: str, orientation: str) -> None:
+        mappable = ScalarMappable(norm, COLOURS)
+        bar: Any = self.figure.colorbar(mappable, cax=axes, orientation=orientation, format=number_format())
+        bar.ax.tick_params(labelsize=8, color=PALE, labelcolor=INK)
+        bar.ax.xaxis.get_offset_text().set_fontsize(8)
+        bar.ax.yaxis.get_offset_text().set_fontsize(8)
+        bar.outline.set_linewidth(0.5)
+        bar.locator = _ticks(5)
+        bar.update_ticks()
+        bar.set_label(label, fontsize=9, color=INK)
+
+    def status_legend(self, axes: Any, **options: Any) -> None:
+        """What the three colours of a contact's status mean."""
+        patches = [
+            Patch(facecolor=STATUS_COLOURS[s], edgecolor=PALE, linewidth=0.5, label=STATUS_WORDS[s])
+            for s in STATUS_COLOURS
+        ]
+        options = {"ncols": 3, "fontsize": 8, "frameon": False, "handlelength": 1.2, "columnspacing": 1.2} | options
+        axes.legend(handles=patches, **options)
+
+    def pixels(self) -> Image:
+        """What it looks like now, (rows, columns, 3)."""
+        canvas: Any = self.canvas
+        canvas.draw()
+        return np.array(canvas.buffer_rgba())[..., :3]
+
+    def save(self, path: Path) -> Path:
+        """Write the page as PNG.
+
+        Raises:
+            MachineError: the disk is full.
+        """
+        content = io.BytesIO()
+        self.figure.savefig(content, format="png", dpi=self.dpi)
+        write_aside(path, content.getvalue())
+        return path
+
+
+def show_image(axes: Any, view: View, image: Image, labels: tuple[str, str] | None) -> None:
+    """Put a rendered view into axes of the same aspect: to scale if its axes have labels, with a triad if not."""
+    axes.imshow(image, extent=view.extent, aspect="auto", origin="upper")
+    if labels is None:
+        axes.set_axis_off()
+        _triad(axes, view)
+        return
+    axes.set_xlabel(f"{labels[0]} [m]", fontsize=9, color=INK)
+    axes.set_ylabel(f"{labels[1]} [m]", fontsize=9, color=INK)
+    frame(axes)
+
+
+def frame(axes: Any, *hidden: str) -> None:
+    """Thin frame, few ticks, plain numbers."""
+    for name, spine in axes.spines.items():
+        spine.set_linewidth(0.6)
+        spine.set_color(PALE)
+        spine.set_visible(name not in hidden)
+    inches = axes.get_window_extent().size / axes.figure.dpi
+    for axis, length in ((axes.xaxis, inches[0]), (axes.yaxis, inches[1])):
+        axis.set_major_locator(_ticks(int(np.clip(length * 2.8, 2, 8))))
+        axis.set_major_formatter(number_format())
+        axis.get_offset_text().set_fontsize(8)
+
+
+def number_format() -> ScalarFormatter:
+    """0.25 or 2.5 with × 10⁸ at the end of the axis, never 250000000."""
+    formatter = ScalarFormatter(useMathText=True, useOffset=False)
+    formatter.set_powerlimits((-3, 4))
+    return formatter
+
+
+def _ticks(count: int) -> MaxNLocator:
+    return MaxNLocator(count, steps=[1, 2, 2.5, 5, 10])
+
+
+def span(values: Array, at_least: float = 0.0) -> Normalize:
+    """Colours from 0 (or the smallest, if negative) to the largest value; constant fields get a span of one too."""
+    low, high = min(0.0, float(values.min(initial=0.0))), max(at_least, float(values.max(initial=0.0)))
+    return Normalize(low, high if high > low else low + 1.0)
+
+
+def _triad(axes: Any, view: View) -> None:
+    """The directions x, y, z in the lower left corner."""
+    inset = axes.inset_axes((0.0, 0.0, 0.16, 0.16 * view.aspect))
+    inset.set_axis_off()
+    inset.set_aspect("equal")
+    inset.set_xlim(-1.3, 1.3)
+    inset.set_ylim(-1.3, 1.3)
+    for i, name in enumerate("xyz"):
+        tip = np.array([view.right[i], view.up[i]])
+        inset.annotate("", tip, (0, 0), arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 0.9, "mutation_scale": 6})
+        inset.text(*(1.28 * tip), name, fontsize=8, ha="center", va="center", color=INK)

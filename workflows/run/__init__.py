@@ -1,0 +1,1 @@
+"""One run: solve, write, resume, report doubts."""

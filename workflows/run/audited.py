@@ -1,0 +1,45 @@
+"""The audit of a run that has ended: every step against equilibrium and the laws, from its file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from solvers.results.audit import Audit, Auditor, Record
+from solvers.results.step_result import StepResult
+from solvers.simulation.simulation import Simulation
+from workflows.run.collective import told_by_rank_0
+from workflows.writers.steps import read_step, step_name
+
+
+def audited(simulation: Simulation, folder: Path, steps: Sequence[StepResult]) -> list[Audit]:
+    """Of every step; collective. Rank 0 alone reads the files: on another machine they may not be there yet.
+
+    Raises:
+        MachineError: on every rank: a file cannot be read back.
+    """
+    if not steps:
+        return []
+    comm, auditor = simulation.mesh.comm, Auditor(simulation.scene, simulation.mesh)
+    found = []
+    for index, step in enumerate(steps, start=1):
+        read = partial(_record, folder / step_name(index), step, simulation.mesh.dim)
+        found.append(auditor(told_by_rank_0(comm, read)))
+    return found
+
+
+def _record(path: Path, step: StepResult, dim: int) -> Record:
+    stored = read_step(path)
+    return Record(
+        time=stored.time,
+        displacement=stored.displacement[:, :dim],
+        p=stored.p,
+        w=stored.w,
+        reference=stored.reference,
+        driven=stored.driven,
+        searched=stored.searched,
+        p_ref=stored.p_ref,
+        u_ref=stored.u_ref,
+        external_work=step.energy.external,
+    )

@@ -1,0 +1,173 @@
+"""What a scene's mesh holds, and whether its contacts can be trusted with it: said before anything is solved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
+
+from geometry.amplitude import Amplitude, listed_times, value_at
+from geometry.mesh.mesh import Mesh, build_mesh
+from geometry.mesh.nodes import Nodes
+from geometry.mesh.quality import worst_quality
+from geometry.surfaces.surface import Surface
+from solvers.contact.rows import ContactRows
+from solvers.fem.supports import find_constraints
+from solvers.parallel.memory import available
+from solvers.scene.scene import Scene
+from solvers.stepping.choice import Choice, Size, chosen
+from solvers.system.system import contact_rows, displacement_space
+
+FEWEST = 4  # contact points that an answer needs
+POOR = 0.1  # cells of a lower quality spoil what is computed around them
+INDENTED = 0.01  # of the bodies' size: small strains do not bring a loaded surface nearer than this
+CORNERS = {"interval": 2, "triangle": 3, "quadrilateral": 4}
+EDGES = {"triangle": [(0, 1), (1, 2), (2, 0)], "quadrilateral": [(0, 1), (0, 2), (1, 3), (2, 3)]}
+
+
+@dataclass(frozen=True)
+class ContactReport:
+    """A contact surface before it is deformed; lengths [m], areas [m^2], in plane models per metre."""
+
+    normal_points: int
+    tangential_points: int
+    dropped_multipliers: int
+    area: float
+    elements_across: int
+    smallest_gap: float
+    largest_gap: float
+    overlapping_points: int
+    overlap_area: float
+    points_that_can_touch: int
+
+
+@dataclass(frozen=True)
+class MeshReport:
+    """Counts of the whole mesh, and its contacts by name."""
+
+    cells: int
+    nodes: int
+    worst_quality: float
+    contacts: Mapping[str, ContactReport]
+
+    def lines(self) -> Iterator[str]:
+        """Sentences for the terminal and the log."""
+        yield f"mesh: {self.cells} cells, {self.nodes} nodes, worst quality {self.worst_quality:.2f}"
+        for name, c in self.contacts.items():
+            overlap = f"{c.overlapping_points} points overlap, {c.overlap_area:.4g} m²" if c.overlapping_points else ""
+            yield (
+                f"contact {name}: {c.normal_points} normal and {c.tangential_points} tangential points, area "
+                f"{c.area:.4g} m², {c.elements_across} elements across, gap {c.smallest_gap:.4g} to "
+                f"{c.largest_gap:.4g} m, {overlap or 'no overlap'}"
+            )
+
+    def warnings(self) -> Iterator[str]:
+        """One line each."""
+        if self.worst_quality < POOR:
+            yield f"worst cell quality {self.worst_quality:.2g} is below {POOR:g}; change mesh_size or the geometry"
+        for name, c in self.contacts.items():
+            if c.points_that_can_touch < FEWEST:
+                yield (
+                    f"contacts.{name}: only {c.points_that_can_touch} points can touch, fewer than {FEWEST}; refine "
+                    "contact_mesh_size, or check the gap"
+                )
+
+
+def report_mesh(scene: Scene, mesh: Mesh, nodes: int, contacts: Sequence[ContactRows]) -> MeshReport:
+    """Look at a mesh and its contact surfaces; collective."""
+    size = float(np.max(np.ptp(mesh.box(), axis=0)))
+    return MeshReport(
+        cells=int(mesh.domain.topology.index_map(mesh.dim).size_global),
+        nodes=nodes,
+        worst_quality=worst_quality(mesh),
+        contacts={c.name: _report_contact(scene, c, size) for c in contacts},
+    )
+
+
+def _report_contact(scene: Scene, c: ContactRows, size: float) -> ContactReport:
+    overlap = c.node_gap < -1e-9 * size
+    return ContactReport(
+        normal_points=len(c.W_n),
+        tangential_points=len(c.W_t),
+        dropped_multipliers=c.dropped,
+        area=float(c.node_weights.sum()),
+        elements_across=elements_across(c.surface),
+        smallest_gap=float(c.node_gap.min()),
+        largest_gap=float(c.node_gap.max()),
+        overlapping_points=int(overlap.sum()),
+        overlap_area=float(c.node_weights[overlap].sum()),
+        points_that_can_touch=int(np.sum(can_touch(scene, c.node_gap, size))),
+    )
+
+
+def can_touch(scene: Scene, gap: Any, size: float) -> Any:
+    """Points whose gap may close: what supports and obstacles move by closes it.
+
+    Under forces a body may also come closer as a whole until its first point touches, and is indented by 1 % of
+    its size at most: more is no small strain.
+    """
+    end = scene.steps.end
+    moved = [a for support in scene.supports.values() for a in support.displacement.values()]
+    moved += [a for obstacle in scene.obstacles.values() for a in obstacle.displacement.values()]
+    reach = float(np.sum([_largest(a, end) for a in moved]))
+    turned = [_largest(o.rotation.angle, end) for o in scene.obstacles.values() if o.rotation is not None]
+    reach += size * float(np.sum(turned))
+    forced = bool(scene.loads) or "gravity" in scene.sections or any(o.driven() for o in scene.obstacles.values())
+    if forced:
+        gap, reach = gap - max(0.0, float(np.min(gap))), reach + INDENTED * size
+    return gap <= reach + 1e-9 * size
+
+
+def _largest(amplitude: Amplitude, end: float) -> float:
+    return max(abs(value_at(amplitude, t, end)) for t in (*listed_times(amplitude), end))
+
+
+def elements_across(surface: Surface) -> int:
+    """Facets met on the way across the surface where it is widest, edge to edge; halfway around if it has no edge."""
+    facets, n = surface.facets[:, : CORNERS[surface.shape]], len(surface.nodes)
+    pairs = np.concatenate([facets[:, pair] for pair in EDGES.get(surface.shape, [(0, 1)])])
+    ones = np.ones(len(pairs))
+    graph = sparse.csr_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    depth = dijkstra(graph, directed=False, unweighted=True, indices=_edge_nodes(pairs, facets), min_only=True)
+    reached = depth[facets]
+    reached = reached[np.isfinite(reached).all(axis=1)]
+    return int(np.max(reached.min(axis=1) + reached.max(axis=1), initial=0) + 1)
+
+
+def _edge_nodes(pairs: Any, facets: Any) -> Any:
+    """Nodes at the surface's edge; one node if it is closed."""
+    if facets.shape[1] == 2:
+        found, count = np.unique(facets, return_counts=True)
+        ends = found[count == 1]
+    else:
+        edges, count = np.unique(np.sort(pairs, axis=1), axis=0, return_counts=True)
+        ends = np.unique(edges[count == 1])
+    return ends if len(ends) else facets[:1, 0]
+
+
+def look(scene: Scene) -> tuple[MeshReport, Choice, int]:
+    """The mesh report, what solves it, and how many displacements are unknown; meshes, but assembles nothing."""
+    mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_WORLD)
+    space = displacement_space(mesh)
+    nodes = Nodes.of(mesh, space)
+    constraints = find_constraints(scene, mesh, space, nodes)
+    contacts = contact_rows(scene, mesh, space, nodes, constraints)
+    report = report_mesh(scene, mesh, nodes.total, contacts)
+    return report, chosen(Size.of(mesh, constraints, contacts), scene.solver, available()), constraints.free_total
+
+
+def count(scene: Scene) -> dict[str, Any]:
+    """Cells, nodes, unknowns, quality, and each contact's points, area and gap."""
+    report, choice, unknown = look(scene)
+    return {
+        **asdict(report),
+        "displacement_unknowns": unknown,
+        "method": choice.stages[0].method,
+        "choice": {**asdict(choice.stages[0]), "because": choice.because},
+        "warnings": list(report.warnings()),
+    }

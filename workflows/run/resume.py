@@ -1,0 +1,163 @@
+"""What a run has left behind for one that resumes it: its steps, and the newest one's checkpoint."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from geometry.dolfinx_versions import DOLFINX
+from geometry.errors import DamagedError, FolderError, MachineError
+from solvers.parallel.serialise import shared, unpacked
+from solvers.results.step_result import StepResult
+from solvers.scene.scene import Scene
+from solvers.simulation.checkpoint import Checkpoint
+from solvers.simulation.simulation import Seconds
+from workflows import VERSION
+from workflows.run.folder import ResultsFolder
+from workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
+from workflows.writers.aside import disk_errors
+from workflows.writers.learnt import is_kept
+from workflows.writers.steps import read_checkpoint, step_files, step_name
+
+BEGUN = "begun.json"  # what a run was begun with
+VERSIONS = {"stickslip": VERSION, "dolfinx": DOLFINX}
+UNTOUCHED = "nothing is resumed, nothing was changed"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Going:
+    """What goes on from step to step besides the solver's own checkpoint; it stands in each step's file."""
+
+    checkpoint: Checkpoint
+    seconds: Seconds  # until then
+    total: float  # [s]
+    spread: float  # see `Smallness`
+    learnt: str  # reference to its files, see `LearntFiles`
+
+
+@dataclass(frozen=True, kw_only=True)
+class Left:
+    """Nothing, where a run begins."""
+
+    steps: tuple[StepResult, ...] = ()  # the last one with its fields, on rank 0; the others without
+    going: Going | None = None  # of the last one
+    before: str = ""  # reference to what was learnt at the step before
+    learnt: bool = False  # whether what was learnt at the last one is there
+    notes: tuple[str, ...] = ()  # for the user
+    finished: dict[str, Any] | None = None  # content of result.json, if there is nothing to go on with
+    folder: Path | None = None  # where that stands
+    mesh: str = ""  # checksum of the mesh that it was begun with
+
+    def shared(self, comm: Any) -> Left:
+        """The same on every rank, told by rank 0; collective."""
+        steps = comm.bcast([step.without_fields() for step in self.steps])
+        state = shared(comm, self.going and self.going.checkpoint.state)
+        rest: Left = comm.bcast(replace(self, steps=(), going=_without_state(self.going)))
+        going = rest.going and replace(rest.going, checkpoint=replace(rest.going.checkpoint, state=state))
+        return replace(rest, steps=self.steps if comm.rank == 0 else tuple(steps), going=going)
+
+
+def _without_state(going: Going | None) -> Going | None:
+    return going and replace(going, checkpoint=replace(going.checkpoint, state=None))
+
+
+def find_left(results: ResultsFolder, scene: Scene) -> Left:
+    """What there is to resume, in the folder that grew or, if the run ended early, in its place; rank 0.
+
+    The folder is locked. A damaged last step is left out, with a note: it is solved again. One that cannot be read may
+    be sound: it is not touched.
+
+    Raises:
+        FolderError: another process is at work there.
+        SceneError: the scene or a version was another one.
+        MachineError: the last step cannot be read, or one before it is damaged or missing; or what the run was begun
+            with cannot be known.
+    """
+    folder = next((f for f in (results.work, results.target) if (f / BEGUN).is_file()), None)
+    if folder is None:
+        return Left(notes=(f"nothing to resume in {results.target}: begins at the start",))
+    results.lock(folder)
+    begun = _json(folder / BEGUN)
+    if not isinstance(begun.get("scene"), dict) or not isinstance(begun.get("mesh"), str):
+        raise MachineError(f"{folder / BEGUN}: damaged: names no scene or no mesh; {UNTOUCHED}")
+    refuse_changes(begun["scene"], identity(scene, DECIDES_NOTHING), results.target)
+    ended = _json(folder / "result.json") if folder == results.target else {}
+    if ended.get("status") == "converged":
+        return Left(finished=ended, notes=(f"{results.target}: the run is finished; nothing was changed",))
+    _refuse_versions(begun, results.target)
+    return replace(_read(folder, scene.requested_times()), folder=folder, mesh=begun["mesh"])
+
+
+def _read(folder: Path, times: Sequence[float]) -> Left:
+    steps: list[StepResult] = []
+    references, going, notes = [""], None, []
+    count = max(step_files(folder), default=0)
+    for index in range(1, count + 1):
+        try:
+            step, reached = _step(folder / step_name(index))
+        except MachineError as error:
+            if isinstance(error, DamagedError) and index == count:
+                notes.append(f"{error}; it is solved again")
+                break
+            later = "later steps build on it: " if index < count else ""
+            raise MachineError(f"{error}; {later}{UNTOUCHED}") from None
+        if index > len(times) or step.time != times[index - 1]:
+            if index == count:  # as far as a step came that failed
+                break
+            raise MachineError(f"{folder / step_name(index)}: is not that step: its t = {step.time:g}; {UNTOUCHED}")
+        steps = [*steps[:-1], *(s.without_fields() for s in steps[-1:]), step]
+        going = reached
+        references.append(going.learnt)
+    learnt = is_kept(folder, references[-1])
+    if going and not learnt and len(steps) < len(times):
+        notes.append("what the method had learnt is lost: the answer is the same to the tolerance, not to the last bit")
+    before = references[-2] if going else ""
+    return Left(steps=tuple(steps), going=going, before=before, learnt=learnt, notes=tuple(notes))
+
+
+def _step(path: Path) -> tuple[StepResult, Going]:
+    """
+    Raises:
+        MachineError: missing, damaged, or of another version.
+    """
+    step, plain = read_checkpoint(path)
+    try:
+        return step, unpacked(Going, plain, lambda whole: whole)
+    except (KeyError, TypeError) as error:
+        raise MachineError(f"{path}: not a step of this version of stickslip") from error
+
+
+def cut_back(work: Path, left: Left) -> None:
+    """Take away what is written beyond the last good step.
+
+    Raises:
+        MachineError: no permission.
+    """
+    beyond = [path for index, path in step_files(work).items() if index > len(left.steps)]
+    with disk_errors(work):
+        for path in [*beyond, *work.glob("**/.*.part")]:
+            path.unlink()
+
+
+def _refuse_versions(begun: Mapping[str, Any], target: Path) -> None:
+    """One history is of one program: half of it by another would be a mixture that nobody can repeat."""
+    for name, now in VERSIONS.items():
+        before = begun.get(name, "of unknown version")
+        if before != now:
+            raise FolderError(
+                f"--resume: {target} was begun with {name} {before}, this is {name} {now}; go on with that one, or "
+                "leave out --resume and choose another folder with -o"
+            )
+
+
+def _json(path: Path) -> dict[str, Any]:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise MachineError(f"{path}: cannot be read: {' '.join(str(error).split())}; {UNTOUCHED}") from None
+    if not isinstance(found, dict):
+        raise MachineError(f"{path}: damaged: holds no table; {UNTOUCHED}")
+    return found

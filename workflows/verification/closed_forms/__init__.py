@@ -1,0 +1,1 @@
+"""Closed forms and published figures as functions."""

@@ -1,0 +1,74 @@
+"""The verification problems by name: what `stickslip verify` runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from workflows.verification.cases import agreement as agreement_case
+from workflows.verification.cases import cattaneo as cattaneo_case
+from workflows.verification.cases import circular_drive as circular_drive_case
+from workflows.verification.cases import column as column_case
+from workflows.verification.cases import hertz as hertz_case
+from workflows.verification.cases import incline as incline_case
+from workflows.verification.cases import lifted as lifted_case
+from workflows.verification.cases import limits as limits_case
+from workflows.verification.cases import manufactured as manufactured_case
+from workflows.verification.cases import pair as pair_case
+from workflows.verification.cases import patch as patch_case
+from workflows.verification.cases import punch as punch_case
+from workflows.verification.cases import raous as raous_case
+from workflows.verification.cases import raous_compliance as raous_compliance_case
+from workflows.verification.cases import shear_lag as shear_lag_case
+from workflows.verification.cases import sheared_column as sheared_column_case
+from workflows.verification.cases import shrink_fit as shrink_fit_case
+from workflows.verification.cases import slivers as slivers_case
+from workflows.verification.cases import units as units_case
+from workflows.verification.cases import zeros as zeros_case
+from workflows.verification.check import Check
+
+TWO = ("condensed-newton", "uzawa")
+METHODS = (*TWO, "surface-uzawa")  # this one where it does not take minutes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A verification problem; `checks` solves it with a method."""
+
+    about: str
+    checks: Callable[[str], list[Check]]
+    methods: tuple[str, ...] = METHODS
+
+
+CASES: Mapping[str, Case] = {
+    "column": Case(about="column on a compliant foundation, against the closed form", checks=column_case.checks),
+    "sheared_column": Case(about="stick, slip, reversal, dissipation, closed form", checks=sheared_column_case.checks),
+    "circular_drive": Case(about="the round friction cone in 3D, closed form", checks=circular_drive_case.checks),
+    "raous": Case(about="block of Raous, Chabrand and Lebon, published figures", checks=raous_case.checks),
+    "manufactured": Case(about="rates of convergence, both orders, three laws", checks=manufactured_case.checks),
+    "incline": Case(about="layer that friction holds, and one that it cannot", checks=incline_case.checks),
+    "slivers": Case(about="cells of aspect 1000, closed forms and iterations", checks=slivers_case.checks, methods=TWO),
+    "shear_lag": Case(about="a strip slips from its end: partial slip, hysteresis", checks=shear_lag_case.checks),
+    "lifted": Case(about="grazing, contact lost and regained, closed form", checks=lifted_case.checks),
+    "limits": Case(about="blocks that friction holds up to a known time, statics", checks=limits_case.checks),
+    "raous_compliance": Case(
+        about="the same block, its face compliant: the shift", checks=raous_compliance_case.checks
+    ),
+    "punch": Case(about="rigid flat punch, closed forms and stick widths", checks=punch_case.checks),
+    "hertz": Case(
+        about="round bodies and obstacles in 2D, axisymmetry and 3D, Hertz", checks=hertz_case.checks, methods=TWO
+    ),
+    "patch": Case(
+        about="two blocks, meshes of 1:1 to 1:20: a uniform pressure goes over", checks=patch_case.checks, methods=TWO
+    ),
+    "pair": Case(about="two bodies with friction, turned as a whole: nothing changes", checks=pair_case.checks),
+    "shrink_fit": Case(about="a ring pressed into another one, Lamé's closed form", checks=shrink_fit_case.checks),
+    "cattaneo": Case(about="two cylinders pressed and sheared: Hertz, Cattaneo, Mindlin", checks=cattaneo_case.checks),
+    "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
+    "units": Case(about="every scene in mm, N, MPa: the same answers", checks=units_case.checks, methods=TWO),
+    "agreement": Case(
+        about="ready scenes: forces, resultants, displacements of every method are the same",
+        checks=agreement_case.checks,
+        methods=agreement_case.ALL,
+    ),
+}

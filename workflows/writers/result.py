@@ -1,0 +1,167 @@
+"""result.json: the whole run in one file that scripts can rely on (format 1, SI, no NaN, null where not computed)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import repeat
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from geometry.dolfinx_versions import DOLFINX
+from geometry.user_files.user_file import UserFile
+from solvers.results.audit import Audit
+from solvers.results.linear_reference import LinearReference
+from solvers.results.step_result import ContactState, StepResult
+from solvers.scene.quantities import CONTACT_NUMBERS, STRESSES
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation
+from workflows import VERSION
+from workflows.scene_file.read import to_dict
+from workflows.writers.aside import write_aside
+
+OF_COARSE = ("factorisations", "volume_solves", "linear_iterations")  # counters of the coarse mesh beside
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended."""
+
+    status: str  # converged, not_converged, no_equilibrium, interrupted
+    sentence: str  # what to tell the user, empty when converged
+    folder: Path
+    warnings: tuple[str, ...] = ()  # what the answer itself gives reason to doubt
+
+    @property
+    def exit_code(self) -> int:
+        return {"converged": 0, "interrupted": 130}.get(self.status, 3)
+
+
+def summary(
+    simulation: Simulation,
+    status: str,
+    steps: Sequence[StepResult],
+    audits: Sequence[Audit],
+    total: float,
+    reference: LinearReference | None = None,
+) -> dict[str, Any]:
+    """The content of result.json.
+
+    Args:
+        audits: one a step, or none where the run was stopped.
+    """
+    scene, counters = simulation.scene, simulation.counters
+    contacts, attempts = simulation.system.contacts, simulation.stepper.attempts
+    resolved = to_dict(scene)
+    return {
+        "format": 1,
+        "status": status,
+        "scene": resolved | {"hash": scene_hash(scene)},
+        "version": VERSION,
+        "dolfinx": DOLFINX,
+        "ranks": simulation.mesh.comm.size,
+        "method": attempts.stage.method,
+        "choice": {**asdict(attempts.choice.stages[0]), "because": attempts.choice.because},
+        "switches": [asdict(switch) for switch in attempts.switches],
+        "dofs": simulation.system.constraints.free_total,
+        "contact_points": sum(len(c.W_n) for c in contacts),
+        "plan": [{"effect": row.effect, "on": row.on, "because": row.because} for row in simulation.plan],
+        "steps": [_step(step, audit) for step, audit in zip(steps, audits or repeat(None), strict=bool(audits))],
+        "counters": {
+            "unknowns": {
+                "displacement": simulation.system.constraints.free_total,
+                "normal": sum(len(c.W_n) for c in contacts if not c.normal.at_quadrature),
+                "tangential": sum(int(c.free.sum()) for c in contacts),
+            },
+            "dropped_multipliers": sum(c.dropped for c in contacts),
+            "forms": counters.forms,
+            "searches": counters.searches,
+            "factorisations": counters.factorisations,
+            "schur_size": counters.schur_size,
+            "volume_solves": counters.volume_solves,
+            "linear_iterations": counters.linear_iterations,
+            "lanczos_applications": counters.lanczos_applications,
+            "coarse_mesh": attempts.coarse and {key: getattr(attempts.coarse.counters, key) for key in OF_COARSE},
+        },
+        "audit": Audit.worst(audits),
+        "error": {
+            "discretisation": None,
+            "law": max((step.law_error for step in steps), default=None),
+            "iteration": max((step.iteration_error for step in steps), default=None),
+            "linear_solver": max((step.linear_error for step in steps), default=None),
+            "what": "relative, energy norm",
+        },
+        "seconds": asdict(simulation.seconds) | {"total": total, "linear_reference": reference and reference.seconds},
+        "linear_reference": reference and asdict(reference),
+    }
+
+
+def scene_hash(scene: Scene) -> str:
+    """The same for the same scene; a geometry file counts by its content, not by its place."""
+    plain = to_dict(scene)
+    if isinstance(scene.geometry, UserFile):
+        plain["geometry"]["file"] = scene.geometry.digest()
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+
+def write_result(folder: Path, content: dict[str, Any]) -> None:
+    """Write result.json."""
+    write_json(folder / "result.json", content)
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write a JSON file whole; a number that is not finite becomes null."""
+    text = json.dumps(_finite(content), indent=1, ensure_ascii=False, allow_nan=False)
+    write_aside(path, (text + "\n").encode())
+
+
+def _step(step: StepResult, audit: Audit | None) -> dict[str, Any]:
+    energy = step.energy
+    return {
+        "time": step.time,
+        "substeps": step.substeps,
+        "iterations": step.iterations,
+        "volume_solves": step.volume_solves,
+        "residual": step.residual,
+        "contacts": {name: _contact(contact) for name, contact in step.contacts.items()},
+        "supports": {n: {"force": f.tolist(), "moment": _moment(m)} for n, (f, m) in step.supports.items()},
+        "obstacles": {
+            name: {"displacement": u.tolist(), "force": f.tolist(), "moment": _moment(m)}
+            for name, (u, f, m) in step.obstacles.items()
+        },
+        "probes": {
+            name: {"displacement": u.tolist(), "stress": [float(sigma[ij]) for ij in STRESSES.values()]}
+            for name, (u, sigma) in step.probes.items()
+        },
+        "energy": {
+            "external": energy.external,
+            "stored": energy.stored,
+            "contact": energy.contact,
+            "dissipated": energy.dissipated,
+            "time_remainder": energy.time_remainder,
+        },
+        "audit": audit and asdict(audit),
+    }
+
+
+def _contact(contact: ContactState) -> dict[str, Any]:
+    resultants = {"force": contact.force.tolist(), "moment": _moment(contact.moment)}
+    return resultants | {key: getattr(contact, key) for key in CONTACT_NUMBERS}
+
+
+def _moment(moment: np.ndarray[Any, Any]) -> Any:
+    """A number in the plane, three components in space."""
+    return float(moment[0]) if len(moment) == 1 else moment.tolist()
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
