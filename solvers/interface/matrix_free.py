@@ -27,10 +27,10 @@ class IterativeVolume:
         self.counters, self.K = system.counters, system.K_B
         K = self.K
         self.contact = Replicated(K.createVecRight(), system.contact_dofs)
-        self.floating = FloatingMotions(system, self.contact, system.rigid_modes())
+        self.floating = FloatingMotions(system, self.contact, system.rigid_modes)
         diagonal = self.contact.read(K.getDiagonal())
         self.stiffness = float(diagonal.mean()) if len(diagonal) else 1.0
-        self.tolerance = system.scene.solver.tolerance
+        self.tolerance = system.problem.solver.tolerance
         self._multigrid = boomeramg(self._bedded(K), "volume_")
         self._cg = ConjugateGradients(K, self._precondition, self.counters)
 

@@ -63,7 +63,7 @@ class Regularised:
         self.system, self.volume = system, volume
         self.contact = SmoothedForces(system)
         self.rows = _Recovery(system, surface)
-        solver = system.scene.solver
+        solver = system.problem.solver
         self.rtol, self.max_it = solver.tolerance, solver.max_iterations
         self.levels = levels(solver.smoothing)
 

@@ -108,7 +108,7 @@ class Attempts:
         return self._methods[self.stage]
 
     def _make(self, system: System, surface: Bodies) -> Callable[[State], Method]:
-        solver = system.scene.solver
+        solver = system.problem.solver
         if self.stage.method == "regularised":
             assert isinstance(surface, CondensedSurface)
             regularised = Regularised(system, self.volume, surface)

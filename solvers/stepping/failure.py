@@ -22,15 +22,14 @@ def motion_in_words(system: System, motion: Array) -> str:
 
 def _motions(system: System, motion: Array) -> Iterator[tuple[float, str]]:
     """How far each body moves, and how."""
-    own, driven = np.split(motion, [len(motion) - len(system.driven)])
-    for (name, axis), size in zip(system.driven, driven, strict=True):
+    own, driven = np.split(motion, [len(motion) - len(system.obstacles.driven)])
+    for (name, axis), size in zip(system.obstacles.driven, driven, strict=True):
         yield abs(float(size)), f"obstacles.{name} moves along {_sign(size)}{'xyz'[axis]}"
     for c in system.contacts:
-        contact, moved = system.scene.contacts[c.name], (system.trace(c) @ own).reshape(c.points.shape)
+        moved = (system.trace(c) @ own).reshape(c.points.shape)
         sides = np.split(moved, [len(c.surface.points)])
-        for side, u in zip((contact.surface, contact.against), sides, strict=True):
-            if len(u):  # a rigid obstacle has no nodes
-                yield float(np.linalg.norm(u, axis=1).max()), f"bodies.{side.split('.')[0]} {_how(u)}"
+        for body, u in zip(system.problem.pairs[c.name].bodies, sides, strict=False):
+            yield float(np.linalg.norm(u, axis=1).max()), f"bodies.{body} {_how(u)}"
 
 
 def _how(u: Array) -> str:

@@ -71,7 +71,7 @@ def load_of(surface: Any, system: System, error: float = 0.0) -> Any:
     u_s, f = system.vector(), system.T.createVecRight()
     system._prescribed.write(u_s, system.constraints.prescribed(1.0).ravel())  # a rigid motion would leave no load
     system.T.multTranspose(system.load(1.0) - system.K * u_s, f)
-    return surface.load(f, system.driving_force(1.0), error)
+    return surface.load(f, system.obstacles.driving_force(1.0), error)
 
 
 def test_displacement_is_that_of_the_condensed_surface(both: tuple[Any, Any, System]) -> None:
@@ -136,7 +136,7 @@ def test_recovered_displacement_balances_forces_and_moves_along_with_its_contact
     left = system.K_B * q - load.f_q
     left.array[system.contact_dofs] += f_c
     assert left.norm() <= 1e-7 * (load.f_q.norm() + np.linalg.norm(f_c))  # the scene's tolerance is 1e-8
-    assert 0 < free.linear_error <= 0.1 * system.scene.solver.tolerance
+    assert 0 < free.linear_error <= 0.1 * system.problem.solver.tolerance
     assert exact.linear_error == 0
 
 
