@@ -32,6 +32,7 @@ class Comm(Protocol):
 class PetscComm(Protocol):
     """petsc4py's own communicator, that of every Vec and Mat; `tompi4py` gives the `Comm`."""
 
+    rank: int
     size: int
 
     def tompi4py(self) -> Comm: ...
