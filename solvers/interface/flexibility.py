@@ -16,7 +16,7 @@ from solvers.parallel.counters import Counters
 
 @dataclass(frozen=True)
 class Load:
-    """What pulls at the bodies in one step besides contact; made by `Bodies.load`."""
+    """What pulls at the bodies in one step besides contact; made by `DelassusOperator.load`."""
 
     f_q: Any  # PETSc vector over the free numbers [N]
     driving: Array  # (o,) forces on driven obstacles [N]
@@ -30,7 +30,7 @@ class Load:
         return float(self.f_q.norm(PETSc.NormType.NORM_1) + np.abs(self.driving).sum())
 
 
-class Bodies(ABC):
+class DelassusOperator(ABC):
     """K_B^-1, seen on the c contact dofs; `rows` contact rows measure relative displacement there.
 
     A body that is held by contact alone makes K_B singular. With R an orthonormal basis of its rigid motions on the
@@ -92,7 +92,7 @@ class Bodies(ABC):
         return value
 
     @abstractmethod
-    def adopt(self, other: Bodies) -> None:
+    def adopt(self, other: DelassusOperator) -> None:
         """Take over what another one, of the same bodies and contact dofs with other pairs, has learnt of them."""
 
     def kept(self) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from geometry.arrays import Array
-from solvers.interface.flexibility import Bodies, Load
+from solvers.interface.flexibility import DelassusOperator, Load
 from solvers.linear.conjugate_gradients import ConjugateGradients, ContactError, EnergyError, Goal, ResidualNorm
 from solvers.linear.multigrid import boomeramg
 from solvers.parallel.replicated import Replicated
@@ -97,8 +97,8 @@ SCALE = 1e-4  # of the displacement without contact, which only sets the scales 
 SHARE = 0.1  # of the scene's tolerance: error of the accepted displacement in energy norm
 
 
-class MatrixFreeSurface(Bodies):
-    """K_B^-1 by conjugate gradients, begun where the last solve ended; see `Bodies`.
+class MatrixFreeSurface(DelassusOperator):
+    """K_B^-1 by conjugate gradients, begun where the last solve ended; see `DelassusOperator`.
 
     A floating body's motion is known at once, b = R^T f / rho; what is iterated on is its deformation.
     """
@@ -156,7 +156,7 @@ class MatrixFreeSurface(Bodies):
         super().restore(kept)
         self._last.array[:] = kept["last"]
 
-    def adopt(self, other: Bodies) -> None:
+    def adopt(self, other: DelassusOperator) -> None:
         assert isinstance(other, MatrixFreeSurface)
         self._last = other._last
 

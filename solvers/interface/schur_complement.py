@@ -13,7 +13,7 @@ from scipy.sparse.linalg import splu
 
 from geometry.arrays import Array, Bools, Ints
 from solvers.interface.factorised import Volume
-from solvers.interface.flexibility import Bodies, Load
+from solvers.interface.flexibility import DelassusOperator, Load
 from solvers.linear.memoised_map import Remembered
 
 SINGULAR = 1e-8  # smallest pivot of N beside its largest at which rows do not measure every dof
@@ -66,8 +66,8 @@ class RowStiffness:
 PAYS = 16  # an inverse is cheaper than two triangular solves for each of c / PAYS forces
 
 
-class CondensedSurface(Bodies):
-    """S u_c = f_c - N^T W p on the contact dofs, S the Schur complement of K_B; see `Bodies`."""
+class CondensedSurface(DelassusOperator):
+    """S u_c = f_c - N^T W p on the contact dofs, S the Schur complement of K_B; see `DelassusOperator`."""
 
     exact = True
 
@@ -148,6 +148,6 @@ class CondensedSurface(Bodies):
         if kept["inverted"]:  # from then on displacements came from the inverse, with its rounding
             _ = self.flexibility
 
-    def adopt(self, other: Bodies) -> None:
+    def adopt(self, other: DelassusOperator) -> None:
         assert isinstance(other, CondensedSurface)
         self._condensed, self._dense = other._condensed, other._dense

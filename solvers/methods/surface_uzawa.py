@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from geometry.arrays import Array
-from solvers.interface.flexibility import Bodies
+from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.problem import SurfaceProblem
 from solvers.metrics.secants import Secants
 from solvers.metrics.surface_metric import SurfaceMetric
@@ -86,12 +86,12 @@ class SurfaceUzawa:
         """What earlier steps have taught; see `restore`."""
         return {name: secants.kept() for name, secants in self.learnt.items()}
 
-    def restore(self, kept: dict[str, Any], surface: Bodies) -> None:
+    def restore(self, kept: dict[str, Any], surface: DelassusOperator) -> None:
         """Know what was `kept` by one of the same bodies."""
         for known in kept.values():
             self._flexibility(surface).restore(known)
 
-    def _flexibility(self, surface: Bodies) -> Secants:
+    def _flexibility(self, surface: DelassusOperator) -> Secants:
         """F, which knows what forces that move bodies as rigid ones do: (K_B + rho R R^T)^-1 R = R / rho."""
         own = surface.size - surface.driven
 
