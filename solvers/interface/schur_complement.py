@@ -12,7 +12,7 @@ from scipy.linalg.lapack import dpotri
 from scipy.sparse.linalg import splu
 
 from geometry.arrays import Array, Bools, Ints
-from solvers.interface.factorised import Volume
+from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.flexibility import DelassusOperator, Load
 from solvers.linear.memoised_map import Remembered
 
@@ -71,7 +71,7 @@ class CondensedSurface(DelassusOperator):
 
     exact = True
 
-    def __init__(self, volume: Volume, N: Any, W: Array, R: Array, normal_rows: int, driven: int = 0) -> None:
+    def __init__(self, volume: FactorisedVolume, N: Any, W: Array, R: Array, normal_rows: int, driven: int = 0) -> None:
         super().__init__(N, W, R, normal_rows, driven, volume.counters)
         self.volume = volume
         self.S = block_diag(volume.S, np.zeros((driven, driven))) if driven else volume.S

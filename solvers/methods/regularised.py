@@ -16,7 +16,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from geometry.arrays import Array
-from solvers.interface.factorised import METIS, Volume
+from solvers.interface.factorised import METIS, FactorisedVolume
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.matrix_free import IterativeVolume
 from solvers.interface.problem import SurfaceProblem
@@ -58,7 +58,7 @@ class Regularised:
     are added up.
     """
 
-    def __init__(self, system: System, volume: Volume | IterativeVolume, surface: DelassusOperator) -> None:
+    def __init__(self, system: System, volume: FactorisedVolume | IterativeVolume, surface: DelassusOperator) -> None:
         """Compile the forms; collective."""
         self.system, self.volume = system, volume
         self.contact = SmoothedForces(system)

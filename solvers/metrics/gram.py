@@ -15,7 +15,7 @@ from geometry.arrays import Array, Bools, Ints
 from geometry.surfaces.forms import surface_product, surface_stiffness
 from solvers.contact.admissible_set import AdmissibleSet
 from solvers.contact.rows import ContactRows
-from solvers.interface.factorised import Volume
+from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.problem import SurfaceProblem
 from solvers.interface.schur_complement import CondensedSurface
@@ -80,7 +80,7 @@ def volume_block(system: System, gram: Gram) -> Array:
     """
     matrix, contact = volume_gram(system, gram.length or system.extent), system.contact_dofs
     if gram.factor == "complete" and len(contact):
-        return Volume(matrix, contact, Counters()).S
+        return FactorisedVolume(matrix, contact, Counters()).S
     whole, _ = contact_last(matrix, contact)
     return incomplete_cholesky(whole, drop_of(gram)).trailing(len(contact))
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from geometry.errors import SolverError
-from solvers.interface.factorised import Volume
+from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from solvers.interface.prepare import prepare_surface
 from solvers.interface.schur_complement import CondensedSurface
@@ -61,7 +61,7 @@ SCENES: dict[str, Callable[[SceneOf], Scene]] = {
 def both(request: pytest.FixtureRequest, scene_of: SceneOf, system_of: SystemOf) -> tuple[Any, Any, System]:
     """The same bodies condensed and not, with the same augmentation."""
     system = system_of(SCENES[request.param](scene_of))
-    exact = prepare_surface(system, Volume(system.K_B, system.contact_dofs, Counters()))
+    exact = prepare_surface(system, FactorisedVolume(system.K_B, system.contact_dofs, Counters()))
     free = prepare_surface(replace(system, counters=Counters()), IterativeVolume(system))
     exact.rho = free.rho
     return exact, free, system
