@@ -17,7 +17,7 @@ from solvers.contact.rows import ContactRows
 
 
 @dataclass(frozen=True)
-class Place:
+class ContactBlock:
     """Where one contact's entries stand in p."""
 
     rows: ContactRows
@@ -39,7 +39,7 @@ class AdmissibleSet:
     end: float
 
     @cached_property
-    def places(self) -> tuple[Place, ...]:
+    def places(self) -> tuple[ContactBlock, ...]:
         found, n = [], 0
         normals = []
         for c in self.contacts:
@@ -47,7 +47,7 @@ class AdmissibleSet:
             n += len(c.W_n)
         for c, normal in zip(self.contacts, normals, strict=True):
             size = c.free.size
-            found.append(Place(c, normal, slice(n, n + size), c.average))
+            found.append(ContactBlock(c, normal, slice(n, n + size), c.average))
             n += size
         return tuple(found)
 
@@ -77,19 +77,19 @@ class AdmissibleSet:
         other.__dict__.update(places=self.places, softness=self.softness, carrying=self.carrying)
         return other
 
-    def bound(self, place: Place, p_n: Array) -> Array:
+    def bound(self, place: ContactBlock, p_n: Array) -> Array:
         """Friction bound s (m_t,) [Pa] of one contact."""
         law = place.rows.friction
         assert law is not None
         return law.limit(p_n, place.average, place.rows.normal, self.time, self.end)
 
-    def bound_slope(self, place: Place, p_n: Array) -> Any:
+    def bound_slope(self, place: ContactBlock, p_n: Array) -> Any:
         """ds/dp_n, sparse (m_t, m_n)."""
         law = place.rows.friction
         assert law is not None
         return law.limit_slope(p_n, place.average, place.rows.normal)
 
-    def with_friction(self) -> Iterator[Place]:
+    def with_friction(self) -> Iterator[ContactBlock]:
         return (place for place in self.places if place.rows.friction is not None)
 
     def give(self, p: Array) -> Array:
