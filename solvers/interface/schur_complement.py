@@ -14,7 +14,7 @@ from scipy.sparse.linalg import splu
 from geometry.arrays import Array, Bools, Ints
 from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.flexibility import DelassusOperator, Load
-from solvers.linear.memoised_map import Remembered
+from solvers.linear.memoised_map import MemoisedMap
 
 SINGULAR = 1e-8  # smallest pivot of N beside its largest at which rows do not measure every dof
 
@@ -76,7 +76,7 @@ class CondensedSurface(DelassusOperator):
         self.volume = volume
         self.S = block_diag(volume.S, np.zeros((driven, driven))) if driven else volume.S
         self.rho = float(np.trace(self.S) / max(len(self.S), 1))
-        self._condensed = Remembered(volume.condense, len(volume.S))
+        self._condensed = MemoisedMap(volume.condense, len(volume.S))
         self._forces = 0  # that were asked about
         self._dense: dict[str, Any] = {}  # factor and inverse, shared with those of other pairs
         self._row_stiffness: dict[bytes, RowStiffness | None] = {}

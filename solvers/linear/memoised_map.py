@@ -14,7 +14,7 @@ KEPT = 8  # vectors; loads that turn steadily through more directions than that 
 ROUNDING = 1e-13  # what is left of a vector, beside it, when it lies in the span
 
 
-class Remembered:
+class MemoisedMap:
     """Calls the map for the part of a vector that is new only; load steps that differ by a factor cost one call."""
 
     def __init__(self, apply: Callable[[Any], Array], size: int) -> None:

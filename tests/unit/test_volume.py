@@ -14,7 +14,7 @@ from geometry.errors import MachineError
 from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.prepare import prepare_surface
 from solvers.interface.schur_complement import CondensedSurface
-from solvers.linear.memoised_map import Remembered
+from solvers.linear.memoised_map import MemoisedMap
 from solvers.newton.active_set import linearise
 from solvers.newton.condensed_system import solve
 from solvers.parallel.counters import Counters
@@ -193,7 +193,7 @@ def test_a_floating_body_does_not_feel_its_augmentation(
 def test_loads_in_the_span_of_earlier_ones_are_condensed_for_nothing(scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(scene_in(2, scene_of))
     volume = FactorisedVolume(system.K_B, system.contact_dofs, Counters())
-    condense = Remembered(volume.condense, len(volume.S))
+    condense = MemoisedMap(volume.condense, len(volume.S))
     one, other = system.K_B.createVecRight(), system.K_B.createVecRight()
     random = np.random.default_rng(0)
     one.array[:], other.array[:] = random.normal(size=(2, one.getSize()))
