@@ -10,7 +10,13 @@ from mpi4py import MPI
 
 from geometry.arrays import Array
 from solvers.interface.flexibility import DelassusOperator, Load
-from solvers.linear.conjugate_gradients import ConjugateGradients, ContactError, EnergyError, Goal, ResidualNorm
+from solvers.linear.conjugate_gradients import (
+    ConjugateGradients,
+    ContactErrorCriterion,
+    EnergyErrorCriterion,
+    ResidualCriterion,
+    StoppingCriterion,
+)
 from solvers.linear.multigrid import boomeramg
 from solvers.parallel.replicated import Replicated
 from solvers.parallel.serialise import Own
@@ -54,23 +60,23 @@ class IterativeVolume:
     def solve_contact(self, f: Any, v: Any, error: float, relative: float) -> None:
         """Improve v until its contact dofs are right within `error` [m], or `relative` to the largest; collective."""
         local, response = self.contact.local, self._cg.directions.response
-        self._solve(f, v, ContactError(self._cg.comm, local, error, relative, lambda: response(local)))
+        self._solve(f, v, ContactErrorCriterion(self._cg.comm, local, error, relative, lambda: response(local)))
 
     def solve_energy(self, f: Any, v: Any, relative: float) -> float:
         """Improve v until its relative error in energy norm is small; that error, estimated; collective."""
-        goal = EnergyError(self._cg.comm, f.array, relative)
-        self._solve(f, v, goal)
-        return goal.reached
+        criterion = EnergyErrorCriterion(self._cg.comm, f.array, relative)
+        self._solve(f, v, criterion)
+        return criterion.reached
 
     def solve_residual(self, f: Any, v: Any, allowed: Callable[[float], float]) -> None:
         """Improve v until its residual is small; collective."""
-        self._solve(f, v, ResidualNorm(allowed))
+        self._solve(f, v, ResidualCriterion(allowed))
 
-    def _solve(self, f: Any, v: Any, goal: Goal) -> None:
+    def _solve(self, f: Any, v: Any, criterion: StoppingCriterion) -> None:
         forces = f.array.copy()
         self.floating.balance(forces)
         if self._cg.comm.allreduce(bool(forces.any()), op=MPI.LOR):
-            self._cg.solve(forces, v.array, goal)
+            self._cg.solve(forces, v.array, criterion)
             self.floating.pin(v.array)
         else:  # beside a solution that is none, no error is small
             v.array[:] = 0.0
@@ -128,7 +134,7 @@ class MatrixFreeSurface(DelassusOperator):
         """Displacement (c,) [m] of held bodies, from that of the solve before; one volume solve; collective.
 
         Args:
-            allowed: see `ResidualNorm`.
+            allowed: see `ResidualCriterion`.
         """
         assert not self.floating
         if not self.size:

@@ -75,7 +75,7 @@ SLOWEST, FASTEST = 0.95, 0.3  # contraction that is believed
 MULTIGRID = 2.0  # the error over what one multigrid cycle makes of the residual
 
 
-class Goal(Protocol):
+class StoppingCriterion(Protocol):
     """What a solve is asked for. Arrays are this rank's part; both questions are collective."""
 
     def met(self, x: Array, z: Array, energy: float) -> bool:
@@ -85,7 +85,7 @@ class Goal(Protocol):
         """After a step from x - change to x."""
 
 
-class ContactError:
+class ContactErrorCriterion:
     """The largest error of the contact dofs is below `error` [m], or below `relative` beside the largest of them.
 
     What is left after a step is that step times q / (1 - q), q the contraction seen over the last two steps; and no
@@ -127,7 +127,7 @@ class ContactError:
         return float(np.clip(seen, FASTEST if len(last) == 3 else UNKNOWN, SLOWEST))
 
 
-class EnergyError:
+class EnergyErrorCriterion:
     """The error is below `relative` beside the solution, both in the energy norm; `reached` is what it came to.
 
     Where the solution is next to nothing, the error is measured beside that of the start: less is rounding.
@@ -147,7 +147,7 @@ class EnergyError:
         return False
 
 
-class ResidualNorm:
+class ResidualCriterion:
     """The residual is no larger than `allowed` of its first size, both measured by the preconditioner.
 
     That is about the energy norm of the error.
@@ -168,7 +168,7 @@ class ResidualNorm:
         return False
 
 
-ROUNDING = 1e-14  # of the solution, in energy norm: no goal is nearer than that
+ROUNDING = 1e-14  # of the solution, in energy norm: no criterion is nearer than that
 MOST_ITERATIONS = 1000  # of one solve; multigrid takes a dozen or two
 
 
@@ -190,8 +190,8 @@ class ConjugateGradients:
         """Start anew with so many search directions to keep, at least one."""
         self.directions = SearchDirections(self.comm, self._in.getLocalSize(), most)
 
-    def solve(self, b: Array, x: Array, goal: Goal) -> None:
-        """Improve x (owned,) until the goal is reached.
+    def solve(self, b: Array, x: Array, criterion: StoppingCriterion) -> None:
+        """Improve x (owned,) until the criterion is reached.
 
         Raises:
             SolverError: it is not reached.
@@ -204,7 +204,7 @@ class ConjugateGradients:
             left = self._dot(r, d)
             if not left >= 0.0:  # the preconditioner is not positive definite, or something is no number
                 break
-            if goal.met(x, d, left) or left <= rounding:
+            if criterion.met(x, d, left) or left <= rounding:
                 return
             self.directions.conjugate(d)
             Ad = self._apply(self.A.mult, d)
@@ -217,7 +217,7 @@ class ConjugateGradients:
             d *= step
             x += d
             self.counters.linear_iterations += 1
-            if goal.moved(x, d):
+            if criterion.moved(x, d):
                 return
         raise SolverError('the iterative volume solve does not converge; set solver.surface = "condensed"')
 
