@@ -30,7 +30,7 @@ class ByNode:
     values: AnyArray
 
 
-def packed(value: Any, whole: Callable[[Any], Any] | None = None, without: Collection[str] = ()) -> Plain:
+def serialise(value: Any, whole: Callable[[Any], Any] | None = None, without: Collection[str] = ()) -> Plain:
     """Plain data of a value; of a dataclass every field, but for those named in `without`.
 
     Args:
@@ -39,7 +39,7 @@ def packed(value: Any, whole: Callable[[Any], Any] | None = None, without: Colle
     Raises:
         TypeError: there is something in it that plain data cannot say.
 
-    >>> packed({"a": (1, 2.5), "b": None})
+    >>> serialise({"a": (1, 2.5), "b": None})
     {'a': [1, 2.5], 'b': None}
     """
     if isinstance(value, ByNode):
@@ -52,11 +52,11 @@ def packed(value: Any, whole: Callable[[Any], Any] | None = None, without: Colle
         return whole(value)
     if is_dataclass(value):
         names = [f.name for f in fields(value) if f.init and f.name not in without]
-        return {name: packed(getattr(value, name), whole) for name in names}
+        return {name: serialise(getattr(value, name), whole) for name in names}
     if isinstance(value, Mapping):
-        return {key: packed(item, whole) for key, item in value.items()}
+        return {key: serialise(item, whole) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [packed(item, whole) for item in value]
+        return [serialise(item, whole) for item in value]
     if isinstance(value, np.generic):
         return value.item()
     if not isinstance(value, (*WORDS, np.ndarray)):
@@ -64,7 +64,7 @@ def packed(value: Any, whole: Callable[[Any], Any] | None = None, without: Colle
     return value
 
 
-def unpacked(kind: Any, plain: Plain, vector: Callable[[ByNode], Any] | None = None, **given: Any) -> Any:
+def deserialise(kind: Any, plain: Plain, vector: Callable[[ByNode], Any] | None = None, **given: Any) -> Any:
     """The value of that type.
 
     Args:
@@ -74,7 +74,7 @@ def unpacked(kind: Any, plain: Plain, vector: Callable[[ByNode], Any] | None = N
     Raises:
         KeyError: a field is missing.
 
-    >>> unpacked(dict[str, float], {"a": 1.0})
+    >>> deserialise(dict[str, float], {"a": 1.0})
     {'a': 1.0}
     """
     if isinstance(plain, ByNode):
@@ -83,22 +83,22 @@ def unpacked(kind: Any, plain: Plain, vector: Callable[[ByNode], Any] | None = N
     if is_dataclass(kind) and isinstance(kind, type):
         hints = get_type_hints(kind)
         names = [f.name for f in fields(kind) if f.init and f.name not in given]
-        return kind(**{name: unpacked(hints[name], plain[name], vector) for name in names}, **given)
+        return kind(**{name: deserialise(hints[name], plain[name], vector) for name in names}, **given)
     origin, inner = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
         inner = tuple(k for k in inner if k is not NoneType)
-        return None if plain is None else unpacked(inner[0], plain, vector)
+        return None if plain is None else deserialise(inner[0], plain, vector)
     if isinstance(plain, dict):
         of = inner[1] if inner else Any
-        return {key: unpacked(of, item, vector) for key, item in plain.items()}
+        return {key: deserialise(of, item, vector) for key, item in plain.items()}
     if isinstance(plain, list):
         each = repeat(inner[0] if inner else Any) if not inner or inner[-1] is Ellipsis or origin is list else inner
-        found = [unpacked(k, item, vector) for k, item in zip(each, plain, strict=False)]
+        found = [deserialise(k, item, vector) for k, item in zip(each, plain, strict=False)]
         return tuple(found) if origin is tuple else found
     return plain
 
 
-def shared(comm: Any, plain: Plain) -> Plain:
+def broadcast(comm: Any, plain: Plain) -> Plain:
     """Plain data that rank 0 knows, on every rank; values by node stay on rank 0; collective."""
     told = comm.bcast(_less(plain) if comm.rank == 0 else None)
     return plain if comm.rank == 0 else told

@@ -15,7 +15,7 @@ from geometry.arrays import Array
 from solvers.interface.matrix_free import IterativeVolume
 from solvers.parallel.counters import Counters
 from solvers.parallel.gather import Gathered, nodes_of
-from solvers.parallel.serialise import ByNode, Own, Plain, packed, unpacked
+from solvers.parallel.serialise import ByNode, Own, Plain, deserialise, serialise
 from solvers.stepping.attempts import Reached
 from solvers.stepping.state import State
 from solvers.stepping.stepper import Accepted, Stepper
@@ -46,7 +46,7 @@ class Checkpoints:
         """Right after a step was reported."""
         attempts = self.stepper.attempts
         return Checkpoint(
-            state=packed(accepted.state, self._whole, without=(ROWS,)),
+            state=serialise(accepted.state, self._whole, without=(ROWS,)),
             searched=accepted.stepper.searched,
             reached=attempts.reached,
             counters=self.stepper.system.counters,
@@ -65,13 +65,13 @@ class Checkpoints:
             "volume": volume.kept() if isinstance(volume, IterativeVolume) else None,
             "method": method.kept() if method else None,
         }
-        return {"layout": self._layout(), **packed(known, lambda own: own.values)}
+        return {"layout": self._layout(), **serialise(known, lambda own: own.values)}
 
     def put_back(self, checkpoint: Checkpoint, learnt: Plain | None) -> tuple[State, bool]:
         """The state to go on from, and whether what was learnt could be used."""
         system, attempts = self.stepper.system, self.stepper.attempts
         rows = system.searched(checkpoint.searched).contacts if checkpoint.searched else system.contacts
-        state: State = unpacked(State, checkpoint.state, self._vector, rows=rows)
+        state: State = deserialise(State, checkpoint.state, self._vector, rows=rows)
         system.counters.add(checkpoint.counters)
         if attempts.coarse and checkpoint.coarse:
             attempts.coarse.counters.add(checkpoint.coarse)
