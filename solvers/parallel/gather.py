@@ -11,7 +11,7 @@ from geometry.mesh.mesh import Mesh
 from geometry.mesh.nodes import Nodes
 
 
-class Gathered:
+class Gather:
     """Called with an array (own, ...) it returns (all, ...) on rank 0, and nothing, (0, ...), elsewhere; collective."""
 
     def __init__(self, comm: Any, numbers: Ints) -> None:
@@ -25,7 +25,7 @@ class Gathered:
     def __call__(self, values: AnyArray) -> AnyArray:
         return np.asarray(self._together(values)[self._order])
 
-    def back(self, values: AnyArray) -> AnyArray:
+    def scatter(self, values: AnyArray) -> AnyArray:
         """What this rank owns (own, ...) of values (all, ...) on rank 0, (0, ...) elsewhere; collective."""
         every = np.empty_like(values)
         every[self._order] = values
@@ -46,12 +46,12 @@ class Gathered:
         return every
 
 
-def nodes_of(mesh: Mesh, nodes: Nodes) -> Gathered:
+def nodes_of(mesh: Mesh, nodes: Nodes) -> Gather:
     """For values at owned nodes."""
-    return Gathered(mesh.comm, nodes.input[: nodes.owned])
+    return Gather(mesh.comm, nodes.input[: nodes.owned])
 
 
-def cells_of(mesh: Mesh) -> Gathered:
+def cells_of(mesh: Mesh) -> Gather:
     """For values at owned cells."""
     own = mesh.domain.topology.index_map(mesh.dim).size_local
-    return Gathered(mesh.comm, np.asarray(mesh.domain.topology.original_cell_index)[:own])
+    return Gather(mesh.comm, np.asarray(mesh.domain.topology.original_cell_index)[:own])

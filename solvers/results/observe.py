@@ -14,7 +14,7 @@ from geometry.arrays import Array
 from geometry.errors import SceneError
 from geometry.mesh.mesh import Mesh
 from solvers.contact.rows import ContactRows
-from solvers.parallel.gather import Gathered, cells_of, nodes_of
+from solvers.parallel.gather import Gather, cells_of, nodes_of
 from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
 from solvers.stepping.state import State
 from solvers.stepping.stepper import Accepted, Stepper
@@ -85,8 +85,8 @@ class Observer:
 
     stepper: Stepper
     stress: CellStress = field(init=False)
-    by_node: Gathered = field(init=False)
-    by_cell: Gathered = field(init=False)
+    by_node: Gather = field(init=False)
+    by_cell: Gather = field(init=False)
     probes: dict[str, tuple[int, Array] | None] = field(init=False)  # cell and reference basis, where this rank has it
 
     def __post_init__(self) -> None:

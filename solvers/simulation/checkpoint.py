@@ -14,7 +14,7 @@ from typing import Any
 from geometry.arrays import Array
 from solvers.interface.matrix_free import IterativeVolume
 from solvers.parallel.counters import Counters
-from solvers.parallel.gather import Gathered, nodes_of
+from solvers.parallel.gather import Gather, nodes_of
 from solvers.parallel.serialise import ByNode, Own, Plain, deserialise, serialise
 from solvers.stepping.attempts import Reached
 from solvers.stepping.state import State
@@ -40,7 +40,7 @@ class Checkpoints:
     def __init__(self, stepper: Stepper) -> None:
         system = stepper.system
         self.stepper, self.dim = stepper, system.mesh.dim
-        self._by_node: Gathered = nodes_of(system.mesh, system.nodes)
+        self._by_node: Gather = nodes_of(system.mesh, system.nodes)
 
     def take(self, accepted: Accepted) -> Checkpoint:
         """Right after a step was reported."""
@@ -98,7 +98,7 @@ class Checkpoints:
         return ByNode(self._by_node(own.values.reshape(-1, self.dim, *own.values.shape[1:])))
 
     def _own(self, whole: ByNode) -> Array:
-        values = self._by_node.back(whole.values)
+        values = self._by_node.scatter(whole.values)
         return values.reshape(-1, *values.shape[2:])
 
     def _vector(self, whole: ByNode) -> Any:
