@@ -95,14 +95,14 @@ class DelassusOperator(ABC):
     def adopt(self, other: DelassusOperator) -> None:
         """Take over what another one, of the same bodies and contact dofs with other pairs, has learnt of them."""
 
-    def kept(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Any]:
         """What later answers depend on beside the bodies, to the last bit; see `restore`."""
         return {"lambda_max": self.__dict__.get("lambda_max")}
 
-    def restore(self, kept: dict[str, Any]) -> None:
-        """Go on as the one that `kept` this."""
-        if kept["lambda_max"] is not None:
-            self.__dict__["lambda_max"] = kept["lambda_max"]
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on as the one that `snapshot` was taken of."""
+        if snapshot["lambda_max"] is not None:
+            self.__dict__["lambda_max"] = snapshot["lambda_max"]
 
     @cached_property
     def lambda_max(self) -> float:

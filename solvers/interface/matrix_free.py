@@ -49,13 +49,13 @@ class IterativeVolume:
         self._multigrid.destroy()
         self.remember(1)
 
-    def kept(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Any]:
         """What solves have learnt; see `restore`."""
-        return self._cg.directions.kept()
+        return self._cg.directions.snapshot()
 
-    def restore(self, kept: dict[str, Any]) -> None:
-        """Know what was `kept` by another one of the same bodies."""
-        self._cg.directions.restore(kept)
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Know what a `snapshot` holds by another one of the same bodies."""
+        self._cg.directions.restore(snapshot)
 
     def solve_contact(self, f: Any, v: Any, error: float, relative: float) -> None:
         """Improve v until its contact dofs are right within `error` [m], or `relative` to the largest; collective."""
@@ -155,12 +155,12 @@ class MatrixFreeSurface(DelassusOperator):
         """Each solve is collective: were ranks to differ in when to stop, they would wait for each other for ever."""
         return self.volume.K.comm.tompi4py().bcast(value)
 
-    def kept(self) -> dict[str, Any]:
-        return super().kept() | {"last": Own(self._last.array_r)}
+    def snapshot(self) -> dict[str, Any]:
+        return super().snapshot() | {"last": Own(self._last.array_r)}
 
-    def restore(self, kept: dict[str, Any]) -> None:
-        super().restore(kept)
-        self._last.array[:] = kept["last"]
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        super().restore(snapshot)
+        self._last.array[:] = snapshot["last"]
 
     def adopt(self, other: DelassusOperator) -> None:
         assert isinstance(other, MatrixFreeSurface)

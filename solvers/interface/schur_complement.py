@@ -136,16 +136,16 @@ class CondensedSurface(DelassusOperator):
         self.volume.contact.write(total, self.forces(p)[:own])
         return self.volume.expand(load.f_q - total, u_c[:own])
 
-    def kept(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Any]:
         inverted = "flexibility" in self._dense
         counted = 0 if inverted else self._forces  # it matters only until then
-        return super().kept() | {"condensed": self._condensed.kept(), "forces": counted, "inverted": inverted}
+        return super().snapshot() | {"condensed": self._condensed.snapshot(), "forces": counted, "inverted": inverted}
 
-    def restore(self, kept: dict[str, Any]) -> None:
-        super().restore(kept)
-        self._condensed.restore(kept["condensed"], self.volume.K.createVecRight())
-        self._forces = kept["forces"]
-        if kept["inverted"]:  # from then on displacements came from the inverse, with its rounding
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        super().restore(snapshot)
+        self._condensed.restore(snapshot["condensed"], self.volume.K.createVecRight())
+        self._forces = snapshot["forces"]
+        if snapshot["inverted"]:  # from then on displacements came from the inverse, with its rounding
             _ = self.flexibility
 
     def adopt(self, other: DelassusOperator) -> None:

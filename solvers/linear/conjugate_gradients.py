@@ -57,16 +57,16 @@ class SearchDirections:
         np.divide(Ad, norm, out=self._AD[place])
         self.count += 1
 
-    def kept(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Any]:
         """All that is remembered; see `restore`."""
         k = min(self.count, self.most)
         return {"count": self.count, "D": Own(self._D[:k].T), "AD": Own(self._AD[:k].T)}
 
-    def restore(self, kept: dict[str, Any]) -> None:
-        """Remember what was `kept`."""
-        self.count = kept["count"]
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Remember what a `snapshot` holds."""
+        self.count = snapshot["count"]
         k = min(self.count, self.most)
-        self._D[:k], self._AD[:k] = kept["D"].T, kept["AD"].T
+        self._D[:k], self._AD[:k] = snapshot["D"].T, snapshot["AD"].T
 
 
 SAFETY = 2.0  # of the estimated error

@@ -42,14 +42,14 @@ class MemoisedMap:
                 self._met.append((rest, its_image))
         return image
 
-    def kept(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Any]:
         """All that was met; see `restore`."""
         return {"vectors": [Own(v.array_r) for v, _ in self._met], "images": [image for _, image in self._met]}
 
-    def restore(self, kept: dict[str, Any], like: Any) -> None:
-        """Know what was `kept`, each vector laid out like that one."""
+    def restore(self, snapshot: dict[str, Any], like: Any) -> None:
+        """Know what a `snapshot` holds, each vector laid out like that one."""
         self._met = []
-        for own, image in zip(kept["vectors"], kept["images"], strict=True):
+        for own, image in zip(snapshot["vectors"], snapshot["images"], strict=True):
             vector = like.duplicate()
             vector.array[:] = own
             self._met.append((vector, image))

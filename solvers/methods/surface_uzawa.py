@@ -82,13 +82,13 @@ class SurfaceUzawa:
             w = problem.relative_displacement(u_c + motion)
         return Solution(p, w, u_c + motion, status, residual, tuple(history))
 
-    def kept(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Any]:
         """What earlier steps have taught; see `restore`."""
-        return {name: secants.kept() for name, secants in self.learnt.items()}
+        return {name: secants.snapshot() for name, secants in self.learnt.items()}
 
-    def restore(self, kept: dict[str, Any], surface: DelassusOperator) -> None:
-        """Know what was `kept` by one of the same bodies."""
-        for known in kept.values():
+    def restore(self, snapshot: dict[str, Any], surface: DelassusOperator) -> None:
+        """Know what a `snapshot` holds by one of the same bodies."""
+        for known in snapshot.values():
             self._flexibility(surface).restore(known)
 
     def _flexibility(self, surface: DelassusOperator) -> Secants:

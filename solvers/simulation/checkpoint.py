@@ -61,9 +61,9 @@ class Checkpoints:
         attempts = self.stepper.attempts
         volume, method = attempts.volume, attempts.learning.get(attempts.stage)
         known = {
-            "surface": self.stepper.surface.kept(),
-            "volume": volume.kept() if isinstance(volume, IterativeVolume) else None,
-            "method": method.kept() if method else None,
+            "surface": self.stepper.surface.snapshot(),
+            "volume": volume.snapshot() if isinstance(volume, IterativeVolume) else None,
+            "method": method.snapshot() if method else None,
         }
         return {"layout": self._layout(), **serialise(known, lambda own: own.values)}
 
