@@ -1,4 +1,4 @@
-"""Dataclasses as plain data: dicts, lists, words, numbers, arrays, values by node; and back by their type hints."""
+"""Serialise dataclasses to plain data (dicts, lists, words, numbers, arrays), and deserialise by their type hints."""
 
 from __future__ import annotations
 
@@ -11,33 +11,36 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 from geometry.arrays import AnyArray
+from geometry.protocols import Comm
 
-Plain = Any  # a dict by words, a list, a word, a number, None, an array, or values by node
+Plain = Any  # a dict with words as keys, a list, a word, a number, None, an array, or values by node
 WORDS = (str, bool, int, float, NoneType)
 
 
 @dataclass(frozen=True, eq=False)
 class Own:
-    """This rank's part (owned, ...) of vectors over all displacements."""
+    """This rank's part (owned, ...) of vectors over all displacement dofs."""
 
     values: AnyArray
 
 
 @dataclass(frozen=True, eq=False)
 class ByNode:
-    """The same whole, (nodes, d, ...) in the order of the gmsh model, on rank 0; (0, d, ...) elsewhere."""
+    """Such a vector gathered: (nodes, d, ...) in the order of the gmsh model on rank 0; (0, d, ...) elsewhere."""
 
     values: AnyArray
 
 
-def serialise(value: Any, whole: Callable[[Any], Any] | None = None, without: Collection[str] = ()) -> Plain:
-    """Plain data of a value; of a dataclass every field, but for those named in `without`.
+def serialise(value: Any, whole: Callable[[Own], Plain] | None = None, without: Collection[str] = ()) -> Plain:
+    """Plain data of a value.
 
     Args:
-        whole: what `Own` and PETSc vectors become; collective.
+        value: a dataclass, a mapping, a list, a tuple, a number, a word, None, an array, an `Own` or a PETSc vector.
+        whole: turns `Own` and PETSc vectors into plain data; collective. Without it they are refused.
+        without: fields of a dataclass to leave out.
 
     Raises:
-        TypeError: there is something in it that plain data cannot say.
+        TypeError: the value contains something that plain data cannot express.
 
     >>> serialise({"a": (1, 2.5), "b": None})
     {'a': [1, 2.5], 'b': None}
@@ -65,14 +68,16 @@ def serialise(value: Any, whole: Callable[[Any], Any] | None = None, without: Co
 
 
 def deserialise(kind: Any, plain: Plain, vector: Callable[[ByNode], Any] | None = None, **given: Any) -> Any:
-    """The value of that type.
+    """The value of type `kind` that `serialise` turned into plain data.
 
     Args:
-        vector: what values by node become; collective.
-        given: fields of a dataclass that plain data leaves out.
+        kind: a type, or a type hint such as `dict[str, float]` or `State | None`.
+        plain: what `serialise` returned, perhaps written to a file and read again.
+        vector: what `ByNode` becomes; collective.
+        given: fields of a dataclass that the plain data leave out.
 
     Raises:
-        KeyError: a field is missing.
+        KeyError: a field of a dataclass is missing.
 
     >>> deserialise(dict[str, float], {"a": 1.0})
     {'a': 1.0}
@@ -98,15 +103,15 @@ def deserialise(kind: Any, plain: Plain, vector: Callable[[ByNode], Any] | None 
     return plain
 
 
-def broadcast(comm: Any, plain: Plain) -> Plain:
-    """Plain data that rank 0 knows, on every rank; values by node stay on rank 0; collective."""
-    told = comm.bcast(_less(plain) if comm.rank == 0 else None)
-    return plain if comm.rank == 0 else told
+def broadcast(comm: Comm, plain: Plain) -> Plain:
+    """Plain data of rank 0 on every rank; collective. The arrays of `ByNode` stay on rank 0 and are empty elsewhere."""
+    received = comm.bcast(_without_nodes(plain) if comm.rank == 0 else None)
+    return plain if comm.rank == 0 else received
 
 
-def _less(plain: Plain) -> Plain:
+def _without_nodes(plain: Plain) -> Plain:
     if isinstance(plain, ByNode):
         return ByNode(plain.values[:0])
     if isinstance(plain, dict):
-        return {key: _less(item) for key, item in plain.items()}
-    return [_less(item) for item in plain] if isinstance(plain, list) else plain
+        return {key: _without_nodes(item) for key, item in plain.items()}
+    return [_without_nodes(item) for item in plain] if isinstance(plain, list) else plain
