@@ -60,7 +60,13 @@ class IterativeVolume:
     def solve_contact(self, f: Any, v: Any, error: float, relative: float) -> None:
         """Improve v until its contact dofs are right within `error` [m], or `relative` to the largest; collective."""
         local, response = self.contact.local, self._cg.directions.response
-        self._solve(f, v, ContactErrorCriterion(self._cg.comm, local, error, relative, lambda: response(local)))
+        self._solve(
+            f,
+            v,
+            ContactErrorCriterion(
+                comm=self._cg.comm, local=local, error=error, relative=relative, response=lambda: response(local)
+            ),
+        )
 
     def solve_energy(self, f: Any, v: Any, relative: float) -> float:
         """Improve v until its relative error in energy norm is small; that error, estimated; collective."""

@@ -202,7 +202,7 @@ def test_a_preconditioner_that_is_not_positive_definite_is_an_error() -> None:
     turned = ConjugateGradients(A, lambda r, z: (-r).copy(z), Counters())
     for criterion in (
         EnergyErrorCriterion(turned.comm, np.ones(2), 1e-6),
-        ContactErrorCriterion(turned.comm, np.arange(2), 1e-6, 0.0, lambda: 1.0),
+        ContactErrorCriterion(comm=turned.comm, local=np.arange(2), error=1e-6, relative=0.0, response=lambda: 1.0),
     ):
         with pytest.raises(SolverError, match="does not converge"):
             turned.solve(np.ones(2), np.zeros(2), criterion)
