@@ -1,1 +1,1 @@
-"""Contact rows: nodal displacements to relative displacement at contact points, and the admissible set of tractions."""
+"""Contact operators and rows (nodal displacement to relative displacement), dual multipliers, the admissible set."""

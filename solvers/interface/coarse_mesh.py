@@ -55,7 +55,7 @@ class CoarseMesh:
         """Forces (c, k) [N] of smooth tractions on the fine contact dofs, and about the displacement [m] they cause.
 
         Args:
-            R, rho: rigid motions (c, r) and augmentation of the fine bodies, see `Bodies`.
+            R, rho: rigid motions (c, r) and augmentation of the fine bodies, see `DelassusOperator`.
         """
         coarse, forces = self.surface, _smooth_forces(fine)
         own = coarse.size - coarse.driven

@@ -14,28 +14,28 @@ from scipy.linalg import block_diag
 
 from geometry.arrays import Array
 from solvers.contact.rows import ContactRows
-from solvers.interface.factorised import Volume
-from solvers.interface.flexibility import Bodies
+from solvers.interface.factorised import FactorisedVolume
+from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from solvers.interface.schur_complement import CondensedSurface
 from solvers.stepping.choice import Form
 from solvers.system.system import System
 
 
-def prepare_volume(system: System, form: Form) -> Volume | IterativeVolume:
+def prepare_volume(system: System, form: Form) -> FactorisedVolume | IterativeVolume:
     """The bodies in that form; collective."""
     if form == "matrix-free":
         return IterativeVolume(system)
-    return Volume(system.K_B, system.contact_dofs, system.counters)
+    return FactorisedVolume(system.K_B, system.contact_dofs, system.counters)
 
 
 @overload
-def prepare_surface(system: System, volume: Volume) -> CondensedSurface: ...
+def prepare_surface(system: System, volume: FactorisedVolume) -> CondensedSurface: ...
 @overload
 def prepare_surface(system: System, volume: IterativeVolume) -> MatrixFreeSurface: ...
 @overload
-def prepare_surface(system: System, volume: Volume | IterativeVolume) -> Bodies: ...
-def prepare_surface(system: System, volume: Volume | IterativeVolume) -> Bodies:
+def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) -> DelassusOperator: ...
+def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) -> DelassusOperator:
     """Stack all contacts: normal rows first, then tangential rows."""
     contacts, c = system.contacts, len(system.contact_dofs)
     traces = [system.trace(rows) for rows in contacts]
@@ -45,8 +45,8 @@ def prepare_surface(system: System, volume: Volume | IterativeVolume) -> Bodies:
     pull = [_driven_columns(system, rows, rows.N_n) for rows in contacts]
     pull += [_driven_columns(system, rows, rows.N_t) for rows in contacts]
     weights = [rows.W_n for rows in contacts] + [np.repeat(rows.W_t, rows.free.shape[1]) for rows in contacts]
-    kind: Any = CondensedSurface if isinstance(volume, Volume) else MatrixFreeSurface
-    surface: Bodies = kind(
+    kind: Any = CondensedSurface if isinstance(volume, FactorisedVolume) else MatrixFreeSurface
+    surface: DelassusOperator = kind(
         volume,
         N=sparse.hstack(
             [

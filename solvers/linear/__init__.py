@@ -1,1 +1,1 @@
-"""Linear algebra without contact: conjugate gradients, multigrid, Cholesky factors, GMRES."""
+"""Linear solvers that know nothing of contact: conjugate gradients, multigrid, Cholesky factors, GMRES."""

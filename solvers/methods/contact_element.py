@@ -28,7 +28,7 @@ from scipy import sparse
 
 from geometry.arrays import Array, Ints
 from geometry.surfaces.surface import Surface
-from solvers.contact.admissible_set import Place
+from solvers.contact.admissible_set import ContactBlock
 from solvers.contact.rows import ContactRows
 from solvers.interface.problem import SurfaceProblem
 from solvers.scene.material import Material
@@ -121,7 +121,7 @@ class ContactElements:
         return Answer(Sigma, sparse.csr_matrix((data, (i, j)), shape=(len(G), len(G))), status)
 
     def _rub(
-        self, place: Place, G: Array, Sigma: Array, normal: Array, status: Ints
+        self, place: ContactBlock, G: Array, Sigma: Array, normal: Array, status: Ints
     ) -> Iterator[tuple[Array, Ints, Ints]]:
         """Fill in Σ_T* and the status; entries of Σ*' in these rows."""
         n, T, free = place.normal, place.tangential, place.rows.free

@@ -18,7 +18,7 @@ from petsc4py import PETSc
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
 from geometry.mesh.mesh import Mesh
-from solvers.contact.admissible_set import AdmissibleSet, Place
+from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.laws.compliance import Compliance
 from solvers.parallel.counters import Counters
 from solvers.scene.problem import Problem
@@ -130,7 +130,7 @@ class Auditor:
         signs.array[:] = np.sign(np.sin(numbers.astype(float) ** 2)).ravel()
         return float(self._inner(signs).norm(PETSc.NormType.INFINITY))
 
-    def _contact_force(self, place: Place, u: object, record: Record) -> object:
+    def _contact_force(self, place: ContactBlock, u: object, record: Record) -> object:
         system, rows, law = self.system, place.rows, place.rows.normal
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
         if not isinstance(law, Compliance):
@@ -149,7 +149,7 @@ class Auditor:
         form = system.weak.normal_compliance(relative, contact, law)
         return dx.assemble_vector(system.weak.compile(form)) + system.contact_force(rows, np.zeros_like(p_n), t)
 
-    def _normal(self, place: Place, record: Record) -> tuple[float, float, float]:
+    def _normal(self, place: ContactBlock, record: Record) -> tuple[float, float, float]:
         """Penetration, negative pressure and complementarity of one contact."""
         law, p = place.rows.normal, record.p[place.normal]
         opening = place.rows.gap - record.w[place.normal] + law.penetration(p)
@@ -160,7 +160,7 @@ class Auditor:
         negative = np.maximum(-p, 0.0).max(initial=0.0) / p_ref
         return float(np.maximum(-opening, 0.0).max(initial=0.0)) / u_ref, float(negative), float(both.max(initial=0.0))
 
-    def _tangential(self, place: Place, record: Record) -> tuple[float, float, float]:
+    def _tangential(self, place: ContactBlock, record: Record) -> tuple[float, float, float]:
         """AdmissibleSet, slip direction and friction work of one contact."""
         if place.rows.friction is None:
             return 0.0, 0.0, 0.0

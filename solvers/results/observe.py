@@ -15,7 +15,7 @@ from geometry.errors import SceneError
 from geometry.mesh.mesh import Mesh
 from solvers.contact.rows import ContactRows
 from solvers.effects import active
-from solvers.parallel.gather import Gathered, cells_of, nodes_of
+from solvers.parallel.gather import Gather, cells_of, nodes_of
 from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
 from solvers.stepping.state import State
 from solvers.stepping.stepper import Accepted, Stepper
@@ -97,8 +97,8 @@ class Observer:
 
     stepper: Stepper
     stress: CellStress
-    by_node: Gathered
-    by_cell: Gathered
+    by_node: Gather
+    by_cell: Gather
     probes: Mapping[str, tuple[int, Array] | None]  # cell and reference basis, where this rank has it
 
     @classmethod

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from geometry.arrays import Array
-from solvers.contact.admissible_set import Place
+from solvers.contact.admissible_set import ContactBlock
 from solvers.fem.constraints import AXES
 from solvers.interface.limit_analysis import decide
 from solvers.interface.problem import SurfaceProblem
@@ -74,7 +74,7 @@ def worst(problem: SurfaceProblem, solution: Solution) -> str:
     raise AssertionError("a row of no contact")
 
 
-def _point(place: Place, part: str, row: int) -> np.ndarray:  # type: ignore[type-arg]
+def _point(place: ContactBlock, part: str, row: int) -> np.ndarray:  # type: ignore[type-arg]
     """The slave's node that counts most in that row."""
     rows = place.rows
     share = rows.psi[:, row] if part == "normal" else rows.share_t[row // place.components].T

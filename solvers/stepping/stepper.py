@@ -49,7 +49,7 @@ class Accepted:
     volume_solves: int
     residual: float
     slack: float  # of the friction bound, see `Solution`
-    linear_error: float  # of the last substep, see `Bodies`
+    linear_error: float  # of the last substep, see `DelassusOperator`
     history: tuple[HistoryRow, ...]
 
 

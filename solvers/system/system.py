@@ -23,7 +23,7 @@ from solvers.contact.rows import ContactRows
 from solvers.effects import active
 from solvers.fem.constraints import Constraints
 from solvers.fem.forms import WeakForms
-from solvers.fem.rigid_modes import Lifting
+from solvers.fem.rigid_modes import RigidModes
 from solvers.fem.supports import find_constraints
 from solvers.parallel.counters import Counters
 from solvers.parallel.replicated import Replicated
@@ -118,8 +118,8 @@ class System:
         return found
 
     @cached_property
-    def lifting(self) -> Lifting:
-        return Lifting(self.constraints, *self.mesh.box())
+    def lifting(self) -> RigidModes:
+        return RigidModes(self.constraints, *self.mesh.box())
 
     @cached_property
     def obstacles(self) -> Obstacles:

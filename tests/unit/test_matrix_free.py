@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from geometry.errors import SolverError
-from solvers.interface.factorised import Volume
+from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from solvers.interface.prepare import prepare_surface
 from solvers.interface.schur_complement import CondensedSurface
-from solvers.linear.conjugate_gradients import ConjugateGradients, ContactError, EnergyError
+from solvers.linear.conjugate_gradients import ConjugateGradients, ContactErrorCriterion, EnergyErrorCriterion
 from solvers.parallel.counters import Counters
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import Simulation
@@ -61,7 +61,7 @@ SCENES: dict[str, Callable[[SceneOf], Scene]] = {
 def both(request: pytest.FixtureRequest, scene_of: SceneOf, system_of: SystemOf) -> tuple[Any, Any, System]:
     """The same bodies condensed and not, with the same augmentation."""
     system = system_of(SCENES[request.param](scene_of))
-    exact = prepare_surface(system, Volume(system.K_B, system.contact_dofs, Counters()))
+    exact = prepare_surface(system, FactorisedVolume(system.K_B, system.contact_dofs, Counters()))
     free = prepare_surface(replace(system, counters=Counters()), IterativeVolume(system))
     exact.rho = free.rho
     return exact, free, system
@@ -200,12 +200,12 @@ def test_a_preconditioner_that_is_not_positive_definite_is_an_error() -> None:
     A.setDiagonal(PETSc.Vec().createWithArray(np.ones(2), comm=PETSc.COMM_SELF))
     A.assemble()
     turned = ConjugateGradients(A, lambda r, z: (-r).copy(z), Counters())
-    for goal in (
-        EnergyError(turned.comm, np.ones(2), 1e-6),
-        ContactError(turned.comm, np.arange(2), 1e-6, 0.0, lambda: 1.0),
+    for criterion in (
+        EnergyErrorCriterion(turned.comm, np.ones(2), 1e-6),
+        ContactErrorCriterion(comm=turned.comm, local=np.arange(2), error=1e-6, relative=0.0, response=lambda: 1.0),
     ):
         with pytest.raises(SolverError, match="does not converge"):
-            turned.solve(np.ones(2), np.zeros(2), goal)
+            turned.solve(np.ones(2), np.zeros(2), criterion)
 
 
 def test_a_slender_body_takes_no_halved_steps(simulation_of: Callable[[Scene], Simulation]) -> None:

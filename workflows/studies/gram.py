@@ -19,7 +19,7 @@ from scipy import sparse
 from geometry.arrays import Array
 from geometry.mesh.mesh import build_mesh
 from solvers.contact.admissible_set import AdmissibleSet
-from solvers.interface.factorised import Volume
+from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.prepare import prepare_surface
 from solvers.interface.schur_complement import CondensedSurface
 from solvers.linear.incomplete_cholesky import incomplete_cholesky
@@ -83,7 +83,7 @@ def block(n: int, held: bool = True, dim: int = 2) -> System:
 
 def surface_of(system: System) -> tuple[CondensedSurface, AdmissibleSet]:
     """K_B^-1 on the contact dofs, and the laws that say which rows carry tractions."""
-    volume = Volume(system.K_B, system.contact_dofs, system.counters)
+    volume = FactorisedVolume(system.K_B, system.contact_dofs, system.counters)
     return prepare_surface(system, volume), AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
 
 
