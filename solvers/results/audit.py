@@ -18,6 +18,7 @@ from petsc4py import PETSc
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
 from geometry.mesh.mesh import Mesh
+from geometry.protocols import Vec
 from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.laws.compliance import Compliance
 from solvers.parallel.counters import Counters
@@ -130,7 +131,7 @@ class Auditor:
         signs.array[:] = np.sign(np.sin(numbers.astype(float) ** 2)).ravel()
         return float(self._inner(signs).norm(PETSc.NormType.INFINITY))
 
-    def _contact_force(self, place: ContactBlock, u: object, record: Record) -> object:
+    def _contact_force(self, place: ContactBlock, u: Vec, record: Record) -> Vec:
         system, rows, law = self.system, place.rows, place.rows.normal
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
         if not isinstance(law, Compliance):
@@ -142,7 +143,7 @@ class Auditor:
             return system.contact_force(rows, law.pressure(w - rows.gap), t)
         contact = system.problem.pairs[rows.name].contact
         relative = dx.fem.Function(system.space)
-        dx.petsc_vector(relative).array[:] = u.array  # type: ignore[attr-defined]
+        dx.petsc_vector(relative).array[:] = u.array
         relative.x.scatter_forward()
         motion = system.obstacles.motion(rows.name, system.nodes.points, record.time, record.driven)
         relative.x.array[:] -= motion.ravel()

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
+from geometry.protocols import Sparse
 from geometry.surfaces.surface import Surface
 from solvers.system.system import System
 
 
-def contact_sides(system: System) -> Iterator[tuple[str, Surface, Any]]:
+def contact_sides(system: System) -> Iterator[tuple[str, Surface, Sparse]]:
     """Name, surface, and a sparse matrix: contact dofs (c,) to the displacement of its nodes (n d,)."""
     seen = set[str]()
     for rows in system.contacts:
