@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from geometry.errors import GeometryError
+from geometry.protocols import Gmsh
 from geometry.user_files.opening import complain
 from geometry.user_files.parts import Parts
 from geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
@@ -16,7 +17,7 @@ GROWTH = 0.3  # growth of the cell size per unit of distance from a contact side
 
 
 def mesh_parts(
-    gmsh: Any,
+    gmsh: Gmsh,
     dim: int,
     parts: Parts,
     size: float | None,
@@ -48,7 +49,7 @@ def mesh_parts(
     return read_raw_mesh(gmsh, dim, parts)
 
 
-def _set_sizes(gmsh: Any, dim: int, parts: Parts, size: float, fine_size: float, fine_sides: Sequence[str]) -> None:
+def _set_sizes(gmsh: Gmsh, dim: int, parts: Parts, size: float, fine_size: float, fine_sides: Sequence[str]) -> None:
     """`size` everywhere, growing from `fine_size` with the distance from the contact sides."""
     field = gmsh.model.mesh.field
     fields = [field.add("MathEval")]
@@ -70,7 +71,7 @@ def _set_sizes(gmsh: Any, dim: int, parts: Parts, size: float, fine_size: float,
     gmsh.option.setNumber("Mesh.MeshSizeMax", 1e22)
 
 
-def _match(gmsh: Any, dim: int, slave: list[int], master: list[int]) -> None:
+def _match(gmsh: Gmsh, dim: int, slave: list[int], master: list[int]) -> None:
     """Make the slave side's mesh the master side's, moved across."""
 
     def middles(tags: list[int]) -> Any:

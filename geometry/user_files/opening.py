@@ -8,9 +8,9 @@ import traceback
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from geometry.errors import GeometryError
+from geometry.protocols import Gmsh
 from geometry.user_files.system_calls import scripts
 
 Parameter = bool | int | float | str
@@ -41,7 +41,7 @@ def unpacked(path: Path, folder: Path) -> Path:
     return plain
 
 
-def open_file(gmsh: Any, path: Path, parameters: Mapping[str, Parameter]) -> None:
+def open_file(gmsh: Gmsh, path: Path, parameters: Mapping[str, Parameter]) -> None:
     """Put the file's geometry, or its mesh, into the current model.
 
     Raises:
@@ -62,7 +62,7 @@ def open_file(gmsh: Any, path: Path, parameters: Mapping[str, Parameter]) -> Non
     complain(gmsh, path.parent)
 
 
-def complain(gmsh: Any, folder: Path | None = None) -> None:
+def complain(gmsh: Gmsh, folder: Path | None = None) -> None:
     """Raise gmsh's first error since its log was started, without the folder that the file lies in."""
     try:
         lines = gmsh.logger.get()
@@ -75,7 +75,7 @@ def complain(gmsh: Any, folder: Path | None = None) -> None:
         raise GeometryError(f"gmsh says: {errors[0].replace(f'{folder}/', '')}")
 
 
-def _build(gmsh: Any, path: Path, parameters: Mapping[str, Parameter]) -> None:
+def _build(gmsh: Gmsh, path: Path, parameters: Mapping[str, Parameter]) -> None:
     try:
         build = runpy.run_path(str(path)).get("build")
         if build is None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 
 from geometry.arrays import Array
 from geometry.errors import GeometryError
+from geometry.protocols import Gmsh
 from geometry.user_files.parts import FACET_WORD, Parts, nodes_at
 from geometry.user_files.raw_mesh import CORNERS, TYPES, RawMesh, read_raw_mesh
 
@@ -70,7 +70,7 @@ class Outline:
     side_of: dict[int, str]  # number of an entity -> its side
 
 
-def read_outline(gmsh: Any, dim: int, parts: Parts, unit: float) -> Outline:
+def read_outline(gmsh: Gmsh, dim: int, parts: Parts, unit: float) -> Outline:
     """Outline of the current model; meshes its facets coarsely if it has no mesh yet."""
     meshed = len(gmsh.model.mesh.getElementTypes(dim)) > 0
     raw = read_raw_mesh(gmsh, dim, parts) if meshed else None
@@ -114,7 +114,7 @@ def _outward_of_mesh(raw: RawMesh, side: str, unit: float) -> tuple[Array, Array
     return corners, normals * np.sign(away)[:, None]
 
 
-def _outward_of_cad(gmsh: Any, dim: int, side: str, parts: Parts, of: dict[int, Facets]) -> tuple[Array, Array]:
+def _outward_of_cad(gmsh: Gmsh, dim: int, side: str, parts: Parts, of: dict[int, Facets]) -> tuple[Array, Array]:
     """The same, told by the body's closed boundary: a step outward from a facet leads out of it."""
     body = side.split(".")[0]
     entities = [(dim, tag) for tag in parts.bodies[body]]
@@ -165,7 +165,7 @@ def _sample(corners: Array, normals: Array) -> tuple[Array, Array]:
     return points, outward
 
 
-def _mesh_facets(gmsh: Any, dim: int) -> None:
+def _mesh_facets(gmsh: Gmsh, dim: int) -> None:
     size = float(np.linalg.norm(np.ptp(np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)), axis=0)))
     for option in ("FromPoints", "ExtendFromBoundary"):
         gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
@@ -175,13 +175,13 @@ def _mesh_facets(gmsh: Any, dim: int) -> None:
     gmsh.model.mesh.generate(dim - 1)
 
 
-def _exact_size(gmsh: Any, dim: int, tag: int, unit: float) -> float | None:
+def _exact_size(gmsh: Gmsh, dim: int, tag: int, unit: float) -> float | None:
     if (dim, tag) not in gmsh.model.occ.getEntities(dim):
         return None
     return float(gmsh.model.occ.getMass(dim, tag)) * unit**dim
 
 
-def _corners(gmsh: Any, dim: int, tag: int) -> Array:
+def _corners(gmsh: Gmsh, dim: int, tag: int) -> Array:
     """Corners (f, k, 3) of an entity's elements; nothing if it has none or several kinds."""
     kinds, _, nodes = gmsh.model.mesh.getElements(dim, tag)
     if len(kinds) != 1:

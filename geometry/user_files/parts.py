@@ -6,12 +6,12 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from geometry.arrays import Array, Ints
 from geometry.errors import GeometryError, nearest
+from geometry.protocols import Gmsh
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 SIDE = re.compile(r"([a-z][a-z0-9_]*)\.[a-z][a-z0-9_]*")
@@ -29,7 +29,7 @@ class Parts:
     sides: dict[str, list[int]]
 
 
-def find_parts(gmsh: Any, dim: int, named_by_entity: bool, names: Mapping[str, Selection], unit: float) -> Parts:
+def find_parts(gmsh: Gmsh, dim: int, named_by_entity: bool, names: Mapping[str, Selection], unit: float) -> Parts:
     """Bodies and sides of the current model.
 
     Args:
@@ -49,7 +49,7 @@ def find_parts(gmsh: Any, dim: int, named_by_entity: bool, names: Mapping[str, S
     return Parts(bodies, sides)
 
 
-def _check_dimension(gmsh: Any, dim: int) -> None:
+def _check_dimension(gmsh: Gmsh, dim: int) -> None:
     if not gmsh.model.getEntities(dim):
         raise GeometryError(f"has no {CELL_WORD[dim]}s, and a {'3d' if dim == 3 else 'plane'} model is made of them")
     if dim == 2:
@@ -60,7 +60,7 @@ def _check_dimension(gmsh: Any, dim: int) -> None:
             raise GeometryError(f"lies at z = {x[0, 2]:g} to {x[1, 2]:g}, and a plane model lies at z = 0")
 
 
-def _by_group(gmsh: Any, dim: int, groups: list[tuple[str, int]]) -> dict[str, list[int]]:
+def _by_group(gmsh: Gmsh, dim: int, groups: list[tuple[str, int]]) -> dict[str, list[int]]:
     if not groups:
         raise GeometryError(f"names no body: a body is a physical group of {CELL_WORD[dim]}s with a name")
     bodies: dict[str, list[int]] = {}
@@ -78,13 +78,13 @@ def _by_group(gmsh: Any, dim: int, groups: list[tuple[str, int]]) -> dict[str, l
     return bodies
 
 
-def _by_entity_name(gmsh: Any, dim: int) -> dict[str, list[int]]:
+def _by_entity_name(gmsh: Gmsh, dim: int) -> dict[str, list[int]]:
     entities = [tag for _, tag in gmsh.model.getEntities(dim)]
     labels = _numbered(label(gmsh.model.getEntityName(dim, tag), "part") for tag in entities)
     return {name: [tag] for name, tag in zip(labels, entities, strict=True)}
 
 
-def _side_groups(gmsh: Any, dim: int, bodies: Mapping[str, list[int]]) -> dict[str, list[int]]:
+def _side_groups(gmsh: Gmsh, dim: int, bodies: Mapping[str, list[int]]) -> dict[str, list[int]]:
     sides: dict[str, list[int]] = {}
     for _, tag in gmsh.model.getPhysicalGroups(dim - 1):
         name = gmsh.model.getPhysicalName(dim - 1, tag)
@@ -95,7 +95,7 @@ def _side_groups(gmsh: Any, dim: int, bodies: Mapping[str, list[int]]) -> dict[s
     return sides
 
 
-def _sides_by_entity_name(gmsh: Any, dim: int, bodies: Mapping[str, list[int]]) -> dict[str, list[int]]:
+def _sides_by_entity_name(gmsh: Gmsh, dim: int, bodies: Mapping[str, list[int]]) -> dict[str, list[int]]:
     """Named facets of CAD, each a side of the body that it bounds."""
     found: list[tuple[str, int]] = []
     for body, (entity,) in bodies.items():
@@ -137,7 +137,7 @@ def _numbered(names: Iterable[str]) -> list[str]:
 
 
 def _add_side(
-    gmsh: Any, dim: int, bodies: Mapping[str, list[int]], sides: dict[str, list[int]], name: str, entities: list[int]
+    gmsh: Gmsh, dim: int, bodies: Mapping[str, list[int]], sides: dict[str, list[int]], name: str, entities: list[int]
 ) -> None:
     match = SIDE.fullmatch(name)
     if match is None:
@@ -154,7 +154,7 @@ def _add_side(
     sides[name] = entities
 
 
-def _select(gmsh: Any, dim: int, name: str, selection: Selection, unit: float) -> list[int]:
+def _select(gmsh: Gmsh, dim: int, name: str, selection: Selection, unit: float) -> list[int]:
     word, known = FACET_WORD[dim], [int(tag) for _, tag in gmsh.model.getEntities(dim - 1)]
     key = f'names."{name}"'
     if isinstance(selection, Mapping):
@@ -180,7 +180,7 @@ def _select(gmsh: Any, dim: int, name: str, selection: Selection, unit: float) -
     return sorted(set(found))
 
 
-def _points_on(gmsh: Any, dim: int, tag: int) -> Array:
+def _points_on(gmsh: Gmsh, dim: int, tag: int) -> Array:
     """Points (n, 3) of an entity: gmsh's own boxes hold the control points of curved faces too."""
     rows = [np.asarray(nodes, np.int64) for nodes in gmsh.model.mesh.getElements(dim, tag)[2]]
     if rows:
@@ -196,7 +196,7 @@ def _points_on(gmsh: Any, dim: int, tag: int) -> Array:
     return np.concatenate([np.zeros((0, 3)), *found])
 
 
-def nodes_at(gmsh: Any, dim: int, tag: int, numbers: Ints) -> Array:
+def nodes_at(gmsh: Gmsh, dim: int, tag: int, numbers: Ints) -> Array:
     """Coordinates (..., 3) of nodes of an entity's elements; a file may keep them in any other entity."""
     known, x, _ = gmsh.model.mesh.getNodes(dim, tag, includeBoundary=True)
     if not np.isin(numbers, known).all():

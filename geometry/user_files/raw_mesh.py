@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from geometry.arrays import Array, Ints
 from geometry.errors import GeometryError
+from geometry.protocols import Gmsh
 from geometry.user_files.parts import CELL_WORD, Parts
 
 # gmsh's element types: (cell, facet), of order 1 and 2
@@ -34,7 +34,7 @@ class RawMesh:
     cells: dict[str, Ints]  # body -> rows of nodes
     facets: dict[str, Ints]  # side -> rows of nodes
 
-    def put(self, gmsh: Any) -> None:
+    def put(self, gmsh: Gmsh) -> None:
         """Into the current gmsh model, with its names."""
         tags = np.arange(1, len(self.points) + 1)
         for dim, kind, blocks in ((self.dim, self.kind, self.cells), (self.dim - 1, TYPES[self.kind], self.facets)):
@@ -57,7 +57,7 @@ class RawMesh:
         return np.asarray(owner[place.ravel()])
 
 
-def read_raw_mesh(gmsh: Any, dim: int, parts: Parts) -> RawMesh:
+def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts) -> RawMesh:
     """Cells and facets of the current model's mesh.
 
     Raises:
@@ -90,7 +90,7 @@ def read_raw_mesh(gmsh: Any, dim: int, parts: Parts) -> RawMesh:
     )  # fmt: skip
 
 
-def _only_kind(gmsh: Any, dim: int) -> int:
+def _only_kind(gmsh: Gmsh, dim: int) -> int:
     kinds = [int(kind) for kind in gmsh.model.mesh.getElementTypes(dim)]
     names = [gmsh.model.mesh.getElementProperties(kind)[0] for kind in kinds]
     if not kinds:
@@ -102,14 +102,14 @@ def _only_kind(gmsh: Any, dim: int) -> int:
     return kinds[0]
 
 
-def _rows(gmsh: Any, dim: int, entities: list[int], kind: int) -> Ints:
+def _rows(gmsh: Gmsh, dim: int, entities: list[int], kind: int) -> Ints:
     """Nodes (elements, k) of the entities' elements."""
     found = [gmsh.model.mesh.getElementsByType(kind, tag)[1] for tag in entities]
     count = gmsh.model.mesh.getElementProperties(kind)[3]
     return np.asarray(np.concatenate(found) if found else [], np.int64).reshape(-1, count)
 
 
-def _check_volumes(gmsh: Any, dim: int, kind: int, parts: Parts) -> None:
+def _check_volumes(gmsh: Gmsh, dim: int, kind: int, parts: Parts) -> None:
     """Jacobians at the nodes: not zero, and of one sign in a body (in space: positive)."""
     local = gmsh.model.mesh.getElementProperties(kind)[4]
     at = np.zeros((len(local) // dim, 3))

@@ -12,6 +12,7 @@ from typing import Any
 
 from geometry.errors import StickslipError
 from geometry.mesh.gmsh_session import gmsh_session
+from geometry.protocols import Gmsh
 from geometry.user_files.meshing import mesh_parts
 from geometry.user_files.opening import Parameter, kind_of, open_file, unpacked
 from geometry.user_files.outline import Outline, read_outline
@@ -47,7 +48,7 @@ def setting_words(question: Question) -> list[str]:
     return [word for name, value in question.parameters.items() for word in ("-setnumber", name, repr(value))]
 
 
-def read_parts(gmsh: Any, question: Question) -> Parts:
+def read_parts(gmsh: Gmsh, question: Question) -> Parts:
     """Open the file in the current model and find its bodies and sides."""
     with tempfile.TemporaryDirectory(prefix="stickslip-") as folder:
         open_file(gmsh, unpacked(question.path, Path(folder)), question.parameters)

@@ -14,6 +14,7 @@ import numpy as np
 from geometry.arrays import Array
 from geometry.errors import GeometryError, SceneError, nearest, require
 from geometry.keys import Key, Noun
+from geometry.protocols import Gmsh
 from geometry.shape import Model, Request, Shape
 from geometry.user_files.asking import ask
 from geometry.user_files.opening import KINDS, Parameter, kind_of
@@ -139,7 +140,7 @@ class UserFile(Noun, Shape):
             raise SceneError(f"mesh_size: there is none to refine, {own}")
         return replace(self, mesh_size=factor * size, contact_mesh_size=None if fine is None else factor * fine)
 
-    def put(self, gmsh: Any, request: Request) -> float:
+    def put(self, gmsh: Gmsh, request: Request) -> float:
         unit = self.unit
         wanted = {
             "size": None if self.mesh_size is None else self.mesh_size / unit,
