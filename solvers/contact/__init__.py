@@ -1,1 +1,1 @@
-"""Contact rows: nodal displacements to relative displacement at contact points, and the admissible set of tractions."""
+"""Contact operators: rows from nodal to relative displacement, and the admissible set of tractions."""

@@ -1,1 +1,1 @@
-"""Linear algebra without contact: conjugate gradients, multigrid, Cholesky factors, GMRES."""
+"""Linear algebra that knows no contact: conjugate gradients, multigrid, Cholesky factors, GMRES."""

@@ -1,1 +1,1 @@
-"""What ranks share: gathering, replicated entries, serialisation, counters of work, memory."""
+"""What MPI ranks share: gather, replicate, serialise; counters of work, memory in use."""
