@@ -1,1 +1,1 @@
-"""Solution methods, one file a method; all of them meet the bodies through `SurfaceProblem` only."""
+"""Solution methods, one file each; all but the smoothed one see the bodies only through `SurfaceProblem`."""

@@ -43,8 +43,12 @@ def read(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
         source: path of a TOML file, or the name of a ready scene.
         overrides: `KEY=VALUE` with a dotted key and a TOML value, as `--set` takes them.
 
+    Returns:
+        The scene: frozen, checked, with every default filled in; nothing is meshed.
+
     Raises:
-        SceneError: anything that the file or its values get wrong, in one line.
+        SceneError: the file, a key or a value is wrong; one line names it and what is expected.
+        GeometryError: the geometry's file is wrong.
     """
     path, data = _load(source, overrides)
     with named(path):

@@ -1,4 +1,4 @@
-"""The slip tangent of the perturbed Lagrangian by GMRES with incomplete LU, side by side with MUMPS."""
+"""The slip tangent of the perturbed Lagrangian, solved by GMRES with incomplete LU and by MUMPS."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ def tangent(dim: int, n: int, mu: float, omega_factor: float) -> list[Row]:
 
 
 def _solved(row: Row, K: Any, force: Any) -> Iterator[Row]:
-    """A row for each solver; the first one, MUMPS, tells of the matrix too."""
+    """One row for each solver; the first one, MUMPS, also has the data of the matrix."""
     x = mumps(K, force).x
-    b = K @ x  # so that x is known
+    b = K @ x  # the exact x is known
     direct = mumps(K, b)
     matrix = {"dofs": K.shape[0], "unsymmetry": unsymmetry(K), "condition": condition(K)}
     yield row | matrix | _told(DIRECT, direct, x, direct)
@@ -60,7 +60,7 @@ def _solved(row: Row, K: Any, force: Any) -> Iterator[Row]:
 
 
 def _told(name: str, solve: Solve, x: Any, direct: Solve) -> Row:
-    """Its error is that of the solution; seconds are those of MUMPS in the same process, times `ratio`."""
+    """One row: error of the solution; seconds are those of MUMPS in the same process, times `ratio`."""
     done = solve.ended == "converged"
     off = float(np.linalg.norm(solve.x - x) / np.linalg.norm(x)) if done or name == DIRECT else None
     return {
