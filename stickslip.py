@@ -36,12 +36,13 @@ from solvers.laws.friction import Coulomb, Stick, Tresca
 from solvers.laws.tangential_compliance import TangentialCompliance
 from solvers.laws.tied import Tied
 from solvers.laws.unilateral import Unilateral
+from solvers.methods import Solver
 from solvers.results.step_result import StepResult
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
-from solvers.scene.settings import Output, Probe, Solver, Steps
+from solvers.scene.settings import Output, Probe, Steps
 from solvers.simulation.script import Script
 from solvers.simulation.simulation import prepare
 from workflows.run.run import run

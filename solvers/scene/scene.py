@@ -17,7 +17,6 @@ from geometry.obstacles import Obstacle
 from geometry.shape import Model, Request
 from geometry.user_files.user_file import UserFile
 from solvers.effects import EFFECTS
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
@@ -42,7 +41,7 @@ class Scene(Noun):
     loads: Mapping[str, Load] = field(default_factory=dict)
     probes: Mapping[str, Probe] = field(default_factory=dict)
     steps: Steps = Steps()
-    solver: Solver = Solver()
+    solver: Solver = field(default_factory=Solver.default)
     output: Output = Output()
     exact: Exact = Exact()
     sections: Mapping[str, Any] = field(default_factory=dict)
@@ -51,9 +50,6 @@ class Scene(Noun):
         self._check_names()
         self._check_dimensions()
         self._check_references()
-        require(
-            self.solver.method in METHODS, "solver.method", self.solver.method, nearest(self.solver.method, METHODS)
-        )
         self.exact.check(self.quantities())
         for effect in EFFECTS:
             if effect.name in self.sections:

@@ -8,7 +8,6 @@ import numpy as np
 
 from geometry.errors import SceneError
 from solvers.effects import EFFECTS
-from solvers.effects.effect import Effect
 from solvers.scene.scene import Scene
 from solvers.simulation.applicable import refuse_method
 from solvers.simulation.held import free_motions
@@ -25,11 +24,6 @@ class PlanRow:
     effect: str
     on: bool
     because: str
-
-
-def active_effects(scene: Scene) -> tuple[Effect, ...]:
-    """Effects that the scene switches on."""
-    return tuple(effect for effect in EFFECTS if effect.because(scene))
 
 
 def make_plan(scene: Scene) -> tuple[PlanRow, ...]:

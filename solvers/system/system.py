@@ -23,6 +23,7 @@ from solvers.contact.build import build_rows
 from solvers.contact.operators import OPERATORS
 from solvers.contact.rigid_obstacle import rigid_coupling
 from solvers.contact.rows import ContactRows
+from solvers.effects import EFFECTS
 from solvers.fem.constraints import AXES, Constraints
 from solvers.fem.forms import WeakForms
 from solvers.fem.rigid_modes import Lifting
@@ -32,7 +33,6 @@ from solvers.parallel.replicated import Replicated
 from solvers.scene.contact import Contact
 from solvers.scene.course import Course, Drive
 from solvers.scene.scene import Scene
-from solvers.simulation.plan import active_effects
 
 
 def free_stiffness(K: Any, T: Any, constraints: Constraints) -> Any:
@@ -296,7 +296,7 @@ def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
         raise SceneError("supports: prescribe every displacement of the mesh; nothing is left to solve")
     for time in scene.requested_times():
         constraints.prescribed(time)  # contradictions between supports show here, before any solve
-    loads = weak.loads() + [form for effect in active_effects(scene) for form in effect.loads(scene, weak)]
+    loads = weak.loads() + [form for effect in EFFECTS if effect.because(scene) for form in effect.loads(scene, weak)]
     contacts = contact_rows(scene, mesh, space, nodes, constraints)
     counters.searches += sum(1 for c in contacts if c.master)
     return System(
