@@ -6,7 +6,7 @@ floating body.
 
 from __future__ import annotations
 
-from typing import Any, overload
+from typing import Any, Literal, overload
 
 import numpy as np
 from scipy import sparse
@@ -18,8 +18,9 @@ from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from solvers.interface.schur_complement import CondensedSurface
-from solvers.stepping.choice import Form
 from solvers.system.system import System
+
+Form = Literal["condensed", "matrix-free"]  # of the bodies
 
 
 def prepare_volume(system: System, form: Form) -> FactorisedVolume | IterativeVolume:

@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose
 
 from geometry.errors import MachineError
 from solvers.interface.coarse_mesh import CoarseMesh
-from solvers.methods.surface_uzawa import SurfaceUzawa
+from solvers.methods import Solver
+from solvers.methods.surface_uzawa import LearningIteration
 from solvers.newton.solution import Solution, Status
 from solvers.scene.scene import Scene
-from solvers.scene.settings import Solver
 from solvers.simulation.simulation import Simulation
 from solvers.stepping.choice import Size, Stage, chosen
 from solvers.stepping.stepper import StepError
@@ -45,12 +45,12 @@ def forces(simulation: Simulation) -> list[Any]:
 
 def hasten(monkeypatch: pytest.MonkeyPatch) -> None:
     """surface-uzawa gives up soon."""
-    whole = SurfaceUzawa.__call__
+    whole = LearningIteration.__call__
 
-    def short(self: SurfaceUzawa, *arguments: Any) -> Solution:
+    def short(self: LearningIteration, *arguments: Any) -> Solution:
         return whole(replace(self, max_it=FEW), *arguments)
 
-    monkeypatch.setattr(SurfaceUzawa, "__call__", short)
+    monkeypatch.setattr(LearningIteration, "__call__", short)
 
 
 def test_methods_that_fail_hand_the_step_on(

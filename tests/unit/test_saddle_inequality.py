@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from solvers.contact.admissible_set import ContactBlock
-from solvers.scene.applicability import METHODS
+from solvers.methods import METHODS, Solver
 from solvers.scene.scene import Scene
-from solvers.scene.settings import Solver
 from solvers.simulation.simulation import Simulation, prepare
 from solvers.stepping.stepper import Accepted
 from solvers.stepping.update import relative_displacement
