@@ -27,7 +27,7 @@ def prepare_volume(system: System, form: Form) -> FactorisedVolume | IterativeVo
     """The bodies in that form; collective."""
     if form == "matrix-free":
         return IterativeVolume(system)
-    return FactorisedVolume(system.K_B, system.contact_dofs, system.counters)
+    return FactorisedVolume(system.K_B, system.interface.dofs, system.counters)
 
 
 @overload
@@ -38,8 +38,8 @@ def prepare_surface(system: System, volume: IterativeVolume) -> MatrixFreeSurfac
 def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) -> DelassusOperator: ...
 def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) -> DelassusOperator:
     """Stack all contacts: normal rows first, then tangential rows."""
-    contacts, c = system.contacts, len(system.contact_dofs)
-    traces = [system.trace(rows) for rows in contacts]
+    contacts, c = system.contacts, len(system.interface.dofs)
+    traces = [system.interface.trace(rows) for rows in contacts]
     normal = [rows.N_n @ trace for rows, trace in zip(contacts, traces, strict=True)]
     tangential = [rows.N_t @ trace for rows, trace in zip(contacts, traces, strict=True)]
     count = len(system.obstacles.driven)
@@ -57,7 +57,7 @@ def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) 
             format="csr",
         ),
         W=np.concatenate([np.zeros(0), *weights]),
-        R=block_diag(system.rigid_modes, np.eye(count)),
+        R=block_diag(system.interface.rigid_modes, np.eye(count)),
         driven=count,
         normal_rows=sum(block.shape[0] for block in normal),
     )

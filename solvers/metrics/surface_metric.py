@@ -32,7 +32,7 @@ class ContactLayer:
             system: the assembled scene.
             cells: thickness of the layer, in cells.
         """
-        contact = np.asarray(system.contact_dofs, PETSc.IntType)
+        contact = np.asarray(system.interface.dofs, PETSc.IntType)
         layer = PETSc.IS().createGeneral(contact, comm=PETSc.COMM_SELF)
         system.K_B.increaseOverlap(layer, cells)
         layer.sort()
@@ -41,7 +41,7 @@ class ContactLayer:
         self._at = np.searchsorted(layer.getIndices(), contact)
         K = sparse.csr_matrix((data, indices, indptr), shape=cut.getSize())
         springs = np.zeros(K.shape[0])
-        if len(springs) and system.rigid_modes.shape[1]:
+        if len(springs) and system.interface.rigid_modes.shape[1]:
             springs[self._at] = BED * K.diagonal()[self._at]
         self._factor = SparseCholesky(K + sparse.diags(springs))
         self._size = K.shape[0]
@@ -122,7 +122,7 @@ class SurfaceMetric:
 
 def surface_metric(system: System) -> SurfaceMetric:
     """The metric of a scene's contact sides; collective."""
-    c, d = len(system.contact_dofs), system.mesh.dim
+    c, d = len(system.interface.dofs), system.mesh.dim
     L, sums = sparse.csr_matrix((c, c)), np.zeros((3, c))
     for name, side, onto in contact_sides(system):
         mass, (depth, compliance) = surface_mass(side), _depth_and_compliance(system, name, side)

@@ -133,7 +133,7 @@ def test_the_size_is_that_of_what_is_assembled(scene_of: SceneOf, system_of: Cal
     system = system_of(scene_of(2, {"cells": "tensor", "mesh_size": 0.05}, contacts=BASE))
     size = Size.of(system.mesh, system.constraints, system.contacts)
     assert (size.dim, size.dofs, size.ranks) == (2, system.K_B.size[0], 1)
-    assert size.contact_dofs == len(system.contact_dofs)
+    assert size.contact_dofs == len(system.interface.dofs)
     assert size.entries == pytest.approx(system.K_B.getInfo()["nz_used"], rel=0.1)  # fewer at the boundary
 
 
@@ -142,7 +142,7 @@ def test_the_coarse_mesh_has_fewer_dofs(system_of: Callable[[Scene], System]) ->
     coarse = CoarseMesh.beside(fine)
     assert coarse is not None
     assert coarse.system.constraints.free_total < fine.constraints.free_total / 2
-    forces, displacements = coarse.smooth_responses(fine, np.zeros((len(fine.contact_dofs), 0)), 1.0)
+    forces, displacements = coarse.smooth_responses(fine, np.zeros((len(fine.interface.dofs), 0)), 1.0)
     assert forces.shape == displacements.shape
     acting = forces.any(axis=0)  # a flat surface has nothing across
     assert acting.any()

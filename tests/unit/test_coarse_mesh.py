@@ -33,7 +33,7 @@ def block(scene_of: SceneOf, dim: int, n: int, floating: bool = False) -> Scene:
 
 
 def condensed(system: System) -> CondensedSurface:
-    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.contact_dofs, Counters()))
+    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.interface.dofs, Counters()))
     assert isinstance(surface, CondensedSurface)
     return surface
 

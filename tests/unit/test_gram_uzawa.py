@@ -94,7 +94,7 @@ def test_the_diagonal_is_raised_where_a_pivot_fails() -> None:
 def test_the_complete_block_is_the_schur_complement_of_the_gram_matrix(dim: int) -> None:
     """By MUMPS, by our own factor in the order that puts contact last, and by definition: S^-1 = (Gamma^-1)_cc."""
     system = study.block(4, dim=dim)
-    matrix, contact = volume_gram(system, 1.0), system.contact_dofs
+    matrix, contact = volume_gram(system, 1.0), system.interface.dofs
     whole, order = contact_last(matrix, contact)
     assert (order[-len(contact) :] == contact).all()
     found = volume_block(system, study.METRE)
