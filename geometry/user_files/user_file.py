@@ -43,7 +43,7 @@ class Box(Noun):
 
 @dataclass(frozen=True, kw_only=True)
 class UserFile(Noun, Shape):
-    """A user's file. In a scene, keys that are no fields here are parameters of a .geo or .py file."""
+    """A user's file; all other keys are parameters of a .geo or .py file."""
 
     file: Annotated[str, Key("-", ".geo, .step, .brep, .msh or .py (or any of these .gz), relative to the scene file")]
     length_unit: Annotated[
