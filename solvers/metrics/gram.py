@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Bools, Ints
-from geometry.surfaces.forms import consistent_mass, surface_stiffness
+from geometry.surfaces.forms import surface_product, surface_stiffness
 from solvers.contact.admissible_set import AdmissibleSet
 from solvers.contact.rows import ContactRows
 from solvers.interface.factorised import Volume
@@ -123,7 +123,7 @@ def multiplier_gram(cone: AdmissibleSet, length: float) -> Any:
 def _side_gram(c: ContactRows, share: Any, length: float) -> Any:
     """Of one contact's points, `share` (m, n) the nodes that each stands for."""
     side = c.surface
-    product = surface_stiffness(side) + consistent_mass(side) / length**2
+    product = surface_stiffness(side) + surface_product(side) / length**2
     basis = share @ side.forces_transform
     return basis @ product @ basis.T
 
