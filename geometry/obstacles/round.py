@@ -1,4 +1,4 @@
-"""Base of cylinder and sphere: a surface at a constant distance from an axis or centre, seen from either side."""
+"""Base of cylinder and sphere: a surface at a constant distance from a core (axis or centre), outside or inside."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from geometry.builders import Builder
 from geometry.errors import FolderError, GeometryError, SceneError, nearest
 from geometry.keys import Choice
 from geometry.shape import Model
-from geometry.user_files.opening import kind_of
+from geometry.user_files.open_file import kind_of
 from geometry.user_files.user_file import WITH_PARAMETERS, UserFile
 from solvers.effects import EFFECTS
 from solvers.methods import Solver
