@@ -133,9 +133,9 @@ from solvers.scene.contact import Contact
 from solvers.scene.gram import Gram
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
+from solvers.scene.problem import PlanRow
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Exact, Output, Probe, Solver, Steps
-from solvers.simulation.plan import PlanRow
 from solvers.simulation.script import Script
 from solvers.simulation.simulation import Seconds, Simulation, prepare
 from solvers.stepping.history import HistoryRow

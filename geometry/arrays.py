@@ -1,4 +1,4 @@
-"""Names of array types: one place for all packages."""
+"""Array types that all packages use in signatures."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The one file that knows how dolfinx's calls differ between versions (0.5.2 of Debian 12, 0.9 of Debian 13, 0.11).
+"""Calls of dolfinx that differ between its versions (0.5.2 of Debian 12, 0.9 of Debian 13, 0.11), and of basix.
 
-Import this instead of dolfinx, and before anything that loads a shared library of its own.
+Other files import this one instead of dolfinx, and before anything else that loads a shared library.
 """
 
 from __future__ import annotations
@@ -19,6 +19,18 @@ import ufl
 from dolfinx import cpp, fem, mesh
 
 from geometry.arrays import Array, Ints
+from geometry.protocols import (
+    Comm,
+    CompiledForm,
+    DolfinxMesh,
+    Function,
+    FunctionSpace,
+    Mat,
+    MeshTags,
+    UflExpr,
+    UflForm,
+    Vec,
+)
 
 _flags = sys.getdlopenflags()
 
@@ -30,10 +42,10 @@ VERSION = tuple(int(part) for part in DOLFINX.split(".")[:2])
 OLD = VERSION < (0, 6)
 
 
-def stable(domain: Any) -> Any:
-    """The mesh itself, with the coordinate element that ffcx would swap in at the first compile (0.5.2).
+def with_compiled_coordinate_element(domain: Any) -> Any:
+    """The mesh itself, with the coordinate element that ffcx 0.5.2 puts in its place when it compiles the first form.
 
-    Without this, later forms get other cache keys and every run compiles one more.
+    Without this, forms compiled later have other cache keys, and every run compiles one form again.
     """
     if OLD:
         ufl_domain = domain.ufl_domain()
@@ -46,8 +58,8 @@ def stable(domain: Any) -> Any:
     return domain
 
 
-def model_to_mesh(model: Any, comm: Any, dim: int) -> tuple[Any, Any, Any]:
-    """gmsh model on rank 0 to (mesh, cell tags, facet tags) on all ranks."""
+def model_to_mesh(model: Any, comm: Comm, dim: int) -> tuple[DolfinxMesh, MeshTags, MeshTags]:
+    """Distribute a gmsh model, given on rank 0 (None elsewhere): mesh, cell tags and facet tags; collective."""
     if VERSION >= (0, 10):
         from dolfinx.io import gmsh as gmsh_io
 
@@ -56,43 +68,47 @@ def model_to_mesh(model: Any, comm: Any, dim: int) -> tuple[Any, Any, Any]:
     from dolfinx.io import gmshio
 
     domain, cells, facets = gmshio.model_to_mesh(model, comm, 0, gdim=dim)[:3]
-    return stable(domain), cells, facets
+    return with_compiled_coordinate_element(domain), cells, facets
 
 
-def vector_space(domain: Any, degree: int) -> Any:
+def vector_space(domain: DolfinxMesh, degree: int) -> FunctionSpace:
     """Continuous Lagrange space of vectors with as many components as the mesh has dimensions."""
+    space: FunctionSpace
     if hasattr(fem, "functionspace"):
-        return fem.functionspace(domain, ("Lagrange", degree, (domain.geometry.dim,)))
-    return fem.VectorFunctionSpace(stable(domain), ("Lagrange", degree))
+        space = fem.functionspace(domain, ("Lagrange", degree, (domain.geometry.dim,)))
+    else:
+        space = fem.VectorFunctionSpace(with_compiled_coordinate_element(domain), ("Lagrange", degree))
+    return space
 
 
-def petsc_vector(function: Any) -> Any:
-    """PETSc vector that shares the function's memory."""
-    return function.x.petsc_vec if hasattr(function.x, "petsc_vec") else function.vector
+def petsc_vector(function: Function) -> Vec:
+    """PETSc vector that shares the memory of the function's coefficients."""
+    vector: Vec = function.x.petsc_vec if hasattr(function.x, "petsc_vec") else function.vector  # type: ignore[attr-defined]
+    return vector
 
 
 def _rows(table: Any) -> Ints:
     return np.asarray(table.array.reshape(-1, table.links(0).size) if hasattr(table, "links") else table)
 
 
-def cell_dofs(space: Any) -> Ints:
-    """(cells, dofs a cell), numbers of blocks."""
+def cell_dofs(space: FunctionSpace) -> Ints:
+    """Local block numbers (cells, k) of each cell's k nodes; a block holds the components at a node."""
     return _rows(space.dofmap.list)
 
 
-def cell_nodes(domain: Any) -> Ints:
-    """(cells, geometry nodes a cell)."""
+def cell_nodes(domain: DolfinxMesh) -> Ints:
+    """Rows (cells, k) of `domain.geometry.x`: each cell's k geometry nodes."""
     return _rows(domain.geometry.dofmap)
 
 
-def facet_dofs(space: Any, local_facet: int) -> Ints:
-    """Cell-local dofs on a facet of the reference cell."""
+def facet_dofs(space: FunctionSpace, local_facet: int) -> Ints:
+    """Cell-local numbers of the dofs on a facet of the reference cell, with those on its boundary."""
     dim = space.mesh.topology.dim
     return np.asarray(space.dofmap.dof_layout.entity_closure_dofs(dim - 1, local_facet))
 
 
-def facet_cells(domain: Any, facets: Ints) -> Ints:
-    """(cell, local facet) rows of exterior facets."""
+def facet_cells(domain: DolfinxMesh, facets: Ints) -> Ints:
+    """Rows (f, 2) of cell and local facet, of exterior facets (f,)."""
     dim = domain.topology.dim
     domain.topology.create_connectivity(dim - 1, dim)
     domain.topology.create_connectivity(dim, dim - 1)
@@ -102,38 +118,42 @@ def facet_cells(domain: Any, facets: Ints) -> Ints:
     return np.stack([cells, np.argmax(around == np.reshape(facets, (-1, 1)), axis=1)], axis=1)
 
 
-def compile_form(form: Any) -> Any:
-    """Compile or load from the cache; the lock waits long enough for tests that run side by side."""
+def compile_form(form: UflForm) -> CompiledForm:
+    """Compile a form, or load it from the cache; collective.
+
+    Waits up to 600 s while another process compiles the same form.
+    """
     options = {"timeout": 600}
-    return fem.form(form, jit_params=options) if OLD else fem.form(form, jit_options=options)
+    compiled: CompiledForm = fem.form(form, jit_params=options) if OLD else fem.form(form, jit_options=options)
+    return compiled
 
 
 def form_cache() -> Path:
-    """Folder of the compiled forms."""
+    """Folder in which compiled forms are cached."""
     jit = dolfinx.jit
     return Path((jit.get_parameters() if hasattr(jit, "get_parameters") else jit.get_options())["cache_dir"])
 
 
-def assemble_matrix(form: Any) -> Any:
-    """Assembled PETSc matrix of a compiled bilinear form, no boundary conditions."""
-    matrix = fem.petsc.assemble_matrix(form)
+def assemble_matrix(form: CompiledForm) -> Mat:
+    """PETSc matrix of a compiled bilinear form, without boundary conditions; collective."""
+    matrix: Mat = fem.petsc.assemble_matrix(form)
     matrix.assemble()
     return matrix
 
 
-def assemble_vector(form: Any) -> Any:
-    """Assembled PETSc vector of a compiled linear form, ghosts added to their owners."""
+def assemble_vector(form: CompiledForm) -> Vec:
+    """PETSc vector of a compiled linear form, ghost values added to those of their owners; collective."""
     from petsc4py import PETSc
 
-    vector = fem.petsc.assemble_vector(form)
+    vector: Vec = fem.petsc.assemble_vector(form)
     vector.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
     return vector
 
 
 class CellExpression:
-    """A UFL expression compiled at reference `points` (q, d) of the cells."""
+    """A UFL expression, compiled to be evaluated at reference `points` (q, d) of cells."""
 
-    def __init__(self, expression: Any, points: Array, domain: Any) -> None:
+    def __init__(self, expression: UflExpr, points: Array, domain: DolfinxMesh) -> None:
         options = {"timeout": 600}
         self._domain = domain
         self._shape = (len(points), int(np.prod(expression.ufl_shape, initial=1)))
@@ -143,16 +163,23 @@ class CellExpression:
             self._compiled = fem.Expression(expression, points, jit_options=options)
 
     def __call__(self, cells: Ints) -> Array:
-        """Values (cells, q, components)."""
+        """Values (c, q, components) on cells (c,)."""
         numbers = np.asarray(cells, np.int32)
         values = self._compiled.eval(numbers) if OLD else self._compiled.eval(self._domain, numbers)
         return np.asarray(values).reshape(len(cells), *self._shape)
 
 
-def find_cell(domain: Any, degree: int, point: Array, slack: float) -> tuple[int, Array] | None:
-    """An owned cell that holds `point` (d,), with the values of its basis there; None if there is none.
+def find_cell(domain: DolfinxMesh, degree: int, point: Array, slack: float) -> tuple[int, Array] | None:
+    """Find the owned cell that contains a point.
 
-    Of several cells the one that comes first in the gmsh model, so that the ranks agree.
+    Args:
+        degree: of the geometry.
+        point: (d,) [m].
+        slack: distance by which the point may miss the cell [m].
+
+    Returns:
+        Local number of the cell and values of its basis at the point (k,); None if this rank owns no such cell. Of
+        several cells it is the first one of the gmsh model, so that the result does not depend on the ranks.
     """
     dim = domain.topology.dim
     owned = domain.topology.index_map(dim).size_local
@@ -172,7 +199,7 @@ def find_cell(domain: Any, degree: int, point: Array, slack: float) -> tuple[int
 
 
 def _pull_back(shape: str, degree: int, nodes: Array, point: Array) -> Array:
-    """Reference coordinates (d,) by Newton; exact after one step on straight simplices."""
+    """Reference coordinates (d,) of a point by Newton's method; one step is exact on straight simplices."""
     local = np.full(len(point), 1 / 3)
     for _ in range(30):
         basis, gradient = reference_basis(shape, degree, local[None])
@@ -187,13 +214,13 @@ def _pull_back(shape: str, degree: int, nodes: Array, point: Array) -> Array:
 
 
 def reference_rule(shape: str, degree: int) -> tuple[Array, Array]:
-    """Gauss points (q, k) and weights (q,) of a reference interval, triangle or quadrilateral."""
+    """Quadrature points (q, k) and weights (q,) of a reference interval, triangle or quadrilateral."""
     points, weights = basix.make_quadrature(getattr(basix.CellType, shape), degree)
     return np.asarray(points), np.asarray(weights)
 
 
 def reference_basis(shape: str, degree: int, points: Array) -> tuple[Array, Array]:
-    """Lagrange basis (q, n) and its gradient (k, q, n) on a reference cell, in dolfinx's order of nodes."""
+    """Lagrange basis (q, n) and its gradient (k, q, n) at points (q, k) of a reference cell, in dolfinx's order."""
     element = basix.create_element(
         basix.ElementFamily.P, getattr(basix.CellType, shape), degree, basix.LagrangeVariant.gll_warped
     )
@@ -203,15 +230,15 @@ def reference_basis(shape: str, degree: int, points: Array) -> tuple[Array, Arra
 
 
 def reference_nodes(shape: str, degree: int) -> Array:
-    """Nodes (n, k) of a reference cell in dolfinx's order."""
+    """Nodes (n, k) of a reference cell, in dolfinx's order."""
     element = basix.create_element(
         basix.ElementFamily.P, getattr(basix.CellType, shape), degree, basix.LagrangeVariant.gll_warped
     )
     return np.asarray(element.points)
 
 
-def midpoint(domain: Any) -> Array:
-    """Midpoint of the reference cell (1, d)."""
+def midpoint(domain: DolfinxMesh) -> Array:
+    """Midpoint (1, d) of the reference cell of the mesh."""
     shape = domain.topology.cell_type
     corners = np.asarray(basix.geometry(getattr(basix.CellType, shape.name)))
     return np.asarray(corners.mean(axis=0, keepdims=True))

@@ -1,4 +1,4 @@
-"""What can go wrong, by whose doing: the scene, the geometry, the solver or the machine."""
+"""Errors that a user meets, by their cause: the scene, the geometry, the solver or the machine."""
 
 from __future__ import annotations
 
@@ -7,45 +7,50 @@ from collections.abc import Iterable
 
 
 class StickslipError(Exception):
-    """Base of every error that a user meets; its text is one line."""
+    """Base of every error that a user meets; its text is one line, its exit code is that of the command line."""
 
     exit_code = 1
 
 
 class SceneError(StickslipError, ValueError):
-    """A scene asks for something impossible; the text names the key, the value and a way out."""
+    """The scene asks for something impossible; the text names the key, the value and what is possible instead."""
 
     exit_code = 2
 
 
 class FolderError(SceneError):
-    """The results cannot go where the user wants them."""
+    """The results cannot be written to the folder that the user names."""
 
 
 class GeometryError(StickslipError):
-    """A shape or a mesh is not what the scene says."""
+    """A shape or a mesh cannot be made, or does not fit the scene."""
 
     exit_code = 2
 
 
 class SolverError(StickslipError):
-    """A step has no answer, or none was found."""
+    """A step has no solution, or the solver does not find it."""
 
     exit_code = 3
 
 
 class MachineError(StickslipError):
-    """Disk, memory or a library stand in the way."""
+    """The disk, the memory or a library fails."""
 
     exit_code = 4
 
 
 class DamagedError(MachineError):
-    """A file is cut short or not what was written; whoever can make it anew may."""
+    """A file is truncated, or its content is not what was written; a caller that can write it again may catch this."""
 
 
 def require(ok: bool, key: str, found: object, expected: str) -> None:
-    """Raise a SceneError in the scene's own words unless `ok`.
+    """Raise `SceneError("key = found: expected")` unless `ok`.
+
+    Args:
+        key: name of the scene key, as the user writes it.
+        found: its value.
+        expected: what is allowed, with the unit.
 
     >>> require(1 < 2, "mu", 0.3, "must not be negative")
     """
@@ -54,7 +59,7 @@ def require(ok: bool, key: str, found: object, expected: str) -> None:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """A hint that ends an error message: the nearest valid name, or all of them.
+    """Hint at the end of an error message: the valid name that is spelled most like `name`, or all valid names.
 
     >>> nearest("block.botom", ["block.bottom", "block.top"])
     'did you mean block.bottom?'

@@ -1,4 +1,4 @@
-"""What a scene key says about itself: its unit and meaning, and how one of several kinds is chosen."""
+"""Scene keys: the unit and meaning of each, and families of which a scene chooses one kind by a key."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ class Key:
 
 
 class Noun:
-    """Base of the frozen dataclasses that a scene is made of: unknown keys are refused."""
+    """Base of the frozen dataclasses that a scene is made of; keys that are no fields are refused."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
 
 class Choice(Noun):
-    """Base of a family told apart by one literal key (`builder`, `shape`, `law`).
+    """Base of a family of kinds, of which a scene chooses one by a literal key (`builder`, `shape`, `law`).
 
-    A direct subclass is the family; each subclass of it that declares the key is a kind, and defining it is all that
-    registers it. One that does not is what some kinds share.
+    A direct subclass is the family. A subclass of the family that declares the key as a field is a kind, and its
+    definition registers it. A subclass that does not declare the key is a base that several kinds share.
     """
 
-    tag: ClassVar[str]
-    kinds: ClassVar[list[type[Any]]]
+    tag: ClassVar[str]  # name of the key
+    kinds: ClassVar[list[type[Any]]]  # filled by the definitions of the kinds
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

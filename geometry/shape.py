@@ -1,19 +1,20 @@
-"""What a geometry answers, be it a builder or a user's file: its names before any mesh exists, and its gmsh model."""
+"""Interface of a geometry, builder or user's file: its names and sides before any mesh exists, and its gmsh model."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 from geometry.arrays import Array
+from geometry.protocols import Gmsh
 
 Model = Literal["plane strain", "plane stress", "axisymmetric", "3d"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What the scene wants of a mesh beyond the shape itself."""
+    """What the scene requires of a mesh beyond the shape itself; sides are named body.side."""
 
     model: Model
     contact_sides: tuple[str, ...] = ()  # sides to refine to `contact_mesh_size`
@@ -25,9 +26,9 @@ class Request:
 
 
 class Shape:
-    """A geometry, in metres. `dim` is the model's; a shape may mean different things in 2D and in 3D.
+    """A geometry, in metres. `dim` (2 or 3) is that of the model; a shape may differ in 2D and in 3D.
 
-    A shape that cannot be what the scene says raises a GeometryError or SceneError from any of these.
+    Any of these methods may raise a GeometryError or SceneError if the shape cannot be what the scene says.
     """
 
     @property
@@ -40,7 +41,7 @@ class Shape:
         raise NotImplementedError
 
     def check_model(self, model: Model) -> None:
-        """Refuse parameters that the model does not have, or lacks."""
+        """Raise SceneError for a parameter that the model does not have, or that it needs and that is missing."""
         raise NotImplementedError
 
     def box(self, dim: int) -> Array:
@@ -48,9 +49,9 @@ class Shape:
         raise NotImplementedError
 
     def sample(self, side: str, dim: int) -> tuple[Array, Array]:
-        """Points (k, d) [m] of a side (as body.side), with the unit outward normals there (k, d).
+        """Sample points (k, d) [m] of a side (named body.side) and the unit outward normals there (k, d).
 
-        Corners and extremes of the side are among them; opposite periodic sides list them in the same order.
+        They include the corners and extreme points of the side; opposite periodic sides list them in the same order.
         """
         raise NotImplementedError
 
@@ -58,14 +59,15 @@ class Shape:
         """The same shape with cells `factor` times as long.
 
         Raises:
-            SceneError: the scene says no size that could be changed.
+            SceneError: the scene has no mesh size that could be changed.
         """
         raise NotImplementedError
 
-    def put(self, gmsh: Any, request: Request) -> float:
+    def put(self, gmsh: Gmsh, request: Request) -> float:
         """Put the shape, its mesh sizes and its named physical groups into the current gmsh model, and mesh it.
 
-        Bodies are groups of cells, sides are groups of facets named body.side. Degree 1; the caller raises it.
+        Bodies are physical groups of cells, sides are groups of facets named body.side. The mesh may have degree 1;
+        the caller raises it to `degree`.
 
         Returns:
             Length of the gmsh model's unit [m].

@@ -12,7 +12,7 @@ import numpy as np
 from geometry.arrays import Array
 from geometry.builders.builder import Builder
 from geometry.errors import SceneError
-from geometry.mesh.mesh import put_shape
+from geometry.mesh.mesh import mesh_shape
 from geometry.shape import Model, Request
 from geometry.user_files.parts import Parts, find_parts
 from geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
@@ -52,7 +52,7 @@ class Part:
         slaves = tuple(own[side] for side in request.contact_sides if side in own)
         pairs = tuple((own[a], own[b]) for a, b in request.periodic if a in own and b in own)
         with _model_of_its_own(gmsh):
-            unit = put_shape(gmsh, self.shape, replace(request, contact_sides=slaves, periodic=pairs))
+            unit = mesh_shape(gmsh, self.shape, replace(request, contact_sides=slaves, periodic=pairs))
             found = find_parts(gmsh, dim, False, {}, unit)
             (cells,) = found.bodies.values()
             mesh = read_raw_mesh(gmsh, dim, Parts({name: cells}, {here: found.sides[own[here]] for here in own}))

@@ -1,4 +1,4 @@
-"""A gmsh of our own for a while: started, quiet, and ended however the work in it ends."""
+"""A gmsh session: initialised, without terminal output, and finalised even if the work in it fails."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import signal
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+
+from geometry.protocols import Gmsh
 
 
 @contextmanager
 def own_interrupt() -> Iterator[None]:
-    """gmsh takes Ctrl-C for itself: at its import, its start and its end."""
+    """Restore our handler of Ctrl-C: gmsh installs its own when it is imported, initialised and finalised."""
     handler = signal.getsignal(signal.SIGINT)
     try:
         yield
@@ -21,10 +22,13 @@ def own_interrupt() -> Iterator[None]:
 
 
 @contextmanager
-def gmsh_session(words: Sequence[str] = ()) -> Iterator[Any]:
-    """The gmsh module with an empty model; `words` are those of gmsh's command line. Not nested.
+def gmsh_session(words: Sequence[str] = ()) -> Iterator[Gmsh]:
+    """The initialised gmsh module with an empty model; sessions must not be nested.
 
-    The user's own gmsh options are not read: a scene gives the same mesh to everybody.
+    The user's own gmsh options are not read: a scene gives the same mesh for every user.
+
+    Args:
+        words: options as on gmsh's command line.
     """
     import gmsh
 

@@ -1,22 +1,24 @@
-"""Curving the sides of a mesh may turn thin cells inside out: such a mesh is refused."""
+"""Jacobian determinants of curved cells: a mesh with an inverted cell is refused.
+
+Curving the sides of a mesh may turn thin cells inside out.
+"""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
 from geometry.errors import GeometryError
+from geometry.protocols import DolfinxMesh
 
 CHUNK = 20_000  # cells at a time
 
 
-def flatness(domain: Any, degree: int) -> tuple[float, Array]:
-    """Smallest over largest Jacobian determinant at the nodes of the worst own cell, and its midpoint (d,) [m].
+def worst_jacobian_ratio(domain: DolfinxMesh, degree: int) -> tuple[float, Array]:
+    """Smallest over largest Jacobian determinant at the nodes of the worst owned cell, and its midpoint (d,) [m].
 
-    1: all cells are straight simplices; 0 or less: one is inverted.
+    The ratio is 1 if all cells are straight simplices, and 0 or less if a cell is inverted.
     """
     shape, dim = domain.topology.cell_type.name, domain.geometry.dim
     gradient = dx.reference_basis(shape, degree, dx.reference_nodes(shape, degree))[1]
@@ -32,9 +34,9 @@ def flatness(domain: Any, degree: int) -> tuple[float, Array]:
     return worst, place
 
 
-def refuse_inverted(domain: Any, degree: int) -> None:
-    """Raise, on every rank alike, if a cell is turned inside out."""
-    worst, place = min(domain.comm.allgather(flatness(domain, degree)), key=lambda found: found[0])
+def refuse_inverted_cells(domain: DolfinxMesh, degree: int) -> None:
+    """Raise GeometryError on every rank if a cell of any rank is inverted; collective."""
+    worst, place = min(domain.comm.allgather(worst_jacobian_ratio(domain, degree)), key=lambda found: found[0])
     if worst <= 0:
         where = ", ".join(f"{value:.3g}" for value in place)
         raise GeometryError(f"geometry: a curved cell at ({where}) is turned inside out; make the cells there smaller")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -15,20 +14,21 @@ from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Ints
 from geometry.errors import GeometryError, SceneError
 from geometry.mesh.gmsh_session import gmsh_session, own_interrupt
-from geometry.mesh.jacobian import refuse_inverted
+from geometry.mesh.jacobian import refuse_inverted_cells
+from geometry.protocols import Comm, DolfinxMesh, Gmsh, MeshTags
 from geometry.shape import Request, Shape
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Distributed mesh; every name stands for a tag of cells (bodies) or of facets (sides, `body.side`)."""
+    """Distributed mesh; a name stands for the tag of cells (bodies) or of facets (sides, named body.side)."""
 
-    domain: Any  # dolfinx mesh
-    cell_tags: Any
-    facet_tags: Any
-    bodies: Mapping[str, int]
-    sides: Mapping[str, int]
-    degree: int  # of geometry and displacement
+    domain: DolfinxMesh
+    cell_tags: MeshTags
+    facet_tags: MeshTags
+    bodies: Mapping[str, int]  # name -> tag of cells
+    sides: Mapping[str, int]  # name -> tag of facets
+    degree: int  # polynomial degree of geometry and displacement
     axisymmetric: bool
     parts: Ints  # connected part of each node of the gmsh model, numbered from 0
 
@@ -37,25 +37,26 @@ class Mesh:
         return int(self.domain.geometry.dim)
 
     @property
-    def comm(self) -> Any:
+    def comm(self) -> Comm:
         return self.domain.comm
 
     @property
     def part_count(self) -> int:
+        """Number of connected parts."""
         return int(self.parts.max()) + 1
 
     def facets(self, side: str) -> Ints:
-        """Facets of a side that this rank owns."""
+        """Local numbers of the facets of a side that this rank owns."""
         owned = self.domain.topology.index_map(self.dim - 1).size_local
         found = self.facet_tags.indices[self.facet_tags.values == self.sides[side]]
         return np.asarray(found[found < owned], np.int64)
 
     def box(self) -> Array:
-        """Corners of the bounding box (2, d) [m]."""
+        """Lower and upper corner of the bounding box (2, d) [m]; collective."""
         return self._box_of(self.domain.geometry.x[:, : self.dim])
 
     def body_box(self, body: str) -> Array:
-        """The same of one body."""
+        """Lower and upper corner of the bounding box of one body (2, d) [m]; collective."""
         cells = self.cell_tags.indices[self.cell_tags.values == self.bodies[body]]
         inside = np.zeros(len(self.domain.geometry.x), bool)
         inside[dx.cell_nodes(self.domain)[cells]] = True
@@ -66,24 +67,24 @@ class Mesh:
         return np.array([np.min(self.comm.allgather(low), axis=0), np.max(self.comm.allgather(high), axis=0)])
 
 
-def build_mesh(shape: Shape, request: Request, comm: Any) -> Mesh:
-    """Mesh the shape on rank 0 and hand it out to all ranks of `comm`.
+def build_mesh(shape: Shape, request: Request, comm: Comm) -> Mesh:
+    """Mesh the shape on rank 0 and distribute it over all ranks of `comm`; collective.
 
     Raises:
-        GeometryError: gmsh cannot mesh the shape; on every rank alike.
+        GeometryError: gmsh cannot mesh the shape; on every rank.
     """
     with own_interrupt():
         return _build(shape, request, comm)
 
 
-def _build(shape: Shape, request: Request, comm: Any) -> Mesh:
+def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
     names: dict[int, dict[str, int]] | None = None
     unit, failure = 1.0, None
     parts = np.zeros(0, np.int64)
     with gmsh_session() if comm.rank == 0 else nullcontext() as gmsh:
-        if comm.rank == 0:
+        if gmsh is not None:
             try:
-                unit = put_shape(gmsh, shape, request)
+                unit = mesh_shape(gmsh, shape, request)
                 names = {d: _group_names(gmsh, d) for d in (request.dim - 1, request.dim)}
                 parts = _connected_parts(gmsh, request.dim)
             except (GeometryError, SceneError) as error:
@@ -99,15 +100,27 @@ def _build(shape: Shape, request: Request, comm: Any) -> Mesh:
         raise GeometryError(f"the mesh has {sum(shares)} cells, too few for {comm.size} ranks; use fewer")
     domain.geometry.x[:] *= comm.bcast(unit)
     if shape.degree > 1:
-        refuse_inverted(domain, shape.degree)
+        refuse_inverted_cells(domain, shape.degree)
     names, parts = comm.bcast((names, parts))
     assert names is not None
-    bodies, sides = names[request.dim], names[request.dim - 1]
-    return Mesh(domain, cells, facets, bodies, sides, shape.degree, request.model == "axisymmetric", parts)
+    return Mesh(
+        domain=domain,
+        cell_tags=cells,
+        facet_tags=facets,
+        bodies=names[request.dim],
+        sides=names[request.dim - 1],
+        degree=shape.degree,
+        axisymmetric=request.model == "axisymmetric",
+        parts=parts,
+    )
 
 
-def put_shape(gmsh: Any, shape: Shape, request: Request) -> float:
-    """Mesh the shape in the current gmsh model, of the shape's degree; the length of the model's unit [m]."""
+def mesh_shape(gmsh: Gmsh, shape: Shape, request: Request) -> float:
+    """Mesh the shape in the current gmsh model with cells of the shape's degree.
+
+    Returns:
+        Length of the gmsh model's unit [m].
+    """
     unit = shape.put(gmsh, request)
     kinds = gmsh.model.mesh.getElementTypes(request.dim)
     if any(gmsh.model.mesh.getElementProperties(kind)[2] != shape.degree for kind in kinds):
@@ -115,12 +128,13 @@ def put_shape(gmsh: Any, shape: Shape, request: Request) -> float:
     return unit
 
 
-def _group_names(gmsh: Any, dim: int) -> dict[str, int]:
+def _group_names(gmsh: Gmsh, dim: int) -> dict[str, int]:
+    """Tags of the physical groups by name."""
     return {gmsh.model.getPhysicalName(d, tag): int(tag) for d, tag in gmsh.model.getPhysicalGroups(dim)}
 
 
-def _connected_parts(gmsh: Any, dim: int) -> Ints:
-    """Connected part of each node, numbered from 0; -1 for nodes of no cell."""
+def _connected_parts(gmsh: Gmsh, dim: int) -> Ints:
+    """Connected part of each node of the gmsh model, numbered from 0; -1 for a node of no cell."""
     tags = []
     for kind in gmsh.model.mesh.getElementTypes(dim):
         count = gmsh.model.mesh.getElementProperties(kind)[3]

@@ -1,4 +1,4 @@
-"""A scene's mesh as a .msh file, in metres."""
+"""The mesh of a scene as a .msh file, in metres."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from pathlib import Path
 
 from geometry.errors import MachineError
 from geometry.mesh.gmsh_session import gmsh_session, own_interrupt
-from geometry.mesh.mesh import put_shape
+from geometry.mesh.mesh import mesh_shape
 from geometry.shape import Request, Shape
 
 
 def write_msh(shape: Shape, request: Request, path: Path) -> None:
-    """Mesh the shape and write it in metres, aside first, then renamed.
+    """Mesh the shape and write it in metres: into a temporary file beside `path`, which is then renamed.
 
     Raises:
         MachineError: the file cannot be written.
     """
-    aside = path.with_name(f".{path.stem}.{os.getpid()}.msh")
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.msh")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        aside.touch()
+        temporary.touch()
         with own_interrupt(), gmsh_session() as gmsh:
-            unit = put_shape(gmsh, shape, request)
+            unit = mesh_shape(gmsh, shape, request)
             gmsh.option.setNumber("Mesh.ScalingFactor", unit)
             gmsh.option.setNumber("Mesh.SaveAll", 0)
-            gmsh.write(str(aside))
-        aside.replace(path)
+            gmsh.write(str(temporary))
+        temporary.replace(path)
     except OSError as error:
         raise MachineError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:
         with suppress(OSError):
-            aside.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)

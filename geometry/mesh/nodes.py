@@ -1,31 +1,31 @@
-"""The nodes of a displacement space: numbers here, in the whole mesh and in the gmsh model, and coordinates."""
+"""Nodes of the displacement space: their local, global and gmsh numbers, coordinates and connected parts."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Ints
 from geometry.mesh.mesh import Mesh
+from geometry.protocols import FunctionSpace
 
 
 @dataclass(frozen=True)
 class Nodes:
-    """Owned nodes first, then ghosts; k local nodes of n in all."""
+    """The k local nodes, those that this rank owns first, then ghosts."""
 
-    owned: int
+    owned: int  # nodes that this rank owns
     offset: int  # global number of the first owned node
-    total: int
+    total: int  # nodes of the whole mesh
     number: Ints  # (k,) global
     input: Ints  # (k,) number in the gmsh model: the same on any number of ranks
     points: Array  # (k, d) [m]
-    part: Ints  # (k,) connected part of the mesh
+    part: Ints  # (k,) connected part of the mesh, as in `Mesh.parts`
 
     @staticmethod
-    def of(mesh: Mesh, space: Any) -> Nodes:
+    def of(mesh: Mesh, space: FunctionSpace) -> Nodes:
         """Nodes of a Lagrange space of the mesh's own degree."""
         domain, index_map = space.mesh, space.dofmap.index_map
         count = index_map.size_local + index_map.num_ghosts

@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from geometry.amplitude import Amplitude, check, value_at
+from geometry.amplitude import Amplitude, check
 from geometry.arrays import Array
 from geometry.errors import SceneError, require
 from geometry.keys import Choice, Key
@@ -78,17 +78,18 @@ class Obstacle(Choice):
             require(dim == 2 or axis is not None, "rotation.axis", None, "missing, expected 3 components")
             require(dim == 2 or len(axis or ()) == 3, "rotation.axis", axis, "expected 3 components")
 
-    def translation(self, time: float, end: float, dim: int) -> Array:
-        """Prescribed displacement (d,) [m], rotation apart."""
-        return np.array([value_at(self.displacement.get(a, 0.0), time, end) for a in AXES[:dim]])
+    def motion(self, points: Array, translation: Array, angle: float, tied: bool = False) -> Array:
+        """Motion (m, d) [m] of the obstacle where it is closest to `points`; at `points`, if they are tied to it.
 
-    def motion(self, points: Array, time: float, end: float, tied: bool = False) -> Array:
-        """Prescribed motion (m, d) [m] of the obstacle where it is closest to `points`; at `points`, if tied to it."""
-        moved = np.tile(self.translation(time, end, points.shape[1]), (len(points), 1))
+        Args:
+            translation: (d,) [m].
+            angle: of its rotation [rad]; without one it is not used.
+        """
+        moved = np.tile(translation, (len(points), 1))
         if self.rotation is None:
             return moved
         carried = points if tied else points - self.signed_gap(points)[:, None] * self.normals(points)
-        return moved + self.rotation.displacement(carried, value_at(self.rotation.angle, time, end))
+        return moved + self.rotation.displacement(carried, angle)
 
     def driven(self) -> tuple[Axis, ...]:
         """Axes along which a force moves the obstacle."""

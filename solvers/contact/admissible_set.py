@@ -1,6 +1,7 @@
-"""Where contact tractions may lie: the laws of all contacts, applied point by point.
+"""The admissible set of contact tractions, its projection, and the complementarity (KKT) residual, point by point.
 
-p is flat: normal pressures of all contacts, then their tangential multipliers; r likewise.
+Vectors over rows are flat: normal pressures p_n of all contacts, then their tangential multipliers t. With unilateral
+contact and Coulomb friction the tractions of a point are admissible if p_n >= 0 and |t| <= s, the bound s = mu p_n.
 """
 
 from __future__ import annotations
@@ -8,38 +9,44 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from geometry.arrays import Array, Bools
+from geometry.protocols import Sparse
 from solvers.contact.rows import ContactRows
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where one contact's entries stand in p."""
+@dataclass(frozen=True, kw_only=True)
+class ContactBlock:
+    """Position of one contact's entries in a flat vector over all rows."""
 
     rows: ContactRows
-    normal: slice
-    tangential: slice
-    average: Any  # (m_t, m_n) sparse
+    normal: slice  # its m_n entries
+    tangential: slice  # its m_t (d-1) entries
+
+    @property
+    def average(self) -> Sparse:
+        """See `ContactRows.average`."""
+        return self.rows.average
 
     @property
     def components(self) -> int:
+        """d - 1, tangential components a point."""
         return self.rows.surface.dim - 1
 
 
 @dataclass(frozen=True)
 class AdmissibleSet:
-    """The admissible tractions of all contacts at one time."""
+    """The admissible tractions of all contacts at one time; amplitudes of friction bounds depend on it."""
 
     contacts: tuple[ContactRows, ...]
-    time: float
-    end: float
+    time: float  # of the load step
+    end: float  # last time of the scene
 
     @cached_property
-    def places(self) -> tuple[Place, ...]:
+    def places(self) -> tuple[ContactBlock, ...]:
+        """The block of each contact."""
         found, n = [], 0
         normals = []
         for c in self.contacts:
@@ -47,13 +54,13 @@ class AdmissibleSet:
             n += len(c.W_n)
         for c, normal in zip(self.contacts, normals, strict=True):
             size = c.free.size
-            found.append(Place(c, normal, slice(n, n + size), c.average))
+            found.append(ContactBlock(rows=c, normal=normal, tangential=slice(n, n + size)))
             n += size
         return tuple(found)
 
     @cached_property
     def softness(self) -> Array:
-        """1 / k_T of each tangential row [m/Pa]: the give before slip, 0 where there is none and in normal rows."""
+        """Tangential compliance 1 / k_T of each row (rows,) [m/Pa]; 0 where there is none, and in normal rows."""
         found = np.zeros(self.size)
         for place in self.with_friction():
             found[place.tangential] = place.rows.friction.softness  # type: ignore[union-attr]
@@ -61,7 +68,7 @@ class AdmissibleSet:
 
     @cached_property
     def carrying(self) -> Bools:
-        """Which rows may carry a traction: supports make some directions of friction redundant."""
+        """Rows (rows,) that may carry a traction: supports make some directions of friction redundant."""
         found = np.ones(self.size, bool)
         for place in self.places:
             found[place.tangential] = place.rows.free.ravel()
@@ -69,52 +76,56 @@ class AdmissibleSet:
 
     @property
     def size(self) -> int:
+        """Number of rows."""
         return sum(len(c.W_n) + c.free.size for c in self.contacts)
 
     def at(self, time: float) -> AdmissibleSet:
-        """The same laws at another time."""
-        other = AdmissibleSet(self.contacts, time, self.end)
-        other.__dict__.update(places=self.places, softness=self.softness, carrying=self.carrying)
-        return other
+        """The admissible set of the same laws at another time."""
+        return AdmissibleSet(self.contacts, time, self.end)
 
-    def bound(self, place: Place, p_n: Array) -> Array:
-        """Friction bound s (m_t,) [Pa] of one contact."""
+    def bound(self, place: ContactBlock, p_n: Array) -> Array:
+        """Friction bound s (m_t,) [Pa] of one contact at its pressures p_n (m_n,) [Pa]."""
         law = place.rows.friction
         assert law is not None
         return law.limit(p_n, place.average, place.rows.normal, self.time, self.end)
 
-    def bound_slope(self, place: Place, p_n: Array) -> Any:
-        """ds/dp_n, sparse (m_t, m_n)."""
+    def bound_slope(self, place: ContactBlock, p_n: Array) -> Sparse:
+        """Slope ds/dp_n (m_t, m_n) of that bound."""
         law = place.rows.friction
         assert law is not None
-        return law.limit_slope(p_n, place.average, place.rows.normal)
+        slope: Sparse = law.limit_slope(p_n, place.average, place.rows.normal)
+        return slope
 
-    def with_friction(self) -> Iterator[Place]:
+    def with_friction(self) -> Iterator[ContactBlock]:
+        """The blocks of the contacts with friction."""
         return (place for place in self.places if place.rows.friction is not None)
 
     def give(self, p: Array) -> Array:
-        """Relative displacement (rows,) [m] that is elastic at tractions p: the penetration, and t / k_T."""
+        """Elastic part of the relative displacement (rows,) [m] at tractions p: the penetration, and t / k_T."""
         found = self.softness * p
         for place in self.places:
             found[place.normal] = place.rows.normal.penetration(p[place.normal])
         return found
 
     def energy(self, p: Array) -> Array:
-        """What that stores, per area (rows,) [J/m²]."""
+        """Energy per area (rows,) [J/m²] that it stores."""
         found = self.softness * p**2 / 2
         for place in self.places:
             found[place.normal] = place.rows.normal.energy(p[place.normal])
         return found
 
     def project(self, p_hat: Array, gamma: Array) -> Array:
-        """argmin over the cone of ||q - p_hat|| in a metric that is diagonal by point.
+        """Projection P_C of trial tractions onto the admissible set, point by point; compliance is taken implicitly.
 
-        Normal laws by their resolvent, with step gamma; then tangential tractions, their elastic give taken off in
-        the same way, into the disc of radius s.
+        First pressures by the resolvent of their law with step gamma; then tangential multipliers, divided by
+        1 + gamma / k_T, into the disc of radius s(p_n).
 
         Args:
-            p_hat: trial tractions [Pa].
-            gamma: step of the trial, by row [Pa/m].
+            p_hat: trial tractions (rows,) [Pa].
+            gamma: step of the trial, by row (rows,) [Pa/m].
+
+        Returns:
+            Admissible tractions (rows,) [Pa].
         """
         p = p_hat / (1 + gamma * self.softness)
         for place in self.places:
@@ -125,7 +136,13 @@ class AdmissibleSet:
         return p
 
     def natural_residual(self, p: Array, r: Array, gamma: float) -> Array:
-        """p - P_C(p + gamma (r - give(p))), by row [Pa]: zero at the solution only."""
+        """Complementarity (KKT) residual p - P_C(p + gamma (r - give(p))) (rows,) [Pa]: zero at the solution only.
+
+        Args:
+            p: tractions (rows,) [Pa].
+            r: w - gap (rows,) [m], closing normal motion less the gap, and slip.
+            gamma: weight of r beside p [Pa/m].
+        """
         residual, trial = np.empty_like(p), p + gamma * (r - self.give(p))
         for place in self.places:
             n = place.normal
@@ -138,7 +155,11 @@ class AdmissibleSet:
 
 
 def project_disc(t: Array, s: Array) -> Array:
-    """Push tangential tractions t (m, c) [Pa] into the disc of radius s (m,) [Pa].
+    """Project tangential tractions onto the disc of radius s, the friction bound.
+
+    Args:
+        t: tractions (m, c) [Pa].
+        s: friction bounds (m,) [Pa], >= 0.
 
     >>> project_disc(np.array([[3.0, 4.0], [0.3, 0.4]]), np.array([1.0, 1.0]))
     array([[0.6, 0.8],

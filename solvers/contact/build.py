@@ -1,19 +1,19 @@
-"""From couplings and laws to contact rows: which node carries a multiplier, in which directions, for which neighbours.
+"""Build contact rows from couplings and laws: which nodes carry a multiplier, and in which directions.
 
-Normal multipliers come first, since a friction direction may depend on them.
+Normal multipliers are placed first, since they may make a direction of friction redundant.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from geometry.arrays import Array, Bools, Ints
 from geometry.errors import SceneError
+from geometry.protocols import Sparse
 from geometry.surfaces.surface import Surface
 from solvers.contact.coupling import Coupling, Points
 from solvers.contact.rows import ContactRows
@@ -21,24 +21,28 @@ from solvers.fem.constraints import Constraints
 from solvers.scene.contact import Contact
 
 SMALL = 1e-6  # sine of the angle below which directions count as parallel
-DIGITS = 9  # of a component: where rounding alone decides which is the least, the first one is
+DIGITS = 9  # to which components are rounded, so that among equal ones the first is the least
 
 
-@dataclass(frozen=True)
-class Carrier:
-    """Which nodes carry a multiplier, for which nodes each stands, and in which directions."""
+@dataclass(frozen=True, kw_only=True)
+class MultiplierNodes:
+    """The m nodes of a surface that carry a multiplier, the nodes that each stands for, and the directions of each."""
 
-    share: sparse.csr_matrix  # (m, n), columns add up to 1 (or 0 where nothing can carry)
-    directions: Array  # (m, c, d): c unit directions a point
-    free: Bools  # (m, c)
+    share: Sparse  # (m, n), columns add up to 1, or to 0 where no node near can carry a multiplier
+    directions: Array  # (m, c, d): c unit directions each
+    free: Bools  # (m, c) directions that carry a multiplier
 
-    def mean(self, weights: Array) -> tuple[sparse.csr_matrix, Array]:
-        """Values at nodes (n,) to weighted means at the points (m,), and the points' weights W (m,)."""
+    def mean(self, weights: Array) -> tuple[Sparse, Array]:
+        """Matrix (m, n) from values at nodes to weighted means, and the total weights W (m,).
+
+        Args:
+            weights: of the nodes (n,) [m^(d-1)].
+        """
         total = np.asarray(self.share @ weights)
         return self.share.multiply(weights[None, :]).multiply(1 / total[:, None]).tocsr(), total
 
-    def rows(self, coupling: Coupling) -> tuple[sparse.csr_matrix, Array]:
-        """N (m c, (n + n_master) d) and W (m,): weighted relative displacement divided by the weights."""
+    def rows(self, coupling: Coupling) -> tuple[Sparse, Array]:
+        """N (m c, (n + n_master) d), nodal displacement to mean relative displacement, and the weights W (m,)."""
         m, c, d = self.directions.shape
         matrix, total = self.mean(coupling.weights)
         mean = (matrix @ coupling.relative).tocoo()
@@ -66,11 +70,17 @@ def frames_of(normals: Array) -> Array:
     return np.stack([normals, first, np.cross(normals, first)], axis=1)
 
 
-def carry(coupling: Coupling, directions: Array, constraints: Constraints, used: dict[int, Array]) -> Carrier:
-    """Give each node a multiplier in `directions` (n, c, d), as far as its motion there is free and not yet held.
+def place_multipliers(
+    coupling: Coupling, directions: Array, constraints: Constraints, used: dict[int, Array]
+) -> MultiplierNodes:
+    """Give each node a multiplier in the directions in which its motion is free and not yet held by another one.
 
     Args:
-        used: root node -> projector (d, d) onto motions of its numbers that multipliers against rigid obstacles hold.
+        coupling: the surface and what it may touch.
+        directions: (n, c, d) unit directions at the nodes.
+        constraints: supports and periodicity.
+        used: by root node, the projector (d, d) onto the motions that multipliers against rigid obstacles hold already;
+            those placed here are added.
     """
     surface, facing = coupling.surface, coupling.weights != 0
     tried = np.flatnonzero(coupling.carries)
@@ -79,20 +89,26 @@ def carry(coupling: Coupling, directions: Array, constraints: Constraints, used:
     held = np.array([used.get(root, nothing) if rigid else nothing for root in roots.tolist()])
     turned, free, held = _independent(directions[tried], bases, held.reshape(-1, *nothing.shape))
     able = np.flatnonzero(free.any(axis=1))
-    first = able[np.sort(np.unique(roots[able], return_index=True)[1])]  # periodic images: one multiplier for both
+    first = able[np.sort(np.unique(roots[able], return_index=True)[1])]  # periodic images share one multiplier
     number = {root: k for k, root in enumerate(roots[first].tolist())}
     owner = np.full(len(surface.nodes), -1)
     owner[tried] = [number.get(root, -1) for root in roots.tolist()]
     if rigid:
         used |= dict(zip(number, held[first], strict=True))
-    return Carrier(take_over(surface, owner, facing, len(first)), turned[first], free[first])
+    share = distribute_to_neighbours(surface, owner, facing, len(first))
+    return MultiplierNodes(share=share, directions=turned[first], free=free[first])
 
 
 def _independent(directions: Array, bases: Array, held: Array) -> tuple[Array, Bools, Array]:
-    """Turn directions (n, c, d) so that those with free motion, independent of what is `held`, come first.
+    """Turn directions so that those of free motion, independent of what is held, come first.
+
+    Args:
+        directions: (n, c, d).
+        bases: (n, d, d) motions that supports leave free.
+        held: (n, d, d) projectors onto the motions that other multipliers hold.
 
     Returns:
-        Directions, which of them are free (n, c), and the projectors onto all that is held then (n, d, d).
+        Directions (n, c, d), which of them are free (n, c), and the projectors onto all that is held then (n, d, d).
     """
     motion = directions @ bases  # (n, c, d): free motion seen in each direction
     left, size, _ = np.linalg.svd(motion - motion @ held)
@@ -103,10 +119,20 @@ def _independent(directions: Array, bases: Array, held: Array) -> tuple[Array, B
     return turned, free, np.linalg.pinv(every, rcond=SMALL**1.5) @ every
 
 
-def take_over(surface: Surface, owner: Ints, facing: Bools, count: int) -> sparse.csr_matrix:
-    """Shares (count, n): a node without a multiplier is divided among its nearest neighbours that have one."""
+def distribute_to_neighbours(surface: Surface, owner: Ints, facing: Bools, count: int) -> Sparse:
+    """Distribute each node without a multiplier equally among its nearest neighbours that have one.
+
+    Args:
+        surface: of n nodes.
+        owner: (n,) number of each node's multiplier, -1 without one.
+        facing: (n,) nodes that face the other side; the others are not distributed.
+        count: number of multipliers.
+
+    Returns:
+        Shares (count, n) of the multipliers in the nodes.
+    """
     own = np.flatnonzero(owner >= 0)
-    share = sparse.csr_matrix((np.ones(len(own)), (own, owner[own])), shape=(len(owner), count))
+    share: Sparse = sparse.csr_matrix((np.ones(len(own)), (own, owner[own])), shape=(len(owner), count))
     missing = (owner < 0) & facing
     neighbours = surface.neighbours() if missing.any() else None
     while missing.any():
@@ -120,7 +146,7 @@ def take_over(surface: Surface, owner: Ints, facing: Bools, count: int) -> spars
     return share.T.tocsr()
 
 
-LEANS = 0.98  # cosine of the angle up to which a normal at a surface's edge is one of the plane it is held in
+LEANS = 0.98  # cosine of the largest angle by which a normal at a surface's edge is turned into a symmetry plane
 
 
 def build_rows(
@@ -128,13 +154,21 @@ def build_rows(
 ) -> list[ContactRows]:
     """Rows of all contacts.
 
-    A gap that was measured after a motion `moved` (n_all, d) is one of displacements counted from the start once the
-    motion's own part of them is added.
+    Args:
+        contacts: scene table and coupling, by name.
+        constraints: supports and periodicity.
+        moved: by name of a sliding contact, the displacement (n_all, d) [m] of its nodes at which its gap was measured.
+            Its relative part is added, so that the gap belongs to displacements counted from the start.
+
+    Raises:
+        SceneError: supports leave a contact no node that can carry a pressure.
     """
     used: dict[int, Array] = {}
-    frames = {name: frames_of(_held_in(coupling, constraints)) for name, (_, coupling) in contacts.items()}
+    frames = {
+        name: frames_of(_normals_in_symmetry_planes(coupling, constraints)) for name, (_, coupling) in contacts.items()
+    }
     normal_carriers = {
-        name: carry(coupling, frames[name][:, :1], constraints, used)
+        name: place_multipliers(coupling, frames[name][:, :1], constraints, used)
         for name, (contact, coupling) in contacts.items()
         if not contact.normal.at_quadrature
     }
@@ -158,10 +192,10 @@ def build_rows(
             gap_n = carrier.mean(weights)[0] @ gap
             dropped = int(np.sum(weights != 0)) - len(W_n)
         if friction is not None:
-            carrier = carry(coupling, frames[name][:, 1:], constraints, used)
+            carrier = place_multipliers(coupling, frames[name][:, 1:], constraints, used)
             dropped += int(np.sum(weights != 0)) - carrier.share.shape[0]
         else:
-            carrier = _none(coupling)
+            carrier = _no_friction(coupling)
         N_t, W_t = carrier.rows(coupling)
         if name in moved:
             gap_n = gap_n + N_n @ moved[name].ravel()
@@ -177,10 +211,10 @@ def build_rows(
     return found
 
 
-def _held_in(coupling: Coupling, constraints: Constraints) -> Array:
-    """Normals (n, d) to a body turned into the planes that nodes are held in: symmetry planes, at the surface's edge.
+def _normals_in_symmetry_planes(coupling: Coupling, constraints: Constraints) -> Array:
+    """Normals (n, d) to a body, turned into the symmetry planes that supports hold nodes in.
 
-    There the averaged normals see one side of the edge only and lean out of the plane.
+    At the surface's edge an averaged normal has facets on one side only, and so leans out of that plane.
     """
     if not coupling.master:
         return coupling.normals
@@ -193,16 +227,19 @@ def _held_in(coupling: Coupling, constraints: Constraints) -> Array:
     return normals
 
 
-def _none(coupling: Coupling) -> Carrier:
-    """Nobody carries anything: no friction."""
+def _no_friction(coupling: Coupling) -> MultiplierNodes:
+    """No node carries a tangential multiplier."""
     n, d = coupling.surface.points.shape
-    return Carrier(sparse.csr_matrix((0, n)), np.zeros((0, d - 1, d)), np.zeros((0, d - 1), bool))
+    return MultiplierNodes(
+        share=sparse.csr_matrix((0, n)), directions=np.zeros((0, d - 1, d)), free=np.zeros((0, d - 1), bool)
+    )
 
 
-def _normal_rows(points: Points) -> Any:
-    """N_n (q, (n + n_master) d): relative displacement along the normals."""
+def _normal_rows(points: Points) -> Sparse:
+    """N_n (q, (n + n_master) d): nodal displacement to relative displacement along the normals."""
     entries, d = points.relative.tocoo(), points.normals.shape[1]
     values = entries.data[:, None] * points.normals[entries.row]
     columns = entries.col[:, None] * d + np.arange(d)
     shape = (points.relative.shape[0], points.relative.shape[1] * d)
-    return sparse.csr_matrix((values.ravel(), (np.repeat(entries.row, d), columns.ravel())), shape=shape)
+    N_n: Sparse = sparse.csr_matrix((values.ravel(), (np.repeat(entries.row, d), columns.ravel())), shape=shape)
+    return N_n

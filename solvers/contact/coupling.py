@@ -1,50 +1,57 @@
-"""How a slave surface sees what it may touch, whatever the operator: weights, relative displacement, gap, normals."""
+"""Coupling of a slave surface with what it may touch: weights, relative displacement, gap and normals."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from geometry.arrays import Array, Bools
+from geometry.protocols import Sparse
 from geometry.surfaces.surface import Surface
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Points:
-    """q points of the slave surface at which a compliance pressure is a function of displacement."""
+    """The q integration points of the slave surface at which a compliance law gives pressure by displacement."""
 
     weights: Array  # (q,) [m^(d-1)]
-    relative: Any  # (q, n + n_master) sparse: nodal displacements of both sides to relative displacement
-    gap: Array  # (q,) [m]
-    normals: Array  # (q, d)
-    psi: Any  # (n, q) sparse: ∫ psi_j of a field, by slave node
+    relative: Sparse  # (q, n + n_master): nodal displacements of both sides to relative displacement
+    gap: Array  # (q,) [m], positive when open
+    normals: Array  # (q, d) unit, towards the other side
+    psi: Sparse  # (n, q): values of a field to its integrals ∫ psi_j, psi_j the dual basis, by slave node
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Coupling:
-    """n nodes of the slave surface, n_master of the other (0 if it is a rigid obstacle), basis phi~ of `Surface`."""
+    """A slave surface of n nodes and a master of n_master (a rigid obstacle: 0), in the basis phi~ of `Surface`."""
 
     surface: Surface
-    master: Surface | None
-    weights: Array  # (n,) ∫ phi~_j over the part that faces the other side, and what neighbours hand over; >= 0
-    relative: Any  # (n, n + n_master) sparse: nodal displacements of both sides to relative displacement
-    gap: Array  # (n,) [m]
+    master: Surface | None  # None: a rigid obstacle
+    weights: Array  # (n,) [m^(d-1)] ∫ phi~_j over the part that faces the other side, and shares of neighbours; >= 0
+    relative: Sparse  # (n, n + n_master): nodal displacements of both sides to relative displacement
+    gap: Array  # (n,) [m], positive when open
     normals: Array  # (n, d) unit, towards the other side, half way between both sides' own
-    carries: Bools  # (n,) nodes with a multiplier of their own; others hand theirs to neighbours
-    points: Callable[[int], Points]  # for a quadrature degree
+    carries: Bools  # (n,) nodes with a multiplier of their own; the weight of the others goes to neighbours
+    points: Callable[[int], Points]  # takes a quadrature degree
 
 
-def between(own: Array, other: Array, gap: Array) -> tuple[Array, Array]:
-    """Unit normals (m, d) half way between those of two sides, and the gaps (m,) along `own` as they see them.
+def midway_normals(own: Array, other: Array, gap: Array) -> tuple[Array, Array]:
+    """Unit normals half way between those of two sides, and the gaps measured along them.
 
-    Neither side is preferred: equal bodies pressed against each other do not shear where they touch. Where nothing
-    faces a point its `other` is 0.
+    Neither side is preferred: equal bodies pressed against each other do not shear where they touch.
+
+    Args:
+        own: unit normals of this side (m, d).
+        other: unit normals of the other side, opposite each point (m, d); 0 where nothing faces the point.
+        gap: gaps along `own` (m,) [m].
+
+    Returns:
+        Normals (m, d) and gaps (m,) [m].
 
     >>> tilted = np.array([[0.6, -0.8]])
-    >>> normals, gap = between(tilted, np.array([[0.6, 0.8]]), np.array([0.5]))
+    >>> normals, gap = midway_normals(tilted, np.array([[0.6, 0.8]]), np.array([0.5]))
     >>> normals.tolist(), gap.tolist()
     ([[0.0, -1.0]], [0.4])
     """

@@ -1,8 +1,8 @@
-"""Mortar integrals: what a slave node weighs, which master nodes face it, and how far they are away.
+"""Mortar contact with dual (biorthogonal) multipliers: weights, projection and weighted gap of the slave's nodes.
 
 With the dual basis psi the mass matrix of the slave side is diagonal, so that each slave node has a row of its own.
-psi is dual on the covered part of each facet: what hangs over the master's edge does not count, and a linear
-displacement goes over exactly up to that edge.
+psi is dual on the covered part of each facet: the part beyond the master's edge does not count, and a linear
+displacement is transferred exactly up to that edge.
 
 Source: Wohlmuth, SIAM J. Numer. Anal. 38 (2000); Popp et al., Int. J. Numer. Meth. Engng 83 (2010); of the edges
 Cichosz & Bischoff, Comput. Methods Appl. Mech. Engrg. 200 (2011).
@@ -10,28 +10,31 @@ Cichosz & Bischoff, Comput. Methods Appl. Mech. Engrg. 200 (2011).
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from scipy import sparse
 
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Bools, Ints
+from geometry.protocols import Sparse
 from geometry.surfaces.overlap import Overlap, overlap
 from geometry.surfaces.surface import Surface
-from solvers.contact.build import take_over
-from solvers.contact.coupling import Coupling, Points, between
+from solvers.contact.build import distribute_to_neighbours
+from solvers.contact.coupling import Coupling, Points, midway_normals
 
-DUAL = 1e-3  # of a facet's weights: psi that is off by more before its refinement is given up
-SLIVER = 1e-9  # of a facet, or of a node's weight: less is not covered
-WILD = 1e6  # psi is about 10 at most on a whole facet
+DUAL = 1e-3  # of a facet's weights: psi whose duality is off by more is replaced by a constant
+SLIVER = 1e-9  # of a facet, or of a node's weight: less counts as not covered
+WILD = 1e6  # larger psi is replaced by a constant; on a whole facet psi is at most about 10
 
 
-def mortar_integrals(slave: Surface, master: Surface, found: Overlap) -> tuple[Array, sparse.csr_matrix, Array, Any]:
+def mortar_integrals(slave: Surface, master: Surface, found: Overlap) -> tuple[Array, Sparse, Array, Sparse]:
     """Weights, projection, weighted gap and dual basis of the covered part of a slave surface.
 
-    The overlay's degree must do for products of two basis functions. On partly covered facets a quadratic node may
-    weigh less than nothing: sums over all nodes are right with it, but no multiplier can live there.
+    On partly covered facets a quadratic node may have a negative weight: sums over all nodes are right with it, but no
+    multiplier can live there.
+
+    Args:
+        slave, master: surfaces of n and n_master nodes.
+        found: their overlap, q integration points of a degree that suffices for products of two basis functions.
 
     Returns:
         W (n,) [m^(d-1)]: ∫ phi~_j, 0 where not covered; whole facets make it positive.
@@ -57,19 +60,19 @@ def mortar_integrals(slave: Surface, master: Surface, found: Overlap) -> tuple[A
 
 
 def _covered(slave: Surface, found: Overlap) -> Bools:
-    """Points (q,) on facets of which more than a sliver is covered."""
+    """Which of the points (q,) lie on facets of which more than a sliver is covered."""
     full = slave.quadrature(2 * slave.degree)[0].sum(axis=1)
     covered = np.bincount(found.slave_facet, found.weights, len(full))
     return np.asarray((covered > SLIVER * full)[found.slave_facet])
 
 
 def _dual(slave: Surface, facets: Ints, local: Array, weights: Array) -> tuple[Array, Array]:
-    """Values of the dual basis (q, k) at points ordered by facet, and what each adds to ∫ phi~ (q, k).
+    """Values of the dual basis (q, k) at points ordered by facet, and what each point adds to ∫ phi~ (q, k).
 
-    psi = phi~ M^-1 D on a facet, of which a small part makes M nearly singular. With L, the facet's basis stretched
-    over the box that the points fill, phi~ = L T, M = T^T G T and G = ∫ L^T L is as well conditioned as on a whole
-    facet: psi = L G^-1 T^-T D. Inside a facet, a small part tells nodes far away apart only by extrapolation: where
-    that is wild, psi is constant, not dual; its integrals are the same.
+    psi = phi~ M^-1 D on a facet, M its mass matrix and D = diag(∫ phi~). A small covered part makes M nearly singular.
+    With L, the facet's basis stretched over the box that the points fill, phi~ = L T, M = T^T G T, and G = ∫ L^T L is
+    as well conditioned as on a whole facet: psi = L G^-1 T^-T D. On a small part inside a facet, psi distinguishes the
+    nodes only by extrapolation: where its values become too large, psi is constant, not dual, with the same integrals.
     """
     first = np.flatnonzero(np.diff(facets, prepend=-1))
     at = np.cumsum(np.diff(facets, prepend=-1) > 0) - 1
@@ -82,9 +85,11 @@ def _dual(slave: Surface, facets: Ints, local: Array, weights: Array) -> tuple[A
     lumped = weights[:, None] * phi
     D = np.add.reduceat(lumped, first)
     psi = _combine(L, (C * D[:, None])[at])
-    left = D[:, :, None] * np.eye(k) - _products(phi, psi, weights, first)  # of rounding: one step of refinement
+    left = D[:, :, None] * np.eye(k) - _products(
+        phi, psi, weights, first
+    )  # rounding error: one step of iterative refinement
     psi = psi + _combine(L, (C @ left)[at])
-    dual = np.abs(left).max(axis=(1, 2)) <= DUAL * np.abs(D).max(axis=1)  # not so where T is singular to rounding
+    dual = np.abs(left).max(axis=(1, 2)) <= DUAL * np.abs(D).max(axis=1)  # false where T is singular to rounding
     wild = ~((np.maximum.reduceat(np.abs(psi).max(axis=1), first) <= WILD) & dual)
     mean = D[wild] / D[wild].sum(axis=1, keepdims=True)
     psi[wild[at]] = np.repeat(mean, np.bincount(at, minlength=f)[wild], axis=0)
@@ -104,12 +109,17 @@ def _values(surface: Surface, local: Array) -> Array:
     return dx.reference_basis(surface.shape, surface.degree, local)[0]
 
 
-LITTLE = 0.01  # of a node's weight: less faces the master
-FAR = 10.0  # ∫ |psi_j| by ∫ psi_j: below 5 on whole facets, far more where a node's values are extrapolated
+LITTLE = 0.01  # of a node's own weight: with less than that facing the master its values are extrapolated
+FAR = 10.0  # ∫ |psi_j| / ∫ psi_j: below 5 on whole facets, far more where a node's values are extrapolated
 
 
 def mortar_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
-    """Biorthogonal multipliers at the slave's nodes; what nothing faces carries none."""
+    """Coupling with dual (biorthogonal) multipliers at the slave's nodes; nodes that face nothing carry none.
+
+    Args:
+        slave, master: the two surfaces.
+        reach: farthest gap [m] across which facets are paired.
+    """
     found = overlap(slave, master, reach, _degree(slave, master))
     weights, P, gap, psi = mortar_integrals(slave, master, found)
     facing = weights != 0
@@ -120,32 +130,32 @@ def mortar_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
     far = facing & ((spread > FAR) | (weights <= LITTLE * slave.node_weights()))
     if far.any():
         gap[far], other[far] = np.clip(gap[far], found.gap.min(), found.gap.max()), 0.0
-    normals, gap = between(slave.node_normals(), other, gap)
-    share = _handed_over(slave, weights, facing & (~far | _least(slave, spread)))
+    normals, gap = midway_normals(slave.node_normals(), other, gap)
+    share = _positive_shares(slave, weights, facing & (~far | _least(slave, spread)))
     total = np.asarray(share @ weights)
     each = np.divide(1.0, total, out=np.zeros(len(total)), where=total > 0)
     mean = sparse.diags(each) @ share @ sparse.diags(weights)
     return Coupling(
-        slave,
-        master,
-        total,
-        (mean @ sparse.hstack([own, -P])).tocsr(),
-        mean @ gap,
-        normals,
-        total > 0,
+        surface=slave,
+        master=master,
+        weights=total,
+        relative=(mean @ sparse.hstack([own, -P])).tocsr(),
+        gap=mean @ gap,
+        normals=normals,
+        carries=total > 0,
         points=lambda degree: _points(slave, master, reach, max(degree, _degree(slave, master)), share),
     )
 
 
-def _handed_over(slave: Surface, weights: Array, carries: Bools) -> Any:
-    """Shares (n, n): what nodes that carry nothing weigh goes to their neighbours, and all that is left is positive.
+def _positive_shares(slave: Surface, weights: Array, carries: Bools) -> Sparse:
+    """Shares (n, n) of the carriers in all nodes, such that every carrier's weight is positive.
 
-    A carrier that is given more of less than nothing than it weighs itself hands over too. What a part of the surface
-    weighs in all is its area: the last carrier there is keeps a positive weight.
+    The weight of a node without a multiplier goes to its neighbours. A carrier whose weight becomes negative by that
+    loses its multiplier too. The weights of a connected part add up to its area, so one carrier at least stays.
     """
     n, facing = len(weights), weights != 0
     while True:
-        share = take_over(slave, np.where(carries, np.arange(n), -1), facing, n)
+        share = distribute_to_neighbours(slave, np.where(carries, np.arange(n), -1), facing, n)
         positive = carries & (share @ weights > 0)
         if np.array_equal(positive, carries):
             return share
@@ -153,32 +163,33 @@ def _handed_over(slave: Surface, weights: Array, carries: Bools) -> Any:
 
 
 def _least(slave: Surface, values: Array) -> Bools:
-    """Nodes (n,) whose value is finite and no larger than their neighbours': one at least of each part faced."""
+    """Nodes (n,) with a finite value, no larger than their neighbours': at least one in each part of the surface."""
     least = values.copy()
     np.minimum.at(least, slave.facets, values[slave.facets].min(axis=1, keepdims=True))
     return np.asarray(np.isfinite(values) & (values == least))
 
 
 def _degree(slave: Surface, master: Surface) -> int:
-    """Total degree of psi_j phi_k; the map of a quadrilateral doubles it."""
+    """Quadrature degree for psi_j phi_k; the map of a quadrilateral doubles it, the radius in axisymmetry adds one."""
     product = slave.degree + max(slave.degree, master.degree)
     return product * (1 + (slave.shape == "quadrilateral")) + slave.axisymmetric
 
 
-def _points(slave: Surface, master: Surface, reach: float, degree: int, share: Any) -> Points:
-    """The integration points themselves."""
+def _points(slave: Surface, master: Surface, reach: float, degree: int, share: Sparse) -> Points:
+    """The integration points of the overlap, with `share` (n, n) of `_positive_shares`."""
     found = overlap(slave, master, reach, degree)
-    psi: Any = mortar_integrals(slave, master, found)[3]
+    psi = mortar_integrals(slave, master, found)[3]
     own = _at_points(slave, found.slave_facet, found.slave_local)
     other = _at_points(master, found.master_facet, found.master_local)
     relative = sparse.hstack([own, -other], format="csr")
-    normals, gap = between(found.normals, other @ master.node_normals(), found.gap)
-    return Points(found.weights, relative, gap, normals, (share @ psi).tocsr())
+    normals, gap = midway_normals(found.normals, other @ master.node_normals(), found.gap)
+    return Points(weights=found.weights, relative=relative, gap=gap, normals=normals, psi=(share @ psi).tocsr())
 
 
-def _at_points(surface: Surface, facet: Ints, local: Array) -> sparse.csr_matrix:
-    """Basis (q, n) of a surface at points given by facet and reference coordinates."""
+def _at_points(surface: Surface, facet: Ints, local: Array) -> Sparse:
+    """Basis functions (q, n) of a surface at points given by facet and reference coordinates."""
     basis = dx.reference_basis(surface.shape, surface.degree, local)[0]
     rows = np.repeat(np.arange(len(facet)), basis.shape[1])
     entries = (basis.ravel(), (rows, surface.facets[facet].ravel()))
-    return sparse.csr_matrix(entries, shape=(len(facet), len(surface.nodes)))
+    basis_at: Sparse = sparse.csr_matrix(entries, shape=(len(facet), len(surface.nodes)))
+    return basis_at

@@ -1,4 +1,4 @@
-"""Node-to-segment (2D) and node-to-face (3D): each slave node meets the master facet along its normal.
+"""Node-to-segment (2D) and node-to-face (3D) contact: each slave node is paired with the master facet along its normal.
 
 A contact element is a slave node with the nodes of that facet: three in 2D, four or five in 3D at order 1.
 
@@ -12,11 +12,16 @@ from scipy import sparse
 
 from geometry.surfaces.search import pair
 from geometry.surfaces.surface import Surface
-from solvers.contact.coupling import Coupling, Points, between
+from solvers.contact.coupling import Coupling, Points, midway_normals
 
 
 def nodal_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
-    """Everything lives at the slave's nodes, with their own weights; a node that meets no facet carries nothing."""
+    """Coupling at the slave's nodes, with their own weights; a node that meets no facet carries no multiplier.
+
+    Args:
+        slave, master: the two surfaces.
+        reach: farthest gap [m] across which a facet is looked for.
+    """
     along = slave.node_normals()
     found = pair(slave.points, along, master, reach)
     partners = found.weights(master)
@@ -25,11 +30,20 @@ def nodal_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
     weights = np.where(met, slave.node_weights(), 0.0)
     relative = sparse.hstack([slave.transform, -(slave.transform @ partners)], format="csr")
     gap = np.where(met, slave.transform @ np.where(missed, 0.0, found.gap), 0.0)
-    normals, gap = between(along, partners @ master.node_normals(), gap)
+    normals, gap = midway_normals(along, partners @ master.node_normals(), gap)
 
     def points(degree: int) -> Points:
-        """The nodes that meet a facet, whatever the degree."""
+        """The nodes that meet a facet, for every degree."""
         psi = sparse.diags(weights, format="csc")[:, met]
-        return Points(weights[met], relative[met], gap[met], normals[met], psi.tocsr())
+        return Points(weights=weights[met], relative=relative[met], gap=gap[met], normals=normals[met], psi=psi.tocsr())
 
-    return Coupling(slave, master, weights, relative, gap, normals, met, points)
+    return Coupling(
+        surface=slave,
+        master=master,
+        weights=weights,
+        relative=relative,
+        gap=gap,
+        normals=normals,
+        carries=met,
+        points=points,
+    )

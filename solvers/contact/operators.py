@@ -1,4 +1,4 @@
-"""Contact operators: from nodal displacements of both sides to relative displacement at the contact points."""
+"""The contact operators by name: each makes the `Coupling` of a slave surface with a master surface."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from solvers.contact.coupling import Coupling
 from solvers.contact.mortar import mortar_coupling
 from solvers.contact.node_to_facet import nodal_coupling
 
-Operator = Callable[[Surface, Surface, float], Coupling]  # slave, master, reach [m]
+Operator = Callable[[Surface, Surface, float], Coupling]  # slave, master, reach [m]: farthest gap looked across
 
 OPERATORS: Mapping[str, Operator] = {
     "mortar": mortar_coupling,

@@ -1,7 +1,7 @@
-"""Contact with a rigid obstacle: biorthogonal multipliers at nodes, compliance pressure at quadrature points.
+"""Contact with a rigid obstacle: dual (biorthogonal) multipliers at nodes, compliance pressure at quadrature points.
 
-With the dual basis the weighted gap of a node is its own gap (in the basis phi~ of `Surface`), so a node's row is its
-displacement in the local frame.
+With the dual basis the weighted gap of a node is the gap at that node (in the basis phi~ of `Surface`), so its row is
+its displacement in the local frame.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from solvers.contact.coupling import Coupling, Points
 
 
 def rigid_coupling(surface: Surface, obstacle: Obstacle) -> Coupling:
-    """The surface against a shape that needs no mesh."""
+    """Coupling of a surface with a shape that is given by a formula and has no mesh."""
     return Coupling(
         surface=surface,
         master=None,
@@ -29,7 +29,7 @@ def rigid_coupling(surface: Surface, obstacle: Obstacle) -> Coupling:
 
 
 def _points(surface: Surface, obstacle: Obstacle, degree: int) -> Points:
-    """Facet quadrature points: exactly the form j_n."""
+    """The quadrature points of the facets: with them the rows give exactly the form j_n."""
     weights, basis = surface.quadrature(degree)
     dual = surface.dual_basis(degree)
     (f, q), k, n = weights.shape, surface.facets.shape[1], len(surface.points)
@@ -38,4 +38,10 @@ def _points(surface: Surface, obstacle: Obstacle, degree: int) -> Points:
     relative = sparse.csr_matrix((np.broadcast_to(basis, (f, q, k)).ravel(), (row, node)), shape=(f * q, n))
     psi = sparse.csr_matrix(((dual * weights[:, :, None]).ravel(), (node, row)), shape=(n, f * q))
     x = relative @ surface.points
-    return Points(weights.ravel(), relative, obstacle.signed_gap(x), -obstacle.normals(x), psi)
+    return Points(
+        weights=weights.ravel(),
+        relative=relative,
+        gap=obstacle.signed_gap(x),
+        normals=-obstacle.normals(x),
+        psi=psi,
+    )

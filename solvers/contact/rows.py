@@ -1,23 +1,23 @@
-"""One contact's rows: where its unknowns live, what they weigh, and what they measure."""
+"""The rows of one contact: its multipliers' points, their weights, and the relative displacement they measure."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from geometry.arrays import Array, Bools, Ints
+from geometry.protocols import Sparse
 from geometry.surfaces.surface import Surface
 from solvers.laws.law import FrictionLaw, NormalLaw
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ContactRows:
     """m_n normal points, m_t tangential points, n nodes of the slave surface and n_all with the master's, d dimensions.
 
-    `N_n`, `N_t` act on the displacement of `nodes`, flattened (n_all d); the motion of a rigid obstacle is taken off.
+    `N_n` and `N_t` act on the displacement of `nodes`, flattened (n_all d), relative to a rigid obstacle if it is one.
     """
 
     name: str
@@ -26,18 +26,18 @@ class ContactRows:
     normal: NormalLaw
     friction: FrictionLaw | None
     frames: Array  # (n, d, d): row 0 the normal n, then the tangents
-    node_weights: Array  # (n,) [m^(d-1)], 0 where a node faces nothing
+    node_weights: Array  # (n,) [m^(d-1)], 0 where no other side faces a node
     node_gap: Array  # (n,) [m], gap_offset included; like all nodal values in the basis phi~ of `Surface`
-    relative: Any  # (n, n_all) sparse: displacement of `nodes` to relative displacement at the slave's nodes
-    N_n: Any  # (m_n, n_all d) sparse
-    W_n: Array  # (m_n,)
-    gap: Array  # (m_n,) [m]
-    N_t: Any  # (m_t (d-1), n_all d) sparse
-    W_t: Array  # (m_t,)
+    relative: Sparse  # (n, n_all): displacement of `nodes` to relative displacement at the slave's nodes
+    N_n: Sparse  # (m_n, n_all d)
+    W_n: Array  # (m_n,) weights [m^(d-1)]
+    gap: Array  # (m_n,) [m], positive when open
+    N_t: Sparse  # (m_t (d-1), n_all d)
+    W_t: Array  # (m_t,) weights [m^(d-1)]
     tangents: Array  # (m_t, d-1, d) at the tangential points
     free: Bools  # (m_t, d-1) tangential directions that carry a multiplier
-    psi: Any  # (n, m_n) sparse: ∫ psi_j of a normal field, by node
-    share_t: Any  # (m_t, n) sparse: which nodes a tangential point stands for; columns add up to 1
+    psi: Sparse  # (n, m_n): values at the normal points to integrals ∫ psi_j, psi_j the dual basis, by node
+    share_t: Sparse  # (m_t, n): which nodes a tangential point stands for; columns add up to 1
     dropped: int  # nodes whose multiplier a support or another contact makes redundant
 
     @cached_property
@@ -55,17 +55,17 @@ class ContactRows:
         """Their coordinates (n_all, d) [m]."""
         return np.concatenate([self.surface.points, self.master.points]) if self.master else self.surface.points
 
-    @property
-    def average(self) -> Any:
-        """Sparse (m_t, m_n): pressure at normal points to psi_j-average at tangential points."""
+    @cached_property
+    def average(self) -> Sparse:
+        """(m_t, m_n): pressure at normal points to its psi_j-average at tangential points."""
         return (self.share_t @ self.psi).multiply(1 / self.W_t[:, None]).tocsr()
 
     def node_pressure(self, p_n: Array) -> Array:
-        """Pressure (n,) [Pa] at the surface's nodes, with the same resultant."""
+        """Pressure (n,) [Pa] at the surface's nodes from that at the normal points (m_n,), with the same resultant."""
         return self._per_weight(self.psi @ p_n)
 
     def node_traction(self, t: Array) -> Array:
-        """Tangential multiplier t (n, d) [Pa], Cartesian, at the surface's nodes; sigma_T = -t."""
+        """Tangential multiplier (n, d) [Pa], Cartesian, at the surface's nodes, from t (m_t, d-1); sigma_T = -t."""
         n, d = self.surface.points.shape
         if not len(self.W_t):
             return np.zeros((n, d))
@@ -91,14 +91,21 @@ class ContactRows:
         return np.divide(values, weights, out=np.zeros_like(values), where=weights > 0)
 
     def nodal_forces(self, p_n: Array, t: Array) -> Array:
-        """B^T p (n_all, d) [N]; the force on the bodies is its negative."""
+        """Nodal forces B^T p (n_all, d) [N] of pressures p_n (m_n,) and multipliers t (m_t, d-1) [Pa].
+
+        The force on the bodies is their negative.
+        """
         total = self.N_n.T @ (self.W_n * p_n)
         if len(self.W_t):
             total = total + self.N_t.T @ (t.reshape(len(self.W_t), -1) * self.W_t[:, None]).ravel()
         return np.asarray(total.reshape(self.points.shape))
 
     def node_motion(self, moved: Array) -> tuple[Array, Array]:
-        """Normal (n,) and tangential (n, d) relative displacement; `moved` (n_all, d) is that of `nodes`."""
+        """Normal (n,) and tangential (n, d) relative displacement [m] of the slave's nodes.
+
+        Args:
+            moved: displacement (n_all, d) [m] of `nodes`.
+        """
         relative = self.relative @ moved
         normal = np.einsum("nd,nd->n", self.frames[:, 0], relative)
         return normal, relative - normal[:, None] * self.frames[:, 0]

@@ -9,6 +9,7 @@ import importlib
 import pkgutil
 
 from solvers.effects.effect import Effect
+from solvers.scene.problem import Problem
 
 _ORDER = ("contact", "unilateral", "compliance", "bilateral", "friction")  # the rest follows by name
 _modules = [importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__)]
@@ -18,3 +19,9 @@ _found += [effect for module in _modules for effect in getattr(module, "EFFECTS"
 EFFECTS: tuple[Effect, ...] = tuple(
     sorted(_found, key=lambda e: (_ORDER.index(e.name) if e.name in _ORDER else len(_ORDER), e.name))
 )
+
+
+def active(problem: Problem) -> tuple[Effect, ...]:
+    """The effects that a scene has switched on."""
+    on = {row.effect for row in problem.plan if row.on}
+    return tuple(effect for effect in EFFECTS if effect.name in on)

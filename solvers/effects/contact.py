@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
-from solvers.effects.effect import Effect, contacts_with
+from solvers.effects.effect import Effect
 from solvers.laws import FrictionLaw, NormalLaw
-
-if TYPE_CHECKING:
-    from solvers.scene.scene import Scene
+from solvers.scene.scene import Scene
 
 
-def because(scene: Scene) -> str | None:
-    return ", ".join(f"contacts.{name}" for name in scene.contacts) or None
+class _Contact(Effect):
+    name = "contact"
+
+    def because(self, scene: Scene) -> str | None:
+        return ", ".join(f"contacts.{name}" for name in scene.contacts) or None
+
+
+class _Law(Effect):
+    """Active where a contact's `normal` or `friction` is of that kind."""
+
+    def __init__(self, name: str, key: str, kind: type[Any]) -> None:
+        self.name, self.key, self.kind = name, key, kind  # type: ignore[misc]
+
+    def because(self, scene: Scene) -> str | None:
+        of_kind = [name for name, c in scene.contacts.items() if isinstance(getattr(c, self.key), self.kind)]
+        return ", ".join(f"contacts.{name}.{self.key}" for name in of_kind) or None
 
 
 EFFECTS = (
-    Effect(name="contact", because=because),
-    *(
-        Effect(name=get_args(get_type_hints(law)["law"])[0], because=contacts_with(law, "normal"))
-        for law in NormalLaw.kinds
-    ),
-    Effect(name="friction", because=contacts_with(FrictionLaw, "friction")),
+    _Contact(),
+    *(_Law(get_args(get_type_hints(law)["law"])[0], "normal", law) for law in NormalLaw.kinds),
+    _Law("friction", "friction", FrictionLaw),
 )

@@ -1,43 +1,53 @@
-"""What every effect tells: its name, the scene key that calls for it, and what it adds."""
+"""The contract of an effect: when it is active, its own table of the scene, and what it adds to the problem.
+
+An effect that is off is asked for nothing else. One that is on adds what it overrides; the rest costs nothing.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar
 
-if TYPE_CHECKING:
-    from solvers.fem.forms import LoadForm, WeakForms
-    from solvers.scene.scene import Scene
-
-
-def contacts_with(law: type[Any], key: str) -> Callable[[Scene], str | None]:
-    """The reason function of a law: the keys `contacts.NAME.key` whose value is of that kind."""
-
-    def because(scene: Scene) -> str | None:
-        named = [f"contacts.{name}.{key}" for name, c in scene.contacts.items() if isinstance(getattr(c, key), law)]
-        return ", ".join(named) or None
-
-    return because
+from solvers.fem.forms import WeakForms
+from solvers.fem.terms import InitialStrain, LoadTerm
+from solvers.scene.problem import Problem
+from solvers.scene.scene import Scene
+from solvers.scene.timeline import Timeline
 
 
-def no_loads(scene: Scene, weak: WeakForms) -> Iterable[LoadForm]:
-    """An effect that pushes nothing."""
-    return ()
+class Effect(ABC):
+    """One effect a file; `solvers/effects/__init__.py` finds its instance, `EFFECT`, or several, `EFFECTS`.
 
+    Values in time belong to the table, `EffectTable.amplitudes`: their times are hit exactly, and results of the run
+    list them in steps.csv. Checks of the table that need the rest of the scene are `EffectTable.check`.
+    """
 
-def no_pairs(scene: Scene) -> Iterable[tuple[str, str]]:
-    """An effect that ties no sides together."""
-    return ()
+    name: ClassVar[str]  # row of the plan; name of the scene's table, if it has one
+    table: ClassVar[Any] = None  # type of that table: an `EffectTable`, or a Mapping of them by name
 
+    @abstractmethod
+    def because(self, scene: Scene) -> str | None:
+        """The scene key that calls for the effect; None: it is off."""
 
-@dataclass(frozen=True, kw_only=True)
-class Effect:
-    """One row of the plan."""
+    def loads(self, problem: Problem, weak: WeakForms) -> Iterable[LoadTerm]:
+        """Loads on the bodies; they enter the equilibrium, the external work and the audit."""
+        return ()
 
-    name: str
-    because: Callable[[Scene], str | None]  # the scene key that switches it on, None when off
-    section: Any = None  # type of the scene's own table [name], if it has one
-    check: Callable[[Scene], None] = lambda scene: None  # refuses that table's mistakes
-    loads: Callable[[Scene, WeakForms], Iterable[LoadForm]] = no_loads
-    periodic: Callable[[Scene], Iterable[tuple[str, str]]] = no_pairs  # (slave side, master side)
+    def initial_strains(self, problem: Problem) -> Iterable[InitialStrain]:
+        """Strains that cause no stress; they enter the equilibrium, stress, stored energy and the audit."""
+        return ()
+
+    def stiffness(self, problem: Problem, weak: WeakForms, u: Any) -> Iterable[Any]:
+        """Forms, linear in u and in `weak.v`, symmetric and positive, that are added to a(u, v) [N].
+
+        They enter the stiffness matrix, the stored energy and the audit's inner forces; they support no body.
+
+        Args:
+            u: trial function, or a displacement Function.
+        """
+        return ()
+
+    def columns(self, problem: Problem, timeline: Timeline, time: float) -> Mapping[str, float]:
+        """Numbers for steps.csv at a reported time [s], by name; values in time are listed without being named here."""
+        return {}

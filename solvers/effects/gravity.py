@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from geometry.amplitude import Amplitude, check
 from geometry.errors import SceneError, require
-from geometry.keys import Key, Noun
+from geometry.keys import Key
 from solvers.effects.effect import Effect
-
-if TYPE_CHECKING:
-    from solvers.fem.forms import LoadForm, WeakForms
-    from solvers.scene.course import Drive
-    from solvers.scene.scene import Scene
+from solvers.fem.forms import WeakForms
+from solvers.fem.terms import LoadTerm
+from solvers.scene.problem import Problem
+from solvers.scene.scene import EffectTable, Scene
+from solvers.scene.timeline import Place
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gravity(Noun):
+class Gravity(EffectTable):
     """Acceleration of the whole scene."""
 
     acceleration: Annotated[tuple[Amplitude, ...], Key("m/s²", "by component, in time")]
@@ -27,29 +27,31 @@ class Gravity(Noun):
         for amplitude in self.acceleration:
             check(amplitude, "acceleration")
 
+    def amplitudes(self) -> Mapping[tuple[str, str], Amplitude]:
+        return {("acceleration", axis): a for axis, a in zip("xyz", self.acceleration, strict=False)}
 
-def because(scene: Scene) -> str | None:
-    return "gravity" if "gravity" in scene.sections else None
-
-
-def check_section(scene: Scene) -> None:
-    found = list(scene.sections["gravity"].acceleration)
-    require(len(found) == scene.dim, "gravity.acceleration", found, f"expected {scene.dim} components in this model")
-    radial = scene.axisymmetric and found[0] != 0
-    require(not radial, "gravity.acceleration", found, "an axisymmetric body has gravity along the axis y alone")
-    if not any(material.density for material in scene.bodies.values()):
-        raise SceneError("gravity: no body has a density; set bodies.NAME.density, in kg/m³")
+    def check(self, scene: Scene, key: str) -> None:
+        found, where = list(self.acceleration), f"{key}.acceleration"
+        require(len(found) == scene.dim, where, found, f"expected {scene.dim} components in this model")
+        radial = scene.axisymmetric and found[0] != 0
+        require(not radial, where, found, "an axisymmetric body has gravity along the axis y alone")
+        if not any(material.density for material in scene.bodies.values()):
+            raise SceneError("gravity: no body has a density; set bodies.NAME.density, in kg/m³")
 
 
-def _drive(axis: int) -> Drive:
-    return lambda scene: scene.sections["gravity"].acceleration[axis]
+class _Gravity(Effect):
+    name = "gravity"
+    table = Gravity
+
+    def because(self, scene: Scene) -> str | None:
+        return "gravity" if "gravity" in scene.sections else None
+
+    def loads(self, problem: Problem, weak: WeakForms) -> Iterable[LoadTerm]:
+        for body, material in problem.bodies.items():
+            for axis in range(problem.dim):
+                if material.density:
+                    form = weak.constant(material.density) * weak.v[axis] * weak.volume(body)
+                    yield LoadTerm(drive=Place("gravity", "", "acceleration", "xyz"[axis]), form=form)
 
 
-def loads(scene: Scene, weak: WeakForms) -> Iterable[LoadForm]:
-    for body, material in scene.bodies.items():
-        for axis in range(scene.dim):
-            if material.density:
-                yield _drive(axis), weak.constant(material.density) * weak.v[axis] * weak.volume(body)
-
-
-EFFECT = Effect(name="gravity", because=because, section=Gravity, check=check_section, loads=loads)
+EFFECT = _Gravity()

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from solvers.effects.effect import Effect
-
-if TYPE_CHECKING:
-    from solvers.scene.scene import Scene
+from solvers.scene.scene import Scene
 
 
-def because(scene: Scene) -> str | None:
-    pairs = [f"contacts.{name}.against" for name, c in scene.contacts.items() if c.against not in scene.obstacles]
-    return ", ".join(pairs) or None
+class _Multibody(Effect):
+    name = "multibody"
+
+    def because(self, scene: Scene) -> str | None:
+        pairs = [f"contacts.{name}.against" for name, c in scene.contacts.items() if c.against not in scene.obstacles]
+        return ", ".join(pairs) or None
 
 
-EFFECT = Effect(name="multibody", because=because)
+EFFECT = _Multibody()

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from geometry.errors import require
-from geometry.keys import Key, Noun
+from geometry.keys import Key
 from solvers.effects.effect import Effect
-
-if TYPE_CHECKING:
-    from solvers.scene.scene import Scene
+from solvers.scene.scene import EffectTable, Scene
 
 
 @dataclass(frozen=True, kw_only=True)
-class Periodic(Noun):
+class Periodic(EffectTable):
     """Matching meshes."""
 
     boundary: Annotated[str, Key("-", "side whose dofs are eliminated")]
@@ -29,19 +27,20 @@ class Periodic(Noun):
     def __post_init__(self) -> None:
         require(self.boundary != self.with_, "with", self.with_, "a side cannot be periodic with itself")
 
+    def check(self, scene: Scene, key: str) -> None:
+        scene.require_side(self.boundary, f"{key}.boundary")
+        scene.require_side(self.with_, f"{key}.with")
 
-def because(scene: Scene) -> str | None:
-    return ", ".join(f"periodic.{name}" for name in scene.sections.get("periodic", {})) or None
-
-
-def check_section(scene: Scene) -> None:
-    for name, pair in scene.sections["periodic"].items():
-        scene.require_side(pair.boundary, f"periodic.{name}.boundary")
-        scene.require_side(pair.with_, f"periodic.{name}.with")
+    def periodic_pairs(self) -> tuple[tuple[str, str], ...]:
+        return ((self.boundary, self.with_),)
 
 
-def pairs(scene: Scene) -> Iterable[tuple[str, str]]:
-    return [(pair.boundary, pair.with_) for pair in scene.sections["periodic"].values()]
+class _Periodic(Effect):
+    name = "periodic"
+    table = Mapping[str, Periodic]
+
+    def because(self, scene: Scene) -> str | None:
+        return ", ".join(f"periodic.{name}" for section, name in scene.effect_tables() if section == "periodic") or None
 
 
-EFFECT = Effect(name="periodic", because=because, section=Mapping[str, Periodic], check=check_section, periodic=pairs)
+EFFECT = _Periodic()

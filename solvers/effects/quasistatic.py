@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from solvers.effects.effect import Effect
-
-if TYPE_CHECKING:
-    from solvers.scene.scene import Scene
+from solvers.scene.scene import Scene
 
 
-def because(scene: Scene) -> str | None:
-    times = scene.requested_times()
-    return f"steps: {len(times)} times are requested" if len(times) > 1 else None
+class _Quasistatic(Effect):
+    name = "quasistatic"
+
+    def because(self, scene: Scene) -> str | None:
+        times = scene.requested_times()
+        return f"steps: {len(times)} times are requested" if len(times) > 1 else None
 
 
-EFFECT = Effect(name="quasistatic", because=because)
+EFFECT = _Quasistatic()

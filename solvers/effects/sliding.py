@@ -1,17 +1,16 @@
-"""Sliding: pairs, normals and gaps are found anew where the motion has brought the surfaces."""
+"""Sliding: pairs, normals and gaps are searched again where the motion has brought the surfaces."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from solvers.effects.effect import Effect
-
-if TYPE_CHECKING:
-    from solvers.scene.scene import Scene
+from solvers.scene.scene import Scene
 
 
-def because(scene: Scene) -> str | None:
-    return ", ".join(f"contacts.{name}.sliding" for name, c in scene.contacts.items() if c.sliding) or None
+class _Sliding(Effect):
+    name = "sliding"
+
+    def because(self, scene: Scene) -> str | None:
+        return ", ".join(f"contacts.{name}.sliding" for name, c in scene.contacts.items() if c.sliding) or None
 
 
-EFFECT = Effect(name="sliding", because=because)
+EFFECT = _Sliding()

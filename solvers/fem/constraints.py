@@ -19,7 +19,7 @@ from scipy.linalg import null_space
 from geometry.arrays import Array, Bools, Ints
 from geometry.errors import SceneError
 from geometry.mesh.nodes import Nodes
-from solvers.scene.course import Course, Drive
+from solvers.scene.timeline import Course, Drive
 
 AXES = {"x": 0, "y": 1, "z": 2}
 AXIS = "axis of symmetry"

@@ -3,26 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from geometry import dolfinx_versions as dx
+from geometry.arrays import Array
 from geometry.dolfinx_versions import ufl
 from geometry.mesh.mesh import Mesh
+from solvers.fem.terms import InitialStrain, LoadTerm
 from solvers.laws.compliance import Compliance
 from solvers.parallel.counters import Counters
 from solvers.scene.contact import Contact
-from solvers.scene.course import Drive
-from solvers.scene.scene import Scene
+from solvers.scene.material import Material
+from solvers.scene.problem import Problem
+from solvers.scene.timeline import Place
 
-LoadForm = tuple[Drive, Any]  # what drives it in time, linear form in v at value 1
 Field = Callable[..., tuple[Any, ...]]  # coordinates to components, with operators alone
 
 
-def _drive(load: str, component: int) -> Drive:
-    return lambda scene: scene.loads[load].amplitudes()[component]
+def elastic_stress(strain: Array, material: Material, plane_stress: bool) -> Array:
+    """sigma (3, 3) [Pa] of an elastic strain (3, 3); in plane stress its out-of-plane component follows from that.
+
+    >>> steel = Material(E=1.0, nu=0.25)
+    >>> elastic_stress(np.diag([1.0, 0.0, 0.0]), steel, plane_stress=True).round(3).diagonal()
+    array([1.067, 0.267, 0.   ])
+    """
+    lame_lambda, lame_mu = material.lame_lambda, material.lame_mu
+    strain = np.array(strain, float)
+    if plane_stress:
+        strain[2, 2] = -lame_lambda / (lame_lambda + 2 * lame_mu) * (strain[0, 0] + strain[1, 1])
+    return np.asarray(2 * lame_mu * strain + lame_lambda * np.trace(strain) * np.eye(3))
 
 
 @dataclass(frozen=True)
@@ -40,16 +53,20 @@ class Revolved:
 class WeakForms:
     """Elasticity, loads and the normal-compliance work of a scene, on its mesh."""
 
-    scene: Scene
+    problem: Problem
     mesh: Mesh
     space: Any
     counters: Counters
-    u: Any = field(init=False)
-    v: Any = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "u", ufl.TrialFunction(self.space))
-        object.__setattr__(self, "v", ufl.TestFunction(self.space))
+    @cached_property
+    def u(self) -> Any:
+        """Trial function."""
+        return ufl.TrialFunction(self.space)
+
+    @cached_property
+    def v(self) -> Any:
+        """Test function."""
+        return ufl.TestFunction(self.space)
 
     def volume(self, body: str, degree: int | None = None) -> Any:
         """Measure of a body."""
@@ -81,9 +98,9 @@ class WeakForms:
 
     def stress(self, u: Any, body: str) -> Any:
         """sigma(u) [Pa], as large as the strain; in plane strain and plane stress the in-plane components."""
-        material = self.scene.bodies[body]
+        material = self.problem.bodies[body]
         lame_mu, lame_lambda = material.lame_mu, material.lame_lambda
-        if self.scene.model == "plane stress":
+        if self.problem.model == "plane stress":
             lame_lambda = 2 * lame_lambda * lame_mu / (lame_lambda + 2 * lame_mu)
         mu, lame_lambda = self.constant(lame_mu), self.constant(lame_lambda)
         strain = self.strain(u)
@@ -92,7 +109,7 @@ class WeakForms:
     def elasticity(self, u: Any = None) -> Any:
         """a(u, v) = sum over bodies of ∫ sigma(u) : eps(v) dx; the inner forces of a displacement Function u."""
         strain, u = self.strain(self.v), self.u if u is None else u
-        return sum(ufl.inner(self.stress(u, b), strain) * self.volume(b) for b in self.scene.bodies)
+        return sum(ufl.inner(self.stress(u, b), strain) * self.volume(b) for b in self.problem.bodies)
 
     def gram(self, length: float) -> Any:
         """<u, v> = sum over bodies of E ∫ grad u : grad v + u . v / l^2 dx, l = `length` [m]: the product of H1.
@@ -101,19 +118,37 @@ class WeakForms:
         which the step takes up.
         """
         product = ufl.inner(ufl.grad(self.u), ufl.grad(self.v)) + self.constant(length**-2) * ufl.inner(self.u, self.v)
-        return sum(self.constant(body.E) * product * self.volume(name) for name, body in self.scene.bodies.items())
+        return sum(self.constant(body.E) * product * self.volume(name) for name, body in self.problem.bodies.items())
 
-    def loads(self) -> list[LoadForm]:
+    def initial_stress(self, initial: InitialStrain) -> Array:
+        """sigma (3, 3) [Pa] that the strain of a body causes at value 1; out of plane it is zero in plane stress."""
+        return elastic_stress(initial.strain, self.problem.bodies[initial.body], self.problem.model == "plane stress")
+
+    def initial_load(self, initial: InitialStrain) -> Any:
+        """∫ sigma : eps(v) dx of that stress: what the initial strain loads the bodies with at value 1 [N]."""
+        strain, stress = self.strain(self.v), self.initial_stress(initial)
+        size = strain.ufl_shape[0]
+        terms = [(i, j) for i in range(size) for j in range(size) if stress[i, j] != 0]
+        density = sum(self.constant(float(stress[i, j])) * strain[i, j] for i, j in terms)
+        return density * self.volume(initial.body)
+
+    def loads(self) -> list[LoadTerm]:
         """The scene's surface loads; effects add theirs."""
-        found: list[LoadForm] = []
+        found: list[LoadTerm] = []
         normal = ufl.FacetNormal(self.mesh.domain)
-        for name, load in self.scene.loads.items():
+        for name, load in self.problem.loads.items():
             ds = self.boundary(load.boundary)
             if load.pressure is not None:
-                found.append((_drive(name, 0), -ufl.inner(normal, self.v) * ds))
+                form = -ufl.inner(normal, self.v) * ds
+                found.append(LoadTerm(drive=Place("loads", name, "pressure"), form=form))
                 continue
             spread = self.constant(1 / self.area(load.boundary) if load.force is not None else 1.0)
-            found += [(_drive(name, i), spread * self.v[i] * ds) for i, a in enumerate(load.amplitudes()) if a != 0]
+            quantity = "force" if load.force is not None else "traction"
+            found += [
+                LoadTerm(drive=Place("loads", name, quantity, "xyz"[i]), form=spread * self.v[i] * ds)
+                for i, a in enumerate(load.amplitudes())
+                if a != 0
+            ]
         return found
 
     def field(self, components: Field) -> Any:
@@ -132,6 +167,11 @@ class WeakForms:
         form = self.compile(self.constant(1.0) * self.boundary(side))
         return float(self.mesh.comm.allreduce(dx.fem.assemble_scalar(form)))
 
+    def size(self, body: str) -> float:
+        """Volume of a body [m³], per metre of thickness in plane models [m²]."""
+        form = self.compile(self.constant(1.0) * self.volume(body))
+        return float(self.mesh.comm.allreduce(dx.fem.assemble_scalar(form)))
+
     def constant(self, value: float) -> Any:
         """A number that the compiled form takes at run time: other values need no other compilation."""
         return dx.fem.Constant(self.mesh.domain, value)
@@ -139,7 +179,7 @@ class WeakForms:
     def gap(self, contact: Contact) -> tuple[Any, Any]:
         """Initial gap g [m] and unit normal n towards the obstacle, exact at every point."""
         x = ufl.SpatialCoordinate(self.mesh.domain)
-        obstacle = self.scene.obstacles[contact.against]
+        obstacle = self.problem.obstacles[contact.against]
         distance = obstacle.distance([x[i] for i in range(self.mesh.dim)], ufl.sqrt)
         return distance + self.constant(contact.gap_offset), -ufl.grad(distance)
 

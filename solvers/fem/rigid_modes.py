@@ -42,7 +42,7 @@ def rigid_fields(points: Array, centre: Array, size: float, axisymmetric: bool) 
 ROUNDING = 1e-12  # what rigid motions miss of what is prescribed when they miss nothing
 
 
-class Lifting:
+class RigidModes:
     """Rigid motions of the k kinds of `rigid_fields` by part of the mesh, told by coefficients (parts k,).
 
     Where they do all that is prescribed, they are the better u_s: the bodies resist nothing of it.

@@ -7,25 +7,23 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from geometry.amplitude import Amplitude
 from geometry.arrays import Array, Ints
 from geometry.errors import GeometryError, SceneError
 from geometry.mesh.mesh import Mesh
 from geometry.mesh.nodes import Nodes
 from geometry.surfaces.surface import gather_surface
 from solvers.fem.constraints import AXES, AXIS, Constraints, Row
-from solvers.scene.course import Course, Drive
-from solvers.scene.loads import Direction
-from solvers.scene.scene import Scene
+from solvers.scene.problem import Problem
+from solvers.scene.timeline import Course, Place
 
 
-def find_constraints(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes) -> Constraints:
+def find_constraints(problem: Problem, mesh: Mesh, space: Any, nodes: Nodes) -> Constraints:
     """Collect supports and periodic sides from all ranks."""
     rows: dict[int, list[Row]] = {}
     points: dict[int, Array] = {}
     part: dict[int, int] = {}
-    root = _periodic_roots(scene, mesh, space, nodes, points, part)
-    for name, support in scene.supports.items():
+    root = _periodic_roots(problem, mesh, space, nodes, points, part)
+    for name, support in problem.supports.items():
         if support.boundary is not None:
             side = gather_surface(mesh, space, nodes, support.boundary)
             where, x, of = side.nodes, side.points, mesh.parts[side.input]
@@ -38,24 +36,26 @@ def find_constraints(scene: Scene, mesh: Mesh, space: Any, nodes: Nodes) -> Cons
         part |= dict(zip(where.tolist(), of.tolist(), strict=True))
         for axis in support.displacement:
             directions = normals if axis == "normal" else np.eye(mesh.dim)[[AXES[axis]]]
-            drive = _drive(name, axis)
+            drive = Place("supports", name, "displacement", axis)
             alike = [Row(direction, drive, name) for direction in directions]
             for i, node in enumerate(where.tolist()):
                 rows.setdefault(root.get(node, node), []).append(alike[i % len(alike)])
     if mesh.axisymmetric:
         for node, x, its_part in _on_axis(mesh, nodes):
-            rows.setdefault(root.get(node, node), []).append(Row(np.array([1.0, 0.0]), _rest, AXIS))
+            rows.setdefault(root.get(node, node), []).append(Row(np.array([1.0, 0.0]), 0.0, AXIS))
             points[node], part[node] = x, its_part
     ordered = {n: tuple(r) for n, r in sorted(rows.items())}
-    return Constraints(nodes, mesh.dim, Course(scene), ordered, root, points, part, mesh.part_count, mesh.axisymmetric)
-
-
-def _drive(support: str, axis: Direction) -> Drive:
-    return lambda scene: scene.supports[support].displacement[axis]
-
-
-def _rest(scene: Scene) -> Amplitude:
-    return 0.0
+    return Constraints(
+        nodes=nodes,
+        dim=mesh.dim,
+        course=Course(problem.timeline),
+        rows=ordered,
+        root=root,
+        points=points,
+        part=part,
+        parts=mesh.part_count,
+        axisymmetric=mesh.axisymmetric,
+    )
 
 
 def _on_axis(mesh: Mesh, nodes: Nodes) -> list[tuple[int, Array, int]]:
@@ -87,10 +87,10 @@ def _vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, 
 
 
 def _periodic_roots(
-    scene: Scene, mesh: Mesh, space: Any, nodes: Nodes, points: dict[int, Array], part: dict[int, int]
+    problem: Problem, mesh: Mesh, space: Any, nodes: Nodes, points: dict[int, Array], part: dict[int, int]
 ) -> dict[int, int]:
     follows: dict[int, int] = {}
-    for slave_side, master_side in scene.request().periodic:
+    for slave_side, master_side in problem.request.periodic:
         slave, master = (gather_surface(mesh, space, nodes, side) for side in (slave_side, master_side))
         shift = master.points.mean(axis=0) - slave.points.mean(axis=0)
         distance, match = cKDTree(master.points).query(slave.points + shift)

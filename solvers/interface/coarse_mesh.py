@@ -40,9 +40,9 @@ class CoarseMesh:
         """Mesh, assemble and condense the coarse scene, if there is one; collective."""
         factor = max(COARSER, (fine.constraints.free_total / DOFS) ** (1 / fine.mesh.dim))
         try:
-            scene = replace(fine.scene, geometry=fine.scene.geometry.refined(factor))
-            mesh = build_mesh(scene.geometry, scene.request(), fine.mesh.comm)
-            coarse = assemble(scene, mesh, Counters())
+            problem = replace(fine.problem, shape=fine.problem.shape.refined(factor))
+            mesh = build_mesh(problem.shape, problem.request, fine.mesh.comm)
+            coarse = assemble(problem, mesh, Counters())
             if coarse.constraints.free_total > LEAST * fine.constraints.free_total:
                 log.info("no coarse mesh: it would have %d dofs", coarse.constraints.free_total)
                 return None
@@ -55,7 +55,7 @@ class CoarseMesh:
         """Forces (c, k) [N] of smooth tractions on the fine contact dofs, and about the displacement [m] they cause.
 
         Args:
-            R, rho: rigid motions (c, r) and augmentation of the fine bodies, see `Bodies`.
+            R, rho: rigid motions (c, r) and augmentation of the fine bodies, see `DelassusOperator`.
         """
         coarse, forces = self.surface, _smooth_forces(fine)
         own = coarse.size - coarse.driven

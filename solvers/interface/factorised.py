@@ -23,7 +23,7 @@ TOO_LITTLE = (-8, -9)  # INFOG(1): that was not enough
 METIS = 5  # MUMPS' own choice of ordering cost 2.7 times the flops on two ranks
 
 
-class Volume:
+class FactorisedVolume:
     """K_B (free displacements), factorised; `S` (c, c) is its Schur complement on the contact dofs."""
 
     def __init__(self, K: Any, contact_dofs: Ints, counters: Counters) -> None:

@@ -16,7 +16,7 @@ from solvers.parallel.counters import Counters
 
 @dataclass(frozen=True)
 class Load:
-    """What pulls at the bodies in one step besides contact; made by `Bodies.load`."""
+    """What pulls at the bodies in one step besides contact; made by `DelassusOperator.load`."""
 
     f_q: Any  # PETSc vector over the free numbers [N]
     driving: Array  # (o,) forces on driven obstacles [N]
@@ -30,7 +30,7 @@ class Load:
         return float(self.f_q.norm(PETSc.NormType.NORM_1) + np.abs(self.driving).sum())
 
 
-class Bodies(ABC):
+class DelassusOperator(ABC):
     """K_B^-1, seen on the c contact dofs; `rows` contact rows measure relative displacement there.
 
     A body that is held by contact alone makes K_B singular. With R an orthonormal basis of its rigid motions on the
@@ -92,17 +92,17 @@ class Bodies(ABC):
         return value
 
     @abstractmethod
-    def adopt(self, other: Bodies) -> None:
+    def adopt(self, other: DelassusOperator) -> None:
         """Take over what another one, of the same bodies and contact dofs with other pairs, has learnt of them."""
 
-    def kept(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Any]:
         """What later answers depend on beside the bodies, to the last bit; see `restore`."""
         return {"lambda_max": self.__dict__.get("lambda_max")}
 
-    def restore(self, kept: dict[str, Any]) -> None:
-        """Go on as the one that `kept` this."""
-        if kept["lambda_max"] is not None:
-            self.__dict__["lambda_max"] = kept["lambda_max"]
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Go on as the one that `snapshot` was taken of."""
+        if snapshot["lambda_max"] is not None:
+            self.__dict__["lambda_max"] = snapshot["lambda_max"]
 
     @cached_property
     def lambda_max(self) -> float:

@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.optimize import linprog
 
 from geometry.arrays import Array, Bools
-from solvers.contact.admissible_set import Place
+from solvers.contact.admissible_set import ContactBlock
 from solvers.interface.problem import SurfaceProblem
 
 SIDES = 32  # of the polygons that stand for the disc of friction: the outer one is larger by 0.5 %
@@ -150,7 +150,7 @@ class _Bounds:
     cap: Array  # (m,)
 
 
-def _bounds(problem: SurfaceProblem, place: Place, outer: bool, force: float) -> _Bounds:
+def _bounds(problem: SurfaceProblem, place: ContactBlock, outer: bool, force: float) -> _Bounds:
     """Each point's disc as a polygon whose sides (outer) or corners (inner) touch it, first of all on the axes."""
     surface, cone, rows = problem.surface, problem.cone, place.rows
     assert rows.friction is not None

@@ -9,8 +9,14 @@ import numpy as np
 from mpi4py import MPI
 
 from geometry.arrays import Array
-from solvers.interface.flexibility import Bodies, Load
-from solvers.linear.conjugate_gradients import ConjugateGradients, ContactError, EnergyError, Goal, ResidualNorm
+from solvers.interface.flexibility import DelassusOperator, Load
+from solvers.linear.conjugate_gradients import (
+    ConjugateGradients,
+    ContactErrorCriterion,
+    EnergyErrorCriterion,
+    ResidualCriterion,
+    StoppingCriterion,
+)
 from solvers.linear.multigrid import boomeramg
 from solvers.parallel.replicated import Replicated
 from solvers.parallel.serialise import Own
@@ -27,10 +33,10 @@ class IterativeVolume:
         self.counters, self.K = system.counters, system.K_B
         K = self.K
         self.contact = Replicated(K.createVecRight(), system.contact_dofs)
-        self.floating = FloatingMotions(system, self.contact, system.rigid_modes())
+        self.floating = FloatingMotions(system, self.contact, system.rigid_modes)
         diagonal = self.contact.read(K.getDiagonal())
         self.stiffness = float(diagonal.mean()) if len(diagonal) else 1.0
-        self.tolerance = system.scene.solver.tolerance
+        self.tolerance = system.problem.solver.tolerance
         self._multigrid = boomeramg(self._bedded(K), "volume_")
         self._cg = ConjugateGradients(K, self._precondition, self.counters)
 
@@ -43,34 +49,40 @@ class IterativeVolume:
         self._multigrid.destroy()
         self.remember(1)
 
-    def kept(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Any]:
         """What solves have learnt; see `restore`."""
-        return self._cg.directions.kept()
+        return self._cg.directions.snapshot()
 
-    def restore(self, kept: dict[str, Any]) -> None:
-        """Know what was `kept` by another one of the same bodies."""
-        self._cg.directions.restore(kept)
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        """Know what a `snapshot` holds by another one of the same bodies."""
+        self._cg.directions.restore(snapshot)
 
     def solve_contact(self, f: Any, v: Any, error: float, relative: float) -> None:
         """Improve v until its contact dofs are right within `error` [m], or `relative` to the largest; collective."""
         local, response = self.contact.local, self._cg.directions.response
-        self._solve(f, v, ContactError(self._cg.comm, local, error, relative, lambda: response(local)))
+        self._solve(
+            f,
+            v,
+            ContactErrorCriterion(
+                comm=self._cg.comm, local=local, error=error, relative=relative, response=lambda: response(local)
+            ),
+        )
 
     def solve_energy(self, f: Any, v: Any, relative: float) -> float:
         """Improve v until its relative error in energy norm is small; that error, estimated; collective."""
-        goal = EnergyError(self._cg.comm, f.array, relative)
-        self._solve(f, v, goal)
-        return goal.reached
+        criterion = EnergyErrorCriterion(self._cg.comm, f.array, relative)
+        self._solve(f, v, criterion)
+        return criterion.reached
 
     def solve_residual(self, f: Any, v: Any, allowed: Callable[[float], float]) -> None:
         """Improve v until its residual is small; collective."""
-        self._solve(f, v, ResidualNorm(allowed))
+        self._solve(f, v, ResidualCriterion(allowed))
 
-    def _solve(self, f: Any, v: Any, goal: Goal) -> None:
+    def _solve(self, f: Any, v: Any, criterion: StoppingCriterion) -> None:
         forces = f.array.copy()
         self.floating.balance(forces)
         if self._cg.comm.allreduce(bool(forces.any()), op=MPI.LOR):
-            self._cg.solve(forces, v.array, goal)
+            self._cg.solve(forces, v.array, criterion)
             self.floating.pin(v.array)
         else:  # beside a solution that is none, no error is small
             v.array[:] = 0.0
@@ -97,8 +109,8 @@ SCALE = 1e-4  # of the displacement without contact, which only sets the scales 
 SHARE = 0.1  # of the scene's tolerance: error of the accepted displacement in energy norm
 
 
-class MatrixFreeSurface(Bodies):
-    """K_B^-1 by conjugate gradients, begun where the last solve ended; see `Bodies`.
+class MatrixFreeSurface(DelassusOperator):
+    """K_B^-1 by conjugate gradients, begun where the last solve ended; see `DelassusOperator`.
 
     A floating body's motion is known at once, b = R^T f / rho; what is iterated on is its deformation.
     """
@@ -128,7 +140,7 @@ class MatrixFreeSurface(Bodies):
         """Displacement (c,) [m] of held bodies, from that of the solve before; one volume solve; collective.
 
         Args:
-            allowed: see `ResidualNorm`.
+            allowed: see `ResidualCriterion`.
         """
         assert not self.floating
         if not self.size:
@@ -149,14 +161,14 @@ class MatrixFreeSurface(Bodies):
         """Each solve is collective: were ranks to differ in when to stop, they would wait for each other for ever."""
         return self.volume.K.comm.tompi4py().bcast(value)
 
-    def kept(self) -> dict[str, Any]:
-        return super().kept() | {"last": Own(self._last.array_r)}
+    def snapshot(self) -> dict[str, Any]:
+        return super().snapshot() | {"last": Own(self._last.array_r)}
 
-    def restore(self, kept: dict[str, Any]) -> None:
-        super().restore(kept)
-        self._last.array[:] = kept["last"]
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        super().restore(snapshot)
+        self._last.array[:] = snapshot["last"]
 
-    def adopt(self, other: Bodies) -> None:
+    def adopt(self, other: DelassusOperator) -> None:
         assert isinstance(other, MatrixFreeSurface)
         self._last = other._last
 

@@ -14,39 +14,39 @@ from scipy.linalg import block_diag
 
 from geometry.arrays import Array
 from solvers.contact.rows import ContactRows
-from solvers.interface.factorised import Volume
-from solvers.interface.flexibility import Bodies
+from solvers.interface.factorised import FactorisedVolume
+from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from solvers.interface.schur_complement import CondensedSurface
 from solvers.stepping.choice import Form
 from solvers.system.system import System
 
 
-def prepare_volume(system: System, form: Form) -> Volume | IterativeVolume:
+def prepare_volume(system: System, form: Form) -> FactorisedVolume | IterativeVolume:
     """The bodies in that form; collective."""
     if form == "matrix-free":
         return IterativeVolume(system)
-    return Volume(system.K_B, system.contact_dofs, system.counters)
+    return FactorisedVolume(system.K_B, system.contact_dofs, system.counters)
 
 
 @overload
-def prepare_surface(system: System, volume: Volume) -> CondensedSurface: ...
+def prepare_surface(system: System, volume: FactorisedVolume) -> CondensedSurface: ...
 @overload
 def prepare_surface(system: System, volume: IterativeVolume) -> MatrixFreeSurface: ...
 @overload
-def prepare_surface(system: System, volume: Volume | IterativeVolume) -> Bodies: ...
-def prepare_surface(system: System, volume: Volume | IterativeVolume) -> Bodies:
+def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) -> DelassusOperator: ...
+def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) -> DelassusOperator:
     """Stack all contacts: normal rows first, then tangential rows."""
     contacts, c = system.contacts, len(system.contact_dofs)
     traces = [system.trace(rows) for rows in contacts]
     normal = [rows.N_n @ trace for rows, trace in zip(contacts, traces, strict=True)]
     tangential = [rows.N_t @ trace for rows, trace in zip(contacts, traces, strict=True)]
-    count = len(system.driven)
+    count = len(system.obstacles.driven)
     pull = [_driven_columns(system, rows, rows.N_n) for rows in contacts]
     pull += [_driven_columns(system, rows, rows.N_t) for rows in contacts]
     weights = [rows.W_n for rows in contacts] + [np.repeat(rows.W_t, rows.free.shape[1]) for rows in contacts]
-    kind: Any = CondensedSurface if isinstance(volume, Volume) else MatrixFreeSurface
-    surface: Bodies = kind(
+    kind: Any = CondensedSurface if isinstance(volume, FactorisedVolume) else MatrixFreeSurface
+    surface: DelassusOperator = kind(
         volume,
         N=sparse.hstack(
             [
@@ -56,7 +56,7 @@ def prepare_surface(system: System, volume: Volume | IterativeVolume) -> Bodies:
             format="csr",
         ),
         W=np.concatenate([np.zeros(0), *weights]),
-        R=block_diag(system.rigid_modes(), np.eye(count)),
+        R=block_diag(system.rigid_modes, np.eye(count)),
         driven=count,
         normal_rows=sum(block.shape[0] for block in normal),
     )
@@ -65,11 +65,10 @@ def prepare_surface(system: System, volume: Volume | IterativeVolume) -> Bodies:
 
 def _driven_columns(system: System, rows: ContactRows, N: Any) -> Array:
     """Relative displacement (rows, o) that unit motions of the driven obstacles cause."""
-    against, n, d = system.scene.contacts[rows.name].against, *rows.surface.points.shape
-    columns = np.zeros((N.shape[0], len(system.driven)))
-    for column, (name, axis) in enumerate(system.driven):
-        if name == against:
-            columns[:, column] = -(N @ np.tile(np.eye(d)[axis], n))
+    obstacles = system.obstacles
+    columns = np.zeros((N.shape[0], len(obstacles.driven)))
+    for column, moved in obstacles.unit_motions(rows.name, len(rows.surface.points)).items():
+        columns[:, column] = -(N @ moved)
     return columns
 
 
@@ -77,12 +76,10 @@ def trial_stiffness(system: System) -> Array:
     """E / depth of the bodies behind each row, one behind the other [Pa/m]."""
     scale = []
     for c in system.contacts:
-        contact, spread = system.scene.contacts[c.name], np.abs(c.frames[:, 0]).mean(axis=0)
-        sides = [contact.surface] + [contact.against] * (c.master is not None)
-        give = 0.0
-        for body in (side.split(".")[0] for side in sides):
+        spread, give = np.abs(c.frames[:, 0]).mean(axis=0), 0.0
+        for body in system.problem.pairs[c.name].bodies:
             low, high = system.mesh.body_box(body)
-            give += float(spread @ (high - low)) / system.scene.bodies[body].E
+            give += float(spread @ (high - low)) / system.problem.bodies[body].E
         scale.append(1 / give)
     parts = [np.full(len(c.W_n), s) for c, s in zip(system.contacts, scale, strict=True)]
     parts += [np.full(c.free.size, s) for c, s in zip(system.contacts, scale, strict=True)]

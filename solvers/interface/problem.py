@@ -9,7 +9,7 @@ import numpy as np
 
 from geometry.arrays import Array
 from solvers.contact.admissible_set import AdmissibleSet
-from solvers.interface.flexibility import Bodies, Load
+from solvers.interface.flexibility import DelassusOperator, Load
 
 ROUNDING = 1e-12  # normal motion that is none, beside the largest one
 
@@ -21,7 +21,7 @@ class SurfaceProblem:
     Flat arrays (rows,): normal rows of all contacts, then tangential rows in the local frames.
     """
 
-    surface: Bodies
+    surface: DelassusOperator
     cone: AdmissibleSet
     load: Load
     offset: Array  # (rows,) prescribed part of the relative displacement [m]

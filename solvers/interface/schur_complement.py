@@ -12,9 +12,9 @@ from scipy.linalg.lapack import dpotri
 from scipy.sparse.linalg import splu
 
 from geometry.arrays import Array, Bools, Ints
-from solvers.interface.factorised import Volume
-from solvers.interface.flexibility import Bodies, Load
-from solvers.linear.memoised_map import Remembered
+from solvers.interface.factorised import FactorisedVolume
+from solvers.interface.flexibility import DelassusOperator, Load
+from solvers.linear.memoised_map import MemoisedMap
 
 SINGULAR = 1e-8  # smallest pivot of N beside its largest at which rows do not measure every dof
 
@@ -66,17 +66,17 @@ class RowStiffness:
 PAYS = 16  # an inverse is cheaper than two triangular solves for each of c / PAYS forces
 
 
-class CondensedSurface(Bodies):
-    """S u_c = f_c - N^T W p on the contact dofs, S the Schur complement of K_B; see `Bodies`."""
+class CondensedSurface(DelassusOperator):
+    """S u_c = f_c - N^T W p on the contact dofs, S the Schur complement of K_B; see `DelassusOperator`."""
 
     exact = True
 
-    def __init__(self, volume: Volume, N: Any, W: Array, R: Array, normal_rows: int, driven: int = 0) -> None:
+    def __init__(self, volume: FactorisedVolume, N: Any, W: Array, R: Array, normal_rows: int, driven: int = 0) -> None:
         super().__init__(N, W, R, normal_rows, driven, volume.counters)
         self.volume = volume
         self.S = block_diag(volume.S, np.zeros((driven, driven))) if driven else volume.S
         self.rho = float(np.trace(self.S) / max(len(self.S), 1))
-        self._condensed = Remembered(volume.condense, len(volume.S))
+        self._condensed = MemoisedMap(volume.condense, len(volume.S))
         self._forces = 0  # that were asked about
         self._dense: dict[str, Any] = {}  # factor and inverse, shared with those of other pairs
         self._row_stiffness: dict[bytes, RowStiffness | None] = {}
@@ -136,18 +136,18 @@ class CondensedSurface(Bodies):
         self.volume.contact.write(total, self.forces(p)[:own])
         return self.volume.expand(load.f_q - total, u_c[:own])
 
-    def kept(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Any]:
         inverted = "flexibility" in self._dense
         counted = 0 if inverted else self._forces  # it matters only until then
-        return super().kept() | {"condensed": self._condensed.kept(), "forces": counted, "inverted": inverted}
+        return super().snapshot() | {"condensed": self._condensed.snapshot(), "forces": counted, "inverted": inverted}
 
-    def restore(self, kept: dict[str, Any]) -> None:
-        super().restore(kept)
-        self._condensed.restore(kept["condensed"], self.volume.K.createVecRight())
-        self._forces = kept["forces"]
-        if kept["inverted"]:  # from then on displacements came from the inverse, with its rounding
+    def restore(self, snapshot: dict[str, Any]) -> None:
+        super().restore(snapshot)
+        self._condensed.restore(snapshot["condensed"], self.volume.K.createVecRight())
+        self._forces = snapshot["forces"]
+        if snapshot["inverted"]:  # from then on displacements came from the inverse, with its rounding
             _ = self.flexibility
 
-    def adopt(self, other: Bodies) -> None:
+    def adopt(self, other: DelassusOperator) -> None:
         assert isinstance(other, CondensedSurface)
         self._condensed, self._dense = other._condensed, other._dense

@@ -1,106 +1,141 @@
-"""Preconditioned conjugate gradients that remember the search directions of earlier right-hand sides."""
+"""Preconditioned conjugate gradients that recycle the search directions of earlier right-hand sides (deflation).
+
+Each solve starts from the best solution in the span of the stored directions and keeps its own directions conjugate to
+them, so later solves with the same matrix need fewer iterations.
+
+Source: Erhel & Guyomarc'h, SIAM J. Matrix Anal. Appl. 21 (2000), 1279-1299 (augmented conjugate gradients).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
 
 from geometry.arrays import Array, Ints
 from geometry.errors import SolverError
+from geometry.protocols import Comm, Mat, Vec
 from solvers.parallel.counters import Counters
-from solvers.parallel.serialise import Own
+from solvers.parallel.serialise import Own, Plain
 
-MOST = 40  # directions; of 80, the last are rounding for slender bodies. One costs two vectors, and two products a step
+MOST = 40  # directions; of 80, the last are rounding for slender bodies. Each costs two vectors, two products a step
 
 
 class SearchDirections:
-    """Directions d_j and A d_j, d_i . A d_j = 1 if i = j, else 0; each rank holds its own part of them.
+    """Stored directions d_j and products A d_j with d_i . A d_j = 1 if i = j, else 0; each rank holds its own part.
 
-    Source: Erhel & Guyomarc'h, SIAM J. Matrix Anal. Appl. 21 (2000), 1279-1299 (augmented conjugate gradients).
+    They deflate a solve: `advance` solves exactly in their span, `conjugate` keeps later directions out of it.
     """
 
-    def __init__(self, comm: Any, owned: int, most: int) -> None:
+    def __init__(self, comm: Comm, owned: int, most: int) -> None:
         """
         Args:
             comm: mpi4py communicator.
-            owned: entries of a vector on this rank.
-            most: when there are more, the oldest one is forgotten.
+            owned: number of entries of a vector on this rank.
+            most: number of directions to store; a further one replaces the oldest.
         """
         self.comm, self.most, self.count = comm, most, 0
         self._D, self._AD = np.empty((most, owned)), np.empty((most, owned))
 
     def advance(self, x: Array, r: Array) -> None:
-        """Bring x to where A x = b is solved as well as the directions can; r = b - A x follows. In place."""
+        """Move x (owned,) to the least energy in x + span(d_j), and update r = b - A x; in place; collective."""
         if k := min(self.count, self.most):
             along = self.comm.allreduce(self._D[:k] @ r)
             x += along @ self._D[:k]
             r -= along @ self._AD[:k]
 
     def response(self, local: Ints) -> float:
-        """Most that an entry `local` of a vector in their span has, beside the vector's energy norm; collective."""
+        """Largest ratio of an entry of a vector in their span to its energy norm; collective.
+
+        That is max_i (sum_j d_j[i]^2)^(1/2) over the entries i of all ranks.
+
+        Args:
+            local: positions in this rank's part of the entries that are asked for.
+        """
         known = self._D[: min(self.count, self.most), local]
         own = float(np.sqrt(np.sum(known**2, axis=0).max(initial=0.0)))
         return float(self.comm.allreduce(own, op=MPI.MAX))
 
     def conjugate(self, z: Array) -> None:
-        """Make z conjugate to all of them, in place."""
+        """Make z (owned,) conjugate (A-orthogonal) to all directions, in place; collective."""
         if k := min(self.count, self.most):
             z -= self.comm.allreduce(self._AD[:k] @ z) @ self._D[:k]
 
     def keep(self, d: Array, Ad: Array, norm: float) -> None:
-        """Remember a direction, its product with A, and its energy norm."""
+        """Store a direction d (owned,).
+
+        Args:
+            d, Ad: the direction and its product with A.
+            norm: energy norm (d . A d)^(1/2).
+        """
         place = self.count % self.most
         np.divide(d, norm, out=self._D[place])
         np.divide(Ad, norm, out=self._AD[place])
         self.count += 1
 
-    def kept(self) -> dict[str, Any]:
-        """All that is remembered; see `restore`."""
+    def snapshot(self) -> dict[str, Plain]:
+        """All stored directions; see `restore`."""
         k = min(self.count, self.most)
         return {"count": self.count, "D": Own(self._D[:k].T), "AD": Own(self._AD[:k].T)}
 
-    def restore(self, kept: dict[str, Any]) -> None:
-        """Remember what was `kept`."""
-        self.count = kept["count"]
+    def restore(self, snapshot: dict[str, Plain]) -> None:
+        """Store the directions of a `snapshot` instead of the present ones."""
+        self.count = snapshot["count"]
         k = min(self.count, self.most)
-        self._D[:k], self._AD[:k] = kept["D"].T, kept["AD"].T
+        self._D[:k], self._AD[:k] = snapshot["D"].T, snapshot["AD"].T
 
 
 SAFETY = 2.0  # of the estimated error
-UNKNOWN = 0.5  # contraction of an iteration, at least, before two of them tell it
-SLOWEST, FASTEST = 0.95, 0.3  # contraction that is believed
-MULTIGRID = 2.0  # the error over what one multigrid cycle makes of the residual
+UNKNOWN = 0.5  # smallest contraction per iteration that is assumed before two steps allow an estimate
+SLOWEST, FASTEST = 0.95, 0.3  # limits of the estimated contraction
+MULTIGRID = 2.0  # error, relative to one multigrid cycle applied to the residual
 
 
-class Goal(Protocol):
-    """What a solve is asked for. Arrays are this rank's part; both questions are collective."""
+class StoppingCriterion(Protocol):
+    """When a solve stops. Arrays are this rank's part (owned,); both questions are collective."""
 
     def met(self, x: Array, z: Array, energy: float) -> bool:
-        """Before a step: z is the preconditioned residual, about the error, and `energy` its square in energy norm."""
+        """Asked before each step.
+
+        Args:
+            x: the iterate.
+            z: the preconditioned residual M^-1 r, an estimate of the error.
+            energy: r . z, an estimate of the squared energy norm of the error.
+        """
 
     def moved(self, x: Array, change: Array) -> bool:
-        """After a step from x - change to x."""
+        """Asked after each step from x - change to x."""
 
 
-class ContactError:
-    """The largest error of the contact dofs is below `error` [m], or below `relative` beside the largest of them.
+class ContactErrorCriterion:
+    """Stops when no contact dof is off by more than `error`, or than `relative` times the largest contact dof.
 
-    What is left after a step is that step times q / (1 - q), q the contraction seen over the last two steps; and no
-    more than the energy norm of the error before it times `response`, the most that a contact dof moves beside that.
-    Both must be small: the second one rests on the search directions known so far.
+    Two estimates of that error must both be small:
+    the last step times q / (1 - q), q the contraction seen over the last two steps;
+    the energy norm of the error before the step times `response()`, the most that a contact dof moves per unit of
+    energy norm, as far as the search directions known so far show it.
     """
 
-    def __init__(self, comm: Any, local: Ints, error: float, relative: float, response: Callable[[], float]) -> None:
+    def __init__(
+        self, *, comm: Comm, local: Ints, error: float, relative: float, response: Callable[[], float]
+    ) -> None:
+        """
+        Args:
+            comm: mpi4py communicator.
+            local: positions of the contact dofs in this rank's part of a vector.
+            error: allowed error [m].
+            relative: allowed error, relative to the largest contact dof.
+            response: see `SearchDirections.response`; collective.
+        """
         self.comm, self.local, self.error, self.relative, self.response = comm, local, error, relative, response
         self.steps: list[float] = []
         self._left = 0.0
 
     def met(self, x: Array, z: Array, energy: float) -> bool:
         self._left = float(np.sqrt(energy))
-        if energy == 0.0:  # nothing is left
+        if energy == 0.0:  # the residual is zero
             return True
         return not self.steps and self._small(x, z, MULTIGRID)
 
@@ -115,11 +150,11 @@ class ContactError:
             rate = self._rate()
             share = rate / (1 - rate)
         enough = max(self.error, self.relative * size)
-        # steps alone do not see an error that hardly shrinks, as that of a slender body's bending
+        # steps alone do not show an error that hardly falls, such as bending of a slender body
         return bool(SAFETY * share * step <= enough) and self._left * self.response() <= enough
 
     def _rate(self) -> float:
-        """Contraction an iteration."""
+        """Estimated contraction per iteration."""
         last = self.steps[-3:]
         if len(last) < 2 or not last[0]:
             return UNKNOWN
@@ -127,18 +162,25 @@ class ContactError:
         return float(np.clip(seen, FASTEST if len(last) == 3 else UNKNOWN, SLOWEST))
 
 
-class EnergyError:
-    """The error is below `relative` beside the solution, both in the energy norm; `reached` is what it came to.
+class EnergyErrorCriterion:
+    """Stops when the error is below `relative` times the solution, both in the energy norm.
 
-    Where the solution is next to nothing, the error is measured beside that of the start: less is rounding.
+    Where the solution is smaller than the error of the start, that error takes its place: less is rounding.
+    `reached` is the last estimate of the relative error.
     """
 
-    def __init__(self, comm: Any, f: Array, relative: float) -> None:
+    def __init__(self, comm: Comm, f: Array, relative: float) -> None:
+        """
+        Args:
+            comm: mpi4py communicator.
+            f: this rank's part (owned,) of the right-hand side.
+            relative: allowed relative error.
+        """
         self.comm, self.f, self.relative = comm, f, relative
         self.reached, self._first = 0.0, 0.0
 
     def met(self, x: Array, z: Array, energy: float) -> bool:
-        stored = self.comm.allreduce(float(self.f @ x))  # x . A x, but for the residual
+        stored = self.comm.allreduce(float(self.f @ x))  # x . A x, up to the residual
         self._first = self._first or energy
         self.reached = float(np.sqrt(energy / max(stored, self._first))) if energy else 0.0
         return self.reached <= self.relative
@@ -147,13 +189,17 @@ class EnergyError:
         return False
 
 
-class ResidualNorm:
-    """The residual is no larger than `allowed` of its first size, both measured by the preconditioner.
+class ResidualCriterion:
+    """Stops when the residual norm (r . M^-1 r)^(1/2) is at most `allowed(first)`, `first` its value at the start.
 
-    That is about the energy norm of the error.
+    M is the preconditioner, so this norm is close to the energy norm of the error. `reached` is its last value.
     """
 
     def __init__(self, allowed: Callable[[float], float]) -> None:
+        """
+        Args:
+            allowed: takes the norm at the start to the norm at which to stop.
+        """
         self.allowed = allowed
         self.first: float | None = None
         self.reached = 0.0
@@ -168,18 +214,19 @@ class ResidualNorm:
         return False
 
 
-ROUNDING = 1e-14  # of the solution, in energy norm: no goal is nearer than that
-MOST_ITERATIONS = 1000  # of one solve; multigrid takes a dozen or two
+ROUNDING = 1e-14  # of the solution, in energy norm: no criterion asks for less
+MOST_ITERATIONS = 1000  # of one solve; with multigrid 10 to 25 are usual
 
 
 class ConjugateGradients:
-    """Solves A x = b for one A and many b; collective."""
+    """Solves A x = b for one A and many b; all calls are collective."""
 
-    def __init__(self, A: Any, precondition: Callable[[Any, Any], None], counters: Counters) -> None:
+    def __init__(self, A: Mat, precondition: Callable[[Vec, Vec], None], counters: Counters) -> None:
         """
         Args:
-            A: PETSc matrix, symmetric, positive definite where the right-hand sides are.
-            precondition: writes about A^-1 r into its second argument, PETSc vectors.
+            A: symmetric, positive definite on the space of the right-hand sides.
+            precondition: takes (r, z) and writes z = M^-1 r, M symmetric and close to A.
+            counters: counts the iterations.
         """
         self.A, self.precondition, self.counters = A, precondition, counters
         self.comm = A.comm.tompi4py()
@@ -187,14 +234,19 @@ class ConjugateGradients:
         self.remember(MOST)
 
     def remember(self, most: int) -> None:
-        """Start anew with so many search directions to keep, at least one."""
+        """Forget all search directions; store up to `most` of them, at least one, from now on."""
         self.directions = SearchDirections(self.comm, self._in.getLocalSize(), most)
 
-    def solve(self, b: Array, x: Array, goal: Goal) -> None:
-        """Improve x (owned,) until the goal is reached.
+    def solve(self, b: Array, x: Array, criterion: StoppingCriterion) -> None:
+        """Improve x until the criterion is met, in place.
+
+        Args:
+            b: this rank's part (owned,) of the right-hand side.
+            x: this rank's part (owned,) of the start, then of the solution.
+            criterion: when to stop.
 
         Raises:
-            SolverError: it is not reached.
+            SolverError: it is not met, or A or the preconditioner is not positive definite.
         """
         r = b - self._apply(self.A.mult, x)
         self.directions.advance(x, r)
@@ -202,9 +254,9 @@ class ConjugateGradients:
         for _ in range(MOST_ITERATIONS):
             d = self._apply(self.precondition, r).copy()
             left = self._dot(r, d)
-            if not left >= 0.0:  # the preconditioner is not positive definite, or something is no number
+            if not left >= 0.0:  # the preconditioner is not positive definite, or NaN
                 break
-            if goal.met(x, d, left) or left <= rounding:
+            if criterion.met(x, d, left) or left <= rounding:
                 return
             self.directions.conjugate(d)
             Ad = self._apply(self.A.mult, d)
@@ -217,12 +269,12 @@ class ConjugateGradients:
             d *= step
             x += d
             self.counters.linear_iterations += 1
-            if goal.moved(x, d):
+            if criterion.moved(x, d):
                 return
         raise SolverError('the iterative volume solve does not converge; set solver.surface = "condensed"')
 
-    def _apply(self, act: Callable[[Any, Any], None], x: Array) -> Array:
-        """Result of a PETSc operation; valid until the next one."""
+    def _apply(self, act: Callable[[Vec, Vec], None], x: Array) -> Array:
+        """Result (owned,) of a PETSc operation; valid until the next call."""
         self._in.array[:] = x
         act(self._in, self._out)
         return np.asarray(self._out.array_r)

@@ -1,4 +1,4 @@
-"""GMRES, preconditioned from the right: it stops on the residual of the equations themselves."""
+"""GMRES with a preconditioner on the right, so that it stops on the residual of the equations themselves."""
 
 from __future__ import annotations
 
@@ -12,10 +12,18 @@ from geometry.arrays import Array
 def gmres(
     A: Callable[[Array], Array], b: Array, x: Array, M: Callable[[Array], Array], atol: float, max_it: int = 200
 ) -> tuple[Array, float]:
-    """x with ||b - A x|| <= atol, or the best of max_it iterations; and that norm.
+    """Solve A x = b.
 
     Args:
-        M: the preconditioner, an approximation of A^-1; linear.
+        A: linear map (n,) to (n,).
+        b: right-hand side (n,).
+        x: start (n,).
+        M: the preconditioner, a linear map that approximates A^-1.
+        atol: 2-norm of the residual at which to stop, in the unit of b.
+        max_it: largest number of iterations; there are no restarts.
+
+    Returns:
+        x (n,) with ||b - A x||_2 <= atol, or the best after max_it iterations; and that norm.
 
     Source: Saad & Schultz, SIAM J. Sci. Stat. Comput. 7 (1986).
     """
@@ -33,7 +41,7 @@ def gmres(
         new, basis = A(Z[k]), np.array(V)
         h = basis @ new
         new = new - h @ basis
-        again = basis @ new  # twice is enough to keep the basis orthogonal
+        again = basis @ new  # Gram-Schmidt twice keeps the basis orthogonal
         new -= again @ basis
         h += again
         size = float(np.linalg.norm(new))

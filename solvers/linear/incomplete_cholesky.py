@@ -1,9 +1,8 @@
-"""Incomplete Cholesky factors: A = P P^T - S, S what falls outside a pattern or below a tolerance."""
+"""Incomplete Cholesky factors: A = P P^T - S, S the entries dropped outside a pattern or below a tolerance."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from scipy import sparse
 
 from geometry.arrays import Array
 from geometry.errors import MachineError
+from geometry.protocols import Sparse
 
 FIRST_SHIFT = 1e-3  # of the diagonal, after a pivot that is not positive
 SHIFTS = 12  # each twice the one before
@@ -18,34 +18,34 @@ SHIFTS = 12  # each twice the one before
 
 @dataclass(frozen=True)
 class IncompleteFactor:
-    """P, lower triangular, in the order of A."""
+    """The lower triangular factor P, in the order of A."""
 
-    P: Any  # (n, n) sparse, by columns
-    shift: float  # what was added to A's diagonal, relative to it, for all pivots to be positive
+    P: Sparse  # (n, n) csc
+    shift: float  # added to A's diagonal, relative to it, so that all pivots are positive
 
     def trailing(self, count: int) -> Array:
-        """P_cc P_cc^T (count, count) of the last unknowns: of a complete factor, A's Schur complement on them."""
+        """P_cc P_cc^T of the last `count` unknowns (count, count): for a complete factor, A's Schur complement."""
         P_cc = self.P[-count:, -count:].toarray() if count else np.zeros((0, 0))
         return np.asarray(P_cc @ P_cc.T)
 
 
-def incomplete_cholesky(A: Any, drop: float | None = None) -> IncompleteFactor:
-    """P column by column, each from those to its left.
-
-    Args:
-        A: (n, n) sparse, symmetric, positive definite.
-        drop: what is at most this part of the norm of A's column is left out, wherever it is; 0: nothing is, a
-            complete factor. None: what is outside A's own pattern is, IC(0).
+def incomplete_cholesky(A: Sparse, drop: float | None = None) -> IncompleteFactor:
+    """Factorise column by column, each from those to its left (left-looking).
 
     Where a pivot is not positive, A's diagonal is raised until all are.
+
+    Args:
+        A: (n, n) symmetric, positive definite.
+        drop: entries of at most `drop` times the norm of A's column are left out; 0 drops no entry and gives the
+            complete factor. None drops the entries outside A's own pattern, IC(0).
 
     Source: Meijerink & van der Vorst, Math. Comp. 31 (1977); the shift: Manteuffel, Math. Comp. 34 (1980).
 
     Raises:
-        MachineError: raising it does not help, A is not positive definite.
+        MachineError: some pivot stays negative however the diagonal is raised: A is not positive definite.
 
     >>> A = sparse.csr_matrix(np.array([[4.0, 2.0, 0.0], [2.0, 5.0, 2.0], [0.0, 2.0, 5.0]]))
-    >>> incomplete_cholesky(A).P.toarray()  # tridiagonal: nothing to leave out
+    >>> incomplete_cholesky(A).P.toarray()  # tridiagonal: there is no fill to drop
     array([[2., 0., 0.],
            [1., 2., 0.],
            [0., 1., 2.]])
@@ -61,15 +61,15 @@ def incomplete_cholesky(A: Any, drop: float | None = None) -> IncompleteFactor:
     raise MachineError("incomplete Cholesky: a pivot stays negative; the Gram matrix is not positive definite")
 
 
-def _factor(lower: Any, drop: float | None, raised: float) -> Any:
-    """P (n, n), or None at a pivot that is not positive."""
+def _factor(lower: Sparse, drop: float | None, raised: float) -> Sparse | None:
+    """P (n, n) of A with its diagonal times `raised`; None if a pivot is not positive."""
     n = lower.shape[0]
     least = 0.0 if drop is None else drop * np.sqrt(np.asarray(lower.multiply(lower).sum(axis=0)).ravel())
     least = np.broadcast_to(least, n)
     left: list[list[int]] = [[] for _ in range(n)]  # columns of P with an entry in that row
     rows: list[NDArray[np.int32]] = []
     values: list[Array] = []
-    column = np.zeros(n)  # work space, zero wherever nothing was reached
+    column = np.zeros(n)  # work space, zero between the columns
     for j in range(n):
         own = lower.indices[lower.indptr[j] : lower.indptr[j + 1]]
         column[own] = lower.data[lower.indptr[j] : lower.indptr[j + 1]]
@@ -90,6 +90,7 @@ def _factor(lower: Any, drop: float | None, raised: float) -> Any:
             left[i].append(j)
         column[found] = 0.0
     pointer = np.cumsum([0, *(len(each) for each in rows)])
-    return sparse.csc_matrix(
+    factor: Sparse = sparse.csc_matrix(
         (np.concatenate([[], *values]), np.concatenate([lower.indices[:0], *rows]), pointer), lower.shape
     )
+    return factor

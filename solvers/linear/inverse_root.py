@@ -1,21 +1,27 @@
-"""A^(-1/2) of a sparse positive definite matrix as a sum of a few shifted inverses."""
+"""Inverse square root A^(-1/2) of a sparse positive definite matrix: a rational approximation, few shifted inverses."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 from scipy import sparse
 from scipy.special import ellipj, ellipkm1
 
 from geometry.arrays import Array
+from geometry.protocols import Sparse
 from solvers.linear.cholesky import SparseCholesky
 
 
 def poles(low: float, high: float, count: int) -> tuple[Array, Array]:
-    """Weights v and shifts t² (count,), all positive: x^(-1/2) = sum v / (x + t²) for low <= x <= high.
+    """Poles of the rational approximation x^(-1/2) = sum_j v_j / (x + t_j²) on [low, high].
 
     The relative error falls like exp(-2 pi² count / (log(high / low) + 3)).
+
+    Args:
+        low, high: ends of the interval, 0 < low < high.
+        count: number of poles.
+
+    Returns:
+        The weights v and the shifts t², (count,) each, all positive.
 
     Source: Hale, Higham & Trefethen, SIAM J. Numer. Anal. 46 (2008), method 3.
     """
@@ -27,15 +33,16 @@ def poles(low: float, high: float, count: int) -> tuple[Array, Array]:
 
 
 class InverseRoot:
-    """x -> A^(-1/2) x, symmetric and positive definite; one sparse factorisation for each shift."""
+    """The map x -> A^(-1/2) x, symmetric and positive definite; one sparse factorisation for each shift."""
 
-    def __init__(self, A: Any, low: float, count: int = 3) -> None:
+    def __init__(self, A: Sparse, low: float, count: int = 3) -> None:
         """
         Args:
-            A: (n, n) sparse, symmetric.
-            low: no eigenvalue of A lies below, > 0.
+            A: (n, n) symmetric, positive definite.
+            low: lower bound of the eigenvalues of A, > 0.
+            count: number of shifts.
         """
-        high = float(np.abs(A).sum(axis=1).max()) if A.shape[0] else low
+        high = float(abs(A).sum(axis=1).max()) if A.shape[0] else low
         self.weights, self.shifts = poles(low, max(high, 2 * low), count)
         identity = sparse.eye(A.shape[0], format="csr")
         self._factors = [SparseCholesky(A + shift * identity) for shift in self.shifts]

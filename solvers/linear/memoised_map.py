@@ -1,35 +1,39 @@
-"""A costly linear map of distributed vectors, known on the span of those it has met."""
+"""Memoise a costly linear map of distributed vectors: on the span of earlier arguments it costs no call."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from geometry.arrays import Array
-from solvers.parallel.serialise import Own
+from geometry.protocols import Vec
+from solvers.parallel.serialise import Own, Plain
 
-KEPT = 8  # vectors; loads that turn steadily through more directions than that gain nothing
-ROUNDING = 1e-13  # what is left of a vector, beside it, when it lies in the span
+KEPT = 8  # vectors; loads that turn steadily through more directions gain nothing from it
+ROUNDING = 1e-13  # remainder of a vector that lies in the span, relative to the vector
 
 
-class Remembered:
-    """Calls the map for the part of a vector that is new only; load steps that differ by a factor cost one call."""
+class MemoisedMap:
+    """Calls the map only for the part of a vector outside the known span.
 
-    def __init__(self, apply: Callable[[Any], Array], size: int) -> None:
+    All load steps whose loads differ by a factor cost one call.
+    """
+
+    def __init__(self, apply: Callable[[Vec], Array], size: int) -> None:
         """
         Args:
-            apply: the map of a PETSc vector to (size,).
+            apply: the linear map of a vector to (size,); collective.
+            size: length of the results.
         """
         self._apply, self._size = apply, size
-        self._met: list[tuple[Any, Array]] = []  # orthonormal vectors, and what the map makes of them
+        self._known: list[tuple[Vec, Array]] = []  # orthonormal vectors and their images
 
-    def __call__(self, vector: Any) -> Array:
-        """The map of a PETSc vector, exact to rounding; collective."""
+    def __call__(self, vector: Vec) -> Array:
+        """Image (size,) of a vector, exact to rounding; collective."""
         rest, size, image = vector.copy(), vector.norm(), np.zeros(self._size)
-        for _ in range(2):  # Gram-Schmidt, twice: the rest of a vector in the span is rounding then
-            for direction, its_image in self._met:
+        for _ in range(2):  # Gram-Schmidt twice: then the rest of a vector in the span is rounding
+            for direction, its_image in self._known:
                 part = rest.dot(direction)
                 rest.axpy(-part, direction)
                 image += part * its_image
@@ -38,18 +42,23 @@ class Remembered:
             rest.scale(1 / length)
             its_image = self._apply(rest)
             image += length * its_image
-            if len(self._met) < KEPT:
-                self._met.append((rest, its_image))
+            if len(self._known) < KEPT:
+                self._known.append((rest, its_image))
         return image
 
-    def kept(self) -> dict[str, Any]:
-        """All that was met; see `restore`."""
-        return {"vectors": [Own(v.array_r) for v, _ in self._met], "images": [image for _, image in self._met]}
+    def snapshot(self) -> dict[str, Plain]:
+        """All known vectors and their images; see `restore`."""
+        return {"vectors": [Own(v.array_r) for v, _ in self._known], "images": [image for _, image in self._known]}
 
-    def restore(self, kept: dict[str, Any], like: Any) -> None:
-        """Know what was `kept`, each vector laid out like that one."""
-        self._met = []
-        for own, image in zip(kept["vectors"], kept["images"], strict=True):
+    def restore(self, snapshot: dict[str, Plain], like: Vec) -> None:
+        """Know what a `snapshot` holds, and nothing else.
+
+        Args:
+            snapshot: see `snapshot`.
+            like: a vector of the layout of the arguments.
+        """
+        self._known = []
+        for own, image in zip(snapshot["vectors"], snapshot["images"], strict=True):
             vector = like.duplicate()
             vector.array[:] = own
-            self._met.append((vector, image))
+            self._known.append((vector, image))

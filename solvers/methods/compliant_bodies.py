@@ -13,7 +13,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from geometry.arrays import Array, Ints
 from geometry.errors import SolverError
-from solvers.contact.admissible_set import Place
+from solvers.contact.admissible_set import ContactBlock
 from solvers.interface.problem import SurfaceProblem
 from solvers.interface.schur_complement import CondensedSurface
 from solvers.laws.compliance import Compliance
@@ -40,7 +40,7 @@ class CompliantBodies:
     surface: CondensedSurface
 
     @cached_property
-    def places(self) -> tuple[tuple[Place, Compliance], ...]:
+    def places(self) -> tuple[tuple[ContactBlock, Compliance], ...]:
         laws = ((place, place.rows.normal) for place in self.problem.cone.places)
         return tuple((place, law) for place, law in laws if isinstance(law, Compliance))
 

@@ -28,7 +28,7 @@ from scipy import sparse
 
 from geometry.arrays import Array, Ints
 from geometry.surfaces.surface import Surface
-from solvers.contact.admissible_set import Place
+from solvers.contact.admissible_set import ContactBlock
 from solvers.contact.rows import ContactRows
 from solvers.interface.problem import SurfaceProblem
 from solvers.scene.material import Material
@@ -121,7 +121,7 @@ class ContactElements:
         return Answer(Sigma, sparse.csr_matrix((data, (i, j)), shape=(len(G), len(G))), status)
 
     def _rub(
-        self, place: Place, G: Array, Sigma: Array, normal: Array, status: Ints
+        self, place: ContactBlock, G: Array, Sigma: Array, normal: Array, status: Ints
     ) -> Iterator[tuple[Array, Ints, Ints]]:
         """Fill in Σ_T* and the status; entries of Σ*' in these rows."""
         n, T, free = place.normal, place.tangential, place.rows.free
@@ -151,7 +151,7 @@ def penalties(system: System) -> Array:
     A layer of elements behind the surface is omega_factor times as soft as the springs, at each point those that are
     there: h is that of the facets around its nodes. Two bodies give in series.
     """
-    factor, found = system.scene.solver.omega_factor, [np.zeros(0)]
+    factor, found = system.problem.solver.omega_factor, [np.zeros(0)]
     for shear in (False, True):
         for c in system.contacts:
             give = _give(system, c, c.N_t if shear else c.N_n, shear)
@@ -174,9 +174,9 @@ def _give(system: System, c: ContactRows, N: Any, shear: bool) -> Array:
 
 
 def _sides(system: System, c: ContactRows) -> list[tuple[Surface, Material]]:
-    contact, bodies = system.scene.contacts[c.name], system.scene.bodies
-    sides = [(c.surface, contact.surface)] + ([(c.master, contact.against)] if c.master else [])
-    return [(surface, bodies[name.split(".")[0]]) for surface, name in sides]
+    surfaces = [c.surface] + ([c.master] if c.master else [])
+    bodies = system.problem.pairs[c.name].bodies
+    return [(surface, system.problem.bodies[body]) for surface, body in zip(surfaces, bodies, strict=True)]
 
 
 def _modulus(body: Material, shear: bool) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from geometry.arrays import Array
-from solvers.contact.admissible_set import AdmissibleSet, Place
+from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.interface.problem import SurfaceProblem
 from solvers.newton.solution import OnStep, Solution, Status, Step
 
@@ -24,10 +24,10 @@ class GivenFriction(AdmissibleSet):
 
     given: Array  # (rows,) [Pa]
 
-    def bound(self, place: Place, p_n: Array) -> Array:
+    def bound(self, place: ContactBlock, p_n: Array) -> Array:
         return super().bound(place, self.given[place.normal])
 
-    def bound_slope(self, place: Place, p_n: Array) -> Any:
+    def bound_slope(self, place: ContactBlock, p_n: Array) -> Any:
         return sparse.csr_matrix(place.average.shape)
 
 

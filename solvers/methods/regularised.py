@@ -16,8 +16,8 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from geometry.arrays import Array
-from solvers.interface.factorised import METIS, Volume
-from solvers.interface.flexibility import Bodies
+from solvers.interface.factorised import METIS, FactorisedVolume
+from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.matrix_free import IterativeVolume
 from solvers.interface.problem import SurfaceProblem
 from solvers.laws.compliance import Compliance
@@ -58,12 +58,12 @@ class Regularised:
     are added up.
     """
 
-    def __init__(self, system: System, volume: Volume | IterativeVolume, surface: Bodies) -> None:
+    def __init__(self, system: System, volume: FactorisedVolume | IterativeVolume, surface: DelassusOperator) -> None:
         """Compile the forms; collective."""
         self.system, self.volume = system, volume
         self.contact = SmoothedForces(system)
         self.rows = _Recovery(system, surface)
-        solver = system.scene.solver
+        solver = system.problem.solver
         self.rtol, self.max_it = solver.tolerance, solver.max_iterations
         self.levels = levels(solver.smoothing)
 
@@ -189,7 +189,7 @@ class VolumeNewton:
 class _Recovery:
     """Tractions whose B^T p is a given force on the contact dofs."""
 
-    def __init__(self, system: System, surface: Bodies) -> None:
+    def __init__(self, system: System, surface: DelassusOperator) -> None:
         self.surface = surface
         self.compliant: list[tuple[slice, Compliance]] = []
         start = 0

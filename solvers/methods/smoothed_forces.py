@@ -71,7 +71,7 @@ class Nodal:
     """One contact: its forms, and their data at the nodes of its surface."""
 
     def __init__(self, system: System, rows: ContactRows, widths: Widths) -> None:
-        contact, weak = system.scene.contacts[rows.name], system.weak
+        contact, weak = system.problem.pairs[rows.name].contact, system.weak
         self.system, self.rows, self.contact = system, rows, contact
         self.bound = weak.constant(0.0)
         self.forms = SmoothedContact(weak, contact, widths, self.bound)
@@ -94,7 +94,7 @@ class Nodal:
 
     def begin(self, u: Any, motion: Array, u_s: Any, time: float) -> None:
         """Data of the step from an accepted u and motion (n, d) of the obstacle to `time`."""
-        end, law = self.system.scene.steps.end, self.rows.friction
+        end, law = self.system.problem.timeline.end, self.rows.friction
         if isinstance(law, Tresca):
             self.bound.value = value_at(law.bound, time, end)
         _fill(self.forms.before, self._motion(u - self._spread(motion.ravel())))
@@ -105,7 +105,8 @@ class Nodal:
     def _relative(self, u: Any, time: float) -> Any:
         """u less the obstacle's motion, which is taken at the nodes of the body."""
         system = self.system
-        moved = system.motion_of(self.contact, system.nodes.points[: system.nodes.owned], time, np.zeros(0))
+        points, nothing = system.nodes.points[: system.nodes.owned], np.zeros(0)
+        moved = system.obstacles.motion(self.rows.name, points, time, nothing)
         relative = u.copy()
         relative.array[:] -= moved.ravel()
         return relative

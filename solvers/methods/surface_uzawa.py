@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from geometry.arrays import Array
-from solvers.interface.flexibility import Bodies
+from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.problem import SurfaceProblem
 from solvers.metrics.secants import Secants
 from solvers.metrics.surface_metric import SurfaceMetric
@@ -82,16 +82,16 @@ class SurfaceUzawa:
             w = problem.relative_displacement(u_c + motion)
         return Solution(p, w, u_c + motion, status, residual, tuple(history))
 
-    def kept(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Any]:
         """What earlier steps have taught; see `restore`."""
-        return {name: secants.kept() for name, secants in self.learnt.items()}
+        return {name: secants.snapshot() for name, secants in self.learnt.items()}
 
-    def restore(self, kept: dict[str, Any], surface: Bodies) -> None:
-        """Know what was `kept` by one of the same bodies."""
-        for known in kept.values():
+    def restore(self, snapshot: dict[str, Any], surface: DelassusOperator) -> None:
+        """Know what a `snapshot` holds by one of the same bodies."""
+        for known in snapshot.values():
             self._flexibility(surface).restore(known)
 
-    def _flexibility(self, surface: Bodies) -> Secants:
+    def _flexibility(self, surface: DelassusOperator) -> Secants:
         """F, which knows what forces that move bodies as rigid ones do: (K_B + rho R R^T)^-1 R = R / rho."""
         own = surface.size - surface.driven
 

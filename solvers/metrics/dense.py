@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from geometry.arrays import Array, Bools
-from solvers.interface.flexibility import Bodies
+from solvers.interface.flexibility import DelassusOperator
 
 RANK = 1e-13  # of the largest eigenvalue; a smaller one is zero
 
@@ -18,7 +18,7 @@ RANK = 1e-13  # of the largest eigenvalue; a smaller one is zero
 class DenseMetric:
     """Q / alpha on the rows: what tractions cause if that were the bodies; see `methods.surface_system.Metric`."""
 
-    surface: Bodies
+    surface: DelassusOperator
     Q: Array  # (rows, rows), as a metric of tractions
     carrying: Bools  # (rows,) that may carry a traction
     root: Array  # of the inverse of Q on these, see `inverse_root`

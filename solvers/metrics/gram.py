@@ -15,8 +15,8 @@ from geometry.arrays import Array, Bools, Ints
 from geometry.surfaces.forms import surface_product, surface_stiffness
 from solvers.contact.admissible_set import AdmissibleSet
 from solvers.contact.rows import ContactRows
-from solvers.interface.factorised import Volume
-from solvers.interface.flexibility import Bodies
+from solvers.interface.factorised import FactorisedVolume
+from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.problem import SurfaceProblem
 from solvers.interface.schur_complement import CondensedSurface
 from solvers.linear.incomplete_cholesky import incomplete_cholesky
@@ -33,7 +33,7 @@ class GramMetric:
         """Assemble and factorise the Gram matrix; collective."""
         self.gram, self.length = gram, gram.length or system.extent
         self._compliance = None if gram.space == "multiplier" else np.linalg.inv(volume_block(system, gram))
-        self._last: dict[tuple[Bodies, float], DenseMetric] = {}
+        self._last: dict[tuple[DelassusOperator, float], DenseMetric] = {}
 
     def on(self, problem: SurfaceProblem, relaxation: float) -> DenseMetric:
         """Q / alpha with alpha = relaxation / lambda_max(Q^-1 B K_B^-1 B^T)."""
@@ -47,7 +47,7 @@ class GramMetric:
             self._last[key] = DenseMetric(surface, Q, carrying, root, relaxation / float(largest))
         return self._last[key]
 
-    def on_tractions(self, surface: Bodies, cone: AdmissibleSet) -> Array:
+    def on_tractions(self, surface: DelassusOperator, cone: AdmissibleSet) -> Array:
         """Q (rows, rows) in p^T Q p: the published one if it belongs to tractions, else W Q W."""
         if self._compliance is None:
             Q = multiplier_gram(cone, self.length).toarray()
@@ -56,12 +56,12 @@ class GramMetric:
             Q = surface.N @ self._compliance @ surface.N.T
         return np.asarray(surface.W[:, None] * Q * surface.W if self.gram.unknown == "forces" else Q)
 
-    def spectrum(self, surface: Bodies, cone: AdmissibleSet) -> Array:
+    def spectrum(self, surface: DelassusOperator, cone: AdmissibleSet) -> Array:
         """Eigenvalues of Q^-1 B K_B^-1 B^T on the rows that carry tractions, increasing."""
         on = cone.carrying
         return self._spectrum(surface, on, inverse_root(self.on_tractions(surface, cone)[np.ix_(on, on)]))
 
-    def _spectrum(self, surface: Bodies, on: Bools, root: Array) -> Array:
+    def _spectrum(self, surface: DelassusOperator, on: Bools, root: Array) -> Array:
         assert isinstance(surface, CondensedSurface)
         B = surface.N[on].T.multiply(surface.W[on]) @ root  # forces on the contact dofs (c, r)
         return np.asarray(eigvalsh(B.T @ surface.flexibility @ B))
@@ -80,7 +80,7 @@ def volume_block(system: System, gram: Gram) -> Array:
     """
     matrix, contact = volume_gram(system, gram.length or system.extent), system.contact_dofs
     if gram.factor == "complete" and len(contact):
-        return Volume(matrix, contact, Counters()).S
+        return FactorisedVolume(matrix, contact, Counters()).S
     whole, _ = contact_last(matrix, contact)
     return incomplete_cholesky(whole, drop_of(gram)).trailing(len(contact))
 

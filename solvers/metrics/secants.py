@@ -73,13 +73,13 @@ class Secants:
             np.ascontiguousarray(pairs[:, chosen]) for pairs in (self._S, self._Y, self._guessed)
         )
 
-    def kept(self) -> dict[str, Array]:
+    def snapshot(self) -> dict[str, Array]:
         """All that was learnt; see `restore`."""
         return {"forces": self._S, "displacements": self._Y, "guessed": self._guessed}
 
-    def restore(self, kept: dict[str, Array]) -> None:
-        """Know what was `kept` by one with the same guess, instead of what was known to begin with."""
-        self._S, self._Y, self._guessed = kept["forces"], kept["displacements"], kept["guessed"]
+    def restore(self, snapshot: dict[str, Array]) -> None:
+        """Know what a `snapshot` holds by one with the same guess, instead of what was known to begin with."""
+        self._S, self._Y, self._guessed = snapshot["forces"], snapshot["displacements"], snapshot["guessed"]
         self._prepare()
 
     def _prepare(self) -> None:

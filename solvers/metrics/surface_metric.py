@@ -41,7 +41,7 @@ class ContactLayer:
         self._at = np.searchsorted(layer.getIndices(), contact)
         K = sparse.csr_matrix((data, indices, indptr), shape=cut.getSize())
         springs = np.zeros(K.shape[0])
-        if len(springs) and system.rigid_modes().shape[1]:
+        if len(springs) and system.rigid_modes.shape[1]:
             springs[self._at] = BED * K.diagonal()[self._at]
         self._factor = SparseCholesky(K + sparse.diags(springs))
         self._size = K.shape[0]
@@ -129,7 +129,7 @@ def surface_metric(system: System) -> SurfaceMetric:
 def _depth_and_compliance(system: System, side: str, surface: Surface) -> tuple[float, float]:
     """H [m], the body's extent along the side's normals, and C [1/Pa]."""
     body = side.split(".")[0]
-    material, (low, high) = system.scene.bodies[body], system.mesh.body_box(body)
-    contraction = 0.0 if system.scene.model == "plane stress" else material.nu**2
+    material, (low, high) = system.problem.bodies[body], system.mesh.body_box(body)
+    contraction = 0.0 if system.problem.model == "plane stress" else material.nu**2
     depth = float(np.abs(surface.node_normals()).mean(axis=0) @ (high - low))
     return depth, 2 * (1 - contraction) / material.E

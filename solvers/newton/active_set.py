@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from geometry.arrays import Array, Bools, Ints
-from solvers.contact.admissible_set import AdmissibleSet, Place
+from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.interface.problem import SurfaceProblem
 
 
@@ -111,7 +111,7 @@ def linearise(problem: SurfaceProblem, p_hat: Array, gamma: Array) -> ActiveSet:
     return rows.laws(problem)
 
 
-def _friction(rows: _Rows, place: Place, p_hat: Array, p_n: Array, gamma: Array) -> None:
+def _friction(rows: _Rows, place: ContactBlock, p_hat: Array, p_n: Array, gamma: Array) -> None:
     span, free = place.tangential, place.rows.free
     index = np.arange(span.start, span.stop).reshape(free.shape)
     trial = p_hat[span].reshape(free.shape) * free

@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from geometry.arrays import Array
-from solvers.interface.flexibility import Bodies
+from solvers.interface.flexibility import DelassusOperator
 from solvers.linear.gmres import gmres
 from solvers.metrics.secants import Secants
 from solvers.metrics.surface_metric import SurfaceMetric
@@ -41,7 +41,7 @@ class Metric(Protocol):
 class Flexibility:
     """G = N F N^T W: tractions (rows,) [Pa] to relative displacement [m], F what is known of the bodies."""
 
-    surface: Bodies
+    surface: DelassusOperator
     F: Secants
     metric: SurfaceMetric
 

@@ -7,18 +7,18 @@ from dataclasses import dataclass, fields
 
 @dataclass
 class Counters:
-    """One instance a run; `result.json` shows it."""
+    """Work done since the start of a run; one instance per run, written to `result.json`."""
 
     forms: int = 0  # UFL forms compiled or loaded
     searches: int = 0  # closest-point passes; analytic obstacles need none
-    factorisations: int = 0
-    schur_size: int = 0
+    factorisations: int = 0  # of K_B, or of its interior block K_ii
+    schur_size: int = 0  # c, order of the Schur complement on the contact dofs
     volume_solves: int = 0  # applications of K_B^-1 (of K_ii^-1 when the contact dofs are condensed)
     linear_iterations: int = 0  # of iterative linear solvers
-    lanczos_applications: int = 0  # applications of K_B^-1 for lambda_max, kept apart
+    lanczos_applications: int = 0  # applications of K_B^-1 for lambda_max; not in volume_solves
 
     def add(self, earlier: Counters) -> None:
-        """Take in the work of a process before this one."""
+        """Add the work of an earlier process of the same run; `schur_size` is a size and stays."""
         for f in fields(self):
             if f.name != "schur_size":
                 setattr(self, f.name, getattr(self, f.name) + getattr(earlier, f.name))

@@ -1,32 +1,53 @@
-"""Values that the ranks own, brought together on rank 0 in the order of the gmsh model, and given back."""
+"""Gather values of all ranks on rank 0, in the order of the gmsh model, and scatter them back to their owners."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
 from geometry.arrays import AnyArray, Ints
 from geometry.mesh.mesh import Mesh
 from geometry.mesh.nodes import Nodes
+from geometry.protocols import Comm
 
 
-class Gathered:
-    """Called with an array (own, ...) it returns (all, ...) on rank 0, and nothing, (0, ...), elsewhere; collective."""
+class Gather:
+    """Gather of arrays whose rows the ranks own; its inverse is `scatter`. All calls are collective.
 
-    def __init__(self, comm: Any, numbers: Ints) -> None:
-        """Take the numbers (own,) in the gmsh model of what this rank owns."""
+    `own` is the number of rows of this rank, `all` that of all ranks together.
+    """
+
+    def __init__(self, comm: Comm, numbers: Ints) -> None:
+        """
+        Args:
+            comm: mpi4py communicator.
+            numbers: (own,) numbers in the gmsh model of the rows that this rank owns.
+        """
         self._comm = comm
         self._counts = np.array(comm.allgather(len(numbers)))
-        every = self._together(np.asarray(numbers, np.int64))
+        every = self._gathered(np.asarray(numbers, np.int64))
         self._order = np.argsort(every)
-        self.numbers = every  # (all,) of the gmsh model, as the ranks own them; on rank 0, nothing elsewhere
+        self.numbers = every  # on rank 0 (all,), in the order of the ranks; elsewhere (0,)
 
     def __call__(self, values: AnyArray) -> AnyArray:
-        return np.asarray(self._together(values)[self._order])
+        """Gather.
 
-    def back(self, values: AnyArray) -> AnyArray:
-        """What this rank owns (own, ...) of values (all, ...) on rank 0, (0, ...) elsewhere; collective."""
+        Args:
+            values: (own, ...) of this rank.
+
+        Returns:
+            (all, ...) in the order of the gmsh model on rank 0; (0, ...) elsewhere.
+        """
+        return np.asarray(self._gathered(values)[self._order])
+
+    def scatter(self, values: AnyArray) -> AnyArray:
+        """Scatter: the inverse of the gather.
+
+        Args:
+            values: (all, ...) in the order of the gmsh model on rank 0; (0, ...) elsewhere.
+
+        Returns:
+            (own, ...) of this rank.
+        """
         every = np.empty_like(values)
         every[self._order] = values
         if self._comm.size == 1:
@@ -36,7 +57,7 @@ class Gathered:
         self._comm.Scatterv((every, self._counts * width), own)
         return own
 
-    def _together(self, values: AnyArray) -> AnyArray:
+    def _gathered(self, values: AnyArray) -> AnyArray:
         if self._comm.size == 1:
             return values
         own = np.ascontiguousarray(values)
@@ -46,12 +67,12 @@ class Gathered:
         return every
 
 
-def nodes_of(mesh: Mesh, nodes: Nodes) -> Gathered:
-    """For values at owned nodes."""
-    return Gathered(mesh.comm, nodes.input[: nodes.owned])
+def nodes_of(mesh: Mesh, nodes: Nodes) -> Gather:
+    """Gather of values at the nodes that each rank owns; collective."""
+    return Gather(mesh.comm, nodes.input[: nodes.owned])
 
 
-def cells_of(mesh: Mesh) -> Gathered:
-    """For values at owned cells."""
+def cells_of(mesh: Mesh) -> Gather:
+    """Gather of values in the cells that each rank owns; collective."""
     own = mesh.domain.topology.index_map(mesh.dim).size_local
-    return Gathered(mesh.comm, np.asarray(mesh.domain.topology.original_cell_index)[:own])
+    return Gather(mesh.comm, np.asarray(mesh.domain.topology.original_cell_index)[:own])

@@ -1,4 +1,4 @@
-"""How much memory this process may still take: what the machine and the control groups around us have left."""
+"""How much memory this process may still take, by the machine and by the control groups (cgroups) it runs in."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from pathlib import Path
 
 
 def available(root: Path = Path("/")) -> int:
-    """Bytes that can be taken before the system swaps or kills.
+    """Bytes that can be taken before the system swaps or ends the process.
 
-    Where nothing can be read, as on systems without /proc, memory is taken to be without limit.
+    Where nothing can be read, as on systems without /proc, the answer is 2**63: no limit.
+
+    Args:
+        root: the folder that holds proc and sys.
     """
     return min((_of_machine(root), *_of_groups(root)))
 
@@ -22,12 +25,12 @@ def _of_machine(root: Path) -> int:
 
 
 def _of_groups(root: Path) -> Iterator[int]:
-    """What each control group around this process leaves: its limit less what is in use, file cache given back."""
+    """Bytes left in each control group that holds this process: limit - use + file cache that can be dropped."""
     for line in _text(root / "proc/self/cgroup").splitlines():
         _, controllers, path = line.split(":", 2)
         if controllers not in ("", "memory"):
             continue
-        top = root / "sys/fs/cgroup" / controllers  # the second version has no folders of controllers
+        top = root / "sys/fs/cgroup" / controllers  # cgroups version 2 have no folders of controllers
         limit, used = (
             ("memory.limit_in_bytes", "memory.usage_in_bytes") if controllers else ("memory.max", "memory.current")
         )
@@ -36,12 +39,12 @@ def _of_groups(root: Path) -> Iterator[int]:
             if not folder.is_relative_to(top):
                 break
             bound = _text(folder / limit).strip()
-            if bound.isdigit():  # else it says max, or the folder is not seen from here
+            if bound.isdigit():  # otherwise it is "max", or the folder is not visible to this process
                 yield max(0, int(bound) - int(_text(folder / used) or 0) + _cache(folder))
 
 
 def _cache(folder: Path) -> int:
-    """File cache of a group that is not in active use: the kernel drops it first."""
+    """Bytes of file cache of a group that are not in active use: the kernel drops them first."""
     lines = (line.split() for line in _text(folder / "memory.stat").splitlines())
     found = {key: int(value) for key, value in lines}
     return found.get("total_inactive_file", found.get("inactive_file", 0))

@@ -1,22 +1,26 @@
-"""Chosen entries of a distributed vector, the same on every rank."""
+"""Chosen entries of a distributed vector, replicated on every rank (a PETSc scatter)."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 
 from geometry.arrays import Array, Ints
+from geometry.protocols import Vec
 
 
 class Replicated:
-    """Read and write entries `rows` (global numbers, any order) of vectors laid out like `like`.
+    """Read and write the m entries `rows` of distributed vectors.
 
-    `mine` says which of the rows this rank owns, `local` where they stand in its part of a vector.
+    `mine` are the indices into `rows` of those that this rank owns, `local` their positions in its part of a vector.
     """
 
-    def __init__(self, like: Any, rows: Ints) -> None:
+    def __init__(self, like: Vec, rows: Ints) -> None:
+        """
+        Args:
+            like: a vector of the layout of those to be read and written.
+            rows: (m,) global numbers, in any order, the same on all ranks.
+        """
         self.rows = np.asarray(rows, PETSc.IntType)
         index = PETSc.IS().createGeneral(self.rows, comm=PETSc.COMM_SELF)
         self._target = PETSc.Vec().createSeq(len(self.rows))
@@ -25,15 +29,15 @@ class Replicated:
         self.mine = np.flatnonzero((self.rows >= low) & (self.rows < high))
         self.local = self.rows[self.mine] - low
 
-    def read(self, vector: Any) -> Array:
-        """Entries (m,) of a distributed vector; collective."""
+    def read(self, vector: Vec) -> Array:
+        """Entries (m,) of a distributed vector, the same on all ranks; collective."""
         self._scatter.scatter(vector, self._target, addv=PETSc.InsertMode.INSERT_VALUES)
         return np.array(self._target.array)
 
-    def write(self, vector: Any, values: Array) -> None:
-        """Set the entries; each rank its own, no communication."""
+    def write(self, vector: Vec, values: Array) -> None:
+        """Set the entries to `values` (m,). Each rank sets those it owns, without communication."""
         vector.array[self.local] = np.asarray(values)[self.mine]
 
-    def add(self, vector: Any, values: Array) -> None:
-        """Add to the entries; each rank its own. Repeated rows add up."""
+    def add(self, vector: Vec, values: Array) -> None:
+        """Add `values` (m,) to the entries. Each rank adds to those it owns; repeated rows add up."""
         np.add.at(vector.array, self.local, np.asarray(values)[self.mine])

@@ -1,4 +1,4 @@
-"""Dataclasses as plain data: dicts, lists, words, numbers, arrays, values by node; and back by their type hints."""
+"""Serialise dataclasses to plain data (dicts, lists, words, numbers, arrays), and deserialise by their type hints."""
 
 from __future__ import annotations
 
@@ -11,35 +11,38 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 from geometry.arrays import AnyArray
+from geometry.protocols import Comm
 
-Plain = Any  # a dict by words, a list, a word, a number, None, an array, or values by node
+Plain = Any  # a dict with words as keys, a list, a word, a number, None, an array, or values by node
 WORDS = (str, bool, int, float, NoneType)
 
 
 @dataclass(frozen=True, eq=False)
 class Own:
-    """This rank's part (owned, ...) of vectors over all displacements."""
+    """This rank's part (owned, ...) of vectors over all displacement dofs."""
 
     values: AnyArray
 
 
 @dataclass(frozen=True, eq=False)
 class ByNode:
-    """The same whole, (nodes, d, ...) in the order of the gmsh model, on rank 0; (0, d, ...) elsewhere."""
+    """Such a vector gathered: (nodes, d, ...) in the order of the gmsh model on rank 0; (0, d, ...) elsewhere."""
 
     values: AnyArray
 
 
-def packed(value: Any, whole: Callable[[Any], Any] | None = None, without: Collection[str] = ()) -> Plain:
-    """Plain data of a value; of a dataclass every field, but for those named in `without`.
+def serialise(value: Any, whole: Callable[[Own], Plain] | None = None, without: Collection[str] = ()) -> Plain:
+    """Plain data of a value.
 
     Args:
-        whole: what `Own` and PETSc vectors become; collective.
+        value: a dataclass, a mapping, a list, a tuple, a number, a word, None, an array, an `Own` or a PETSc vector.
+        whole: turns `Own` and PETSc vectors into plain data; collective. Without it they are refused.
+        without: fields of a dataclass to leave out.
 
     Raises:
-        TypeError: there is something in it that plain data cannot say.
+        TypeError: the value contains something that plain data cannot express.
 
-    >>> packed({"a": (1, 2.5), "b": None})
+    >>> serialise({"a": (1, 2.5), "b": None})
     {'a': [1, 2.5], 'b': None}
     """
     if isinstance(value, ByNode):
@@ -52,11 +55,11 @@ def packed(value: Any, whole: Callable[[Any], Any] | None = None, without: Colle
         return whole(value)
     if is_dataclass(value):
         names = [f.name for f in fields(value) if f.init and f.name not in without]
-        return {name: packed(getattr(value, name), whole) for name in names}
+        return {name: serialise(getattr(value, name), whole) for name in names}
     if isinstance(value, Mapping):
-        return {key: packed(item, whole) for key, item in value.items()}
+        return {key: serialise(item, whole) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [packed(item, whole) for item in value]
+        return [serialise(item, whole) for item in value]
     if isinstance(value, np.generic):
         return value.item()
     if not isinstance(value, (*WORDS, np.ndarray)):
@@ -64,17 +67,19 @@ def packed(value: Any, whole: Callable[[Any], Any] | None = None, without: Colle
     return value
 
 
-def unpacked(kind: Any, plain: Plain, vector: Callable[[ByNode], Any] | None = None, **given: Any) -> Any:
-    """The value of that type.
+def deserialise(kind: Any, plain: Plain, vector: Callable[[ByNode], Any] | None = None, **given: Any) -> Any:
+    """The value of type `kind` that `serialise` turned into plain data.
 
     Args:
-        vector: what values by node become; collective.
-        given: fields of a dataclass that plain data leaves out.
+        kind: a type, or a type hint such as `dict[str, float]` or `State | None`.
+        plain: what `serialise` returned, perhaps written to a file and read again.
+        vector: what `ByNode` becomes; collective.
+        given: fields of a dataclass that the plain data leave out.
 
     Raises:
-        KeyError: a field is missing.
+        KeyError: a field of a dataclass is missing.
 
-    >>> unpacked(dict[str, float], {"a": 1.0})
+    >>> deserialise(dict[str, float], {"a": 1.0})
     {'a': 1.0}
     """
     if isinstance(plain, ByNode):
@@ -83,30 +88,30 @@ def unpacked(kind: Any, plain: Plain, vector: Callable[[ByNode], Any] | None = N
     if is_dataclass(kind) and isinstance(kind, type):
         hints = get_type_hints(kind)
         names = [f.name for f in fields(kind) if f.init and f.name not in given]
-        return kind(**{name: unpacked(hints[name], plain[name], vector) for name in names}, **given)
+        return kind(**{name: deserialise(hints[name], plain[name], vector) for name in names}, **given)
     origin, inner = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
         inner = tuple(k for k in inner if k is not NoneType)
-        return None if plain is None else unpacked(inner[0], plain, vector)
+        return None if plain is None else deserialise(inner[0], plain, vector)
     if isinstance(plain, dict):
         of = inner[1] if inner else Any
-        return {key: unpacked(of, item, vector) for key, item in plain.items()}
+        return {key: deserialise(of, item, vector) for key, item in plain.items()}
     if isinstance(plain, list):
         each = repeat(inner[0] if inner else Any) if not inner or inner[-1] is Ellipsis or origin is list else inner
-        found = [unpacked(k, item, vector) for k, item in zip(each, plain, strict=False)]
+        found = [deserialise(k, item, vector) for k, item in zip(each, plain, strict=False)]
         return tuple(found) if origin is tuple else found
     return plain
 
 
-def shared(comm: Any, plain: Plain) -> Plain:
-    """Plain data that rank 0 knows, on every rank; values by node stay on rank 0; collective."""
-    told = comm.bcast(_less(plain) if comm.rank == 0 else None)
-    return plain if comm.rank == 0 else told
+def broadcast(comm: Comm, plain: Plain) -> Plain:
+    """Plain data of rank 0 on every rank; collective. The arrays of `ByNode` stay on rank 0 and are empty elsewhere."""
+    received = comm.bcast(_without_nodes(plain) if comm.rank == 0 else None)
+    return plain if comm.rank == 0 else received
 
 
-def _less(plain: Plain) -> Plain:
+def _without_nodes(plain: Plain) -> Plain:
     if isinstance(plain, ByNode):
         return ByNode(plain.values[:0])
     if isinstance(plain, dict):
-        return {key: _less(item) for key, item in plain.items()}
-    return [_less(item) for item in plain] if isinstance(plain, list) else plain
+        return {key: _without_nodes(item) for key, item in plain.items()}
+    return [_without_nodes(item) for item in plain] if isinstance(plain, list) else plain

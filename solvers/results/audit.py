@@ -18,11 +18,11 @@ from petsc4py import PETSc
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
 from geometry.mesh.mesh import Mesh
-from solvers.contact.admissible_set import AdmissibleSet, Place
+from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.laws.compliance import Compliance
 from solvers.parallel.counters import Counters
-from solvers.scene.scene import Scene
-from solvers.system.system import System, assemble
+from solvers.scene.problem import Problem
+from solvers.system.system import System, assemble, inner_forces
 
 ROUNDED = 1e-9  # of p_ref: less is no traction
 ROUNDING = 1e3  # forces below this multiple of the rounding of K u are none
@@ -55,7 +55,7 @@ class Record:
     p: Array  # (rows,) flat tractions [Pa]
     w: Array  # (rows,) flat relative displacement [m]
     reference: Array  # (rows,) what slip is counted from [m]; the gap is recomputed
-    driven: Array  # displacement of the obstacles that forces move, by `System.driven` [m]
+    driven: Array  # displacement of the obstacles that forces move, by `Obstacles.driven` [m]
     searched: Mapping[str, Array]  # where sliding contacts were paired
     p_ref: float
     u_ref: float
@@ -65,14 +65,15 @@ class Record:
 class Auditor:
     """A system of its own, for as many records as there are."""
 
-    def __init__(self, scene: Scene, mesh: Mesh) -> None:
-        self.start: System = assemble(scene, mesh, Counters())
+    def __init__(self, problem: Problem, mesh: Mesh) -> None:
+        """Assemble without the solver's own system; collective."""
+        self.start: System = assemble(problem, mesh, Counters())
         self._u = dx.fem.Function(self.start.space)
-        self._inner_forces = self.start.weak.compile(self.start.weak.elasticity(self._u))
+        self._inner_forces = self.start.weak.compile(inner_forces(problem, self.start.weak, self._u))
         self._tell(self.start)
 
     def _tell(self, system: System) -> None:
-        self.system, self.cone = system, AdmissibleSet(system.contacts, 0.0, system.scene.steps.end)
+        self.system, self.cone = system, AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
 
     def __call__(self, record: Record) -> Audit:
         """Audit one step; collective, `displacement` is read on every rank."""
@@ -96,13 +97,14 @@ class Auditor:
         own = system.nodes.input[: system.nodes.owned]
         u = system.vector()
         u.array[:] = record.displacement[own].ravel()
-        contact, obstacles = system.vector(), system.driving_force(record.time)
+        contact, obstacles = system.vector(), system.obstacles.driving_force(record.time)
         applied = float(np.abs(obstacles).sum())
         for place in self.cone.places:
             force = self._contact_force(place, u, record)
             contact += force
             obstacles += system.resultant_on_driven(place.rows, force)
-        load, inner = system.load(record.time), self._inner(u)
+        values = system.initial.values(system.course, record.time)
+        load, inner = system.initial.added(system.load(record.time), values), self._inner(u)
         out = inner - load + contact
         free = system.T.createVecRight()
         system.T.multTranspose(out, free)
@@ -128,25 +130,26 @@ class Auditor:
         signs.array[:] = np.sign(np.sin(numbers.astype(float) ** 2)).ravel()
         return float(self._inner(signs).norm(PETSc.NormType.INFINITY))
 
-    def _contact_force(self, place: Place, u: object, record: Record) -> object:
+    def _contact_force(self, place: ContactBlock, u: object, record: Record) -> object:
         system, rows, law = self.system, place.rows, place.rows.normal
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
         if not isinstance(law, Compliance):
             return system.contact_force(rows, p_n, t)
         if rows.master is not None or rows.name in record.searched:  # UFL knows one side, where it was at the start
             (index,) = (i for i, c in enumerate(system.contacts) if c.name == rows.name)
-            motion = system.obstacle_motion(record.time, record.driven)[rows.name]
+            motion = system.obstacles.motions((rows,), record.time, record.driven)[rows.name]
             w = rows.N_n @ (system.contact_displacement(u)[index] - motion).ravel()
             return system.contact_force(rows, law.pressure(w - rows.gap), t)
-        contact = system.scene.contacts[rows.name]
+        contact = system.problem.pairs[rows.name].contact
         relative = dx.fem.Function(system.space)
         dx.petsc_vector(relative).array[:] = u.array  # type: ignore[attr-defined]
         relative.x.scatter_forward()
-        relative.x.array[:] -= system.motion_of(contact, system.nodes.points, record.time, record.driven).ravel()
+        motion = system.obstacles.motion(rows.name, system.nodes.points, record.time, record.driven)
+        relative.x.array[:] -= motion.ravel()
         form = system.weak.normal_compliance(relative, contact, law)
         return dx.assemble_vector(system.weak.compile(form)) + system.contact_force(rows, np.zeros_like(p_n), t)
 
-    def _normal(self, place: Place, record: Record) -> tuple[float, float, float]:
+    def _normal(self, place: ContactBlock, record: Record) -> tuple[float, float, float]:
         """Penetration, negative pressure and complementarity of one contact."""
         law, p = place.rows.normal, record.p[place.normal]
         opening = place.rows.gap - record.w[place.normal] + law.penetration(p)
@@ -157,7 +160,7 @@ class Auditor:
         negative = np.maximum(-p, 0.0).max(initial=0.0) / p_ref
         return float(np.maximum(-opening, 0.0).max(initial=0.0)) / u_ref, float(negative), float(both.max(initial=0.0))
 
-    def _tangential(self, place: Place, record: Record) -> tuple[float, float, float]:
+    def _tangential(self, place: ContactBlock, record: Record) -> tuple[float, float, float]:
         """AdmissibleSet, slip direction and friction work of one contact."""
         if place.rows.friction is None:
             return 0.0, 0.0, 0.0

@@ -84,7 +84,7 @@ def linear_reference(system: System, only: str = "") -> LinearReference:
 
 def _fixed(system: System) -> tuple[Any, Any]:
     """Stiffness and load with the contact dofs held; a load that is none is replaced by one everywhere."""
-    K, time = system.K_B.copy(), system.scene.requested_times()[-1]
+    K, time = system.K_B.copy(), system.problem.timeline.times[-1]
     f = system.pull(time, system.load(time), system.prescribed(time))
     if not f.norm():  # supports that move a body as a whole pull at nothing
         f.array[:] = near_nullspace(system)[:, 0]

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
+from geometry.arrays import Array, Ints
 from geometry.errors import SceneError
 from geometry.mesh.mesh import Mesh
 from solvers.contact.rows import ContactRows
-from solvers.parallel.gather import Gathered, cells_of, nodes_of
+from solvers.effects import active
+from solvers.parallel.gather import Gather, cells_of, nodes_of
 from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
 from solvers.stepping.state import State
 from solvers.stepping.stepper import Accepted, Stepper
@@ -49,7 +50,10 @@ def law_error(accepted: Accepted) -> float:
 
 
 class CellStress:
-    """sigma(u) (own cells, 3, 3) [Pa]; the strain is compiled once, u is left in `displacement`."""
+    """sigma (own cells, 3, 3) [Pa] of the strain beyond the initial one; u is left in `displacement`.
+
+    The strain is compiled once.
+    """
 
     def __init__(self, system: System) -> None:
         self._system = system
@@ -59,47 +63,64 @@ class CellStress:
         system.counters.forms += 1
         count = mesh.domain.topology.index_map(mesh.dim).size_local
         self._cells = np.arange(count)
-        self._lame = np.zeros((count, 2))
+        self._lame, self._members = np.zeros((count, 2)), dict[str, Ints]()
         for name, tag in mesh.bodies.items():
-            material = system.scene.bodies[name]
+            material = system.problem.bodies[name]
             members = mesh.cell_tags.indices[mesh.cell_tags.values == tag]
-            self._lame[members[members < count]] = material.lame_lambda, material.lame_mu
+            self._members[name] = members[members < count]
+            self._lame[self._members[name]] = material.lame_lambda, material.lame_mu
 
-    def __call__(self, u: Any) -> Array:
+    def __call__(self, u: Any, initial: Array) -> Array:
+        """
+        Args:
+            u: displacement, PETSc [m].
+            initial: values (k,) of the initial strains.
+        """
         dx.petsc_vector(self.displacement).array[:] = u.array
         self.displacement.x.scatter_forward()
         strain = np.zeros((len(self._cells), 3, 3))
         found = self._strain(self._cells)
         d = round(found.shape[-1] ** 0.5)
         strain[:, :d, :d] = found.reshape(-1, d, d)
+        for value, given in zip(initial, self._system.initial.strains, strict=True):
+            strain[self._members[given.body]] -= value * given.strain
         lame_lambda, lame_mu = self._lame.T
-        if self._system.scene.model == "plane stress":
+        if self._system.problem.model == "plane stress":
             strain[:, 2, 2] = -lame_lambda / (lame_lambda + 2 * lame_mu) * (strain[:, 0, 0] + strain[:, 1, 1])
         trace = np.trace(strain, axis1=1, axis2=2)
         return np.asarray(2 * lame_mu[:, None, None] * strain + (lame_lambda * trace)[:, None, None] * np.eye(3))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Observer:
     """Reads results off accepted steps; collective."""
 
     stepper: Stepper
-    stress: CellStress = field(init=False)
-    by_node: Gathered = field(init=False)
-    by_cell: Gathered = field(init=False)
-    probes: dict[str, tuple[int, Array] | None] = field(init=False)  # cell and reference basis, where this rank has it
+    stress: CellStress
+    by_node: Gather
+    by_cell: Gather
+    probes: Mapping[str, tuple[int, Array] | None]  # cell and reference basis, where this rank has it
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "stress", CellStress(self.stepper.system))
-        system = self.stepper.system
-        object.__setattr__(self, "by_node", nodes_of(system.mesh, system.nodes))
-        object.__setattr__(self, "by_cell", cells_of(system.mesh))
-        points = {name: np.array(probe.point) for name, probe in system.scene.probes.items()}
-        object.__setattr__(self, "probes", {name: _locate(system.mesh, x, name) for name, x in points.items()})
+    @classmethod
+    def of(cls, stepper: Stepper) -> Observer:
+        """Compile the strain and locate the probes; collective.
+
+        Raises:
+            SceneError: a probe lies outside the bodies.
+        """
+        system = stepper.system
+        points = {name: np.array(probe.point) for name, probe in system.problem.probes.items()}
+        return cls(
+            stepper=stepper,
+            stress=CellStress(system),
+            by_node=nodes_of(system.mesh, system.nodes),
+            by_cell=cells_of(system.mesh),
+            probes={name: _locate(system.mesh, x, name) for name, x in points.items()},
+        )
 
     def __call__(self, accepted: Accepted) -> StepResult:
         system, state = accepted.stepper.system, accepted.state
-        cell_stress, nodal = self.stress(state.u), self.stress.displacement.x.array
+        cell_stress, nodal = self.stress(state.u, state.initial), self.stress.displacement.x.array
         contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
         return StepResult(
             time=state.time,
@@ -125,7 +146,14 @@ class Observer:
             p_ref=accepted.problem.p_ref,
             u_ref=accepted.problem.u_ref,
             history=tuple(row.as_tuple() for row in accepted.history),
+            columns=self._columns(state.time),
         )
+
+    def _columns(self, time: float) -> dict[str, float]:
+        """What active effects have for steps.csv, by name."""
+        system = self.stepper.system
+        found = [effect.columns(system.problem, system.course.timeline, time) for effect in active(system.problem)]
+        return {name: value for columns in found for name, value in columns.items()}
 
     def _contact(self, index: int, c: ContactRows, accepted: Accepted) -> ContactState:
         state = accepted.state
@@ -172,13 +200,11 @@ class Observer:
 
     def _obstacles(self, state: State, contacts: Mapping[str, ContactState]) -> dict[str, tuple[Array, Array, Array]]:
         """Translation of each obstacle, force and moment that it exerts on the bodies."""
-        system, end = self.stepper.system, self.stepper.system.scene.steps.end
+        system = self.stepper.system
         found = {}
-        for name, obstacle in system.course.scene.obstacles.items():
-            moved = obstacle.translation(state.time, end, system.mesh.dim)
-            for (driven, axis), size in zip(system.driven, state.driven, strict=True):
-                moved[axis] += size * (driven == name)
-            touching = [contacts[key] for key, c in system.scene.contacts.items() if c.against == name]
+        for name, obstacle in system.problem.obstacles.items():
+            moved = system.obstacles.translation(name, state.time, state.driven)
+            touching = [contacts[pair.name] for pair in system.problem.pairs.values() if pair.obstacle == name]
             force = sum((c.force for c in touching), np.zeros(system.mesh.dim))
             moment = sum((c.moment for c in touching), np.zeros(1 if system.mesh.dim == 2 else 3))
             axis_point = np.array(obstacle.rotation.point) if obstacle.rotation else np.zeros(system.mesh.dim)

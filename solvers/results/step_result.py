@@ -76,6 +76,7 @@ class StepResult:
     u_ref: float  # [m]
     history: tuple[HistoryTuple, ...]
     linear_error: float = 0.0  # relative, energy norm: what an iterative volume solve leaves
+    columns: Mapping[str, float] = field(default_factory=dict)  # what effects add to steps.csv
 
     def without_fields(self) -> StepResult:
         """What is known besides displacement and stress: they take memory that grows with the mesh."""

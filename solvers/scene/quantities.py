@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from geometry.arrays import Array
-from solvers.results.step_result import StepResult
-
 CONTACT_NUMBERS = (
     "normal_force", "tangential_force", "max_pressure", "contact_area", "stick_area", "slip_area", "max_penetration",
     "max_slip", "dissipation", "dissipation_total",
@@ -36,22 +33,3 @@ def names(
         *(f"obstacle.{name}.{key}.{a}" for name in obstacles for key in ("displacement", "force") for a in axes),
         *(f"energy.{key}" for key in ENERGIES),
     )
-
-
-def values(step: StepResult) -> dict[str, float]:
-    """All of them at a step, by the same names."""
-    found: dict[str, float] = {}
-    for name, contact in step.contacts.items():
-        found |= {f"{name}.{key}": getattr(contact, key) for key in CONTACT_NUMBERS}
-    for name, (moved, stress) in step.probes.items():
-        found |= _vector(f"probe.{name}.displacement", moved)
-        found |= {f"probe.{name}.stress.{key}": float(stress[ij]) for key, ij in STRESSES.items()}
-    for name, (force, _) in step.supports.items():
-        found |= _vector(f"support.{name}.force", force)
-    for name, (moved, force, _) in step.obstacles.items():
-        found |= _vector(f"obstacle.{name}.displacement", moved) | _vector(f"obstacle.{name}.force", force)
-    return found | {f"energy.{key}": float(getattr(step.energy, key)) for key in ENERGIES}
-
-
-def _vector(name: str, components: Array) -> dict[str, float]:
-    return {f"{name}.{axis}": float(value) for axis, value in zip("xyz", components, strict=False)}

@@ -3,29 +3,45 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
-import numpy as np
-
-from geometry.amplitude import Amplitude, listed_times, turns, value_at
+from geometry.amplitude import Amplitude
 from geometry.builders import Builder
 from geometry.errors import SceneError, nearest, require
 from geometry.keys import Key, Noun
 from geometry.obstacles import Obstacle
 from geometry.shape import Model, Request
 from geometry.user_files.user_file import UserFile
-from solvers.effects import EFFECTS
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
 from solvers.scene.quantities import names
 from solvers.scene.settings import Exact, Output, Probe, Solver, Steps
-from solvers.scene.timeline import Place
+from solvers.scene.timeline import Place, Timeline
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")
+Change = Callable[[Place, Amplitude], Amplitude]
+
+
+class EffectTable(Noun):
+    """A table of the scene that an effect owns: [gravity], or several by name, [periodic.NAME]."""
+
+    def amplitudes(self) -> Mapping[tuple[str, str], Amplitude]:
+        """The table's values in time by key and component ("" if it has none); their times are hit like all others."""
+        return {}
+
+    def periodic_pairs(self) -> tuple[tuple[str, str], ...]:
+        """Slave and master sides whose meshes must match and whose displacements are the same."""
+        return ()
+
+    def check(self, scene: Scene, key: str) -> None:
+        """Refuse what does not fit the rest of the scene; `key` is where the table stands in it.
+
+        Raises:
+            SceneError: key, what was found, what is expected.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,19 +61,15 @@ class Scene(Noun):
     solver: Solver = Solver()
     output: Output = Output()
     exact: Exact = Exact()
-    sections: Mapping[str, Any] = field(default_factory=dict)
+    sections: Mapping[str, EffectTable | Mapping[str, EffectTable]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._check_names()
         self._check_dimensions()
         self._check_references()
-        require(
-            self.solver.method in METHODS, "solver.method", self.solver.method, nearest(self.solver.method, METHODS)
-        )
         self.exact.check(self.quantities())
-        for effect in EFFECTS:
-            if effect.name in self.sections:
-                effect.check(self)
+        for (section, name), table in self.effect_tables().items():
+            table.check(self, f"{section}.{name}" if name else section)
 
     @property
     def dim(self) -> int:
@@ -76,7 +88,7 @@ class Scene(Noun):
                     s for c in self.contacts.values() for s in (c.surface, c.against) if s not in self.obstacles
                 )
             ),
-            periodic=tuple(pair for effect in EFFECTS if effect.because(self) for pair in effect.periodic(self)),
+            periodic=tuple(pair for table in self.effect_tables().values() for pair in table.periodic_pairs()),
         )
 
     def sides(self) -> tuple[str, ...]:
@@ -91,23 +103,25 @@ class Scene(Noun):
         """Names of the numbers that every step of this scene has."""
         return names(self.dim, self.contacts, self.supports, self.obstacles, self.probes)
 
+    def effect_tables(self) -> dict[tuple[str, str], EffectTable]:
+        """The tables that effects own, by the effect's name and, where it has several, their own; else ""."""
+        found: dict[tuple[str, str], EffectTable] = {}
+        for section, tables in self.sections.items():
+            named = tables if isinstance(tables, Mapping) else {"": tables}
+            found |= {(section, name): table for name, table in named.items()}
+        return found
+
+    def timeline(self) -> Timeline:
+        """Every value in time, and the times that are requested."""
+        return Timeline(self.drives(), self.steps.end, self.steps.count)
+
     def requested_times(self) -> tuple[float, ...]:
-        """Equal steps and every time of a table up to the end; t = 0 only if a load or motion starts from a value."""
-        end, count = self.steps.end, self.steps.count
-        times = {end * (k + 1) / count for k in range(count)}
-        driven = self.drives()
-        times |= {t for a in driven.values() for t in listed_times(a) if 0 < t <= end}
-        moving = [a for place, a in driven.items() if place.table != "contacts"]  # no bound
-        if any(0.0 in listed_times(a) and value_at(a, 0.0, end) != 0 for a in moving):
-            times.add(0.0)
-        close = 1e-12 * end
-        ordered = sorted(times)
-        later = [*ordered[1:], np.inf]
-        return tuple(t for t, after in zip(ordered, later, strict=True) if after - t > close)
+        """Times [s] at which results are asked for; see `Timeline.times`."""
+        return self.timeline().times
 
     def turns(self) -> frozenset[float]:
-        """Times at which the rate of a load, a motion or a bound changes."""
-        return frozenset(t for a in self.drives().values() for t in turns(a, self.steps.end))
+        """Times [s] at which the rate of a load, a motion or a bound changes."""
+        return self.timeline().turns
 
     def drives(self) -> dict[Place, Amplitude]:
         """Every value in time: loads, motions and bounds."""
@@ -135,8 +149,9 @@ class Scene(Noun):
         for name, contact in self.contacts.items():
             if contact.friction is not None:
                 yield from parts("contacts", name, "friction", contact.friction.amplitudes())
-        for name, section in self.sections.items():
-            yield from vector(name, "", "acceleration", getattr(section, "acceleration", None))
+        for (section, name), table in self.effect_tables().items():
+            for (quantity, part), amplitude in table.amplitudes().items():
+                yield Place(section, name, quantity, part), amplitude
 
     def _check_names(self) -> None:
         for table in ("bodies", "obstacles", "contacts", "supports", "loads", "probes"):
@@ -212,3 +227,30 @@ class prefixed:  # noqa: N801  reads as a word in `with`
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, SceneError):
             raise SceneError(f"{self.prefix}.{error}") from None
+
+
+def over(scene: Scene, change: Change) -> Scene:
+    """The scene with every value in time changed.
+
+    Args:
+        change: takes the place of a value and what it is, and returns what it becomes.
+    """
+    tables: dict[str, Any] = {}
+    for place, amplitude in scene.drives().items():
+        root = "sections" if place.table in scene.sections else place.table
+        path = [word for word in (place if root == "sections" else place[1:]) if word]
+        tables[root] = _with(tables.get(root, getattr(scene, root)), path, change(place, amplitude))
+    return replace(scene, **tables)
+
+
+def _with(noun: Any, path: list[str], amplitude: Amplitude) -> Any:
+    """A noun, a table of them or a vector, with the value at the end of the path replaced."""
+    if not path:
+        return amplitude
+    first, *rest = path
+    if isinstance(noun, Mapping):
+        return {**noun, first: _with(noun[first], rest, amplitude)}
+    if isinstance(noun, tuple):
+        axis = "xyz".index(first)
+        return (*noun[:axis], amplitude, *noun[axis + 1 :])
+    return replace(noun, **{first: _with(getattr(noun, first), rest, amplitude)})

@@ -1,12 +1,25 @@
-"""Where in a scene a value in time stands."""
+"""Values in time: where they stand in a scene, when the scene wants to be solved, and what each value is then."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
+
+import numpy as np
+
+from geometry.amplitude import Amplitude, listed_times, turns, value_at
+
+CLOSE = 1e-12  # of the end: requested times that differ by less are one
 
 
 class Place(NamedTuple):
-    """supports.top.displacement.x, loads.side.pressure, obstacles.roller.rotation.angle, gravity.acceleration.y."""
+    """Where a value in time stands in a scene.
+
+    supports.top.displacement.x, loads.side.pressure, obstacles.roller.rotation.angle, gravity.acceleration.y.
+    """
 
     table: str
     name: str
@@ -15,3 +28,60 @@ class Place(NamedTuple):
 
     def __str__(self) -> str:
         return ".".join(word for word in self if word)
+
+
+Drive = Place | float  # a value in time: by its place, or a number that is ramped from 0 to the end
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Every value in time of a scene, whoever owns it; friction bounds do not start a history, the others do."""
+
+    amplitudes: Mapping[Place, Amplitude]
+    end: float  # [s]
+    count: int  # equal steps up to the end
+
+    @cached_property
+    def times(self) -> tuple[float, ...]:
+        """Requested times [s], increasing: equal steps, and every time that a table lists up to the end.
+
+        t = 0 is requested only if a load or a motion starts from a value.
+        """
+        found = {self.end * (k + 1) / self.count for k in range(self.count)}
+        found |= {t for a in self.amplitudes.values() for t in listed_times(a) if 0 < t <= self.end}
+        moving = [a for place, a in self.amplitudes.items() if place.table != "contacts"]
+        if any(0.0 in listed_times(a) and value_at(a, 0.0, self.end) != 0 for a in moving):
+            found.add(0.0)
+        ordered = sorted(found)
+        later = [*ordered[1:], np.inf]
+        return tuple(t for t, after in zip(ordered, later, strict=True) if after - t > CLOSE * self.end)
+
+    @cached_property
+    def turns(self) -> frozenset[float]:
+        """Times [s] at which the rate of some value changes."""
+        return frozenset(t for a in self.amplitudes.values() for t in turns(a, self.end))
+
+    def value(self, drive: Drive, time: float) -> float:
+        """What a drive is at `time` [s], in the unit of its key."""
+        amplitude = self.amplitudes[drive] if isinstance(drive, Place) else drive
+        return value_at(amplitude, time, self.end)
+
+
+class Course:
+    """The timeline in force: the one thing of a system that may change, when a script decides from step to step."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        self.timeline = timeline
+
+    def value(self, drive: Drive, time: float) -> float:
+        """What a drive is at `time` [s]."""
+        return self.timeline.value(drive, time)
+
+    @contextmanager
+    def following(self, timeline: Timeline) -> Iterator[None]:
+        """Take another timeline, with the same places, for as long as the context lasts."""
+        before, self.timeline = self.timeline, timeline
+        try:
+            yield
+        finally:
+            self.timeline = before

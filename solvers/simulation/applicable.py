@@ -8,36 +8,36 @@ from geometry.errors import SceneError
 from solvers.scene.applicability import METHODS, RIGID, Applicability
 from solvers.scene.contact import Contact
 from solvers.scene.gram import Gram
-from solvers.scene.scene import Scene
+from solvers.scene.problem import Problem
 from solvers.scene.settings import Solver
-from solvers.simulation.held import free_motions
 
 Reason = tuple[str, object, str]  # key, value, and why not
 
 
-def refuse_method(scene: Scene) -> None:
+def refuse_method(problem: Problem) -> None:
     """
     Raises:
         SceneError: the first key that the method cannot do, and what can.
     """
-    for sentence in refusals(scene):
+    for sentence in refusals(problem):
         raise SceneError(sentence)
 
 
-def refusals(scene: Scene) -> Iterator[str]:
+def refusals(problem: Problem) -> Iterator[str]:
     """What the method cannot do, a sentence each: key, value, and what can."""
-    method = f"solver.method = {scene.solver.method}"
-    table = METHODS[scene.solver.method]
-    for key, value, reason in (*_keys(scene.solver, table), *_forms(scene.solver, table)):
+    method = f"solver.method = {problem.solver.method}"
+    table = METHODS[problem.solver.method]
+    for key, value, reason in (*_keys(problem.solver, table), *_forms(problem.solver, table)):
         yield f"solver.{key} = {value}: {method} {reason}"
-    for name, contact in scene.contacts.items():
-        for key, value, reason in _contact(contact, contact.against in scene.obstacles, table):
+    for name, pair in problem.pairs.items():
+        contact = pair.contact
+        for key, value, reason in _contact(contact, pair.obstacle is not None, table):
             yield f"contacts.{name}.{key} = {value}: {method} {reason}; use condensed-newton"
         if "gram" in table.keys and contact.normal.at_quadrature:
-            for key, value, other in _without_basis(scene.solver.gram):
+            for key, value, other in _without_basis(problem.solver.gram):
                 reason = f"has no basis in H1 for tractions at the quadrature points of contacts.{name}"
                 yield f"solver.gram.{key} = {value}: {method} {reason}; use {other}"
-    for reason in _floating(scene) if not table.floating else ():
+    for reason in _floating(problem) if not table.floating else ():
         yield f"{method}: {reason}; use condensed-newton"
 
 
@@ -81,9 +81,8 @@ def _without_basis(gram: Gram) -> Iterator[Reason]:
         yield "unknown", gram.unknown, "forces"
 
 
-def _floating(scene: Scene) -> Iterator[str]:
-    if free_motions(scene, with_contacts=False)[0].shape[1]:
+def _floating(problem: Problem) -> Iterator[str]:
+    if problem.rigid_modes.shape[1]:
         yield "needs bodies that their supports hold; this one is held by contact alone"
-    for name, obstacle in scene.obstacles.items():
-        if obstacle.driven():
-            yield f"cannot move obstacles.{name} by a force"
+    for name in dict.fromkeys(name for name, _ in problem.driven):
+        yield f"cannot move obstacles.{name} by a force"

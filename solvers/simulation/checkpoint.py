@@ -14,8 +14,8 @@ from typing import Any
 from geometry.arrays import Array
 from solvers.interface.matrix_free import IterativeVolume
 from solvers.parallel.counters import Counters
-from solvers.parallel.gather import Gathered, nodes_of
-from solvers.parallel.serialise import ByNode, Own, Plain, packed, unpacked
+from solvers.parallel.gather import Gather, nodes_of
+from solvers.parallel.serialise import ByNode, Own, Plain, deserialise, serialise
 from solvers.stepping.attempts import Reached
 from solvers.stepping.state import State
 from solvers.stepping.stepper import Accepted, Stepper
@@ -40,13 +40,13 @@ class Checkpoints:
     def __init__(self, stepper: Stepper) -> None:
         system = stepper.system
         self.stepper, self.dim = stepper, system.mesh.dim
-        self._by_node: Gathered = nodes_of(system.mesh, system.nodes)
+        self._by_node: Gather = nodes_of(system.mesh, system.nodes)
 
     def take(self, accepted: Accepted) -> Checkpoint:
         """Right after a step was reported."""
         attempts = self.stepper.attempts
         return Checkpoint(
-            state=packed(accepted.state, self._whole, without=(ROWS,)),
+            state=serialise(accepted.state, self._whole, without=(ROWS,)),
             searched=accepted.stepper.searched,
             reached=attempts.reached,
             counters=self.stepper.system.counters,
@@ -61,17 +61,17 @@ class Checkpoints:
         attempts = self.stepper.attempts
         volume, method = attempts.volume, attempts.learning.get(attempts.stage)
         known = {
-            "surface": self.stepper.surface.kept(),
-            "volume": volume.kept() if isinstance(volume, IterativeVolume) else None,
-            "method": method.kept() if method else None,
+            "surface": self.stepper.surface.snapshot(),
+            "volume": volume.snapshot() if isinstance(volume, IterativeVolume) else None,
+            "method": method.snapshot() if method else None,
         }
-        return {"layout": self._layout(), **packed(known, lambda own: own.values)}
+        return {"layout": self._layout(), **serialise(known, lambda own: own.values)}
 
     def put_back(self, checkpoint: Checkpoint, learnt: Plain | None) -> tuple[State, bool]:
         """The state to go on from, and whether what was learnt could be used."""
         system, attempts = self.stepper.system, self.stepper.attempts
         rows = system.searched(checkpoint.searched).contacts if checkpoint.searched else system.contacts
-        state: State = unpacked(State, checkpoint.state, self._vector, rows=rows)
+        state: State = deserialise(State, checkpoint.state, self._vector, rows=rows)
         system.counters.add(checkpoint.counters)
         if attempts.coarse and checkpoint.coarse:
             attempts.coarse.counters.add(checkpoint.coarse)
@@ -98,7 +98,7 @@ class Checkpoints:
         return ByNode(self._by_node(own.values.reshape(-1, self.dim, *own.values.shape[1:])))
 
     def _own(self, whole: ByNode) -> Array:
-        values = self._by_node.back(whole.values)
+        values = self._by_node.scatter(whole.values)
         return values.reshape(-1, *values.shape[2:])
 
     def _vector(self, whole: ByNode) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.linalg import null_space
 
@@ -12,13 +14,20 @@ from solvers.scene.contact import Contact
 from solvers.scene.loads import Support
 from solvers.scene.scene import Scene
 
+PARALLEL = 1e-9  # of the largest: a smaller singular value counts as zero
 
-def free_motions(scene: Scene, with_contacts: bool) -> tuple[Array, list[str]]:
-    """Rigid motions (k, r) that no support, and with contacts no contact or friction, resists at all; their k names.
 
-    Motions are those of each body, then one for each axis along which a force moves an obstacle.
-    """
-    motions = Motions(scene, with_obstacles=with_contacts)
+@dataclass(frozen=True, kw_only=True)
+class Held:
+    """What holds the bodies of a scene, by the rigid modes that are left."""
+
+    rigid_modes: Array  # (k, r) of the bodies that no support resists
+    unheld: str  # the mode, in words, that neither support nor contact nor friction resists; empty: all are held
+
+
+def what_holds(scene: Scene) -> Held:
+    """Rigid modes of the bodies against supports alone, and with obstacles that forces move against all there is."""
+    motions = Motions(scene)
     blocks = [np.zeros((1, len(motions.kinds)))]
     for support in scene.supports.values():
         blocks += _supported(scene, support, motions)
@@ -27,20 +36,24 @@ def free_motions(scene: Scene, with_contacts: bool) -> tuple[Array, list[str]]:
             motions.fields(side.split(".")[0], scene.geometry.sample(side, scene.dim)[0]) for side in (slave, master)
         )
         blocks.extend(here - there)
-    for contact in scene.contacts.values() if with_contacts else ():
+    supported = np.concatenate(blocks)[:, : len(motions.bodies) * motions.each]
+    for contact in scene.contacts.values():
         blocks += _touching(scene, contact, motions)
-    return np.asarray(null_space(np.concatenate(blocks), rcond=1e-9)), motions.kinds
+    left = np.asarray(null_space(np.concatenate(blocks), rcond=PARALLEL))
+    most = int(np.argmax(np.linalg.norm(left, axis=1))) if left.shape[1] else -1
+    return Held(
+        rigid_modes=np.asarray(null_space(supported, rcond=PARALLEL)), unheld=motions.kinds[most] if most >= 0 else ""
+    )
 
 
 class Motions:
     """The rigid motions of a scene, and the displacement that each makes at a point."""
 
-    def __init__(self, scene: Scene, with_obstacles: bool) -> None:
+    def __init__(self, scene: Scene) -> None:
         self.scene, self.box = scene, scene.geometry.box(scene.dim)
         names = rigid_names(scene.dim, scene.axisymmetric)
         self.bodies = list(scene.bodies)
-        obstacles = scene.obstacles.items() if with_obstacles else ()
-        self.driven = [(name, axis) for name, obstacle in obstacles for axis in obstacle.driven()]
+        self.driven = [(name, axis) for name, obstacle in scene.obstacles.items() for axis in obstacle.driven()]
         several = len(self.bodies) > 1
         self.kinds = [
             f"{kind} of {f'bodies.{body}' if several else 'the body'}" for body in self.bodies for kind in names

@@ -2,47 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from geometry.errors import SceneError
-from solvers.effects import EFFECTS
-from solvers.effects.effect import Effect
+from solvers.scene.problem import PlanRow, Problem
 from solvers.scene.scene import Scene
 from solvers.simulation.applicable import refuse_method
-from solvers.simulation.held import free_motions
+from solvers.simulation.resolve import resolve
 
 FACING = 1e-6  # cosine of the angle below which two surfaces do not face each other
 AXIS = 1e-9  # distance from the axis of symmetry that is none, as part of the scene's size
 LOCKING = 0.49  # Poisson's ratio beyond which linear elements lock
 
 
-@dataclass(frozen=True)
-class PlanRow:
-    """One line of `stickslip plan`."""
-
-    effect: str
-    on: bool
-    because: str
-
-
-def active_effects(scene: Scene) -> tuple[Effect, ...]:
-    """Effects that the scene switches on."""
-    return tuple(effect for effect in EFFECTS if effect.because(scene))
-
-
 def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
-    """All effects with the scene key that calls for them.
+    """All effects with the scene key that calls for them; see `planned`."""
+    return planned(scene).plan
+
+
+def planned(scene: Scene) -> Problem:
+    """The scene, resolved, if it can be solved.
 
     Raises:
         SceneError: a motion that nothing resists, or a method that cannot do what the scene asks.
     """
     _refuse_on_axis(scene)
     _refuse_reversed(scene)
-    _refuse_unheld(scene)
-    refuse_method(scene)
-    return tuple(PlanRow(e.name, bool(e.because(scene)), e.because(scene) or "not in the scene") for e in EFFECTS)
+    problem = resolve(scene)
+    if problem.unheld:
+        raise SceneError(f"supports: nothing resists the {problem.unheld}; add a support, a contact or friction")
+    refuse_method(problem)
+    return problem
 
 
 def warnings(scene: Scene) -> tuple[str, ...]:
@@ -80,10 +70,3 @@ def _refuse_reversed(scene: Scene) -> None:
                 f"obstacles.{contact.against}: its normal must point against {contact.surface} (contacts.{name}), and "
                 f"does so nowhere; the side's outward normal is {np.round(outward[0], 6).tolist()}, reverse it"
             )
-
-
-def _refuse_unheld(scene: Scene) -> None:
-    motions, kinds = free_motions(scene, with_contacts=True)
-    if motions.shape[1]:
-        most = kinds[int(np.argmax(np.linalg.norm(motions, axis=1)))]
-        raise SceneError(f"supports: nothing resists the {most}; add a support, a contact or friction")

@@ -13,8 +13,7 @@ from geometry.amplitude import Amplitude, value_at
 from geometry.errors import SceneError, nearest, require
 from solvers.results.observe import Observer
 from solvers.results.step_result import StepResult
-from solvers.scene.course import over
-from solvers.scene.scene import Scene
+from solvers.scene.scene import Scene, over
 from solvers.scene.settings import Steps
 from solvers.scene.timeline import Place
 from solvers.stepping.history import HistoryRow
@@ -77,7 +76,7 @@ class Script:
         )
         times = self._on_the_way(scene, float(to))
         system = self._stepper.system
-        with system.course.following(scene):
+        with system.course.following(scene.timeline()):
             for time in times:
                 system.constraints.prescribed(time)  # supports that contradict each other show before any solve
             accepted = self._reach(times, on_iteration)

@@ -11,8 +11,9 @@ from geometry.mesh.mesh import Mesh, build_mesh
 from solvers.parallel.counters import Counters
 from solvers.results.observe import Observer, mesh_data
 from solvers.results.step_result import MeshData, StepResult
+from solvers.scene.problem import PlanRow, Problem
 from solvers.scene.scene import Scene
-from solvers.simulation.plan import PlanRow, make_plan
+from solvers.simulation.plan import planned
 from solvers.simulation.script import Script
 from solvers.stepping.attempts import Attempts, Reached
 from solvers.stepping.history import HistoryRow
@@ -37,12 +38,12 @@ class Seconds:
             setattr(self, f.name, getattr(self, f.name) + getattr(earlier, f.name))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Simulation:
     """Everything prepared; `steps` marches. Collective: every rank of the communicator takes part."""
 
     scene: Scene
-    plan: tuple[PlanRow, ...]
+    problem: Problem
     mesh: Mesh
     system: System
     stepper: Stepper
@@ -50,6 +51,11 @@ class Simulation:
     counters: Counters
     seconds: Seconds
     data: MeshData = field(repr=False)
+
+    @property
+    def plan(self) -> tuple[PlanRow, ...]:
+        """Every effect, whether it is active, and the scene key that calls for it."""
+        return self.problem.plan
 
     def steps(
         self,
@@ -103,15 +109,25 @@ def prepare(scene: Scene, comm: Any = None, reached: Reached | None = None) -> S
     """
     from mpi4py import MPI
 
-    plan = make_plan(scene)
+    problem = planned(scene)
     seconds, counters = Seconds(), Counters()
     began = clock.perf_counter()
-    mesh = build_mesh(scene.geometry, scene.request(), comm or MPI.COMM_WORLD)
+    mesh = build_mesh(problem.shape, problem.request, comm or MPI.COMM_WORLD)
     meshed = clock.perf_counter()
-    system = assemble(scene, mesh, counters)
+    system = assemble(problem, mesh, counters)
     _ = system.K_B  # assembled too
     assembled = clock.perf_counter()
     stepper = Stepper(system, Attempts(system, reached))
     seconds.mesh, seconds.assemble = meshed - began, assembled - meshed
     seconds.prepare = clock.perf_counter() - assembled
-    return Simulation(scene, plan, mesh, system, stepper, Observer(stepper), counters, seconds, mesh_data(system))
+    return Simulation(
+        scene=scene,
+        problem=problem,
+        mesh=mesh,
+        system=system,
+        stepper=stepper,
+        observer=Observer.of(stepper),
+        counters=counters,
+        seconds=seconds,
+        data=mesh_data(system),
+    )

@@ -9,7 +9,7 @@ from typing import Any
 
 from geometry.arrays import Array
 from solvers.interface.coarse_mesh import CoarseMesh
-from solvers.interface.flexibility import Bodies
+from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.matrix_free import IterativeVolume
 from solvers.interface.prepare import prepare_volume
 from solvers.interface.problem import SurfaceProblem
@@ -99,7 +99,7 @@ class Attempts:
             self.volume = prepare_volume(system, self.stage.surface)
         return True
 
-    def method(self, system: System, surface: Bodies) -> Callable[[State], Method]:
+    def method(self, system: System, surface: DelassusOperator) -> Callable[[State], Method]:
         """The method for the step that follows a state. What it has learnt of the bodies, it keeps."""
         if self.stage.method == "perturbed-lagrangian":  # its springs belong to the rows, not to the bodies
             return self._make(system, surface)
@@ -107,8 +107,8 @@ class Attempts:
             self._methods[self.stage] = self._make(system, surface)
         return self._methods[self.stage]
 
-    def _make(self, system: System, surface: Bodies) -> Callable[[State], Method]:
-        solver = system.scene.solver
+    def _make(self, system: System, surface: DelassusOperator) -> Callable[[State], Method]:
+        solver = system.problem.solver
         if self.stage.method == "regularised":
             assert isinstance(surface, CondensedSurface)
             regularised = Regularised(system, self.volume, surface)

@@ -99,7 +99,7 @@ def choose(system: System) -> Choice:
     Raises:
         MachineError: they ask for a dense stiffness that does not fit in memory.
     """
-    return chosen(_size(system), system.scene.solver, _memory(system))
+    return chosen(_size(system), system.problem.solver, _memory(system))
 
 
 def fits(system: System, form: Form) -> bool:

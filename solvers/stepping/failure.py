@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from geometry.arrays import Array
-from solvers.contact.admissible_set import Place
+from solvers.contact.admissible_set import ContactBlock
 from solvers.fem.constraints import AXES
 from solvers.interface.limit_analysis import decide
 from solvers.interface.problem import SurfaceProblem
@@ -22,15 +22,14 @@ def motion_in_words(system: System, motion: Array) -> str:
 
 def _motions(system: System, motion: Array) -> Iterator[tuple[float, str]]:
     """How far each body moves, and how."""
-    own, driven = np.split(motion, [len(motion) - len(system.driven)])
-    for (name, axis), size in zip(system.driven, driven, strict=True):
+    own, driven = np.split(motion, [len(motion) - len(system.obstacles.driven)])
+    for (name, axis), size in zip(system.obstacles.driven, driven, strict=True):
         yield abs(float(size)), f"obstacles.{name} moves along {_sign(size)}{'xyz'[axis]}"
     for c in system.contacts:
-        contact, moved = system.scene.contacts[c.name], (system.trace(c) @ own).reshape(c.points.shape)
+        moved = (system.trace(c) @ own).reshape(c.points.shape)
         sides = np.split(moved, [len(c.surface.points)])
-        for side, u in zip((contact.surface, contact.against), sides, strict=True):
-            if len(u):  # a rigid obstacle has no nodes
-                yield float(np.linalg.norm(u, axis=1).max()), f"bodies.{side.split('.')[0]} {_how(u)}"
+        for body, u in zip(system.problem.pairs[c.name].bodies, sides, strict=False):
+            yield float(np.linalg.norm(u, axis=1).max()), f"bodies.{body} {_how(u)}"
 
 
 def _how(u: Array) -> str:
@@ -75,7 +74,7 @@ def worst(problem: SurfaceProblem, solution: Solution) -> str:
     raise AssertionError("a row of no contact")
 
 
-def _point(place: Place, part: str, row: int) -> np.ndarray:  # type: ignore[type-arg]
+def _point(place: ContactBlock, part: str, row: int) -> np.ndarray:  # type: ignore[type-arg]
     """The slave's node that counts most in that row."""
     rows = place.rows
     share = rows.psi[:, row] if part == "normal" else rows.share_t[row // place.components].T

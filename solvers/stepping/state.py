@@ -81,7 +81,7 @@ class Before:
     p: Array  # (rows,) in the same rows as the state's own [Pa]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class State:
     """An equilibrium: everything the next step needs of the past. Vectors run over all displacements."""
 
@@ -89,11 +89,13 @@ class State:
     u: Any  # [m]
     u_s: Any  # prescribed part [m]
     load: Any  # [N]
-    residual: Any  # K u - load + B^T p [N]: what supports and periodic sides carry
+    initial: Array  # (k,) values of the initial strains
+    initial_work: Array  # (k,) see `InitialStrains.stress_work` [J]
+    residual: Any  # K u - load - that of initial strains + B^T p [N]: what supports and periodic sides carry
     p: Array  # (rows,) [Pa]
     w: Array  # (rows,) relative displacement [m]
     motion: Mapping[str, Array]  # (n, d) of each contact's obstacle; none at the start, even if it jumps at t = 0 [m]
-    driven: Array  # (o,) motion of the obstacles that forces drive, by `System.driven` [m]
+    driven: Array  # (o,) motion of the obstacles that forces drive, by `Obstacles.driven` [m]
     slip: Mapping[str, Array]  # (n, d) total at the slave's nodes of each contact [m]
     forces: Mapping[str, Array]  # (n_all, d) B^T p of each contact, in the rows that the step was solved in [N]
     rows: tuple[ContactRows, ...]  # that p and w are told in

@@ -49,7 +49,7 @@ class Accepted:
     volume_solves: int
     residual: float
     slack: float  # of the friction bound, see `Solution`
-    linear_error: float  # of the last substep, see `Bodies`
+    linear_error: float  # of the last substep, see `DelassusOperator`
     history: tuple[HistoryRow, ...]
 
 
@@ -79,7 +79,7 @@ class Stepper:
         self.searched = searched
         self.system = system
         self.attempts = attempts or Attempts(system)
-        self.cone = AdmissibleSet(system.contacts, 0.0, system.scene.steps.end)
+        self.cone = AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma = trial_stiffness(system)
         self.reported: Accepted | None = None  # the last one that was
@@ -95,12 +95,27 @@ class Stepper:
         """Nothing has happened yet."""
         zero, vector = np.zeros(self.cone.size), self.system.vector
         energy = Energy(0.0, 0.0, 0.0, 0.0, np.zeros(len(self.system.contacts)))
-        driven = np.zeros(len(self.system.driven))
+        driven = np.zeros(len(self.system.obstacles.driven))
         motion = {c.name: np.zeros_like(c.points) for c in self.system.contacts}
         slip = {c.name: np.zeros_like(c.surface.points) for c in self.system.contacts}
         forces, rows = {name: np.zeros_like(m) for name, m in motion.items()}, self.system.contacts
+        nothing = np.zeros(len(self.system.initial.strains))
         return State(
-            0.0, vector(), vector(), vector(), vector(), zero, zero, motion, driven, slip, forces, rows, energy
+            time=0.0,
+            u=vector(),
+            u_s=vector(),
+            load=vector(),
+            initial=nothing,
+            initial_work=nothing,
+            residual=vector(),
+            p=zero,
+            w=zero,
+            motion=motion,
+            driven=driven,
+            slip=slip,
+            forces=forces,
+            rows=rows,
+            energy=energy,
         )
 
     def reach(self, start: State, target: float, on_iteration: Callable[[HistoryRow], None]) -> Accepted:
@@ -127,13 +142,13 @@ class Stepper:
                 if tried <= smallest * (1 + 1e-9):
                     if unbalanced is not None:
                         raise NoEquilibriumError(*unbalanced, tuple(history), reached)
-                    text = failure.in_words(problem, solution, self.system.scene.solver.tolerance, tried)
+                    text = failure.in_words(problem, solution, self.system.problem.solver.tolerance, tried)
                     raise StepError(end, text, tuple(history), reached)
                 pace = pace.failed(tried, smallest)
                 log.warning("t = %g: %s; the step is cut to %.3g s", end, solution.status.value, pace.size)
                 continue
             assert problem is not None
-            pace = pace.succeeded(tried, step, solution.iterations <= EASY * self.system.scene.solver.max_iterations)
+            pace = pace.succeeded(tried, step, solution.iterations <= EASY * self.system.problem.solver.max_iterations)
             before_substep, state, substeps = state, replace(new, pace=pace), substeps + 1
             if stepper is not self:
                 unbalanced = None  # it was known for the pairs of another place
@@ -157,7 +172,7 @@ class Stepper:
         self, state: State, end: float, history: list[HistoryRow], on_iteration: Callable[[HistoryRow], None]
     ) -> tuple[Stepper, Solution, SurfaceProblem | None, State | None]:
         """One attempt at a step; the pairs of sliding contacts are those of where it starts, or of where it ends."""
-        names = [c.name for c in self.system.contacts if self.system.scene.contacts[c.name].sliding]
+        names = [c.name for c in self.system.contacts if self.system.problem.pairs[c.name].contact.sliding]
         if not names:
             return self, *self._solve(state, end, history, on_iteration)
         if self.stage is not self.attempts.stage:
@@ -212,7 +227,7 @@ class Stepper:
         """The step by the method in turn; where a linear solve fails, so does the attempt."""
         system = self.system
         load, u_s = system.load(end), system.prescribed(end)
-        driving = system.driving_force(end)
+        driving = system.obstacles.driving_force(end)
         force = load.norm(0) + float(np.abs(driving).sum())
         rows: list[Step] = []
 
@@ -255,7 +270,7 @@ class Stepper:
         Measured, with exact bodies that saves a third to two thirds of Newton's iterations and an eighth to a quarter
         of Uzawa's; where volume solves are iterative it costs a fifth more.
         """
-        before, turns = state.before, self.system.course.scene.turns()
+        before, turns = state.before, self.system.course.timeline.turns
         if before is None or not self.surface.exact:
             return state.p
         far = (end - state.time) / (state.time - before.time)
@@ -277,7 +292,7 @@ class Stepper:
             gap=np.concatenate([self.gap, (state.w - self.cone.give(state.p))[n:]]),
             gamma=self.gamma,
             force=force,
-            stiffness=min(m.E for m in system.scene.bodies.values()) / system.extent,
+            stiffness=system.problem.softest / system.extent,
         )
 
 

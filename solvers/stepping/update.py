@@ -28,7 +28,7 @@ def stack(contacts: tuple[ContactRows, ...], relative: list[Array]) -> Array:
 
 def relative_displacement(system: System, u: Any, time: float, driven: Array) -> Array:
     """Rows (rows,) [m] of a displacement, the obstacles' motion taken off."""
-    motion = system.obstacle_motion(time, driven)
+    motion = system.obstacles.motions(system.contacts, time, driven)
     surfaces = system.contact_displacement(u)
     return stack(system.contacts, [v - motion[c.name] for c, v in zip(system.contacts, surfaces, strict=True)])
 
@@ -61,9 +61,12 @@ def new_state(
     """
     cone, W, contacts, time = problem.cone, problem.surface.W, system.contacts, problem.cone.time
     inner = system.K * strained
-    residual = inner - load + system.contact_forces(*split(cone, p))
-    w, motion = relative_displacement(system, u, time, driven), system.obstacle_motion(time, driven)
+    initial = system.initial.values(system.course, time)
+    initial_work = system.initial.stress_work(initial, strained)
+    residual = inner - system.initial.added(load, initial) + system.contact_forces(*split(cone, p))
+    w, motion = relative_displacement(system, u, time, driven), system.obstacles.motions(system.contacts, time, driven)
     external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
+    external += system.initial.external(old.initial, initial, old.initial_work, initial_work)
     contact, slip = 0.0, {}
     forces = {c.name: c.nodal_forces(*parts) for c, *parts in zip(contacts, *split(cone, p), strict=True)}
     here, there = system.contact_displacement(u), system.contact_displacement(old.u)
@@ -76,9 +79,25 @@ def new_state(
     slipping = W * p * (w - problem.gap - cone.give(p))
     energy = Energy(
         external=old.energy.external + external,
-        stored=inner.dot(strained) / 2,
+        stored=inner.dot(strained) / 2 + system.initial.stored(initial, initial_work),
         contact=old.energy.contact + contact,
         compliance=float(W @ cone.energy(p)),
         dissipation=old.energy.dissipation + np.array([slipping[place.tangential].sum() for place in cone.places]),
     )
-    return State(time, u, u_s, load, residual, p, w, motion, driven, slip, forces, contacts, energy)
+    return State(
+        time=time,
+        u=u,
+        u_s=u_s,
+        load=load,
+        initial=initial,
+        initial_work=initial_work,
+        residual=residual,
+        p=p,
+        w=w,
+        motion=motion,
+        driven=driven,
+        slip=slip,
+        forces=forces,
+        rows=contacts,
+        energy=energy,
+    )

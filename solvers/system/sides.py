@@ -13,9 +13,9 @@ def contact_sides(system: System) -> Iterator[tuple[str, Surface, Any]]:
     """Name, surface, and a sparse matrix: contact dofs (c,) to the displacement of its nodes (n d,)."""
     seen = set[str]()
     for rows in system.contacts:
-        contact, trace, first = system.scene.contacts[rows.name], system.trace(rows), 0
-        for name, side in ((contact.surface, rows.surface), (contact.against, rows.master)):
-            if side is not None:
+        pair, trace, first = system.problem.pairs[rows.name], system.trace(rows), 0
+        for name, side in ((pair.slave, rows.surface), (pair.master, rows.master)):
+            if side is not None and name is not None:
                 last = first + side.dim * len(side.nodes)
                 if name not in seen:
                     yield name, side, trace[first:last]

@@ -13,26 +13,24 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from geometry import dolfinx_versions as dx
-from geometry.amplitude import value_at
 from geometry.arrays import Array, Ints
 from geometry.errors import SceneError
 from geometry.mesh.mesh import Mesh
 from geometry.mesh.nodes import Nodes
-from geometry.surfaces.surface import Surface, gather_surface
-from solvers.contact.build import build_rows
-from solvers.contact.operators import OPERATORS
-from solvers.contact.rigid_obstacle import rigid_coupling
+from geometry.surfaces.surface import gather_surface
+from solvers.contact.pairing import pair_up
 from solvers.contact.rows import ContactRows
-from solvers.fem.constraints import AXES, Constraints
+from solvers.effects import active
+from solvers.fem.constraints import Constraints
 from solvers.fem.forms import WeakForms
-from solvers.fem.rigid_modes import Lifting
+from solvers.fem.rigid_modes import RigidModes
 from solvers.fem.supports import find_constraints
 from solvers.parallel.counters import Counters
 from solvers.parallel.replicated import Replicated
-from solvers.scene.contact import Contact
-from solvers.scene.course import Course, Drive
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import active_effects
+from solvers.scene.problem import Problem
+from solvers.scene.timeline import Course, Drive
+from solvers.system.initial_strain import InitialStrains
+from solvers.system.obstacles import Obstacles
 
 
 def free_stiffness(K: Any, T: Any, constraints: Constraints) -> Any:
@@ -55,15 +53,11 @@ def free_stiffness(K: Any, T: Any, constraints: Constraints) -> Any:
     return stiffness
 
 
-REACH = 0.2  # of the sides' extent: as far as contact is looked for where the scene does not say
-SLACK = 1 + 1e-6  # a gap may be as wide as the reach to rounding
-
-
 @dataclass(frozen=True)
 class System:
     """Everything that does not depend on the tractions."""
 
-    scene: Scene
+    problem: Problem
     mesh: Mesh
     space: Any
     nodes: Nodes
@@ -73,7 +67,8 @@ class System:
     contacts: tuple[ContactRows, ...]
     assembled: Callable[[], Any]  # makes K once
     T: Any  # (all, all), columns of eliminated numbers are zero
-    load_terms: tuple[tuple[Drive, Any], ...]  # what drives it, PETSc vector at value 1 [N]
+    load_terms: tuple[tuple[Drive, Any], ...]  # value in time, PETSc vector at value 1 [N]
+    initial: InitialStrains
 
     @property
     def course(self) -> Course:
@@ -95,7 +90,7 @@ class System:
         return self.T.createVecLeft()
 
     def load(self, time: float) -> Any:
-        """External forces without reactions, over all displacements [N]."""
+        """External forces without reactions and initial strains, over all displacements [N]."""
         total = self.vector()
         for drive, vector in self.load_terms:
             total.axpy(self.course.value(drive, time), vector)
@@ -112,44 +107,24 @@ class System:
         return total
 
     def pull(self, time: float, load: Any, u_s: Any) -> Any:
-        """T^T (load - K u_s) over the free numbers [N]; of a rigid motion u_s not even rounding is left."""
+        """T^T (load + that of initial strains - K u_s) over the free numbers [N].
+
+        A rigid motion u_s leaves no force, not even rounding.
+        """
         found = self.T.createVecRight()
+        total = self.initial.added(load, self.initial.values(self.course, time))
         resisted = self.lifting.followed(time) is None
-        self.T.multTranspose(load - self.K * u_s if resisted else load, found)
+        self.T.multTranspose(total - self.K * u_s if resisted else total, found)
         return found
 
     @cached_property
-    def lifting(self) -> Lifting:
-        return Lifting(self.constraints, *self.mesh.box())
+    def lifting(self) -> RigidModes:
+        return RigidModes(self.constraints, *self.mesh.box())
 
     @cached_property
-    def driven(self) -> tuple[tuple[str, int], ...]:
-        """Obstacle and axis of each obstacle motion (o,) that a force drives: an unknown."""
-        return tuple((name, AXES[axis]) for name, obs in self.scene.obstacles.items() for axis in obs.driven())
-
-    def driving_force(self, time: float) -> Array:
-        """Forces (o,) on the driven obstacles [N]."""
-        scene = self.course.scene
-        end, obstacles = scene.steps.end, scene.obstacles
-        found = [value_at(obstacles[name].force["xyz"[axis]], time, end) for name, axis in self.driven]  # type: ignore[index]
-        return np.array(found, float)
-
-    def motion_of(self, contact: Contact, points: Array, time: float, driven: Array) -> Array:
-        """Motion (m, d) [m] of a contact's obstacle as seen from `points`; `driven` (o,) are the unknown ones."""
-        obstacle = self.course.scene.obstacles[contact.against]
-        motion = obstacle.motion(points, time, self.scene.steps.end, tied=contact.normal.ties)
-        for (name, axis), size in zip(self.driven, driven, strict=True):
-            if name == contact.against:
-                motion[:, axis] += size
-        return motion
-
-    def obstacle_motion(self, time: float, driven: Array) -> dict[str, Array]:
-        """Motion (n_all, d) [m] of each contact's obstacle at the nodes of its surface; 0 between bodies."""
-        contacts = self.scene.contacts
-        return {
-            c.name: np.zeros(c.points.shape) if c.master else self.motion_of(contacts[c.name], c.points, time, driven)
-            for c in self.contacts
-        }
+    def obstacles(self) -> Obstacles:
+        """How the rigid obstacles move."""
+        return Obstacles(self.problem, self.course)
 
     def contact_displacement(self, u: Any) -> list[Array]:
         """Displacement (n_all, d) [m] of each contact's nodes, on every rank."""
@@ -173,9 +148,10 @@ class System:
     def searched(self, moved: Mapping[str, Array]) -> System:
         """The same system with the pairs of sliding contacts found where `moved` (n_all, d) [m] has brought them."""
         known = {c.name: c for c in self.contacts}
-        sides = {self.scene.contacts[c.name].surface: c.surface for c in self.contacts}
-        sides |= {self.scene.contacts[c.name].against: c.master for c in self.contacts if c.master}
-        rows = couple(self.scene, sides, self.constraints, moved)
+        sides = {pair.slave: known[name].surface for name, pair in self.problem.pairs.items()}
+        masters = {pair.master: known[name].master for name, pair in self.problem.pairs.items()}
+        sides |= {name: side for name, side in masters.items() if name is not None and side is not None}
+        rows = pair_up(self.problem, sides, self.constraints, moved)
         self.counters.searches += sum(1 for c in rows if c.master)
         fresh = tuple(c if c.name in moved else known[c.name] for c in rows)
         return replace(
@@ -185,8 +161,7 @@ class System:
     def resultant_on_driven(self, c: ContactRows, force: Any) -> Array:
         """What B^T p of a contact does to the driven obstacles (o,) [N]; collective."""
         by_axis = self.mesh.comm.allreduce(force.array.reshape(-1, self.mesh.dim).sum(axis=0))
-        against = self.scene.contacts[c.name].against
-        return np.array([by_axis[axis] * (name == against) for name, axis in self.driven], float)
+        return self.obstacles.resultants(c.name, by_axis)
 
     def reactions(self, residual: Any) -> dict[str, tuple[Array, Array]]:
         """Force (d,) [N] and moment about the origin [N m] that each support exerts; residual: see `State` [N]."""
@@ -207,6 +182,7 @@ class System:
         shape = (self.mesh.dim * len(c.nodes), len(self.contact_dofs))
         return sparse.csr_matrix((bases[node, i, j], (self.mesh.dim * node + i, columns)), shape=shape)
 
+    @cached_property
     def rigid_modes(self) -> Array:
         """Rigid motions that no support resists, on the contact dofs (c, r), orthonormal."""
         motions, count = self.lifting.unresisted, self.mesh.part_count
@@ -243,42 +219,11 @@ def _components(nodes: Ints, dim: int) -> Ints:
 
 
 def contact_rows(
-    scene: Scene, mesh: Mesh, space: Any, nodes: Nodes, constraints: Constraints
+    problem: Problem, mesh: Mesh, space: Any, nodes: Nodes, constraints: Constraints
 ) -> tuple[ContactRows, ...]:
-    """Rows of all contacts of the scene, their surfaces gathered on every rank; collective."""
-    sides = {s: gather_surface(mesh, space, nodes, s) for s in scene.request().contact_sides}
-    return couple(scene, sides, constraints, {})
-
-
-def couple(
-    scene: Scene, sides: Mapping[str, Surface], constraints: Constraints, moved: Mapping[str, Array]
-) -> tuple[ContactRows, ...]:
-    """Rows of all contacts where the surfaces are; `moved` (n_all, d) by contact, relative to a rigid obstacle [m]."""
-    couplings = {}
-    for name, contact in scene.contacts.items():
-        slave, master = sides[contact.surface], sides.get(contact.against)
-        if name in moved:
-            own, other = np.split(moved[name], [len(slave.nodes)])
-            slave = replace(slave, points=slave.points + own)
-            master = master and replace(master, points=master.points + other)
-        if master is None:
-            couplings[name] = contact, rigid_coupling(slave, scene.obstacles[contact.against])
-            continue
-        # of the start, and the same for a scene that is turned as a whole
-        far = contact.search_distance or REACH * _spread(sides[contact.surface], sides[contact.against])
-        couplings[name] = contact, OPERATORS[contact.operator or "mortar"](slave, master, far * SLACK)
-        if not np.any(couplings[name][1].weights > 0):
-            raise SceneError(
-                f"contacts.{name}: nothing of {contact.surface} faces {contact.against} within {far:g} m; set "
-                "search_distance, or exchange the sides"
-            )
-    return tuple(build_rows(couplings, constraints, moved))
-
-
-def _spread(*sides: Surface) -> float:
-    """Diameter of the sphere about the middle of the sides' nodes [m]."""
-    points = np.concatenate([side.points for side in sides])
-    return 2 * float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
+    """Rows of all contacts of the problem, their surfaces gathered on every rank; collective."""
+    sides = {s: gather_surface(mesh, space, nodes, s) for s in problem.request.contact_sides}
+    return pair_up(problem, sides, constraints, {})
 
 
 def displacement_space(mesh: Mesh) -> Any:
@@ -286,21 +231,48 @@ def displacement_space(mesh: Mesh) -> Any:
     return dx.vector_space(mesh.domain, mesh.degree)
 
 
-def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
-    """Build the system; collective."""
+def inner_forces(problem: Problem, weak: WeakForms, u: Any = None) -> Any:
+    """a(u, v) of the bodies and of effects that stiffen them; linear form of a displacement Function u, if given."""
+    form = weak.elasticity(u)
+    for effect in active(problem):
+        form = sum(effect.stiffness(problem, weak, weak.u if u is None else u), start=form)
+    return form
+
+
+def _initial_strains(problem: Problem, weak: WeakForms) -> InitialStrains:
+    """Assemble what effects strain the bodies by; collective."""
+    strains = tuple(strain for effect in active(problem) for strain in effect.initial_strains(problem))
+    coupling = np.zeros((len(strains), len(strains)))
+    for i, one in enumerate(strains):
+        for j, other in enumerate(strains):
+            if one.body == other.body:
+                coupling[i, j] = weak.size(one.body) * np.sum(one.strain * weak.initial_stress(other))
+    return InitialStrains(
+        strains=strains,
+        forces=tuple(dx.assemble_vector(weak.compile(weak.initial_load(strain))) for strain in strains),
+        coupling=coupling,
+    )
+
+
+def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
+    """Build the system; collective.
+
+    Raises:
+        SceneError: supports prescribe everything, or contradict each other.
+    """
     space = displacement_space(mesh)
     nodes = Nodes.of(mesh, space)
-    weak = WeakForms(scene, mesh, space, counters)
-    constraints = find_constraints(scene, mesh, space, nodes)
+    weak = WeakForms(problem, mesh, space, counters)
+    constraints = find_constraints(problem, mesh, space, nodes)
     if constraints.free_total == 0:
         raise SceneError("supports: prescribe every displacement of the mesh; nothing is left to solve")
-    for time in scene.requested_times():
+    for time in problem.timeline.times:
         constraints.prescribed(time)  # contradictions between supports show here, before any solve
-    loads = weak.loads() + [form for effect in active_effects(scene) for form in effect.loads(scene, weak)]
-    contacts = contact_rows(scene, mesh, space, nodes, constraints)
+    loads = weak.loads() + [term for effect in active(problem) for term in effect.loads(problem, weak)]
+    contacts = contact_rows(problem, mesh, space, nodes, constraints)
     counters.searches += sum(1 for c in contacts if c.master)
     return System(
-        scene=scene,
+        problem=problem,
         mesh=mesh,
         space=space,
         nodes=nodes,
@@ -308,7 +280,8 @@ def assemble(scene: Scene, mesh: Mesh, counters: Counters) -> System:
         counters=counters,
         constraints=constraints,
         contacts=contacts,
-        assembled=cache(lambda: dx.assemble_matrix(weak.compile(weak.elasticity()))),
+        assembled=cache(lambda: dx.assemble_matrix(weak.compile(inner_forces(problem, weak)))),
         T=constraints.transformation(mesh.comm),
-        load_terms=tuple((drive, dx.assemble_vector(weak.compile(form))) for drive, form in loads),
+        load_terms=tuple((term.drive, dx.assemble_vector(weak.compile(term.form))) for term in loads),
+        initial=_initial_strains(problem, weak),
     )

@@ -13,6 +13,7 @@ from geometry.mesh.mesh import build_mesh
 from shared.command import COARSE, Call, result
 from shared.drawn import draw, scene_data
 from solvers.parallel.counters import Counters
+from solvers.simulation.resolve import resolve
 from solvers.system.system import assemble
 from workflows.run.mesh_report import elements_across, look
 from workflows.run.run import run
@@ -35,7 +36,7 @@ def across(cells: int, dim: int, length: float = 2.0) -> int:
     geometry = {"builder": "block", "length": length, "height": 1.0, "mesh_size": 1 / cells, "cells": "tensor"} | width
     data = scene_data("", dim) | {"geometry": geometry}
     scene = from_dict(data)
-    system = assemble(scene, build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters())
+    system = assemble(resolve(scene), build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters())
     return elements_across(system.contacts[0].surface)
 
 

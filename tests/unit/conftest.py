@@ -9,6 +9,7 @@ from mpi4py import MPI
 from geometry.mesh.mesh import build_mesh
 from solvers.parallel.counters import Counters
 from solvers.scene.scene import Scene
+from solvers.simulation.resolve import resolve
 from solvers.simulation.simulation import Simulation, prepare
 from solvers.system.system import System, assemble
 from workflows.scene_file.read import from_dict
@@ -37,7 +38,7 @@ def system_of() -> Callable[[Scene], System]:
     """The scene meshed and assembled; nothing is factorised."""
 
     def make(scene: Scene) -> System:
-        return assemble(scene, build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters())
+        return assemble(resolve(scene), build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters())
 
     return make
 

@@ -16,6 +16,7 @@ from solvers.parallel.gather import nodes_of
 from solvers.results.audit import Audit, Auditor, Record
 from solvers.results.step_result import OPEN, SLIP, STICK, StepResult
 from solvers.scene.scene import Scene
+from solvers.simulation.resolve import resolve
 from solvers.simulation.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -92,7 +93,7 @@ def case(scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Simula
     step = list(simulation.steps())[-1]
     names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
     record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
-    return Case(simulation, Auditor(scene, simulation.mesh), step, record)
+    return Case(simulation, Auditor(resolve(scene), simulation.mesh), step, record)
 
 
 def test_the_case_has_everything_that_can_go_wrong(case: Case) -> None:
@@ -192,7 +193,7 @@ def test_an_audit_without_contact_sees_equilibrium_only(
     (step,) = simulation.steps()
     names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
     record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
-    audit = Auditor(scene, simulation.mesh)
+    audit = Auditor(resolve(scene), simulation.mesh)
     found = asdict(audit(record))
     assert found.pop("equilibrium") < 1e-13
     assert set(found.values()) == {0.0}
@@ -219,7 +220,7 @@ def test_compliance_is_audited_by_the_form_and_by_its_law(
     (step,) = simulation.steps()
     names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
     record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
-    audit = Auditor(scene, simulation.mesh)
+    audit = Auditor(resolve(scene), simulation.mesh)
     assert max(asdict(audit(record)).values()) < CLEAN
     # the pressures of the rows are held against the law, those of equilibrium come from the form
     normal = simulation.stepper.cone.places[0].normal
@@ -249,9 +250,9 @@ def test_an_obstacle_that_a_force_drives_is_in_equilibrium_too(
     (step,) = simulation.steps()
     names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
     record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
-    assert max(asdict(Auditor(scene, simulation.mesh)(record)).values()) < CLEAN
+    assert max(asdict(Auditor(resolve(scene), simulation.mesh)(record)).values()) < CLEAN
     heavier = replace(scene, obstacles={"foundation": replace(scene.obstacles["foundation"], force={"y": 0.3})})
-    assert Auditor(heavier, simulation.mesh)(record).equilibrium > PLAINLY
+    assert Auditor(resolve(heavier), simulation.mesh)(record).equilibrium > PLAINLY
 
 
 def test_rounding_is_no_traction_beyond_friction(case: Case) -> None:

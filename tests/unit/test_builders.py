@@ -20,7 +20,7 @@ from geometry.builders.half_space import HalfSpace
 from geometry.builders.ring import Ring
 from geometry.builders.strip import Strip
 from geometry.errors import GeometryError, SceneError
-from geometry.mesh.jacobian import flatness
+from geometry.mesh.jacobian import worst_jacobian_ratio
 from geometry.mesh.mesh import Mesh, build_mesh
 from geometry.mesh.nodes import Nodes
 from geometry.shape import Model, Request
@@ -118,7 +118,7 @@ def test_round_sides_are_round_and_the_box_is_filled(shape: Builder, model: Mode
     for side in ROUND.keys() & mesh.sides.keys():
         distance = np.linalg.norm(side_of(shape, model, side).points - ROUND[side], axis=1)
         assert_allclose(distance, distance[0], rtol=1e-10)  # mid-nodes of order 2 included
-    assert flatness(mesh.domain, mesh.degree)[0] > 0.3  # no cell near to being inverted
+    assert worst_jacobian_ratio(mesh.domain, mesh.degree)[0] > 0.3  # no cell near to being inverted
 
 
 @EVERY
@@ -213,7 +213,7 @@ def test_another_unit_of_length_makes_the_same_mesh(shape: Builder, model: Model
 def test_cells_turned_inside_out_are_refused() -> None:
     """The inner circle of a thin ring of few cells bulges through their diagonals, which are straight."""
     thin = Ring(inner_radius=0.9, outer_radius=1.0, mesh_size=1.0)
-    assert flatness(meshed(thin, PLANE).domain, 1)[0] > 0.9
+    assert worst_jacobian_ratio(meshed(thin, PLANE).domain, 1)[0] > 0.9
     with pytest.raises(
         GeometryError, match=r"a curved cell at \(.*\) is turned inside out; make the cells there small"
     ):

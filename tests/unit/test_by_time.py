@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import stickslip
 from geometry.errors import MachineError
+from solvers.results.quantities import values
 from solvers.results.step_result import StepResult
-from solvers.scene.quantities import values
 from workflows.writers.by_time import by_time, read_by_time, row_of
 from workflows.writers.tables import write_tables
 

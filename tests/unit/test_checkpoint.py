@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from geometry.errors import MachineError
 from shared.histories import SMALL
 from shared.synthetic import mesh_of, result_of
-from solvers.parallel.serialise import packed, unpacked
+from solvers.parallel.serialise import deserialise, serialise
 from solvers.simulation.checkpoint import ROWS, Checkpoints
 from solvers.simulation.simulation import Simulation, prepare
 from solvers.stepping.state import State
@@ -53,7 +53,7 @@ def test_dataclasses_come_back_to_the_same_bits() -> None:
     value = Outer(
         "ä", {"a": numbers, "b": np.eye(3)[:, ::2]}, ((0.1, 2, "x"),), (numbers[:0], Inner()), here=Inner(0.3, 7)
     )
-    again: Outer = unpacked(Outer, through_files(packed(value)))
+    again: Outer = deserialise(Outer, through_files(serialise(value)))
     assert again.arrays["a"].tobytes() == numbers.tobytes()
     assert_array_equal(again.arrays["b"], value.arrays["b"])
     assert (again.name, again.pairs, again.here, again.there, again.mixed[1]) == (
@@ -92,7 +92,7 @@ def test_equal_arrays_are_stored_once_and_known_ones_not_at_all() -> None:
 @pytest.mark.parametrize("value", [object(), {"a": [1, {2}]}, b"bytes"])
 def test_what_plain_data_cannot_say_is_refused(value: Any) -> None:
     with pytest.raises(TypeError, match="no plain data"):
-        packed(value)
+        serialise(value)
 
 
 def test_results_come_back_whole(tmp_path: Path) -> None:
@@ -170,7 +170,7 @@ def test_every_field_of_the_state_is_put_back(marched: Simulation) -> None:
         elif hasattr(before, "array"):
             assert_array_equal(after.array, before.array)
         else:
-            np.testing.assert_equal(packed(after), packed(before))
+            np.testing.assert_equal(serialise(after), serialise(before))
     assert other.counters.volume_solves == marched.counters.volume_solves
     assert other.counters.factorisations == 2  # of two processes
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from shared.drawn import GEO, draw, scene_data
 from solvers.interface.coarse_mesh import LEAST, CoarseMesh
-from solvers.interface.factorised import Volume
+from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.prepare import prepare_surface
 from solvers.interface.schur_complement import CondensedSurface
 from solvers.methods.surface_uzawa import SurfaceUzawa
@@ -33,7 +33,7 @@ def block(scene_of: SceneOf, dim: int, n: int, floating: bool = False) -> Scene:
 
 
 def condensed(system: System) -> CondensedSurface:
-    surface = prepare_surface(system, Volume(system.K_B, system.contact_dofs, Counters()))
+    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.contact_dofs, Counters()))
     assert isinstance(surface, CondensedSurface)
     return surface
 

@@ -109,7 +109,7 @@ def test_stiffness_of_the_free_displacements_is_selected_or_transformed_alike(
     scene_of: SceneOf, system_of: SystemOf
 ) -> None:
     selecting = {case: system_of(scene_of(dim, **tables)) for case, (dim, tables) in CASES.items()}
-    ends = (Row(np.array([0.6, 0.8]), lambda scene: 0.3, "a"),)
+    ends = (Row(np.array([0.6, 0.8]), 0.3, "a"),)
     free = selecting["free"]
     selecting["inclined"] = replace(free, constraints=replace(free.constraints, rows={4: ends, 9: ends}))
     selecting["inclined"] = replace(
@@ -141,7 +141,7 @@ def test_an_inclined_direction_is_held_and_the_other_is_free(scene_of: SceneOf, 
     system = system_of(scene_of(3))
     directions = np.array([[1.0, 2.0, 2.0], [0.0, 3.0, 4.0]]) / np.array([[3.0], [5.0]])
     points = {4: system.nodes.points[4], 9: system.nodes.points[9]}
-    one, other = Row(directions[0], lambda scene: 0.3, "a"), Row(directions[1], lambda scene: -0.1, "b")
+    one, other = Row(directions[0], 0.3, "a"), Row(directions[1], -0.1, "b")
     rows = {4: (one,), 9: (one, other)}
     inclined = replace(system.constraints, rows=rows, points=points, part={4: 0, 9: 0})
     T = free_columns(inclined.transformation(system.mesh.comm))

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.linalg import eigh, null_space
 
-from solvers.interface.factorised import Volume
+from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.prepare import prepare_surface
 from solvers.interface.schur_complement import CondensedSurface
 from solvers.metrics.surface_metric import ContactLayer
@@ -33,7 +33,7 @@ def block(scene_of: SceneOf, dim: int, order: int = 1, cells: str = "tensor", fl
 
 def bodies(system: System) -> tuple[Array, Array]:
     """(K_B + rho R R^T)^-1 on the contact dofs, and R."""
-    surface = prepare_surface(system, Volume(system.K_B, system.contact_dofs, Counters()))
+    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.contact_dofs, Counters()))
     assert isinstance(surface, CondensedSurface)
     return surface.flexibility, surface.R
 

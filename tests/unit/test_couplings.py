@@ -14,6 +14,7 @@ from shared.overlays import above, below
 from solvers.contact.mortar import mortar_coupling, mortar_integrals
 from solvers.contact.rows import ContactRows
 from solvers.parallel.counters import Counters
+from solvers.simulation.resolve import resolve
 from solvers.simulation.simulation import prepare
 from solvers.system.system import assemble
 from workflows.scene_file.read import from_dict, read
@@ -41,7 +42,7 @@ def rows(slave: str, master: str, operator: str, law: str, order: int = 1) -> Co
         },
     }  # fmt: skip
     scene = from_dict(data)
-    (found,) = assemble(scene, build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters()).contacts
+    (found,) = assemble(resolve(scene), build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters()).contacts
     return found
 
 
@@ -110,7 +111,7 @@ def quarter() -> ContactRows:
         },
     }  # fmt: skip
     scene = from_dict(data)
-    (found,) = assemble(scene, build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters()).contacts
+    (found,) = assemble(resolve(scene), build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF), Counters()).contacts
     return found
 
 

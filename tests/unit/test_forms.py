@@ -51,7 +51,7 @@ def some_displacement(system: System) -> Any:
 
 def j_n(system: System, u: Any) -> Any:
     """The form of the scene's only contact."""
-    (rows,), (contact,) = system.contacts, system.scene.contacts.values()
+    (rows,), (contact,) = system.contacts, (pair.contact for pair in system.problem.pairs.values())
     assert isinstance(rows.normal, Compliance)
     return system.weak.normal_compliance(u, contact, rows.normal)
 

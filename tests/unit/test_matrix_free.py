@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from geometry.errors import SolverError
-from solvers.interface.factorised import Volume
+from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from solvers.interface.prepare import prepare_surface
 from solvers.interface.schur_complement import CondensedSurface
-from solvers.linear.conjugate_gradients import ConjugateGradients, ContactError, EnergyError
+from solvers.linear.conjugate_gradients import ConjugateGradients, ContactErrorCriterion, EnergyErrorCriterion
 from solvers.parallel.counters import Counters
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import Simulation
@@ -61,7 +61,7 @@ SCENES: dict[str, Callable[[SceneOf], Scene]] = {
 def both(request: pytest.FixtureRequest, scene_of: SceneOf, system_of: SystemOf) -> tuple[Any, Any, System]:
     """The same bodies condensed and not, with the same augmentation."""
     system = system_of(SCENES[request.param](scene_of))
-    exact = prepare_surface(system, Volume(system.K_B, system.contact_dofs, Counters()))
+    exact = prepare_surface(system, FactorisedVolume(system.K_B, system.contact_dofs, Counters()))
     free = prepare_surface(replace(system, counters=Counters()), IterativeVolume(system))
     exact.rho = free.rho
     return exact, free, system
@@ -71,7 +71,7 @@ def load_of(surface: Any, system: System, error: float = 0.0) -> Any:
     u_s, f = system.vector(), system.T.createVecRight()
     system._prescribed.write(u_s, system.constraints.prescribed(1.0).ravel())  # a rigid motion would leave no load
     system.T.multTranspose(system.load(1.0) - system.K * u_s, f)
-    return surface.load(f, system.driving_force(1.0), error)
+    return surface.load(f, system.obstacles.driving_force(1.0), error)
 
 
 def test_displacement_is_that_of_the_condensed_surface(both: tuple[Any, Any, System]) -> None:
@@ -136,7 +136,7 @@ def test_recovered_displacement_balances_forces_and_moves_along_with_its_contact
     left = system.K_B * q - load.f_q
     left.array[system.contact_dofs] += f_c
     assert left.norm() <= 1e-7 * (load.f_q.norm() + np.linalg.norm(f_c))  # the scene's tolerance is 1e-8
-    assert 0 < free.linear_error <= 0.1 * system.scene.solver.tolerance
+    assert 0 < free.linear_error <= 0.1 * system.problem.solver.tolerance
     assert exact.linear_error == 0
 
 
@@ -200,12 +200,12 @@ def test_a_preconditioner_that_is_not_positive_definite_is_an_error() -> None:
     A.setDiagonal(PETSc.Vec().createWithArray(np.ones(2), comm=PETSc.COMM_SELF))
     A.assemble()
     turned = ConjugateGradients(A, lambda r, z: (-r).copy(z), Counters())
-    for goal in (
-        EnergyError(turned.comm, np.ones(2), 1e-6),
-        ContactError(turned.comm, np.arange(2), 1e-6, 0.0, lambda: 1.0),
+    for criterion in (
+        EnergyErrorCriterion(turned.comm, np.ones(2), 1e-6),
+        ContactErrorCriterion(comm=turned.comm, local=np.arange(2), error=1e-6, relative=0.0, response=lambda: 1.0),
     ):
         with pytest.raises(SolverError, match="does not converge"):
-            turned.solve(np.ones(2), np.zeros(2), goal)
+            turned.solve(np.ones(2), np.zeros(2), criterion)
 
 
 def test_a_slender_body_takes_no_halved_steps(simulation_of: Callable[[Scene], Simulation]) -> None:

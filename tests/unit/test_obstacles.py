@@ -52,14 +52,14 @@ def test_obstacle_moves_and_turns() -> None:
     turn = Rotation(angle=((0.0, 0.0), (1.0, 0.3)), point=(0.0, 0.0))
     roller = Cylinder(point=(0.0, 0.0), radius=2.0, displacement={"y": 0.5}, rotation=turn)
     x = np.array([[0.0, 2.4], [2.1, 0.0]])
-    # the roller's own points, radius times angle along the surface, and the shift; half way at t = 0.5
-    assert_allclose(roller.motion(x, 0.5, 1.0), [[-0.3, 0.25], [0.0, 0.55]], atol=1e-15)
+    # the roller's own points, radius times angle along the surface, and the shift
+    assert_allclose(roller.motion(x, np.array([0.0, 0.25]), 0.15), [[-0.3, 0.25], [0.0, 0.55]], atol=1e-15)
     table = Plane(
         point=(0.0, 0.0, 0.0),
         normal=(0.0, 0.0, 1.0),
         rotation=Rotation(angle=0.1, point=(1.0, 0.0, 5.0), axis=(0, 0, 2)),
     )
-    assert_allclose(table.motion(np.array([[1.0, 3.0, 0.7]]), 1.0, 1.0), [[-0.3, 0.0, 0.0]], atol=1e-15)
+    assert_allclose(table.motion(np.array([[1.0, 3.0, 0.7]]), np.zeros(3), 0.1), [[-0.3, 0.0, 0.0]], atol=1e-15)
 
 
 WRONG: list[tuple[type[Obstacle], dict[str, Any], Model, str]] = [

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solvers.contact.admissible_set import Place
+from solvers.contact.admissible_set import ContactBlock
 from solvers.scene.applicability import METHODS
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Solver
@@ -53,7 +53,7 @@ class Saddle:
         return self.simulation.system
 
     @property
-    def place(self) -> Place:
+    def place(self) -> ContactBlock:
         (place,) = self.accepted.problem.cone.places
         return place
 

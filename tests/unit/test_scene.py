@@ -7,8 +7,7 @@ import pytest
 
 from geometry.errors import SceneError
 from solvers.effects import EFFECTS
-from solvers.scene.course import over
-from solvers.scene.scene import Scene
+from solvers.scene.scene import Scene, over
 from solvers.simulation.plan import make_plan
 from workflows.scene_file.read import READY, from_dict, read, to_dict
 

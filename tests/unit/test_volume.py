@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from geometry.errors import MachineError
-from solvers.interface.factorised import Volume
+from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.prepare import prepare_surface
 from solvers.interface.schur_complement import CondensedSurface
-from solvers.linear.memoised_map import Remembered
+from solvers.linear.memoised_map import MemoisedMap
 from solvers.newton.active_set import linearise
 from solvers.newton.condensed_system import solve
 from solvers.parallel.counters import Counters
@@ -66,7 +66,7 @@ def test_schur_complement_condense_and_expand_are_exact(
 ) -> None:
     system = system_of(scene_in(dim, scene_of, floating))
     K, S, c = blocks(system)
-    volume = Volume(system.K_B, system.contact_dofs, Counters())
+    volume = FactorisedVolume(system.K_B, system.contact_dofs, Counters())
     if by_blocks:  # what several ranks do, on one
         volume._factor_interior(system.contact_dofs)
     assert_allclose(volume.S, S, atol=1e-13 * np.abs(K).max())
@@ -94,7 +94,7 @@ def test_a_factorisation_that_mumps_gave_too_little_memory_is_repeated_with_more
     contact_dofs = system.contact_dofs
 
     def schur_complement() -> Array:
-        volume = Volume(system.K_B, contact_dofs, Counters())
+        volume = FactorisedVolume(system.K_B, contact_dofs, Counters())
         if by_blocks:
             volume._factor_interior(contact_dofs)
         return volume.S
@@ -128,7 +128,7 @@ def test_a_body_without_contact_is_solved_directly(
 def test_surface_displacement_is_that_of_the_bodies(dim: int, scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(scene_in(dim, scene_of))
     K, _, c = blocks(system)
-    surface = prepare_surface(system, Volume(system.K_B, system.contact_dofs, Counters()))
+    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.contact_dofs, Counters()))
     p = np.random.default_rng(1).normal(size=len(surface.W))
     f = np.zeros(len(K))
     f[c] = surface.forces(p)
@@ -148,7 +148,7 @@ def test_lambda_max_bounds_the_largest_eigenvalue_closely(
     normal = {"law": law} | ({"c_n": 2.0} if law == "compliance" else {})
     scene = scene_of(dim, contacts={"base": STICKING["base"] | {"normal": normal}}, supports=held(dim))
     system = system_of(scene)
-    surface = prepare_surface(system, Volume(system.K_B, system.contact_dofs, Counters()))
+    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.contact_dofs, Counters()))
     root = np.sqrt(surface.W)[:, None]
     B = root * surface.N.toarray()
     exact = float(np.linalg.eigvalsh(B @ np.linalg.solve(surface.S, B.T)).max())
@@ -192,8 +192,8 @@ def test_a_floating_body_does_not_feel_its_augmentation(
 
 def test_loads_in_the_span_of_earlier_ones_are_condensed_for_nothing(scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(scene_in(2, scene_of))
-    volume = Volume(system.K_B, system.contact_dofs, Counters())
-    condense = Remembered(volume.condense, len(volume.S))
+    volume = FactorisedVolume(system.K_B, system.contact_dofs, Counters())
+    condense = MemoisedMap(volume.condense, len(volume.S))
     one, other = system.K_B.createVecRight(), system.K_B.createVecRight()
     random = np.random.default_rng(0)
     one.array[:], other.array[:] = random.normal(size=(2, one.getSize()))

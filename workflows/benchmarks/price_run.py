@@ -20,6 +20,7 @@ from geometry.mesh.mesh import build_mesh
 from solvers.parallel.counters import Counters
 from solvers.results.linear_reference import linear_reference
 from solvers.scene.scene import Scene
+from solvers.simulation.resolve import resolve
 from solvers.simulation.simulation import Simulation, prepare
 from solvers.system.system import assemble
 from workflows.cost.child import peak_memory
@@ -104,7 +105,7 @@ def _solve(case: Case, only: str = "") -> dict[str, Any]:
     steps: list[dict[str, Any]] = []
     if case.method == REFERENCE:
         mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_WORLD)
-        system, prepared = assemble(scene, mesh, counters), 0.0
+        system, prepared = assemble(resolve(scene), mesh, counters), 0.0
     else:
         simulation = prepare(scene)
         system, prepared, counters = simulation.system, simulation.seconds.prepare, simulation.counters

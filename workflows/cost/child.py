@@ -13,7 +13,7 @@ from typing import Any
 
 from geometry.dolfinx_versions import form_cache
 from geometry.errors import GeometryError, MachineError, SceneError, SolverError
-from solvers.scene.quantities import values
+from solvers.results.quantities import values
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import prepare
 from solvers.stepping.stepper import NoEquilibriumError

@@ -35,8 +35,8 @@ def reference() -> str:
     for name in TABLES:
         parts += _section(name, hints[name])
     for effect in EFFECTS:
-        if effect.section is not None:
-            parts += _section(effect.name, effect.section)
+        if effect.table is not None:
+            parts += _section(effect.name, effect.table)
     return "\n".join(parts) + "\n"
 
 

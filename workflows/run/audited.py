@@ -21,7 +21,7 @@ def audited(simulation: Simulation, folder: Path, steps: Sequence[StepResult]) -
     """
     if not steps:
         return []
-    comm, auditor = simulation.mesh.comm, Auditor(simulation.scene, simulation.mesh)
+    comm, auditor = simulation.mesh.comm, Auditor(simulation.problem, simulation.mesh)
     found = []
     for index, step in enumerate(steps, start=1):
         read = partial(_record, folder / step_name(index), step, simulation.mesh.dim)

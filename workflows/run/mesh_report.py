@@ -20,6 +20,7 @@ from solvers.contact.rows import ContactRows
 from solvers.fem.supports import find_constraints
 from solvers.parallel.memory import available
 from solvers.scene.scene import Scene
+from solvers.simulation.resolve import resolve
 from solvers.stepping.choice import Choice, Size, chosen
 from solvers.system.system import contact_rows, displacement_space
 
@@ -152,11 +153,12 @@ def _edge_nodes(pairs: Any, facets: Any) -> Any:
 
 def look(scene: Scene) -> tuple[MeshReport, Choice, int]:
     """The mesh report, what solves it, and how many displacements are unknown; meshes, but assembles nothing."""
-    mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_WORLD)
+    problem = resolve(scene)
+    mesh = build_mesh(problem.shape, problem.request, MPI.COMM_WORLD)
     space = displacement_space(mesh)
     nodes = Nodes.of(mesh, space)
-    constraints = find_constraints(scene, mesh, space, nodes)
-    contacts = contact_rows(scene, mesh, space, nodes, constraints)
+    constraints = find_constraints(problem, mesh, space, nodes)
+    contacts = contact_rows(problem, mesh, space, nodes, constraints)
     report = report_mesh(scene, mesh, nodes.total, contacts)
     return report, chosen(Size.of(mesh, constraints, contacts), scene.solver, available()), constraints.free_total
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from geometry.dolfinx_versions import DOLFINX
 from geometry.errors import DamagedError, FolderError, MachineError
-from solvers.parallel.serialise import shared, unpacked
+from solvers.parallel.serialise import broadcast, deserialise
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
 from solvers.simulation.checkpoint import Checkpoint
@@ -54,7 +54,7 @@ class Left:
     def shared(self, comm: Any) -> Left:
         """The same on every rank, told by rank 0; collective."""
         steps = comm.bcast([step.without_fields() for step in self.steps])
-        state = shared(comm, self.going and self.going.checkpoint.state)
+        state = broadcast(comm, self.going and self.going.checkpoint.state)
         rest: Left = comm.bcast(replace(self, steps=(), going=_without_state(self.going)))
         going = rest.going and replace(rest.going, checkpoint=replace(rest.going.checkpoint, state=state))
         return replace(rest, steps=self.steps if comm.rank == 0 else tuple(steps), going=going)
@@ -125,7 +125,7 @@ def _step(path: Path) -> tuple[StepResult, Going]:
     """
     step, plain = read_checkpoint(path)
     try:
-        return step, unpacked(Going, plain, lambda whole: whole)
+        return step, deserialise(Going, plain, lambda whole: whole)
     except (KeyError, TypeError) as error:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from geometry.errors import MachineError
-from solvers.parallel.serialise import packed
+from solvers.parallel.serialise import serialise
 from solvers.results.linear_reference import LinearReference, linear_reference
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
@@ -132,7 +132,7 @@ class Run:
                 spread=self.smallness.spread,
                 learnt=learnt,
             )
-            write_step(self.folder, index, step, packed(going))
+            write_step(self.folder, index, step, serialise(going))
             self.learnt.forget()
 
         self.on_rank_0(write)

@@ -123,7 +123,7 @@ def from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Scene:
         SceneError: key, what was found, what is expected, the nearest valid name.
     """
     _refuse_non_finite(data, ())
-    sections = {effect.name: effect.section for effect in EFFECTS if effect.section is not None}
+    sections = {effect.name: effect.table for effect in EFFECTS if effect.table is not None}
     core = {key: value for key, value in data.items() if key not in sections}
     known = {f.name for f in fields(Scene)} - {"sections"}
     for key in core:
@@ -172,7 +172,7 @@ def to_dict(scene: Scene) -> dict[str, Any]:
     }
     for effect in EFFECTS:
         if effect.name in scene.sections:
-            adapter = TypeAdapter(effect.section)
+            adapter = TypeAdapter(effect.table)
             plain[effect.name] = adapter.dump_python(scene.sections[effect.name], mode="json", by_alias=True)
     return plain
 

@@ -19,7 +19,7 @@ from scipy import sparse
 from geometry.arrays import Array
 from geometry.mesh.mesh import build_mesh
 from solvers.contact.admissible_set import AdmissibleSet
-from solvers.interface.factorised import Volume
+from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.prepare import prepare_surface
 from solvers.interface.schur_complement import CondensedSurface
 from solvers.linear.incomplete_cholesky import incomplete_cholesky
@@ -27,6 +27,7 @@ from solvers.metrics.gram import GramMetric, contact_last, drop_of, volume_gram
 from solvers.parallel.counters import Counters
 from solvers.scene.gram import Gram
 from solvers.scene.scene import Scene
+from solvers.simulation.resolve import resolve
 from solvers.system.system import System, assemble
 from workflows.scene_file.read import from_dict
 
@@ -77,13 +78,13 @@ def scene(n: int, held: bool = True, dim: int = 2) -> Scene:
 def block(n: int, held: bool = True, dim: int = 2) -> System:
     """Meshed and assembled; without its support the Gram matrix is that of all displacements."""
     found = scene(n, held, dim)
-    return assemble(found, build_mesh(found.geometry, found.request(), MPI.COMM_SELF), Counters())
+    return assemble(resolve(found), build_mesh(found.geometry, found.request(), MPI.COMM_SELF), Counters())
 
 
 def surface_of(system: System) -> tuple[CondensedSurface, AdmissibleSet]:
     """K_B^-1 on the contact dofs, and the laws that say which rows carry tractions."""
-    volume = Volume(system.K_B, system.contact_dofs, system.counters)
-    return prepare_surface(system, volume), AdmissibleSet(system.contacts, 0.0, system.scene.steps.end)
+    volume = FactorisedVolume(system.K_B, system.contact_dofs, system.counters)
+    return prepare_surface(system, volume), AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
 
 
 def fill(system: System, gram: Gram) -> float:

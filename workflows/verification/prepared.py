@@ -10,6 +10,7 @@ from solvers.parallel.counters import Counters
 from solvers.results.observe import Observer
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
+from solvers.simulation.resolve import resolve
 from solvers.stepping.stepper import Accepted, Stepper
 from solvers.system.system import System, assemble
 
@@ -22,7 +23,7 @@ def system_of(scene: Scene, move: Move = lambda points: points) -> System:
 
     mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_WORLD)
     mesh.domain.geometry.x[:] = move(mesh.domain.geometry.x.copy())
-    return assemble(scene, mesh, Counters())
+    return assemble(resolve(scene), mesh, Counters())
 
 
 def accepted(system: System) -> Iterator[Accepted]:
@@ -33,13 +34,13 @@ def accepted(system: System) -> Iterator[Accepted]:
 def observed(system: System) -> Iterator[StepResult]:
     """Results of the requested times."""
     stepper = Stepper(system)
-    observe = Observer(stepper)
+    observe = Observer.of(stepper)
     yield from map(observe, _march(stepper))
 
 
 def _march(stepper: Stepper) -> Iterator[Accepted]:
     state = stepper.start()
-    for time in stepper.system.scene.requested_times():
+    for time in stepper.system.problem.timeline.times:
         step = stepper.reach(state, time, lambda row: None)
         state = step.state
         yield step

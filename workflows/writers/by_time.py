@@ -10,8 +10,9 @@ import numpy as np
 from geometry.amplitude import value_at
 from geometry.arrays import Array
 from geometry.errors import MachineError
+from solvers.results.quantities import values
 from solvers.results.step_result import ContactState, StepResult
-from solvers.scene.quantities import CONTACT_NUMBERS, ENERGIES, values
+from solvers.scene.quantities import CONTACT_NUMBERS, ENERGIES
 from solvers.scene.scene import Scene
 from solvers.scene.timeline import Place
 from workflows.writers.tables import Table

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from geometry.arrays import AnyArray, Array
 from geometry.errors import MachineError
-from solvers.parallel.serialise import Plain, packed, unpacked
+from solvers.parallel.serialise import Plain, deserialise, serialise
 from solvers.results.step_result import ContactState, StepResult
 from workflows.writers.aside import make_folder
 from workflows.writers.hdf5 import read_arrays, write_arrays
@@ -100,7 +100,7 @@ def write_step(folder: Path, index: int, result: StepResult, going: Plain = None
     }
     for name, contact in result.contacts.items():
         arrays |= {f"contacts/{name}/{key}": value for key, value in _columns(contact).items()}
-    plain = {"result": packed(result), "going": going}
+    plain = {"result": serialise(result), "going": going}
     arrays |= {f"{CHECKPOINT}/{name}": array for name, array in to_arrays(plain, arrays).items()}
     path = folder / step_name(index)
     make_folder(path.parent)
@@ -161,7 +161,7 @@ def read_checkpoint(path: Path) -> tuple[StepResult, Plain]:
     try:
         text, content = (arrays.pop(f"{CHECKPOINT}/{name}") for name in (TEXT, BYTES))
         plain = from_arrays(text, content, arrays)
-        return unpacked(StepResult, plain["result"]), plain["going"]
+        return deserialise(StepResult, plain["result"]), plain["going"]
     except (KeyError, TypeError, ValueError) as error:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error
 

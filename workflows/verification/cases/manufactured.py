@@ -72,7 +72,7 @@ def loaded(scene: Scene, exact: Manufactured) -> tuple[System, Any]:
     system = system_of(scene)
     field = system.weak.field(exact.displacement)
     form = system.weak.balance(field, "block", ("block.left", "block.right"), DEGREE)
-    return replace(system, load_terms=((lambda scene: 1.0, dx.assemble_vector(system.weak.compile(form))),)), field
+    return replace(system, load_terms=((1.0, dx.assemble_vector(system.weak.compile(form))),)), field
 
 
 @lru_cache

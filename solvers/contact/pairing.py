@@ -1,0 +1,63 @@
+"""Contact rows of all pairs of a problem, where the surfaces are: obstacles by their shape, bodies by a search."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from geometry.arrays import Array
+from geometry.errors import SceneError
+from geometry.surfaces.surface import Surface
+from solvers.contact.build import build_rows
+from solvers.contact.operators import OPERATORS
+from solvers.contact.rigid_obstacle import rigid_coupling
+from solvers.contact.rows import ContactRows
+from solvers.fem.constraints import Constraints
+from solvers.scene.problem import Problem
+
+REACH = 0.2  # of the sides' extent: as far as contact is searched for where the scene does not say
+SLACK = 1 + 1e-6  # a gap may be as wide as the reach to rounding
+
+
+def pair_up(
+    problem: Problem, sides: Mapping[str, Surface], constraints: Constraints, moved: Mapping[str, Array]
+) -> tuple[ContactRows, ...]:
+    """Rows of all pairs.
+
+    Args:
+        sides: surfaces in the reference configuration by name, body.side.
+        moved: displacement (n_all, d) [m] of the nodes of pairs that slide, relative to a rigid obstacle.
+
+    Raises:
+        SceneError: nothing of a slave side faces its master within reach.
+    """
+    couplings = {}
+    for name, known in problem.pairs.items():
+        slave = sides[known.slave]
+        master = sides[known.master] if known.master is not None else None
+        if name in moved:
+            own, other = np.split(moved[name], [len(slave.nodes)])
+            slave = replace(slave, points=slave.points + own)
+            master = master and replace(master, points=master.points + other)
+        if known.obstacle is not None:
+            couplings[name] = known.contact, rigid_coupling(slave, problem.obstacles[known.obstacle])
+            continue
+        assert master is not None
+        assert known.master is not None
+        # of the start, and the same for a scene that is turned as a whole
+        reach = known.contact.search_distance or REACH * _spread(sides[known.slave], sides[known.master])
+        couplings[name] = known.contact, OPERATORS[known.contact.operator or "mortar"](slave, master, reach * SLACK)
+        if not np.any(couplings[name][1].weights > 0):
+            raise SceneError(
+                f"contacts.{name}: nothing of {known.slave} faces {known.master} within {reach:g} m; set "
+                "search_distance, or exchange the sides"
+            )
+    return tuple(build_rows(couplings, constraints, moved))
+
+
+def _spread(*sides: Surface) -> float:
+    """Diameter of the sphere about the middle of the sides' nodes [m]."""
+    points = np.concatenate([side.points for side in sides])
+    return 2 * float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())

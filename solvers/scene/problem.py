@@ -1,0 +1,76 @@
+"""The resolved problem: what a scene comes to, worked out once. Nothing below the simulation asks the scene itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from geometry.arrays import Array
+from geometry.obstacles import Obstacle
+from geometry.shape import Model, Request, Shape
+from solvers.scene.contact import Contact
+from solvers.scene.loads import Load, Support
+from solvers.scene.material import Material
+from solvers.scene.settings import Probe, Solver
+from solvers.scene.timeline import Timeline
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanRow:
+    """One line of `stickslip plan`: an effect, whether it is active, and the scene key that calls for it."""
+
+    effect: str
+    on: bool
+    because: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """One contact: a slave side, and the rigid obstacle or the master side of another body that it may touch."""
+
+    name: str
+    contact: Contact
+    slave: str  # side, as body.side
+    master: str | None  # side of another body; None: the other is a rigid obstacle
+    obstacle: str | None  # its name
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """The body of the slave, and that of the master if there is one."""
+        return tuple(side.split(".")[0] for side in (self.slave, self.master) if side is not None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """Everything that assembly, methods and results need to know of a scene."""
+
+    model: Model
+    shape: Shape
+    request: Request  # sides and periodic pairs that the mesh must offer
+    bodies: Mapping[str, Material]
+    obstacles: Mapping[str, Obstacle]
+    pairs: Mapping[str, Pair]
+    supports: Mapping[str, Support]
+    loads: Mapping[str, Load]
+    probes: Mapping[str, Probe]
+    tables: Mapping[str, Any]  # of the active effects, by the effect's name: a frozen table, or several by name
+    plan: tuple[PlanRow, ...]
+    timeline: Timeline
+    rigid_modes: Array  # (k, r) of the bodies that no support resists
+    unheld: str  # the rigid mode, in words, that nothing at all resists; empty if all are held
+    solver: Solver
+
+    @property
+    def dim(self) -> int:
+        return self.request.dim
+
+    @property
+    def softest(self) -> float:
+        """Smallest Young's modulus of all bodies [Pa]: the scale of tractions for a given strain."""
+        return min(material.E for material in self.bodies.values())
+
+    @property
+    def driven(self) -> tuple[tuple[str, str], ...]:
+        """Obstacle and axis (x, y, z) of each obstacle motion (o,) that a force drives: an unknown."""
+        return tuple((name, axis) for name, obstacle in self.obstacles.items() for axis in obstacle.driven())
