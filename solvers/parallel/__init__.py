@@ -1,1 +1,1 @@
-"""What MPI ranks share: gather, replicate, serialise; counters of work, memory in use."""
+"""MPI ranks together: gather and scatter, replicated entries, serialisation, counters of work, memory."""

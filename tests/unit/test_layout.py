@@ -19,7 +19,8 @@ PACKAGES = ("geometry", "solvers", "workflows")
 SOURCES = [ROOT / "stickslip.py", *sorted(p for name in PACKAGES for p in (ROOT / name).rglob("*.py"))]
 # A room is a folder of a package, or a file beside such folders. It imports itself and the rooms below it.
 FLOORS = {  # from the ground up
-    "geometry": "errors keys arrays amplitude shape dolfinx_versions mesh surfaces user_files builders obstacles",
+    "geometry": "errors keys arrays protocols amplitude shape dolfinx_versions mesh surfaces user_files builders"
+    " obstacles",
     "solvers": "parallel linear laws scene fem contact effects system interface metrics newton methods stepping results"
     " simulation analysis",
     "workflows": "scene_file writers pictures run cost verification commands",
@@ -57,9 +58,10 @@ def targets(node: ast.AST) -> Iterator[str]:
             yield inner if inner in MODULES else str(node.module)
 
 
-def imports(path: Path) -> set[str]:
+@cache
+def imports(path: Path) -> frozenset[str]:
     """Everything that a file imports, wherever in the file: put off into a function, or for the type checker alone."""
-    return {target for node in ast.walk(tree_of(path)) for target in targets(node)}
+    return frozenset(target for node in ast.walk(tree_of(path)) for target in targets(node))
 
 
 def users(*libraries: str) -> set[str]:
