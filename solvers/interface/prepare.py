@@ -1,7 +1,7 @@
-"""From the assembled system to the surface, condensed or not: rows, weights and rigid modes on the contact dofs.
+"""From the assembled system to the Delassus operator, condensed or matrix-free: rows, weights and rigid modes.
 
-A motion that a force drives an obstacle by is one more dof, without stiffness: contact alone holds it, as it holds a
-floating body.
+Each motion by which a force drives an obstacle is one more contact dof, without stiffness: contact alone holds it, as
+it holds a floating body.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from scipy import sparse
 from scipy.linalg import block_diag
 
 from geometry.arrays import Array
+from geometry.protocols import Sparse
 from solvers.contact.rows import ContactRows
 from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.flexibility import DelassusOperator
@@ -23,7 +24,7 @@ from solvers.system.system import System
 
 
 def prepare_volume(system: System, form: Form) -> FactorisedVolume | IterativeVolume:
-    """The bodies in that form; collective."""
+    """The bodies prepared for volume solves: factorised (\"condensed\") or iterative (\"matrix-free\"); collective."""
     if form == "matrix-free":
         return IterativeVolume(system)
     return FactorisedVolume(system.K_B, system.contact_dofs, system.counters)
@@ -36,7 +37,7 @@ def prepare_surface(system: System, volume: IterativeVolume) -> MatrixFreeSurfac
 @overload
 def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) -> DelassusOperator: ...
 def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) -> DelassusOperator:
-    """Stack all contacts: normal rows first, then tangential rows."""
+    """The Delassus operator of all contacts stacked: normal rows first, then tangential rows."""
     contacts, c = system.contacts, len(system.contact_dofs)
     traces = [system.trace(rows) for rows in contacts]
     normal = [rows.N_n @ trace for rows, trace in zip(contacts, traces, strict=True)]
@@ -63,8 +64,8 @@ def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) 
     return surface
 
 
-def _driven_columns(system: System, rows: ContactRows, N: Any) -> Array:
-    """Relative displacement (rows, o) that unit motions of the driven obstacles cause."""
+def _driven_columns(system: System, rows: ContactRows, N: Sparse) -> Array:
+    """Relative displacement (rows, o) caused by unit motions of the o driven obstacles."""
     against, n, d = system.scene.contacts[rows.name].against, *rows.surface.points.shape
     columns = np.zeros((N.shape[0], len(system.driven)))
     for column, (name, axis) in enumerate(system.driven):
@@ -74,7 +75,7 @@ def _driven_columns(system: System, rows: ContactRows, N: Any) -> Array:
 
 
 def trial_stiffness(system: System) -> Array:
-    """E / depth of the bodies behind each row, one behind the other [Pa/m]."""
+    """Stiffness E / depth of the bodies behind each row (rows,) [Pa/m]; those of two bodies are in series."""
     scale = []
     for c in system.contacts:
         contact, spread = system.scene.contacts[c.name], np.abs(c.frames[:, 0]).mean(axis=0)
