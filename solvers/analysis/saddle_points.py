@@ -1,7 +1,8 @@
-"""Linear saddle points: Uzawa's iteration on small dense matrices, what theory says of it and what it does.
+"""Linear saddle points: Uzawa's iteration on small dense matrices, its convergence by theory and as measured.
 
-Of a contact problem this is what is left when every point is closed and sticks: no projection, Richardson's iteration
-on S = B A^-1 B^T + C, here C = -K_C. Everything is dense, so that the norms of the theory can be measured.
+A contact problem has this form when every point is closed and sticks: there is no projection, and Uzawa's iteration is
+Richardson's on the Schur complement S = B A^-1 B^T + C, the Delassus operator with C = -K_C. Everything is dense, so
+that the norms of the theory can be measured.
 """
 
 from __future__ import annotations
@@ -15,44 +16,45 @@ from scipy.linalg import eigvalsh
 
 from geometry.arrays import Array
 
-TAIL = 20  # iterations over which a factor is measured
-NOTHING = 1e-10  # of the first error: what is less is rounding
-RUNAWAY = 1e12  # times the first error: it diverges
+TAIL = 20  # last iterations, over which the asymptotic factor is measured
+NOTHING = 1e-10  # of the first error: less is rounding
+RUNAWAY = 1e12  # times the first error: the iteration diverges
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SaddlePoint:
     """[A B^T; B -C] [x; y] = [p; q], A (n, n) positive definite, C (m, m) positive semidefinite.
 
     Source: Pop (1999), (1.1).
     """
 
-    A: Array
-    B: Array
-    C: Array
-    p: Array
-    q: Array
+    A: Array  # (n, n)
+    B: Array  # (m, n)
+    C: Array  # (m, m)
+    p: Array  # (n,)
+    q: Array  # (m,)
 
     @cached_property
     def solution(self) -> tuple[Array, Array]:
+        """x (n,) and y (m,)."""
         whole = np.block([[self.A, self.B.T], [self.B, -self.C]])
         x, y = np.split(np.linalg.solve(whole, np.concatenate([self.p, self.q])), [len(self.p)])
         return x, y
 
     @cached_property
     def flexibility(self) -> Array:
-        """B A^-1 B^T (m, m)."""
+        """The Delassus operator B A^-1 B^T (m, m)."""
         return np.asarray(self.B @ np.linalg.solve(self.A, self.B.T))
 
     @property
     def S(self) -> Array:
-        """The matrix of (5.5)."""
+        """The Schur complement B A^-1 B^T + C (m, m), the matrix of (5.5)."""
         return self.flexibility + self.C
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """What the theory knows of a problem in the metric Q of its multipliers."""
+    """Constants of a problem in the metric Q of its multipliers, on which the theory depends."""
 
     s: float  # ||B x||_(Q^-1) <= s ||x||_A
     c: float  # ||C y||_(Q^-1) <= c ||y||_Q
@@ -60,35 +62,36 @@ class Bounds:
 
     @classmethod
     def of(cls, problem: SaddlePoint, Q: Array) -> Bounds:
+        """The constants of a problem for Q (m, m), symmetric and positive definite."""
         s, c = (max(eigvalsh(M, Q)[-1], 0.0) for M in (problem.flexibility, problem.C))
         return cls(float(np.sqrt(s)), float(c), eigvalsh(problem.S, Q))
 
     @property
     def limit(self) -> float:
-        """2 / lambda_1, which alpha must stay below. Source: Pop (1999), section 5, remarks."""
+        """2 / lambda_1, the upper limit of alpha. Source: Pop (1999), section 5, remarks."""
         return float(2 / self.eigenvalues[-1])
 
     def factor(self, alpha: float) -> float:
-        """max |1 - alpha lambda|: what an iteration with exact inner solves makes of ||y - y_k||_Q."""
+        """max |1 - alpha lambda|, the factor of ||y - y_k||_Q per iteration with exact inner solves."""
         return float(np.abs(1 - alpha * self.eigenvalues).max())
 
 
 class Inner(ABC):
-    """How x_(k+1) is found from A x = b, b = p - B^T y_k, and how far off it may be.
+    """Rule for the inner solves: how x_(k+1) is found from A x = b, b = p - B^T y_k, and its allowed residual delta_k.
 
-    The residual is promised to be ||delta_k||_(A^-1) <= e ||x - x_k||_A + f ||y - y_k||_Q.
+    The rule implies the bound ||delta_k||_(A^-1) <= e ||x - x_k||_A + f ||y - y_k||_Q.
     """
 
     @abstractmethod
     def promise(self, bounds: Bounds) -> tuple[float, float]:
-        """e and f."""
+        """The constants e and f of that bound."""
 
     @abstractmethod
     def allowed(self, problem: SaddlePoint, x: Array, y: Array, Q: Array) -> float:
-        """How large ||delta_k||_(A^-1) may be after (x_k, y_k)."""
+        """Largest ||delta_k||_(A^-1) that the rule allows after x_k (n,) and y_k (m,)."""
 
     def solve(self, problem: SaddlePoint, x: Array, y: Array, alpha: float, Q: Array) -> Array:
-        """x_(k+1), by conjugate gradients from x_k."""
+        """x_(k+1) (n,), by conjugate gradients from x_k."""
         b = problem.p - problem.B.T @ y
         return conjugate_gradients(problem.A, b, x, self.allowed(problem, x, y, Q))
 
@@ -107,7 +110,7 @@ class Inner(ABC):
 
 @dataclass(frozen=True)
 class Exact(Inner):
-    """delta_k = 0."""
+    """Exact inner solves: delta_k = 0."""
 
     def promise(self, bounds: Bounds) -> tuple[float, float]:
         return 0.0, 0.0
@@ -121,7 +124,7 @@ class Exact(Inner):
 
 @dataclass(frozen=True)
 class Reducing(Inner):
-    """The inner residual falls by a factor from where x_k leaves it: ||delta_k|| <= delta ||b - A x_k||.
+    """The inner solve reduces its own residual by a factor: ||delta_k|| <= delta ||b - A x_k||.
 
     For C = 0 and alpha lambda_1 <= 1 `rate` is that of the source's theorem on the nonlinear iteration, and `w` that of
     its norm, with gamma = 1 - alpha lambda_min there; for other alpha and C it follows in the same way.
@@ -142,8 +145,8 @@ class Reducing(Inner):
 class Tied(Inner):
     """The residual of the inner system is tied to that of the outer one: ||delta_k|| <= tau ||B x_k - C y_k - q||.
 
-    The rule is the source's; `rate` is derived here, in norms that are those of the matrices and not Euclidean, so that
-    their condition numbers do not come in.
+    The rule is that of the source; `rate` is derived here, in the norms of the matrices instead of Euclidean ones, so
+    that it does not depend on their condition numbers.
 
     Source: Elman & Golub, SIAM J. Numer. Anal. 31 (1994), section 2.
     """
@@ -159,7 +162,10 @@ class Tied(Inner):
 
 @dataclass(frozen=True)
 class Worst(Inner):
-    """As large a residual as a rule allows, where it does most harm to the multipliers. It knows the solution."""
+    """The worst inner solve that a rule allows: the largest residual, in the direction worst for the multipliers.
+
+    It uses the solution of the problem.
+    """
 
     rule: Inner
 
@@ -184,12 +190,17 @@ class InexactRichardson:
     """
 
     alpha: float
-    Q: Array  # (m, m)
+    Q: Array  # (m, m) metric of the multipliers
     inner: Inner = field(default_factory=Exact)
     iterations: int = 1000
 
     def __call__(self, problem: SaddlePoint, x: Array, y: Array) -> Array:
-        """Errors (k, 2), ||x - x_k||_A and ||y - y_k||_Q, until only rounding is left or nothing is in sight."""
+        """Errors (k, 2), ||x - x_k||_A and ||y - y_k||_Q of each iteration, until only rounding is left or it diverges.
+
+        Args:
+            problem: the saddle point.
+            x, y: start, (n,) and (m,).
+        """
         errors = [self._errors(problem, x, y)]
         for _ in range(self.iterations):
             x = self.inner.solve(problem, x, y, self.alpha, self.Q)
@@ -205,17 +216,21 @@ class InexactRichardson:
 
 
 def size(v: Array, M: Array) -> float:
-    """||v||_M."""
+    """The norm ||v||_M = (v^T M v)^(1/2)."""
     return float(np.sqrt(v @ M @ v))
 
 
 def dual(v: Array, M: Array) -> float:
-    """||v||_(M^-1)."""
+    """The dual norm ||v||_(M^-1) = (v^T M^-1 v)^(1/2)."""
     return float(np.sqrt(v @ np.linalg.solve(M, v)))
 
 
 def measured(errors: Array, weight: float) -> tuple[float, float]:
-    """Factor of one iteration, at its worst and towards the end, of (weight ||x||_A² + ||y||_Q²)^(1/2).
+    """Largest and asymptotic factor per iteration of the error (weight ||x||_A² + ||y||_Q²)^(1/2).
+
+    Args:
+        errors: (k, 2) of `InexactRichardson`.
+        weight: of the first column.
 
     >>> measured(np.array([[1.0, 8.0], [1.0, 4.0], [1.0, 1.0]]), 0.0)
     (0.5, 0.35355...)
@@ -226,7 +241,7 @@ def measured(errors: Array, weight: float) -> tuple[float, float]:
 
 
 def conjugate_gradients(A: Array, b: Array, x: Array, allowed: float) -> Array:
-    """About A^-1 b, from x on, as soon as ||b - A x||_(A^-1) <= allowed: that norm falls in every iteration."""
+    """Improve x (n,) until ||b - A x||_(A^-1) <= allowed; that norm falls in every iteration."""
     r = b - A @ x
     d = r
     for _ in range(10 * len(b)):
@@ -241,19 +256,22 @@ def conjugate_gradients(A: Array, b: Array, x: Array, allowed: float) -> Array:
 
 
 def membrane(n: int, softness: float = 0.0, seed: int = 0) -> SaddlePoint:
-    """A square membrane of n x n nodes, held on three sides, that touches along the fourth; loads at random.
+    """A square membrane of n x n nodes, held on three sides, in contact along the fourth, with random loads.
 
-    B A^-1 B^T is what it gives there: an operator of order -1, as in elastic contact. Use Q = W = h I.
+    Its Delassus operator B A^-1 B^T is of order -1, as in elastic contact. Use Q = W = h I.
 
     Args:
-        softness: C = softness h I, the give 1/omega of the contact itself: a penalty.
+        n: nodes along a side.
+        softness: C = softness h I, the compliance 1/omega of the contact itself, that of a penalty.
+        seed: of the loads.
     """
     h = 1 / (n + 1)
     chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     across, end = np.eye(n), np.eye(n)
-    end[0, 0] = 0.5  # the side that touches has half a cell below it, and nothing holds it
+    end[0, 0] = 0.5  # the side in contact is free and has half a cell below it
     free = chain - np.outer(np.eye(n)[0], np.eye(n)[0])
     A = np.asarray(np.kron(free, across) + np.kron(end, chain), np.float64)
     B = h * np.eye(n, n * n)
     random = np.random.default_rng(seed)
-    return SaddlePoint(A, B, softness * h * np.eye(n), random.normal(size=n * n), random.normal(size=n))
+    p, q = random.normal(size=n * n), random.normal(size=n)
+    return SaddlePoint(A=A, B=B, C=softness * h * np.eye(n), p=p, q=q)

@@ -1,10 +1,10 @@
-"""An unsymmetric sparse system by GMRES with incomplete LU, by Gauss-Seidel, and by MUMPS, each timed."""
+"""Solve an unsymmetric sparse system by GMRES with incomplete LU, by Gauss-Seidel and by MUMPS, each timed."""
 
 from __future__ import annotations
 
 import time as clock
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,17 +14,19 @@ from scipy.sparse.linalg import LinearOperator, onenormest
 
 from geometry.arrays import Array
 from geometry.errors import MachineError
+from geometry.protocols import KSP, Mat, Sparse, Vec
 from solvers.interface.factorised import METIS
 
 
-def dropped_fill(A: Any, relaxation: float) -> Array:
-    """Sum over each row (n,) of the fill that falls outside A's pattern in its relaxed ILU(0).
+def dropped_fill(A: Sparse, relaxation: float) -> Array:
+    """Sum over each row (n,) of the fill outside A's pattern that its relaxed ILU(0) drops.
 
     The relaxed factorisation adds `relaxation` times that sum to the pivot as it goes: 0 is ILU(0), 1 the modified one,
-    which keeps row sums. Row by row it is therefore ILU(0) of A + relaxation * diag(sum), which any library makes.
+    which keeps row sums. Row by row it is therefore ILU(0) of A + relaxation * diag(sum), which any library computes.
 
     Args:
-        A: (n, n) sparse, with all of its diagonal in the pattern.
+        A: (n, n), with all of its diagonal in the pattern.
+        relaxation: between 0 and 1.
 
     Source: Saad, Iterative Methods for Sparse Linear Systems (2003), 10.3.5; the source of the published methods names
     Elman, BIT 29 (1989).
@@ -40,7 +42,7 @@ def dropped_fill(A: Any, relaxation: float) -> Array:
     A = A.tocsr()
     A.sort_indices()
     n = A.shape[0]
-    fill, row = np.zeros(n), np.zeros(n)  # the row at work, zero wherever nothing was reached
+    fill, row = np.zeros(n), np.zeros(n)  # the present row, zero between the rows
     pivots: list[float] = []
     columns: list[NDArray[np.int32]] = []  # of U, right of the diagonal
     values: list[Array] = []
@@ -67,7 +69,7 @@ def dropped_fill(A: Any, relaxation: float) -> Array:
 
 
 PREFIX = "tangent_"
-RESTART = 200  # directions that GMRES keeps: more than a good preconditioner needs
+RESTART = 200  # directions that GMRES stores: more than a good preconditioner needs
 MOST = 1000  # iterations
 REPEATED = 3  # solves, of which the fastest counts
 SHORT = 0.5  # [s] a solve longer than this is not repeated
@@ -75,36 +77,44 @@ SHORT = 0.5  # [s] a solve longer than this is not repeated
 
 @dataclass(frozen=True, kw_only=True)
 class ILU:
-    """ILU(levels); relaxed: what it drops is added to the diagonal; stabilised: the diagonal is raised before.
+    """ILU(levels), plain, relaxed (dropped fill is added to the diagonal) or stabilised (the diagonal is raised first).
 
-    Both are plain factorisations of K with another diagonal, see `dropped_fill`; that diagonal's making is not timed.
+    The latter two are plain factorisations of K with another diagonal, see `dropped_fill`; the time to compute that
+    diagonal is not counted.
     """
 
     levels: int = 0
-    relaxation: float = 0.0
+    relaxation: float = 0.0  # part of the dropped fill that is added
     shift: float = 0.0  # of each diagonal entry, relative to it
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Solve:
-    """How it went."""
+    """Result and cost of one solve."""
 
-    x: Array
-    ended: str  # "converged" or why not
+    x: Array  # (n,)
+    ended: str  # "converged", or the reason why not
     iterations: int
     residual: float  # |b - K x| / |b|
-    fill: float  # entries of the factors beside those of K
-    seconds: float  # set-up and solution
+    fill: float  # entries of the factors by those of K; 0 without a factorisation
+    seconds: float  # of set-up and solution
 
 
-def gmres(K: Any, b: Array, ilu: ILU | None, rtol: float = 1e-8) -> Solve:
-    """Preconditioned from the right, so that it stops by the residual itself; None: without a preconditioner."""
+def gmres(K: Sparse, b: Array, ilu: ILU | None, rtol: float = 1e-8) -> Solve:
+    """GMRES with a preconditioner on the right, so that it stops by the residual itself.
+
+    Args:
+        K: (n, n).
+        b: right-hand side (n,).
+        ilu: the preconditioner; None: without one.
+        rtol: 2-norm of the residual, relative to that of b, at which to stop.
+    """
     try:
         P = _changed(K, ilu) if ilu is not None and (ilu.relaxation or ilu.shift) else K
     except MachineError as error:
-        return Solve(np.zeros_like(b), str(error), 0, 1.0, 0.0, np.nan)
+        return Solve(x=np.zeros_like(b), ended=str(error), iterations=0, residual=1.0, fill=0.0, seconds=np.nan)
 
-    def prepare(ksp: Any) -> None:
+    def prepare(ksp: KSP) -> None:
         ksp.setType("gmres")
         ksp.setGMRESRestart(RESTART)
         PETSc.Options()[f"{PREFIX}ksp_gmres_cgs_refinement_type"] = "refine_ifneeded"
@@ -120,14 +130,14 @@ def gmres(K: Any, b: Array, ilu: ILU | None, rtol: float = 1e-8) -> Solve:
     return _fastest(K, P, b, prepare, rtol)
 
 
-def gauss_seidel(K: Any, b: Array, rtol: float = 1e-8) -> Solve:
-    """The classical iteration."""
+def gauss_seidel(K: Sparse, b: Array, rtol: float = 1e-8) -> Solve:
+    """The classical Gauss-Seidel iteration, forward, point by point; arguments as for `gmres`."""
 
-    def prepare(ksp: Any) -> None:
+    def prepare(ksp: KSP) -> None:
         ksp.setType("richardson")
         ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         ksp.setTolerances(rtol=rtol, atol=0.0, divtol=1e5, max_it=MOST)
-        ksp.setMonitor(lambda *now: None)  # without one PETSc does not look at the residual
+        ksp.setMonitor(lambda *now: None)  # without a monitor PETSc does not compute the residual
         ksp.getOperators()[0].setOption(PETSc.Mat.Option.USE_INODES, False)  # point by point
         PETSc.Options()[f"{PREFIX}pc_sor_forward"] = ""
         ksp.getPC().setType("sor")
@@ -136,19 +146,22 @@ def gauss_seidel(K: Any, b: Array, rtol: float = 1e-8) -> Solve:
     return _fastest(K, K, b, prepare, rtol)
 
 
-def mumps(K: Any, b: Array) -> Solve:
-    """LU, once."""
+def mumps(K: Sparse, b: Array) -> Solve:
+    """LU factorisation by MUMPS, without iterative refinement; arguments as for `gmres`."""
     return _fastest(K, K, b, _direct, np.inf)
 
 
-def condition(K: Any) -> float:
-    """Condition number in the 1-norm, estimated. Source: Higham & Tisseur, SIAM J. Matrix Anal. Appl. 21 (2000)."""
+def condition(K: Sparse) -> float:
+    """Estimated condition number in the 1-norm.
+
+    Source: Higham & Tisseur, SIAM J. Matrix Anal. Appl. 21 (2000).
+    """
     matrix = _petsc(K)
     ksp = _solver(matrix, matrix)
     _direct(ksp)
     x, y = matrix.createVecs()
 
-    def apply(v: Array, solve: Any) -> Array:
+    def apply(v: Array, solve: Callable[[Vec, Vec], None]) -> Array:
         x.array[:] = v.ravel()
         solve(x, y)
         return np.array(y.array)
@@ -161,8 +174,8 @@ def condition(K: Any) -> float:
     return found
 
 
-def _changed(K: Any, ilu: ILU) -> Any:
-    """The matrix whose plain incomplete factors are asked for; of the same pattern."""
+def _changed(K: Sparse, ilu: ILU) -> Sparse:
+    """K with the diagonal whose plain incomplete factors are the relaxed or stabilised ones; of the same pattern."""
     found, diagonal = K.copy(), K.diagonal()
     raised = diagonal + ilu.shift * np.abs(diagonal)
     found.setdiag(raised)
@@ -171,21 +184,22 @@ def _changed(K: Any, ilu: ILU) -> Any:
     return found
 
 
-def _petsc(K: Any) -> Any:
+def _petsc(K: Sparse) -> Mat:
     K = K.tocsr()
     K.sort_indices()
     csr = K.indptr.astype(PETSc.IntType), K.indices.astype(PETSc.IntType), K.data
-    return PETSc.Mat().createAIJ(K.shape, csr=csr, comm=PETSc.COMM_SELF)
+    matrix: Mat = PETSc.Mat().createAIJ(K.shape, csr=csr, comm=PETSc.COMM_SELF)
+    return matrix
 
 
-def _solver(A: Any, P: Any) -> Any:
-    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+def _solver(A: Mat, P: Mat) -> KSP:
+    ksp: KSP = PETSc.KSP().create(PETSc.COMM_SELF)
     ksp.setOptionsPrefix(PREFIX)
     ksp.setOperators(A, P)
     return ksp
 
 
-def _direct(ksp: Any) -> None:
+def _direct(ksp: KSP) -> None:
     ksp.setType("preonly")
     ksp.setNormType(PETSc.KSP.NormType.NONE)
     pc = ksp.getPC()
@@ -195,8 +209,8 @@ def _direct(ksp: Any) -> None:
     pc.getFactorMatrix().setMumpsIcntl(7, METIS)
 
 
-def _fastest(K: Any, P: Any, b: Array, prepare: Any, rtol: float) -> Solve:
-    """Set up and solved anew each time."""
+def _fastest(K: Sparse, P: Sparse, b: Array, prepare: Callable[[KSP], None], rtol: float) -> Solve:
+    """The fastest of up to REPEATED solves of K x = b with a preconditioner of P, each set up anew."""
     A = _petsc(K)
     matrices = A, A if P is K else _petsc(P)
     found = [_timed(K, *matrices, b, prepare, rtol)]
@@ -205,7 +219,8 @@ def _fastest(K: Any, P: Any, b: Array, prepare: Any, rtol: float) -> Solve:
     return min(found, key=lambda solve: solve.seconds)
 
 
-def _timed(K: Any, A: Any, P: Any, b: Array, prepare: Any, rtol: float) -> Solve:
+def _timed(K: Sparse, A: Mat, P: Mat, b: Array, prepare: Callable[[KSP], None], rtol: float) -> Solve:
+    """Solve K x = b once; A is K and P the preconditioner's matrix, as PETSc matrices."""
     x, f = A.createVecs()
     f.array[:] = b
     began = clock.perf_counter()
@@ -214,17 +229,32 @@ def _timed(K: Any, A: Any, P: Any, b: Array, prepare: Any, rtol: float) -> Solve
         prepare(ksp)
         ksp.solve(f, x)
     except PETSc.Error as error:
-        return Solve(np.array(x.array), f"PETSc error {error.ierr}", 0, np.inf, 0.0, clock.perf_counter() - began)
+        return Solve(
+            x=np.array(x.array),
+            ended=f"PETSc error {error.ierr}",
+            iterations=0,
+            residual=np.inf,
+            fill=0.0,
+            seconds=clock.perf_counter() - began,
+        )
     seconds = clock.perf_counter() - began
     residual = float(np.linalg.norm(b - K @ x.array) / np.linalg.norm(b))
     reason = int(ksp.getConvergedReason())
     ended = "converged" if reason > 0 and residual <= 10 * rtol else _REASONS.get(reason, f"PETSc's reason {reason}")
-    found = Solve(np.array(x.array), ended, ksp.getIterationNumber(), residual, _fill(ksp, K), seconds)
+    found = Solve(
+        x=np.array(x.array),
+        ended=ended,
+        iterations=ksp.getIterationNumber(),
+        residual=residual,
+        fill=_fill(ksp, K),
+        seconds=seconds,
+    )
     ksp.destroy()
     return found
 
 
-def _fill(ksp: Any, K: Any) -> float:
+def _fill(ksp: KSP, K: Sparse) -> float:
+    """Entries of the factors divided by those of K; 0 without a factorisation."""
     pc = ksp.getPC()
     if pc.getType() not in ("ilu", "lu"):
         return 0.0

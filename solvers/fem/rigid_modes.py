@@ -1,4 +1,4 @@
-"""Rigid modes of bodies: translations and rotations, those that nothing resists, those that supports prescribe."""
+"""Rigid modes of the bodies: translations and rotations, which of them supports leave free, which they prescribe."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from solvers.fem.constraints import Constraints
 
 
 def rigid_names(dim: int, axisymmetric: bool) -> list[str]:
-    """The rigid motions, in the order of `rigid_fields`."""
+    """Names of the k rigid modes, in the order of `rigid_fields`."""
     if axisymmetric:
         return ["translation along y"]
     turns = ["rotation"] if dim == 2 else [f"rotation about {axis}" for axis in "xyz"]
@@ -20,9 +20,19 @@ def rigid_names(dim: int, axisymmetric: bool) -> list[str]:
 
 
 def rigid_fields(points: Array, centre: Array, size: float, axisymmetric: bool) -> Array:
-    """Translations and infinitesimal rotations (m, d, k) at `points` (m, d), of comparable magnitude.
+    """Rigid modes (translations and infinitesimal rotations) at given points, of comparable magnitude.
 
-    Their number k is 3 in plane models, 6 in 3D, 1 in axisymmetric ones, where only the shift along the axis is rigid.
+    Their number k is 3 in plane models, 6 in 3D, and 1 in axisymmetric ones, where only the translation along the axis
+    is rigid.
+
+    Args:
+        points: (m, d) [m].
+        centre: (d,) [m], point about which the bodies rotate.
+        size: [m], length by which distances are divided.
+        axisymmetric: whether the model is.
+
+    Returns:
+        Fields (m, d, k), without unit.
 
     >>> rigid_fields(np.array([[2.0, 0.0]]), np.zeros(2), 2.0, axisymmetric=False)[0]
     array([[ 1.,  0., -0.],
@@ -39,29 +49,31 @@ def rigid_fields(points: Array, centre: Array, size: float, axisymmetric: bool) 
     return np.concatenate([translations, rotations], axis=2)
 
 
-ROUNDING = 1e-12  # what rigid motions miss of what is prescribed when they miss nothing
+ROUNDING = 1e-12  # of the largest prescribed displacement: a smaller difference counts as zero
 
 
 class RigidModes:
-    """Rigid motions of the k kinds of `rigid_fields` by part of the mesh, told by coefficients (parts k,).
+    """Rigid motions of the parts of the mesh, given by coefficients (parts k,) of the k modes of `rigid_fields`.
 
-    Where they do all that is prescribed, they are the better u_s: the bodies resist nothing of it.
+    Where a rigid motion satisfies everything that is prescribed, it is the lifting u_s of the prescribed displacement:
+    it strains no body.
     """
 
     def __init__(self, constraints: Constraints, low: Array, high: Array) -> None:
         """
         Args:
-            low, high: corners of the box about the mesh (d,) [m].
+            constraints: supports and periodicity.
+            low, high: corners of the box around the mesh (d,) [m].
         """
         self.constraints, self.centre, self.size = constraints, (low + high) / 2, float(np.max(high - low))
 
     def fields(self, points: Array) -> Array:
-        """(m, d, k); see `rigid_fields`."""
+        """Rigid modes (m, d, k) at points (m, d) [m]; see `rigid_fields`."""
         return rigid_fields(points, self.centre, self.size, self.constraints.axisymmetric)
 
     @cached_property
     def resisted(self) -> Array:
-        """(rows, parts k): by how much each motion moves along what is prescribed, and periodic sides apart."""
+        """(rows, parts k): motion of each mode along each prescribed direction, and between periodic sides."""
         of, kinds = self.constraints, len(rigid_names(self.constraints.dim, self.constraints.axisymmetric))
         held = self._of_nodes(of.held)
         blocks = [np.einsum("krd,kdc->krc", alike.directions, held[alike.at]) for alike in of.alike]
@@ -70,7 +82,7 @@ class RigidModes:
         return np.concatenate([nothing, *(block.reshape(-1, of.parts * kinds) for block in blocks)])
 
     def _of_nodes(self, nodes: Ints) -> Array:
-        """(n, d, parts k): zero but in a node's own part."""
+        """Rigid modes (n, d, parts k) at nodes (n,); zero for the other parts than a node's own."""
         fields = self.fields(self.constraints.points_of(nodes))
         found = np.zeros((*fields.shape[:2], self.constraints.parts, fields.shape[2]))
         part = np.array([self.constraints.part[int(n)] for n in nodes], np.int64)
@@ -79,7 +91,7 @@ class RigidModes:
 
     @cached_property
     def unresisted(self) -> Array:
-        """Coefficients (parts k, r) of the motions that nothing prescribed resists."""
+        """Coefficients (parts k, r) of the rigid modes that supports leave free: the null space of `resisted`."""
         return np.asarray(null_space(np.linalg.qr(self.resisted, mode="r"), rcond=1e-9))
 
     @cached_property
@@ -87,17 +99,23 @@ class RigidModes:
         return np.asarray(np.linalg.pinv(self.resisted, rcond=1e-9))
 
     def followed(self, time: float) -> Array | None:
-        """Coefficients (parts, k) [m] of a rigid motion that is all that is prescribed; None if there is none."""
+        """Coefficients (parts, k) [m] of a rigid motion that is all that is prescribed at a time, if there is one."""
         wanted = np.concatenate([np.zeros(1), *(rows.ravel() for rows in self.constraints.wanted(time))])
         wanted = np.pad(wanted, (0, len(self.resisted) - len(wanted)))
         found, rounding = self._inverse @ wanted, ROUNDING * np.abs(wanted).max()
-        found[np.abs(found) <= rounding] = 0.0  # periodic sides move alike to the last digit
+        found[np.abs(found) <= rounding] = 0.0  # periodic sides must move alike to the last digit
         if np.any(np.abs(self.resisted @ found - wanted) > rounding):
             return None
         return np.asarray(found.reshape(self.constraints.parts, -1))
 
     def displacement(self, coefficients: Array, points: Array, part: Ints) -> Array:
-        """(m, d) [m] of a rigid motion (parts, k) at points (m, d) of these parts (m,)."""
+        """Displacement (m, d) [m] of a rigid motion.
+
+        Args:
+            coefficients: (parts, k) [m].
+            points: (m, d) [m].
+            part: (m,) part of the mesh that each point belongs to.
+        """
         d = points.shape[1]
         of_frame = self.fields(np.concatenate([np.zeros((1, d)), np.eye(d)])) @ coefficients.T  # (1 + d, d, parts)
         shift, turn = of_frame[0].T, (of_frame[1:] - of_frame[0]).transpose(2, 1, 0)

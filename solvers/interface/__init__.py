@@ -1,1 +1,1 @@
-"""The bodies as contact sees them: Schur complement, Delassus (Steklov-Poincaré) operator, limit analysis."""
+"""The bodies reduced to the contact surface: Delassus (Steklov-Poincaré) operator, Schur complement, limit analysis."""

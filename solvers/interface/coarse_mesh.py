@@ -1,4 +1,7 @@
-"""What smooth forces do at the contact sides, measured on a coarse mesh of the same scene: next to nothing to pay."""
+"""Responses of the contact sides to smooth forces, measured cheaply on a coarse mesh of the same scene.
+
+They are the first secant pairs of `surface-uzawa`: smooth forces reach deepest into the bodies.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from scipy.spatial import cKDTree
 from geometry.arrays import Array
 from geometry.errors import StickslipError
 from geometry.mesh.mesh import build_mesh
+from geometry.protocols import Sparse
 from geometry.surfaces.forms import surface_mass
 from geometry.surfaces.search import pair
 from geometry.surfaces.surface import Surface
@@ -21,15 +25,15 @@ from solvers.parallel.counters import Counters
 from solvers.system.sides import contact_sides
 from solvers.system.system import System, assemble
 
-DOFS = 2500  # about, of the coarse mesh
-COARSER = 2.0  # in edge length, at least
-LEAST = 0.5  # of the dofs of the fine mesh: more are not worth their price
-DEGREE = 2  # of the smooth tractions
+DOFS = 2500  # approximate number of dofs of the coarse mesh
+COARSER = 2.0  # least ratio of edge lengths
+LEAST = 0.5  # largest part of the dofs of the fine mesh at which a coarse mesh still pays
+DEGREE = 2  # polynomial degree of the smooth tractions
 log = logging.getLogger(__name__)
 
 
 class CoarseMesh:
-    """A coarse system, condensed."""
+    """The same scene on a coarse mesh, condensed onto its contact dofs (Schur complement)."""
 
     def __init__(self, system: System) -> None:
         self.system, self.counters = system, system.counters
@@ -37,7 +41,11 @@ class CoarseMesh:
 
     @staticmethod
     def beside(fine: System) -> CoarseMesh | None:
-        """Mesh, assemble and condense the coarse scene, if there is one; collective."""
+        """Mesh, assemble and condense the coarse scene; collective.
+
+        Returns:
+            None if the scene cannot be meshed so coarsely, or would have too many dofs.
+        """
         factor = max(COARSER, (fine.constraints.free_total / DOFS) ** (1 / fine.mesh.dim))
         try:
             problem = replace(fine.problem, shape=fine.problem.shape.refined(factor))
@@ -52,10 +60,14 @@ class CoarseMesh:
             return None
 
     def smooth_responses(self, fine: System, R: Array, rho: float) -> tuple[Array, Array]:
-        """Forces (c, k) [N] of smooth tractions on the fine contact dofs, and about the displacement [m] they cause.
+        """Forces of smooth tractions on the fine contact dofs, and approximately the displacement that they cause.
 
         Args:
-            R, rho: rigid motions (c, r) and augmentation of the fine bodies, see `DelassusOperator`.
+            fine: the system on the fine mesh.
+            R, rho: rigid modes (c, r) and augmentation of the fine bodies, see `DelassusOperator`.
+
+        Returns:
+            Forces (c, k) [N] and displacements (c, k) [m].
         """
         coarse, forces = self.surface, _smooth_forces(fine)
         own = coarse.size - coarse.driven
@@ -76,7 +88,7 @@ class CoarseMesh:
 
 
 def _smooth_forces(system: System) -> Array:
-    """Forces (c, k) [N] of tractions that are polynomials on one side and none on the others, by component."""
+    """Forces (c, k) [N] of tractions that are polynomials on one side and zero on the others, by component."""
     found = [np.zeros((len(system.interface.dofs), 0))]
     for _, side, onto in contact_sides(system):
         low, high = side.points.min(axis=0), side.points.max(axis=0)
@@ -87,10 +99,11 @@ def _smooth_forces(system: System) -> Array:
     return np.column_stack(found)
 
 
-def _interpolation(fine: Surface, coarse: Surface) -> sparse.csr_matrix:
-    """(n_fine, n_coarse): along the fine normals; from the nearest node where these meet nothing."""
+def _interpolation(fine: Surface, coarse: Surface) -> Sparse:
+    """Interpolation (n_fine, n_coarse) along the fine normals; from the nearest node where these meet no facet."""
     found = pair(fine.points, -fine.node_normals(), coarse, np.inf)
     missed = np.flatnonzero(found.facet < 0)
     nearest = cKDTree(coarse.points).query(fine.points[missed])[1]
     shape = (len(fine.points), len(coarse.points))
-    return found.weights(coarse) + sparse.csr_matrix((np.ones(len(missed)), (missed, nearest)), shape=shape)
+    onto: Sparse = found.weights(coarse) + sparse.csr_matrix((np.ones(len(missed)), (missed, nearest)), shape=shape)
+    return onto

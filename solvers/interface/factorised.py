@@ -1,4 +1,4 @@
-"""The bodies, prepared once: K_B without its contact dofs is factorised, and condensed onto them.
+"""Factorise K_B without its contact dofs (MUMPS), and form its dense Schur complement on them.
 
 On one rank the Schur complement S = K_cc - K_ci K_ii^-1 K_ic comes out of the MUMPS factorisation itself;
 on several ranks K_ii is factorised and a block of right-hand sides gives S.
@@ -14,23 +14,27 @@ from petsc4py import PETSc
 
 from geometry.arrays import Array, Ints
 from geometry.errors import MachineError
+from geometry.protocols import KSP, Mat, Vec
 from solvers.parallel.counters import Counters
 from solvers.parallel.replicated import Replicated
 
 BLOCK = 128  # right-hand sides solved together
-WORKSPACE = (20, 100, 400)  # percent that MUMPS adds to what it believes it needs, tried one after the other
+WORKSPACE = (20, 100, 400)  # percent of memory that MUMPS adds to its own estimate, tried one after the other
 TOO_LITTLE = (-8, -9)  # INFOG(1): that was not enough
-METIS = 5  # MUMPS' own choice of ordering cost 2.7 times the flops on two ranks
+METIS = 5  # ordering; the one MUMPS chooses by itself cost 2.7 times the flops on two ranks
 
 
 class FactorisedVolume:
-    """K_B (free displacements), factorised; `S` (c, c) is its Schur complement on the contact dofs."""
+    """K_B (free dofs), factorised; `S` (c, c) [N/m] is its Schur complement on the contact dofs."""
 
-    def __init__(self, K: Any, contact_dofs: Ints, counters: Counters) -> None:
+    S: Array
+
+    def __init__(self, K: Mat, contact_dofs: Ints, counters: Counters) -> None:
         """
         Args:
-            K: K_B, symmetric PETSc matrix [N/m], singular only by rigid motions that the contact dofs can see.
+            K: K_B [N/m], symmetric, singular only by rigid modes that are not zero on the contact dofs.
             contact_dofs: global numbers (c,), increasing, the same on all ranks.
+            counters: counts factorisations and volume solves.
 
         Raises:
             MachineError: the factorisation failed.
@@ -45,20 +49,23 @@ class FactorisedVolume:
             self._factor_interior(contact_dofs)
         self.counters.factorisations += 1
 
-    def condense(self, f: Any) -> Array:
-        """f_c - K_ci K_ii^-1 f_i (c,): the forces that the contact dofs feel; one volume solve."""
+    def condense(self, f: Vec) -> Array:
+        """Condense forces [N] onto the contact dofs: f_c - K_ci K_ii^-1 f_i (c,); one volume solve; collective."""
         if not len(self.contact.rows):
             return np.zeros(0)
         return np.asarray(self.contact.read(f) - self.contact.read(self.K * self._interior(f)))
 
-    def expand(self, f: Any, q_c: Array) -> Any:
-        """q with K_ii q_i = f_i - K_ic q_c and the given contact dofs; one volume solve."""
+    def expand(self, f: Vec, q_c: Array) -> Vec:
+        """Displacement [m] of all free dofs from that of the contact dofs q_c (c,): K_ii q_i = f_i - K_ic q_c.
+
+        One volume solve; collective.
+        """
         q = f.duplicate()
         self.contact.write(q, q_c)
         q += self._interior(f - self.K * q)
         return q
 
-    def _interior(self, f: Any) -> Any:
+    def _interior(self, f: Vec) -> Vec:
         """K_ii^-1 f_i, zero at the contact dofs."""
         f = f.copy()
         self.contact.write(f, np.zeros(len(self.contact.rows)))
@@ -69,9 +76,9 @@ class FactorisedVolume:
         self.counters.volume_solves += 1
         return q
 
-    def _solver(self, K: Any) -> Any:
+    def _solver(self, K: Mat) -> KSP:
         K.setOption(PETSc.Mat.Option.SPD, True)
-        ksp = PETSc.KSP().create(K.comm)
+        ksp: KSP = PETSc.KSP().create(K.comm)
         ksp.setOptionsPrefix("volume_")
         ksp.setOperators(K)
         ksp.setType("preonly")
@@ -82,8 +89,8 @@ class FactorisedVolume:
         pc.getFactorMatrix().setMumpsIcntl(7, METIS)
         return ksp
 
-    def _factorise(self, K: Any, schur: Ints) -> Any:
-        """MUMPS' factor of K, with a Schur complement on those numbers if there are any."""
+    def _factorise(self, K: Mat, schur: Ints) -> Mat:
+        """MUMPS' factor of K, with a Schur complement on the numbers `schur` (c,) if there are any."""
         for percent in WORKSPACE:
             self._ksp = self._solver(K)
             factor = self._ksp.getPC().getFactorMatrix()
@@ -139,8 +146,8 @@ class FactorisedVolume:
         self.S = (self.S + self.S.T) / 2
 
 
-def _petsc_library() -> Any:
-    """PETSc itself: the Schur calls are not wrapped in petsc4py 3.18."""
+def _petsc_library() -> ctypes.CDLL:
+    """The PETSc library: petsc4py 3.18 does not wrap its calls for Schur complements."""
     with open("/proc/self/maps") as maps:
         return ctypes.CDLL(next(line.split()[-1] for line in maps if "libpetsc" in line))
 
@@ -151,7 +158,8 @@ def _call(function: Any, *handles: int) -> None:
         raise MachineError(f"PETSc error {code} in {function.__name__}")
 
 
-def _schur_complement(petsc: Any, factor: Any, count: int) -> Array:
+def _schur_complement(petsc: ctypes.CDLL, factor: Mat, count: int) -> Array:
+    """The Schur complement (c, c) that MUMPS formed with its factor, c = `count`."""
     matrix, status = ctypes.c_void_p(), ctypes.c_int()
     data = ctypes.POINTER(ctypes.c_double)()
     code = petsc.MatFactorCreateSchurComplement(
@@ -163,7 +171,7 @@ def _schur_complement(petsc: Any, factor: Any, count: int) -> Array:
     S = np.ctypeslib.as_array(data, (count * count,)).reshape(count, count).T.copy()
     petsc.MatDenseRestoreArray(matrix, ctypes.byref(data))
     petsc.MatDestroy(ctypes.byref(matrix))
-    if not np.triu(S, 1).any():  # symmetric storage: one triangle comes back
+    if not np.triu(S, 1).any():  # symmetric storage: only one triangle is filled
         return np.asarray(S + np.tril(S, -1).T)
     if not np.tril(S, -1).any():
         return np.asarray(S + np.triu(S, 1).T)

@@ -1,28 +1,34 @@
-"""The bodies as the contact surface feels them: displacement of the contact dofs caused by loads and tractions."""
+"""The Delassus operator W = B K_B^-1 B^T: contact displacement caused by contact tractions, and by the loads.
+
+On the contact dofs alone it is the inverse of the Steklov-Poincaré operator, the Schur complement S of K_B.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 from petsc4py import PETSc
 
 from geometry.arrays import Array
+from geometry.protocols import Mat, Sparse, Vec
 from solvers.parallel.counters import Counters
+from solvers.parallel.serialise import Plain
+
+T = TypeVar("T")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Load:
-    """What pulls at the bodies in one step besides contact; made by `DelassusOperator.load`."""
+    """All forces on the bodies in one step but those of contact; made by `DelassusOperator.load`."""
 
-    f_q: Any  # PETSc vector over the free numbers [N]
+    f_q: Vec  # over the free dofs [N]
     driving: Array  # (o,) forces on driven obstacles [N]
-    f_c: Array  # (c,) its effect on the contact dofs [N]; not condensed: only its resultant counts
-    resultant: Array  # (r,) R^T f
-    free: Array  # (c,) displacement of the contact dofs under it, without contact [m]
+    f_c: Array  # (c,) condensed onto the contact dofs [N]; matrix-free: any forces there with the same resultant
+    resultant: Array  # (r,) R^T f, the work on each rigid mode
+    free: Array  # (c,) displacement of the contact dofs under the load alone, without contact [m]
 
     @property
     def magnitude(self) -> float:
@@ -31,49 +37,58 @@ class Load:
 
 
 class DelassusOperator(ABC):
-    """K_B^-1, seen on the c contact dofs; `rows` contact rows measure relative displacement there.
+    """Delassus operator B K_B^-1 B^T with B = W N, by its factors: K_B^-1 on the c contact dofs, N and W on the rows.
 
-    A body that is held by contact alone makes K_B singular. With R an orthonormal basis of its rigid motions on the
+    Floating bodies, held by contact alone, make K_B singular. With R an orthonormal basis of their rigid modes on the
     contact dofs, K_B + rho R R^T is positive definite, and (K_B + rho R R^T) u = f + rho R b with b = R^T u is the same
-    equation: an augmentation that changes no answer, for any rho > 0. Driven obstacles are dofs of no stiffness, the
-    last ones, and among these rigid motions.
+    equation: an augmentation that does not change the solution, for any rho > 0. Driven obstacles are the last contact
+    dofs; they have no stiffness and are among the rigid modes.
 
-    A volume solve is one application of K_B^-1. Those of a direct solver are exact; an iterative one stops when it
-    believes the displacement of the contact dofs to be right within `error` [m].
+    A volume solve is one application of K_B^-1. Those of a direct solver are exact to rounding; an iterative one stops
+    when it estimates the error of the contact dofs to be below `error` [m].
     """
 
-    rho: float
-    exact: bool = False  # displacement is right to rounding, whatever error is allowed
-    linear_error: float = 0.0  # of the displacement last recovered, relative, energy norm: none but rounding
+    rho: float  # [N/m]
+    exact: bool = False  # volume solves are right to rounding, whatever `error` allows
+    linear_error: float = 0.0  # of the displacement last recovered: relative, in energy norm; zero: rounding only
 
-    def __init__(self, N: Any, W: Array, R: Array, normal_rows: int, driven: int, counters: Counters) -> None:
+    def __init__(self, *, N: Sparse, W: Array, R: Array, normal_rows: int, driven: int, counters: Counters) -> None:
         """
         Args:
-            N: (rows, c) sparse, contact dofs to relative displacement.
+            N: (rows, c) displacement of the contact dofs to relative displacement.
             W: (rows,) point weights [m^(d-1)].
-            R: (c, r) rigid motions on the contact dofs, orthonormal; r = 0 if the bodies are held.
-            normal_rows: how many of the rows are normal.
-            driven: how many dofs, the last ones, are motions of obstacles: they have no stiffness.
+            R: (c, r) rigid modes on the contact dofs, orthonormal; r = 0 if supports hold the bodies.
+            normal_rows: number of normal rows; they come first.
+            driven: number of contact dofs, the last ones, that are motions of driven obstacles.
+            counters: counts volume solves.
         """
         self.N, self.W, self.R = N, W, R
         self.normal_rows, self.driven, self.counters = normal_rows, driven, counters
+        self._lambda_max: float | None = None
 
     @property
     def size(self) -> int:
-        """c, the driven dofs included."""
+        """Number c of contact dofs, those of driven obstacles included."""
         return len(self.R)
 
     @property
     def floating(self) -> bool:
+        """Whether contact alone holds a body or a driven obstacle."""
         return self.R.shape[1] > 0
 
     def forces(self, p: Array) -> Array:
-        """B^T p on the contact dofs (c,) [N]."""
+        """Forces B^T p on the contact dofs (c,) [N] of tractions p (rows,) [Pa]."""
         return np.asarray(self.N.T @ (self.W * p))
 
     @abstractmethod
-    def load(self, f_q: Any, driving: Array, error: float = 0.0) -> Load:
-        """What forces over the free numbers and on driven obstacles do; collective."""
+    def load(self, f_q: Vec, driving: Array, error: float = 0.0) -> Load:
+        """Condense the load of a step, and find the displacement without contact; collective.
+
+        Args:
+            f_q: forces over the free dofs [N].
+            driving: forces on the driven obstacles (o,) [N].
+            error: allowed error [m] of the displacement without contact.
+        """
 
     @abstractmethod
     def displacement(self, force: Array, error: float = 0.0) -> Array:
@@ -81,32 +96,43 @@ class DelassusOperator(ABC):
 
     @abstractmethod
     def under(self, load: Load, p: Array, error: float = 0.0) -> Array:
-        """Displacement (c,) [m] under a load and tractions (rows,); one volume solve; collective."""
+        """Displacement u_c (c,) [m] under a load and tractions p (rows,) [Pa]; one volume solve; collective."""
 
     @abstractmethod
-    def recover(self, load: Load, p: Array, u_c: Array) -> Any:
-        """Displacement q of all free numbers under a load and tractions, the contact dofs at u_c; collective."""
+    def recover(self, load: Load, p: Array, u_c: Array) -> Vec:
+        """Displacement of all free dofs [m] under a load and tractions p (rows,), given the contact dofs; collective.
 
-    def agreed(self, value: Any) -> Any:
-        """What all ranks go by: `value`, or that of the first rank where others may find it different by rounding."""
+        Args:
+            load: of the step.
+            p: tractions (rows,) [Pa].
+            u_c: displacement of the contact dofs (c,) [m].
+        """
+
+    def agreed(self, value: T) -> T:
+        """The value that all ranks use: that of rank 0 where rounding may make it differ; collective."""
         return value
 
     @abstractmethod
     def adopt(self, other: DelassusOperator) -> None:
-        """Take over what another one, of the same bodies and contact dofs with other pairs, has learnt of them."""
+        """Take over what `other` stores about the bodies: it has the same contact dofs, with other contact pairs."""
 
-    def snapshot(self) -> dict[str, Any]:
-        """What later answers depend on beside the bodies, to the last bit; see `restore`."""
-        return {"lambda_max": self.__dict__.get("lambda_max")}
+    def snapshot(self) -> dict[str, Plain]:
+        """State, besides the bodies, on which later results depend to the last bit; see `restore`."""
+        return {"lambda_max": self._lambda_max}
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Go on as the one that `snapshot` was taken of."""
+    def restore(self, snapshot: dict[str, Plain]) -> None:
+        """Continue from the state of a `snapshot`."""
         if snapshot["lambda_max"] is not None:
-            self.__dict__["lambda_max"] = snapshot["lambda_max"]
+            self._lambda_max = snapshot["lambda_max"]
 
-    @cached_property
+    @property
     def lambda_max(self) -> float:
         """Largest eigenvalue of W^-1 B K_B^-1 B^T [m/Pa] by Lanczos (SLEPc), with its error bound added."""
+        if self._lambda_max is None:
+            self._lambda_max = self._largest_eigenvalue()
+        return self._lambda_max
+
+    def _largest_eigenvalue(self) -> float:
         from slepc4py import SLEPc
 
         root = np.sqrt(self.W)
@@ -114,7 +140,7 @@ class DelassusOperator(ABC):
         surface = self
 
         class Operator:
-            def mult(self, matrix: Any, x: Any, y: Any) -> None:
+            def mult(self, matrix: Mat, x: Vec, y: Vec) -> None:
                 counters = surface.counters
                 counters.lanczos_applications += 1
                 before = counters.volume_solves, counters.linear_iterations

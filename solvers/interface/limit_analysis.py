@@ -1,29 +1,29 @@
-"""Whether contact and friction can balance the loads at all: a linear programme over the tractions on rigid bodies."""
+"""Limit analysis: whether contact and friction can balance the loads at all, by a linear programme on rigid bodies."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.optimize import linprog
+from scipy.optimize import OptimizeResult, linprog
 
 from geometry.arrays import Array, Bools
+from geometry.protocols import Sparse
 from solvers.contact.admissible_set import ContactBlock
 from solvers.interface.problem import SurfaceProblem
 
-SIDES = 32  # of the polygons that stand for the disc of friction: the outer one is larger by 0.5 %
-STEEP = 1e3  # tangential over normal traction up to which a point counts as pressed, where it has only to touch
-MISSING = 1e-6  # part of the load that is left when none is: ten times the programme's own tolerance
-ROUNDING = 1e-10  # a resultant that is none, beside the single forces
-EVEN = 1e-6  # worth of an even pressure beside that of staying out of the largest gap
-ROUGH = 1e2  # cost of friction beside that of closing the largest gap
+SIDES = 32  # of the polygons that replace the disc of friction: the outer one is larger by 0.5 %
+STEEP = 1e3  # largest ratio of tangential to normal traction where any pressure holds any traction (stick)
+MISSING = 1e-6  # unbalanced part of the load that counts as zero: ten times the tolerance of the programme
+ROUNDING = 1e-10  # resultant that counts as zero, relative to the sum of the magnitudes of all forces
+EVEN = 1e-6  # cost of an uneven pressure, relative to that of pressing across the largest gap
+ROUGH = 1e2  # cost of friction, relative to that of pressing across the largest gap
 
 
 class Balance(Enum):
-    """What is known of the equilibrium of the bodies as rigid ones."""
+    """Result of the limit analysis: whether the bodies, taken as rigid, can be in equilibrium."""
 
     POSSIBLE = "rigid bodies could rest under these loads"
     IMPOSSIBLE = "contact and friction cannot balance the loads"
@@ -31,9 +31,10 @@ class Balance(Enum):
 
 
 def decide(problem: SurfaceProblem) -> Balance:
-    """Whether there is p in the cone with R^T (f - B^T p) = 0.
+    """Limit analysis: whether there is an admissible p with R^T (f - B^T p) = 0, R the rigid modes.
 
-    Impossible is a proof, for every bound is replaced by a larger one; possible is one, by smaller ones.
+    IMPOSSIBLE is a proof, since every friction bound is replaced by a larger one; POSSIBLE is a proof, since every
+    bound is replaced by a smaller one.
     """
     if unbalanced_motion(problem) is not None:
         return Balance.IMPOSSIBLE
@@ -41,9 +42,12 @@ def decide(problem: SurfaceProblem) -> Balance:
 
 
 def unbalanced_motion(problem: SurfaceProblem) -> Array | None:
-    """Rigid motion of the contact dofs (c,), largest entry 1, on which the loads do more work than contact can take.
+    """Collapse mechanism: a rigid motion on which the loads do more work than contact and friction can dissipate.
 
-    None if there is none. Work is that of the tractions that leave the least of the load: their multipliers.
+    It consists of the multipliers of the programme that minimises the unbalanced load.
+
+    Returns:
+        Motion of the contact dofs (c,), its largest entry 1; None if there is no such motion.
     """
     programme = _Programme.of(problem, outer=True)
     if programme is None:
@@ -57,16 +61,18 @@ def unbalanced_motion(problem: SurfaceProblem) -> Array | None:
 
 
 def balancing_tractions(problem: SurfaceProblem) -> Array | None:
-    """Tractions (rows,) [Pa] in the cone that hold the bodies, were they rigid; None if none were found.
+    """Admissible tractions (rows,) [Pa] that balance the loads on rigid bodies; None if none were found.
 
-    Of all those they press across the smallest gaps, with little friction, and as evenly as can be.
+    Among all such tractions they press across the smallest gaps, with little friction, and as evenly as possible.
     """
     programme = _Programme.of(problem, outer=False)
     if programme is None:
         return np.zeros(len(problem.gap))
     n = problem.surface.normal_rows
     room = (problem.gap - problem.offset)[:n]
-    room = room / (max(problem.u_ref, np.abs(room).max(initial=0.0)) or 1.0)  # less than bodies give is no gap
+    room = room / (
+        max(problem.u_ref, np.abs(room).max(initial=0.0)) or 1.0
+    )  # a gap much smaller than the deformation costs little
     friction = np.full(programme.along.shape[1], ROUGH)
     found = programme.solve(np.concatenate([room, friction, [EVEN], np.zeros(2 * programme.motions)]), left=0.0)
     if found is None:
@@ -75,31 +81,36 @@ def balancing_tractions(problem: SurfaceProblem) -> Array | None:
     return np.asarray(programme.force * forces / problem.surface.W)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Programme:
-    """Unknowns, all of order 1: normal forces, friction by direction, largest pressure, what is left of the load."""
+    """The linear programme.
+
+    Its unknowns, all of order 1: normal forces, friction by direction, the largest pressure, the unbalanced load.
+    """
 
     force: float  # [N], the unit of forces
     rounding: float  # of the load, in that unit
-    load: Array  # (r,) on the rigid motions
-    onto: Any  # (rows, n + k) sparse: normal forces and friction by direction to forces on rows
-    along: Any  # (rows, k) sparse: friction's part of it
-    held: Array  # (r, n + k) what they do to the rigid motions
-    A_ub: Any
+    load: Array  # (r,) on the rigid modes
+    onto: Sparse  # (rows, n + k): normal forces and friction by direction to forces on rows
+    along: Sparse  # (rows, k): the columns of friction in it
+    held: Array  # (r, n + k): the same forces to their work on the rigid modes
+    A_ub: Sparse  # A_ub x <= b_ub
     b_ub: Array
-    pulls: Bools  # (n,) which normal forces may have any sign
+    pulls: Bools  # (n,) normal forces of either sign
 
     @property
     def motions(self) -> int:
+        """Number r of rigid modes."""
         return len(self.load)
 
     @property
     def size(self) -> int:
+        """Number of unknowns."""
         return int(self.onto.shape[1]) + 1 + 2 * self.motions
 
     @classmethod
     def of(cls, problem: SurfaceProblem, outer: bool) -> _Programme | None:
-        """None if no load is there to be balanced."""
+        """The programme with bounds of friction from outside (`outer`) or inside; None if the load is zero."""
         surface, n, cone = problem.surface, problem.surface.normal_rows, problem.cone
         load, size = problem.load.resultant, np.sqrt(len(surface.R))
         force = size * float(np.linalg.norm(load))
@@ -128,8 +139,8 @@ class _Programme:
             pulls=np.concatenate([np.full(len(c.W_n), c.normal.sides == 2) for c in cone.contacts]),
         )
 
-    def solve(self, cost: Array, left: float) -> Any:
-        """The optimum, or None; at most `left` of each load may stay unbalanced."""
+    def solve(self, cost: Array, left: float) -> OptimizeResult | None:
+        """The optimum for a cost (size,), or None; at most `left` of each load may stay unbalanced."""
         r, eye = self.motions, np.eye(self.motions)
         lower = np.concatenate([np.where(self.pulls, -np.inf, 0.0), np.zeros(self.size - len(self.pulls))])
         upper = np.concatenate([np.full(self.size - 2 * r, np.inf), np.full(2 * r, left)])
@@ -140,18 +151,18 @@ class _Programme:
         return found if found.status == 0 else None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Bounds:
-    """Friction of one contact: sums of forces by direction <= share of the normal forces + cap."""
+    """Friction bounds of one contact: sums @ forces by direction <= share @ normal forces + cap."""
 
-    along: Any  # (rows, k) sparse
-    share: Any  # (m, n) sparse
-    sums: Any  # (m, k) sparse
+    along: Sparse  # (rows, k): forces by direction to forces on rows
+    share: Sparse  # (m, n)
+    sums: Sparse  # (m, k)
     cap: Array  # (m,)
 
 
 def _bounds(problem: SurfaceProblem, place: ContactBlock, outer: bool, force: float) -> _Bounds:
-    """Each point's disc as a polygon whose sides (outer) or corners (inner) touch it, first of all on the axes."""
+    """Each point's disc of friction replaced by a polygon around it (outer) or inside it (inner)."""
     surface, cone, rows = problem.surface, problem.cone, place.rows
     assert rows.friction is not None
     m, c = rows.free.shape
@@ -172,7 +183,7 @@ def _bounds(problem: SurfaceProblem, place: ContactBlock, outer: bool, force: fl
     if rows.normal.sides == 1 and not outer:
         slope = min(slope, STEEP)
     elif rows.normal.sides == 2 and outer and np.isfinite(slope):
-        slope = np.inf  # where some points may pull, the others can press, and hold, without limit
+        slope = np.inf  # where some points may pull, others can press, and so hold, without limit
     found = []
     if np.isfinite(cap):
         found.append((sparse.csr_matrix((m, surface.normal_rows)), rows.W_t * cap / force))

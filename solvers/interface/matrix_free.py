@@ -1,15 +1,15 @@
-"""The bodies without a matrix on the surface: each displacement of the contact dofs is an iterative solve."""
+"""The Delassus operator matrix-free: each application of K_B^-1 is an iterative solve over the bodies."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from geometry.arrays import Array
-from solvers.interface.flexibility import DelassusOperator, Load
+from geometry.protocols import Mat, Sparse, Vec
+from solvers.interface.flexibility import DelassusOperator, Load, T
 from solvers.linear.conjugate_gradients import (
     ConjugateGradients,
     ContactErrorCriterion,
@@ -19,18 +19,23 @@ from solvers.linear.conjugate_gradients import (
 )
 from solvers.linear.multigrid import boomeramg
 from solvers.parallel.replicated import Replicated
-from solvers.parallel.serialise import Own
+from solvers.parallel.serialise import Own, Plain
 from solvers.system.floating_modes import FloatingMotions
 from solvers.system.system import System
 
-SOFT = 1e-2  # of the stiffness of a contact dof: a bed for bodies that float, felt by multigrid alone
+SOFT = 1e-2  # of the stiffness of a contact dof: springs under floating bodies, in the multigrid matrix alone
 
 
 class IterativeVolume:
-    """K_B v = f by conjugate gradients. A body that floats is balanced first, and pinned: R^T v_c = 0."""
+    """Solves K_B v = f by conjugate gradients with multigrid.
+
+    Forces on a floating body are balanced first, and its rigid modes are removed from the solution: R^T v_c = 0.
+    """
 
     def __init__(self, system: System) -> None:
-        self.counters, self.K = system.counters, system.K_B
+        """Set up multigrid; collective."""
+        self.counters = system.counters
+        self.K: Mat = system.K_B
         K = self.K
         self.contact = Replicated(K.createVecRight(), system.interface.dofs)
         self.floating = FloatingMotions(system, self.contact, system.interface.rigid_modes)
@@ -41,24 +46,30 @@ class IterativeVolume:
         self._cg = ConjugateGradients(K, self._precondition, self.counters)
 
     def remember(self, most: int) -> None:
-        """Keep that many search directions, instead of what is known to pay."""
+        """Forget the search directions, and store up to `most` of them from now on."""
         self._cg.remember(most)
 
     def release(self) -> None:
-        """Give the memory back; nothing can be solved from then on; collective."""
+        """Free the memory; no solve is possible after that; collective."""
         self._multigrid.destroy()
         self.remember(1)
 
-    def snapshot(self) -> dict[str, Any]:
-        """What solves have learnt; see `restore`."""
+    def snapshot(self) -> dict[str, Plain]:
+        """The stored search directions; see `restore`."""
         return self._cg.directions.snapshot()
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
-        """Know what a `snapshot` holds by another one of the same bodies."""
+    def restore(self, snapshot: dict[str, Plain]) -> None:
+        """Take the search directions of a `snapshot` of the same bodies."""
         self._cg.directions.restore(snapshot)
 
-    def solve_contact(self, f: Any, v: Any, error: float, relative: float) -> None:
-        """Improve v until its contact dofs are right within `error` [m], or `relative` to the largest; collective."""
+    def solve_contact(self, f: Vec, v: Vec, error: float, relative: float) -> None:
+        """Improve v until the error of its contact dofs is small; collective.
+
+        Args:
+            f: forces over the free dofs [N].
+            v: displacement [m]: the start, then the solution.
+            error, relative: see `ContactErrorCriterion`.
+        """
         local, response = self.contact.local, self._cg.directions.response
         self._solve(
             f,
@@ -68,34 +79,34 @@ class IterativeVolume:
             ),
         )
 
-    def solve_energy(self, f: Any, v: Any, relative: float) -> float:
-        """Improve v until its relative error in energy norm is small; that error, estimated; collective."""
+    def solve_energy(self, f: Vec, v: Vec, relative: float) -> float:
+        """Improve v until its error in energy norm is below `relative`; returns the estimated error; collective."""
         criterion = EnergyErrorCriterion(self._cg.comm, f.array, relative)
         self._solve(f, v, criterion)
         return criterion.reached
 
-    def solve_residual(self, f: Any, v: Any, allowed: Callable[[float], float]) -> None:
-        """Improve v until its residual is small; collective."""
+    def solve_residual(self, f: Vec, v: Vec, allowed: Callable[[float], float]) -> None:
+        """Improve v until its residual is small, see `ResidualCriterion`; collective."""
         self._solve(f, v, ResidualCriterion(allowed))
 
-    def _solve(self, f: Any, v: Any, criterion: StoppingCriterion) -> None:
+    def _solve(self, f: Vec, v: Vec, criterion: StoppingCriterion) -> None:
         forces = f.array.copy()
         self.floating.balance(forces)
         if self._cg.comm.allreduce(bool(forces.any()), op=MPI.LOR):
             self._cg.solve(forces, v.array, criterion)
             self.floating.pin(v.array)
-        else:  # beside a solution that is none, no error is small
+        else:  # relative to a zero solution, no error is small
             v.array[:] = 0.0
         self.counters.volume_solves += 1
 
-    def _precondition(self, r: Any, z: Any) -> None:
-        """Symmetric: `balance` is the transpose of `pin`. What r loses there is rounding."""
+    def _precondition(self, r: Vec, z: Vec) -> None:
+        """Multigrid between `balance` and `pin`, which are transposes: symmetric. r changes by rounding only."""
         self.floating.balance(r.array)
         self._multigrid.apply(r, z)
         self.floating.pin(z.array)
 
-    def _bedded(self, K: Any) -> Any:
-        """K_B; if bodies float, a copy with springs at the contact dofs."""
+    def _bedded(self, K: Mat) -> Mat:
+        """K_B itself; if bodies float, a copy with springs at the contact dofs."""
         if not self.floating.R.shape[1]:
             return K
         springs, bedded = K.createVecRight(), K.copy()
@@ -104,28 +115,32 @@ class IterativeVolume:
         return bedded
 
 
-EXACT = 1e-12  # relative error of the contact dofs where 0 is asked for: rounding
-SCALE = 1e-4  # of the displacement without contact, which only sets the scales of a step
-SHARE = 0.1  # of the scene's tolerance: error of the accepted displacement in energy norm
+EXACT = 1e-12  # relative error of the contact dofs when the allowed error is zero: rounding
+SCALE = 1e-4  # relative error of the displacement without contact, which only sets the scales of a step
+SHARE = 0.1  # of the scene's tolerance: relative error of the accepted displacement, in energy norm
 
 
 class MatrixFreeSurface(DelassusOperator):
-    """K_B^-1 by conjugate gradients, begun where the last solve ended; see `DelassusOperator`.
+    """The Delassus operator with K_B^-1 by conjugate gradients, each started from the last solution.
 
-    A floating body's motion is known at once, b = R^T f / rho; what is iterated on is its deformation.
+    The rigid motion of a floating body is known without iteration, b = R^T f / rho; conjugate gradients find the
+    deformation.
     """
 
-    def __init__(self, volume: IterativeVolume, N: Any, W: Array, R: Array, normal_rows: int, driven: int = 0) -> None:
-        super().__init__(N, W, R, normal_rows, driven, volume.counters)
+    def __init__(
+        self, volume: IterativeVolume, *, N: Sparse, W: Array, R: Array, normal_rows: int, driven: int = 0
+    ) -> None:
+        """See `DelassusOperator`."""
+        super().__init__(N=N, W=W, R=R, normal_rows=normal_rows, driven=driven, counters=volume.counters)
         self.volume = volume
         self.rho = volume.stiffness
-        self._last = volume.K.createVecRight()  # deformation under the last load and tractions
+        self._last: Vec = volume.K.createVecRight()  # deformation under the last load and tractions
 
-    def load(self, f_q: Any, driving: Array, error: float = 0.0) -> Load:
+    def load(self, f_q: Vec, driving: Array, error: float = 0.0) -> Load:
         resultant = np.concatenate([self.volume.floating.resultant(f_q.array_r), driving])
         deformation = f_q.duplicate()
         free = self._solved(f_q, deformation, resultant, error, EXACT if error else SCALE)
-        return Load(f_q, driving, self.R @ resultant, resultant, free)
+        return Load(f_q=f_q, driving=driving, f_c=self.R @ resultant, resultant=resultant, free=free)
 
     def displacement(self, force: Array, error: float = 0.0) -> Array:
         f = self._last.duplicate()
@@ -137,9 +152,11 @@ class MatrixFreeSurface(DelassusOperator):
         return self._solved(self._total(load, force), self._last, load.resultant - self.R.T @ force, error, EXACT)
 
     def nearly(self, load: Load, p: Array, allowed: Callable[[float], float]) -> Array:
-        """Displacement (c,) [m] of held bodies, from that of the solve before; one volume solve; collective.
+        """Displacement (c,) [m] of held bodies to a given residual, started from the last solve; collective.
 
         Args:
+            load: of the step.
+            p: tractions (rows,) [Pa].
             allowed: see `ResidualCriterion`.
         """
         assert not self.floating
@@ -148,7 +165,7 @@ class MatrixFreeSurface(DelassusOperator):
         self.volume.solve_residual(self._total(load, self.agreed(self.forces(p))), self._last, allowed)
         return self.volume.contact.read(self._last)
 
-    def recover(self, load: Load, p: Array, u_c: Array) -> Any:
+    def recover(self, load: Load, p: Array, u_c: Array) -> Vec:
         q = self._last.copy()
         self.linear_error = self.volume.solve_energy(
             self._total(load, self.forces(p)), q, SHARE * self.volume.tolerance
@@ -157,14 +174,15 @@ class MatrixFreeSurface(DelassusOperator):
         self.volume.floating.pin(q.array, self.volume.floating.R.T @ u_c[:own])
         return q
 
-    def agreed(self, value: Any) -> Any:
-        """Each solve is collective: were ranks to differ in when to stop, they would wait for each other for ever."""
-        return self.volume.K.comm.tompi4py().bcast(value)
+    def agreed(self, value: T) -> T:
+        """The value of rank 0: solves are collective, so if ranks stopped at different iterations they would hang."""
+        agreed: T = self.volume.K.comm.tompi4py().bcast(value)
+        return agreed
 
-    def snapshot(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Plain]:
         return super().snapshot() | {"last": Own(self._last.array_r)}
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
+    def restore(self, snapshot: dict[str, Plain]) -> None:
         super().restore(snapshot)
         self._last.array[:] = snapshot["last"]
 
@@ -172,14 +190,14 @@ class MatrixFreeSurface(DelassusOperator):
         assert isinstance(other, MatrixFreeSurface)
         self._last = other._last
 
-    def _total(self, load: Load, force: Array) -> Any:
-        """The load less forces at the contact dofs, over the free numbers."""
+    def _total(self, load: Load, force: Array) -> Vec:
+        """The load minus forces at the contact dofs (c,) [N], over the free dofs [N]."""
         total = load.f_q.duplicate()
         self.volume.contact.write(total, -force)
         return total + load.f_q
 
-    def _solved(self, f: Any, deformation: Any, resultant: Array, error: float, relative: float) -> Array:
-        """Displacement (c,) [m]: the deformation, improved in place, and the motion of the augmentation."""
+    def _solved(self, f: Vec, deformation: Vec, resultant: Array, error: float, relative: float) -> Array:
+        """Displacement (c,) [m]: the deformation, improved in place, plus the rigid motion R R^T f / rho."""
         if not self.size:
             return np.zeros(0)
         self.volume.solve_contact(f, deformation, error, relative)

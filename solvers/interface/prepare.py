@@ -1,7 +1,7 @@
-"""From the assembled system to the surface, condensed or not: rows, weights and rigid modes on the contact dofs.
+"""From the assembled system to the Delassus operator, condensed or matrix-free: rows, weights and rigid modes.
 
-A motion that a force drives an obstacle by is one more dof, without stiffness: contact alone holds it, as it holds a
-floating body.
+Each motion by which a force drives an obstacle is one more contact dof, without stiffness: contact alone holds it, as
+it holds a floating body.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from scipy import sparse
 from scipy.linalg import block_diag
 
 from geometry.arrays import Array
+from geometry.protocols import Sparse
 from solvers.contact.rows import ContactRows
 from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.flexibility import DelassusOperator
@@ -24,7 +25,7 @@ Form = Literal["condensed", "matrix-free"]  # of the bodies
 
 
 def prepare_volume(system: System, form: Form) -> FactorisedVolume | IterativeVolume:
-    """The bodies in that form; collective."""
+    """The bodies prepared for volume solves: factorised ("condensed") or iterative ("matrix-free"); collective."""
     if form == "matrix-free":
         return IterativeVolume(system)
     return FactorisedVolume(system.K_B, system.interface.dofs, system.counters)
@@ -37,7 +38,7 @@ def prepare_surface(system: System, volume: IterativeVolume) -> MatrixFreeSurfac
 @overload
 def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) -> DelassusOperator: ...
 def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) -> DelassusOperator:
-    """Stack all contacts: normal rows first, then tangential rows."""
+    """The Delassus operator of all contacts stacked: normal rows first, then tangential rows."""
     contacts, c = system.contacts, len(system.interface.dofs)
     traces = [system.interface.trace(rows) for rows in contacts]
     normal = [rows.N_n @ trace for rows, trace in zip(contacts, traces, strict=True)]
@@ -64,7 +65,7 @@ def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) 
     return surface
 
 
-def _driven_columns(system: System, rows: ContactRows, N: Any) -> Array:
+def _driven_columns(system: System, rows: ContactRows, N: Sparse) -> Array:
     """Relative displacement (rows, o) that unit motions of the driven obstacles cause."""
     obstacles = system.obstacles
     columns = np.zeros((N.shape[0], len(obstacles.driven)))
@@ -74,7 +75,7 @@ def _driven_columns(system: System, rows: ContactRows, N: Any) -> Array:
 
 
 def trial_stiffness(system: System) -> Array:
-    """E / depth of the bodies behind each row, one behind the other [Pa/m]."""
+    """Stiffness E / depth of the bodies behind each row (rows,) [Pa/m]; those of two bodies are in series."""
     scale = []
     for c in system.contacts:
         spread, give = np.abs(c.frames[:, 0]).mean(axis=0), 0.0

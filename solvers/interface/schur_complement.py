@@ -1,4 +1,7 @@
-"""The bodies condensed onto the contact dofs: a small dense stiffness, exact, kept over all load steps."""
+"""The Schur complement S of K_B on the contact dofs (static condensation), dense, the same for all load steps.
+
+S is the discrete Steklov-Poincaré operator; its inverse gives the Delassus operator B K_B^-1 B^T exactly.
+"""
 
 from __future__ import annotations
 
@@ -12,34 +15,37 @@ from scipy.linalg.lapack import dpotri
 from scipy.sparse.linalg import splu
 
 from geometry.arrays import Array, Bools, Ints
+from geometry.protocols import Sparse, Vec
 from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.flexibility import DelassusOperator, Load
 from solvers.linear.memoised_map import MemoisedMap
+from solvers.parallel.serialise import Plain
 
-SINGULAR = 1e-8  # smallest pivot of N beside its largest at which rows do not measure every dof
+CholeskyFactor = tuple[Array, bool]  # as scipy.linalg.cho_factor returns it
+SINGULAR = 1e-8  # smallest pivot of N, relative to its largest, below which the rows do not determine every dof
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RowStiffness:
-    """W p = N^-T f_c - H (w - offset) on the rows that may carry tractions, m = c of them.
+    """The Schur complement by rows: W p = N^-T f_c - H (w - offset) on the m = c rows that may carry tractions.
 
-    The same equation as S u_c = f_c - N^T W p, multiplied by N^-T: exact, whether the bodies are held or not.
+    It is the equation S u_c = f_c - N^T W p multiplied by N^-T: exact, also for floating bodies.
     """
 
     index: Ints  # (m,) numbers of these rows among all
     H: Array  # (m, m) N^-T S N^-1 [N/m], symmetric
-    _N: Any  # LU factor of these rows of N
+    factor: Any  # SuperLU factor of these rows of N
 
     @classmethod
-    def of(cls, N: Any, S: Array, carrying: Bools) -> RowStiffness | None:
+    def of(cls, N: Sparse, S: Array, carrying: Bools) -> RowStiffness | None:
         """
         Args:
-            N: (rows, c) sparse.
-            S: (c, c) stiffness of the contact dofs [N/m].
+            N: (rows, c), displacement of the contact dofs to relative displacement.
+            S: (c, c) Schur complement [N/m].
             carrying: (rows,) rows that may carry tractions.
 
         Returns:
-            None where these rows do not measure each dof once.
+            None if these rows of N are not square or singular.
         """
         index = np.flatnonzero(carrying)
         if not len(index) or len(index) != len(S):
@@ -52,50 +58,55 @@ class RowStiffness:
         if pivots.min() < SINGULAR * pivots.max():
             return None
         half = factor.solve(np.asfortranarray(S), "T")
-        return cls(index, np.asarray(factor.solve(np.asfortranarray(half.T), "T")), factor)
+        H = np.asarray(factor.solve(np.asfortranarray(half.T), "T"))
+        return cls(index=index, H=H, factor=factor)
 
     def forces(self, f_c: Array) -> Array:
-        """N^-T f_c (m,) [N]: what forces on the contact dofs do to the rows."""
-        return np.asarray(self._N.solve(f_c, "T"))
+        """Forces on the rows N^-T f_c (m,) [N] of forces on the contact dofs f_c (c,) [N]."""
+        return np.asarray(self.factor.solve(f_c, "T"))
 
     def displacement(self, relative: Array) -> Array:
-        """u_c (c,) [m] at which the rows measure this (m,)."""
-        return np.asarray(self._N.solve(relative))
+        """Displacement of the contact dofs N^-1 w (c,) [m] of a relative displacement w (m,) [m]."""
+        return np.asarray(self.factor.solve(relative))
 
 
-PAYS = 16  # an inverse is cheaper than two triangular solves for each of c / PAYS forces
+PAYS = 16  # the inverse is formed after c / PAYS forces: from then on it is cheaper than triangular solves
 
 
 class CondensedSurface(DelassusOperator):
-    """S u_c = f_c - N^T W p on the contact dofs, S the Schur complement of K_B; see `DelassusOperator`."""
+    """The Delassus operator by the Schur complement S of K_B: S u_c = f_c - N^T W p on the contact dofs."""
 
     exact = True
 
-    def __init__(self, volume: FactorisedVolume, N: Any, W: Array, R: Array, normal_rows: int, driven: int = 0) -> None:
-        super().__init__(N, W, R, normal_rows, driven, volume.counters)
+    def __init__(
+        self, volume: FactorisedVolume, *, N: Sparse, W: Array, R: Array, normal_rows: int, driven: int = 0
+    ) -> None:
+        """See `DelassusOperator`."""
+        super().__init__(N=N, W=W, R=R, normal_rows=normal_rows, driven=driven, counters=volume.counters)
         self.volume = volume
         self.S = block_diag(volume.S, np.zeros((driven, driven))) if driven else volume.S
         self.rho = float(np.trace(self.S) / max(len(self.S), 1))
         self._condensed = MemoisedMap(volume.condense, len(volume.S))
-        self._forces = 0  # that were asked about
-        self._dense: dict[str, Any] = {}  # factor and inverse, shared with those of other pairs
+        self._forces = 0  # number of forces whose displacement was asked for
+        self._dense: dict[str, Any] = {}  # factor and inverse, shared with the objects of other contact pairs
         self._row_stiffness: dict[bytes, RowStiffness | None] = {}
 
     @property
-    def held(self) -> Any:
-        """Cholesky factor of S + rho R R^T."""
+    def held(self) -> CholeskyFactor:
+        """Cholesky factor of S + rho R R^T, which is positive definite."""
         if "held" not in self._dense:
             self._dense["held"] = self.factor(None)
-        return self._dense["held"]
+        factor: CholeskyFactor = self._dense["held"]
+        return factor
 
     @cached_property
     def total(self) -> float:
-        """Sum of all magnitudes in S [N/m]: force beside which less is rounding, once the bodies move by 1 m."""
+        """Sum of the magnitudes of the entries of S [N/m]: the scale of rounding of forces per metre moved."""
         return float(np.abs(self.S).sum())
 
     @property
     def flexibility(self) -> Array:
-        """(S + rho R R^T)^-1 (c, c) [m/N]."""
+        """Inverse (S + rho R R^T)^-1 (c, c) [m/N]: the inverse of the Steklov-Poincaré operator."""
         if not len(self.S):  # no contact in the scene
             return self.S
         if "flexibility" not in self._dense:
@@ -103,21 +114,24 @@ class CondensedSurface(DelassusOperator):
             self._dense["flexibility"] = np.tril(inverse) + np.tril(inverse, -1).T
         return np.asarray(self._dense["flexibility"])
 
-    def factor(self, tangent: Array | None) -> Any:
-        """Cholesky factor of S + tangent + rho R R^T."""
+    def factor(self, tangent: Array | None) -> CholeskyFactor:
+        """Cholesky factor of S + tangent + rho R R^T, for a stiffness `tangent` (c, c) [N/m]."""
         total = self.S + self.rho * self.R @ self.R.T if self.floating else self.S
-        return cho_factor(total if tangent is None else total + tangent, lower=True, check_finite=False)
+        factor: CholeskyFactor = cho_factor(
+            total if tangent is None else total + tangent, lower=True, check_finite=False
+        )
+        return factor
 
     def row_stiffness(self, carrying: Bools) -> RowStiffness | None:
-        """The bodies in terms of these rows (rows,), if they measure every contact dof once; see `RowStiffness`."""
+        """The Schur complement by the rows `carrying` (rows,), None if they do not determine the contact dofs."""
         key = carrying.tobytes()
         if key not in self._row_stiffness:
             self._row_stiffness[key] = RowStiffness.of(self.N, self.S, carrying)
         return self._row_stiffness[key]
 
-    def load(self, f_q: Any, driving: Array, error: float = 0.0) -> Load:
+    def load(self, f_q: Vec, driving: Array, error: float = 0.0) -> Load:
         f_c = np.concatenate([self._condensed(f_q), driving])
-        return Load(f_q, driving, f_c, self.R.T @ f_c, self.displacement(f_c))
+        return Load(f_q=f_q, driving=driving, f_c=f_c, resultant=self.R.T @ f_c, free=self.displacement(f_c))
 
     def displacement(self, force: Array, error: float = 0.0) -> Array:
         if not len(force):
@@ -131,21 +145,21 @@ class CondensedSurface(DelassusOperator):
     def under(self, load: Load, p: Array, error: float = 0.0) -> Array:
         return self.displacement(load.f_c - self.forces(p))
 
-    def recover(self, load: Load, p: Array, u_c: Array) -> Any:
+    def recover(self, load: Load, p: Array, u_c: Array) -> Vec:
         total, own = load.f_q.duplicate(), len(u_c) - self.driven
         self.volume.contact.write(total, self.forces(p)[:own])
         return self.volume.expand(load.f_q - total, u_c[:own])
 
-    def snapshot(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Plain]:
         inverted = "flexibility" in self._dense
-        counted = 0 if inverted else self._forces  # it matters only until then
+        counted = 0 if inverted else self._forces  # after the inverse is formed it has no effect
         return super().snapshot() | {"condensed": self._condensed.snapshot(), "forces": counted, "inverted": inverted}
 
-    def restore(self, snapshot: dict[str, Any]) -> None:
+    def restore(self, snapshot: dict[str, Plain]) -> None:
         super().restore(snapshot)
         self._condensed.restore(snapshot["condensed"], self.volume.K.createVecRight())
         self._forces = snapshot["forces"]
-        if snapshot["inverted"]:  # from then on displacements came from the inverse, with its rounding
+        if snapshot["inverted"]:  # displacements must come from the inverse again, with its rounding
             _ = self.flexibility
 
     def adopt(self, other: DelassusOperator) -> None:

@@ -35,7 +35,7 @@ def incomplete_cholesky(A: Array | Sparse, drop: float | None = None) -> Incompl
     Where a pivot is not positive, A's diagonal is raised until all are.
 
     Args:
-        A: (n, n) symmetric, positive definite.
+        A: (n, n) symmetric, positive definite; the zeros of a dense matrix are not in its pattern.
         drop: entries of at most `drop` times the norm of A's column are left out; 0 drops no entry and gives the
             complete factor. None drops the entries outside A's own pattern, IC(0).
 

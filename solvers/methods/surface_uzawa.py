@@ -91,7 +91,7 @@ class LearningIteration(SameEveryStep):
                 break
             if k == self.max_it:
                 break
-            metric = Flexibility(surface, flexibility, self.metric)
+            metric = Flexibility(surface=surface, F=flexibility, metric=self.metric)
             found = nearest_in_cone(problem, metric, p, w, max(residual, self.rtol))
             if found is None:
                 status = Status.NO_HOLD

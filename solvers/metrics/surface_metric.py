@@ -60,11 +60,11 @@ EMPTY = np.zeros(0)
 class SurfaceMetric:
     """F = C^(1/2) M^(-1/2) (M^(-1/2) L M^(-1/2) + H^-2)^(-1/2) M^(-1/2) C^(1/2) on the contact dofs [m/N].
 
-    An approximate inverse of the Steklov-Poincaré operator (Neumann-to-Dirichlet map). L and M are the Laplace-
-    Beltrami operator and the lumped mass of all contact sides, as one surface, on each component of displacement; C
-    = 2 (1 - nu^2) / E, the compliance of the half-plane; H the depth of the body below the side. A force of wave
-    length l << H is then resisted over the depth l, as on a half-space, a longer one over H. Dofs that supports
-    hold are left out of L and M: the displacement is zero there.
+    An approximate inverse of the Steklov-Poincaré operator. L and M are the Laplace-Beltrami operator and the lumped
+    mass of all contact sides, as one surface, on each component of displacement; C = 2 (1 - nu^2) / E, the
+    compliance of the half-plane; H the depth of the body below the side. A force of wave length l << H is then
+    resisted over the depth l, as on a half-space, a longer one over H. Dofs that supports hold are left out of L and M:
+    the displacement is zero there.
     """
 
     def __init__(

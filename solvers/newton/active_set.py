@@ -1,42 +1,45 @@
-"""The contact laws at trial tractions, linearised: which rows become constraints, which springs, which slip."""
+"""Active sets of semismooth Newton: the contact laws linearised at trial tractions, row by row.
+
+Rows are open, closed or stick (constraints), springs (compliance), or slip.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from geometry.arrays import Array, Bools, Ints
+from geometry.protocols import Sparse
 from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.interface.problem import SurfaceProblem
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ActiveSet:
-    """One Newton system over all rows: A_p p + A_w w = rhs.
+    """The active set and its generalised derivative, one Newton system over all rows: A_p p + A_w w = rhs.
 
-    Held rows (closed, stick): w = gap. Springs (compliance, stick with k_T): p = p_0 + k (w - gap). Slip: p follows the
-    pressures of normal rows, in 3D w as well. All others: p = 0. The diagonal of A_p is 1 on rows without A_w.
+    Held rows (closed, stick): w = gap. Springs (compliance, stick with k_T): p = p_0 + k (w - gap). Slip: p depends on
+    the pressures of normal rows, in 3D on w as well. Open rows: p = 0. The diagonal of A_p is 1 on rows without A_w.
     """
 
     problem: SurfaceProblem
-    k: Array  # (rows,) spring stiffness [Pa/m], 0 where there is none
-    held: Bools  # (rows,)
+    k: Array  # (rows,) spring stiffness [Pa/m], 0 where there is no spring
+    held: Bools  # (rows,) closed or stick without springs
     slip: Bools  # (rows,)
-    A_p: sparse.csr_matrix  # (rows, rows)
-    A_w: sparse.csr_matrix  # (rows, rows)
-    rhs: Array  # (rows,)
+    A_p: Sparse  # (rows, rows) [-]
+    A_w: Sparse  # (rows, rows) [Pa/m]
+    rhs: Array  # (rows,) [Pa]
 
     @property
     def given(self) -> Bools:
-        """Rows whose p follows from that of others, or is 0, whatever w is."""
+        """Rows (rows,) whose p is 0 or depends on p of other rows only, not on w."""
         return np.asarray(np.diff(self.A_w.indptr) == 0)
 
 
 class _Rows:
-    """The system while it is put together: every row open at first."""
+    """The active set under construction: every row is open at first."""
 
     def __init__(self, cone: AdmissibleSet, gap: Array, gamma: Array) -> None:
         self.cone, self.gap, self.gamma, self.rows = cone, gap, gamma, len(gap)
@@ -46,24 +49,27 @@ class _Rows:
         self.on_w: list[tuple[Array, Ints, Ints]] = []
 
     def hold(self, at: Ints) -> None:
-        """gamma (w - gap) = 0: rows of one unit, Pa."""
+        """Hold the rows `at`: gamma (w - gap) = 0, so that all rows have the unit Pa."""
         self.held[at] = True
         self.rhs[at] = self.gamma[at] * self.gap[at]
 
     def spring(self, at: Ints, k: Array | float, p_0: Array | float) -> None:
-        """p = p_0 + k (w - gap)."""
+        """Make springs of the rows `at`: p = p_0 + k (w - gap)."""
         self.k[at] = k
         self.rhs[at] = p_0 - k * self.gap[at]
 
-    def slip(self, at: Ints, free: Bools, trial: Array, s: Array, slope: Any, p_n: Array, normal: slice) -> None:
-        """t = s(p_n) e + J (t + gamma (w - gap) - t_hat), e = t_hat / |t_hat|, J = s/|t_hat| (I - e e^T).
+    def slip(self, at: Ints, free: Bools, trial: Array, s: Array, slope: Sparse, p_n: Array, normal: slice) -> None:
+        """Let points slip, t = s(p_n) e + J (t + gamma (w - gap) - t_hat).
+
+        Here e = t_hat / |t_hat| and J = s/|t_hat| (I - e e^T), the derivative of the projection onto the disc.
 
         Args:
-            at: their rows (m, c).
+            at: rows of the points (m, c).
             free: (m, c) directions that carry a multiplier.
             trial: t_hat (m, c) [Pa].
             s: bound (m,) [Pa].
-            slope: ds/dp_n, sparse (m, m_n), at p_n (m_n,).
+            slope: ds/dp_n (m, m_n).
+            p_n: pressures (m_n,) [Pa] at which s and slope are taken.
             normal: rows of p_n.
         """
         self.slips[at] = free
@@ -83,19 +89,29 @@ class _Rows:
         self.on_p.append((-J.ravel(), i, j))
         self.on_w.append(((-J * self.gamma[at][:, None, :]).ravel(), i, j))
 
-    def matrix(self, diagonal: Array, entries: list[tuple[Array, Ints, Ints]]) -> sparse.csr_matrix:
+    def matrix(self, diagonal: Array, entries: list[tuple[Array, Ints, Ints]]) -> Sparse:
+        """(rows, rows) with that diagonal and further entries (values, rows, columns)."""
         own = np.flatnonzero(diagonal)
         data, i, j = (np.concatenate(x) for x in zip((diagonal[own], own, own), *entries, strict=True))
-        return sparse.csr_matrix((data, (i, j)), shape=(self.rows, self.rows))
+        matrix: Sparse = sparse.csr_matrix((data, (i, j)), shape=(self.rows, self.rows))
+        return matrix
 
-    def laws(self, problem: SurfaceProblem) -> ActiveSet:
+    def active_set(self, problem: SurfaceProblem) -> ActiveSet:
         A_p = self.matrix(np.where(self.held, 0.0, 1.0), self.on_p)
         A_w = self.matrix(np.where(self.held, self.gamma, -self.k), self.on_w)
-        return ActiveSet(problem, self.k, self.held, self.slips, A_p, A_w, self.rhs)
+        return ActiveSet(problem=problem, k=self.k, held=self.held, slip=self.slips, A_p=A_p, A_w=A_w, rhs=self.rhs)
 
 
 def linearise(problem: SurfaceProblem, p_hat: Array, gamma: Array) -> ActiveSet:
-    """Linearise p = P_C(p + gamma (w - gap)) at the trial tractions p_hat (rows,) [Pa]."""
+    """Linearise the complementarity condition p = P_C(p + gamma (w - gap)) at trial tractions.
+
+    Args:
+        problem: the contact problem of the step.
+        p_hat: trial tractions p + gamma (w - gap) (rows,) [Pa].
+        gamma: (rows,) [Pa/m].
+
+    Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991), of the projection and its derivative.
+    """
     cone = problem.cone
     p = cone.project(p_hat, gamma)
     rows = _Rows(cone, problem.gap, gamma)
@@ -108,10 +124,11 @@ def linearise(problem: SurfaceProblem, p_hat: Array, gamma: Array) -> ActiveSet:
         rows.spring(index[soft], slope[soft], p[n][soft] - slope[soft] * law.penetration(p[n])[soft])
     for place in cone.with_friction():
         _friction(rows, place, p_hat, p[place.normal], gamma)
-    return rows.laws(problem)
+    return rows.active_set(problem)
 
 
 def _friction(rows: _Rows, place: ContactBlock, p_hat: Array, p_n: Array, gamma: Array) -> None:
+    """Let the points of a contact stick, slip, or carry no friction (s = 0), by their trial tractions."""
     span, free = place.tangential, place.rows.free
     index = np.arange(span.start, span.stop).reshape(free.shape)
     trial = p_hat[span].reshape(free.shape) * free

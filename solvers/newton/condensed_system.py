@@ -1,4 +1,8 @@
-"""The bodies with the laws linearised: solved for tractions that hold or for the other motions, the fewer of them."""
+"""One semismooth Newton system with the Schur complement of the bodies, exact.
+
+Its unknowns are the tractions of the active rows (dual) or the motions of the inactive rows (primal), whichever are
+fewer.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +14,19 @@ from geometry.arrays import Array
 from solvers.interface.schur_complement import CondensedSurface, RowStiffness
 from solvers.newton.active_set import ActiveSet
 
-BALANCE = 1e-8  # force out of balance, relative, at which a solution of the linear system is none
-ROUNDING = 1e-12  # forces that are none, beside those of moving one contact dof alone as far
-FEW = 0.5  # unknown tractions beside unknown motions up to which they are worth the inverse that they need
+BALANCE = 1e-8  # relative force out of balance above which the linear system counts as singular
+ROUNDING = 1e-12  # of the entries of S times the prescribed motion: force that counts as zero
+FEW = 0.5  # ratio of unknown tractions to unknown motions below which the inverse that tractions need pays
 
 
 def solve(laws: ActiveSet) -> tuple[Array, Array]:
-    """Tractions (rows,) and displacement of the contact dofs (c,) that satisfy the linearised laws exactly.
+    """Solve a Newton system with the bodies.
+
+    Returns:
+        Tractions (rows,) [Pa] and displacement of the contact dofs (c,) [m] that satisfy the linearised laws exactly.
 
     Raises:
-        LinAlgError: the rows that hold do not hold the bodies.
+        LinAlgError: the active set leaves a rigid mode free.
     """
     problem, surface = laws.problem, laws.problem.surface
     assert isinstance(surface, CondensedSurface)
@@ -29,14 +36,18 @@ def solve(laws: ActiveSet) -> tuple[Array, Array]:
     load, held = problem.load.f_c, surface.forces(p)
     allowed = BALANCE * (np.abs(load).sum() + np.abs(held).sum())
     carried_along = np.abs(problem.offset - problem.gap).max(initial=0.0)
-    allowed += ROUNDING * surface.total * carried_along  # as a whole, there is no force
+    allowed += ROUNDING * surface.total * carried_along  # a common motion causes no force but rounding
     if np.abs(surface.R.T @ (load - held)).sum() > allowed:
         raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
     return p, u_c
 
 
 def by_motion(laws: ActiveSet, bodies: RowStiffness) -> tuple[Array, Array]:
-    """The unknowns are w on the rows that do not hold; W p = q - H w follows."""
+    """Primal reduction: the unknowns are w on the rows that are not held; W p = q - H w gives p.
+
+    Returns:
+        Tractions (rows,) [Pa] and displacement of the contact dofs (c,) [m].
+    """
     problem, index = laws.problem, bodies.index
     W, offset = problem.surface.W[index], problem.offset[index]
     held = laws.held[index]
@@ -51,15 +62,18 @@ def by_motion(laws: ActiveSet, bodies: RowStiffness) -> tuple[Array, Array]:
     p = np.zeros(len(laws.rhs))
     p[index] = (force - H @ w[moving]) / W
     given = laws.given
-    p[given] = 0.0  # to the last digit: the diagonal of A_p is 1 there
+    p[given] = 0.0  # exact zeros: the diagonal of A_p is 1 there
     p[given] = (laws.rhs - laws.A_p @ p)[given]
     return p, bodies.displacement(w - offset)
 
 
 def by_tractions(laws: ActiveSet, surface: CondensedSurface) -> tuple[Array, Array]:
-    """The unknowns x are p on the rows that hold, and the rigid motions b of floating bodies.
+    """Dual reduction: the unknowns are x, the tractions of the active rows, and the rigid motions b of floating bodies.
 
-    p = E x + p_0 + k (w - gap): springs are folded into the stiffness, rows whose p is given follow x.
+    p = E x + p_0 + k (w - gap): springs are added to the stiffness of the bodies, rows of given p depend on x.
+
+    Returns:
+        Tractions (rows,) [Pa] and displacement of the contact dofs (c,) [m].
     """
     problem, N, W, R, k = laws.problem, surface.N, surface.W, surface.R, laws.k
     rows, spring = len(k), k > 0
@@ -76,7 +90,7 @@ def by_tractions(laws: ActiveSet, surface: CondensedSurface) -> tuple[Array, Arr
     load = np.column_stack([surface.rho * R, problem.load.f_c - N.T @ (W * p_0)])
     if spring.any():
         factor = surface.factor((N.T @ sparse.diags(W * k) @ N).toarray())
-        # what is no number makes the residual none: that ends by name
+        # not checked for NaN here: NaN ends as Status.NOT_FINITE
         moved, Y = (cho_solve(factor, side, check_finite=False) for side in (load, B.toarray()))
     else:
         moved, Y = surface.flexibility @ load, (B.T @ surface.flexibility).T

@@ -1,4 +1,4 @@
-"""What every method returns: tractions, how it ended, and each iteration's residual."""
+"""What every method returns: tractions, its status, and the complementarity residual of each iteration."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class Step:
-    """One iteration: its residual is that of the tractions before its update."""
+    """One iteration; `residual` is the complementarity residual of the tractions before its update."""
 
     iteration: int
     residual: float
@@ -39,16 +39,21 @@ def ignore(step: Step) -> None:
 
 @dataclass(frozen=True)
 class Solution:
-    """p, w: flat, see `SurfaceProblem`; u_c (c,): displacement of the contact dofs [m], or the motion not held."""
+    """Tractions p (rows,) [Pa] and relative displacement w (rows,) [m], flat as in `SurfaceProblem`, and u_c (c,) [m].
+
+    u_c is the displacement of the contact dofs; with Status.NO_EQUILIBRIUM, the rigid motion that nothing resists.
+    """
 
     p: Array
     w: Array
     u_c: Array
     status: Status
-    residual: float  # of these tractions
+    residual: float  # complementarity residual of these tractions
     history: tuple[Step, ...]
-    law_error: float = 0.0  # energy norm of what the method's own approximation of the laws leaves [J^(1/2)]
-    slack: float = 1e-6  # part of the friction bound by which a slipping point may fall short of it
+    law_error: float = (
+        0.0  # contact-law residual that the method's approximation of the laws leaves, in energy norm [J^(1/2)]
+    )
+    slack: float = 1e-6  # part of the friction bound by which the traction of a slipping point may be smaller
 
     @property
     def iterations(self) -> int:

@@ -1,4 +1,4 @@
-"""The contact problem with a guess of the flexibility, solved on the surface alone."""
+"""A model of the contact problem with an approximate Delassus operator, solved on the surface by semismooth Newton."""
 
 from __future__ import annotations
 
@@ -13,41 +13,50 @@ from solvers.interface.problem import SurfaceProblem
 from solvers.newton.active_set import linearise
 from solvers.newton.surface_system import Metric, SurfaceSystem
 
-RETREATS = 6  # times that trial tractions under which nothing holds the bodies are taken back by half
+RETREATS = 6  # number of halvings of a step to an active set that leaves a rigid mode free
 ATTEMPT = 30  # Newton iterations from one start
-INNER = 0.1  # of the residual, how exact the surface is solved
-INEXACT = 0.3  # of the residual that is enough: what a Newton system may leave
+INNER = 0.1  # of the residual of the step: residual to which the model is solved
+INEXACT = 0.3  # of that residual: what each linear system may leave
 
 
-@dataclass(frozen=True)
-class Found:
-    """Tractions, the rigid motions they take place at, and what the model's own laws leave there."""
+@dataclass(frozen=True, kw_only=True)
+class ModelSolution:
+    """An iterate of the model: tractions and rigid motions."""
 
-    p: Array  # (rows,)
-    b: Array  # (r,)
-    residual: float
+    p: Array  # (rows,) [Pa]
+    b: Array  # (r,) [m]
+    residual: float  # complementarity residual of the model
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SurfaceModel:
-    """w(q, b) = w - G (q - p) + N R b about a point p where w is known, with R^T (f - B^T q) = 0."""
+    """w(q, b) = w - G (q - p) + N R b about tractions p whose w is known, with R^T (f - B^T q) = 0.
+
+    G approximates the Delassus operator.
+    """
 
     problem: SurfaceProblem
     flexibility: Metric  # G
-    p: Array  # (rows,)
-    w: Array  # (rows,)
+    p: Array  # (rows,) [Pa]
+    w: Array  # (rows,) [m]
 
     def at(self, p: Array, b: Array) -> Array:
-        """w (rows,) at tractions p and rigid motions b (r,)."""
+        """Relative displacement (rows,) [m] of the model at tractions p (rows,) [Pa] and rigid motions b (r,) [m]."""
         surface = self.problem.surface
         return np.asarray(self.w - self.flexibility(p - self.p) + surface.N @ (surface.R @ b))
 
-    def solve(self, start: Array, gamma: Array, enough: float) -> Found | None:
-        """Semismooth Newton from trial tractions; the best of its iterates, the last if its residual is enough.
+    def solve(self, start: Array, gamma: Array, enough: float) -> ModelSolution | None:
+        """Semismooth Newton on the model.
 
-        None if the linearised laws hold the bodies nowhere.
+        Args:
+            start: trial tractions (rows,) [Pa].
+            gamma: (rows,) [Pa/m], see `linearise`.
+            enough: residual at which to stop.
+
+        Returns:
+            The last iterate if its residual is small enough, else the best; None if no active set held the bodies.
         """
-        best: Found | None = None
+        best: ModelSolution | None = None
         p_hat = held = start
         at, b = self.p, np.zeros(self.problem.surface.R.shape[1])
         for _ in range(ATTEMPT):
@@ -58,7 +67,7 @@ class SurfaceModel:
             w = self.at(at, b)
             residual = self.problem.natural_residual(at, w)
             if best is None or not best.residual <= residual:  # NaN is worst
-                best = Found(at, b, residual)
+                best = ModelSolution(p=at, b=b, residual=residual)
             if residual <= enough:
                 break
             p_hat = at + gamma * (w - self.problem.gap)
@@ -67,7 +76,11 @@ class SurfaceModel:
     def _newton(
         self, p_hat: Array, held: Array, gamma: Array, enough: float, at: Array, b: Array
     ) -> tuple[Array, Array, Array] | None:
-        """As near to trial tractions as the laws linearised there hold the bodies; and where that was."""
+        """One Newton step from p_hat; while its active set leaves a rigid mode free, p_hat moves half way to `held`.
+
+        Returns:
+            Tractions, rigid motions and the trial tractions of the linearisation; None if RETREATS were not enough.
+        """
         problem, known = self.problem, self.w + self.flexibility(self.p)
         leave = INEXACT * enough * min(problem.p_ref, problem.u_ref * float(gamma.min(initial=np.inf)))
         for _ in range(RETREATS):
@@ -79,17 +92,24 @@ class SurfaceModel:
         return None
 
 
-def nearest_in_cone(problem: SurfaceProblem, metric: Metric, p: Array, w: Array, residual: float) -> Found | None:
-    """A step of Uzawa's method: argmin over the cone of |q - p_hat| in the metric G, p_hat = p + G^-1 (w - gap).
-
-    None if the linearised laws hold the bodies nowhere.
+def nearest_in_cone(
+    problem: SurfaceProblem, metric: Metric, p: Array, w: Array, residual: float
+) -> ModelSolution | None:
+    """A step of Uzawa's method in the metric G: the admissible q nearest to p_hat = p + G^-1 (w - gap).
 
     Args:
-        residual: that of p, or what is asked for if that is more.
+        problem: the contact problem of the step.
+        metric: G.
+        p: tractions (rows,) [Pa].
+        w: their relative displacement (rows,) [m].
+        residual: that of p, or the tolerance if that is larger.
+
+    Returns:
+        None if no active set held the bodies.
     """
-    model = SurfaceModel(problem, metric, p, w)
+    model = SurfaceModel(problem=problem, flexibility=metric, p=p, w=w)
     enough = INNER * min(residual, 1.0)
-    best: Found | None = None
+    best: ModelSolution | None = None
     for start, factor in _starts(problem, p, w, residual):
         found = model.solve(start, factor * problem.gamma, enough)
         if found is not None and (best is None or not best.residual <= found.residual):
@@ -100,7 +120,7 @@ def nearest_in_cone(problem: SurfaceProblem, metric: Metric, p: Array, w: Array,
 
 
 def _starts(problem: SurfaceProblem, p: Array, w: Array, residual: float) -> Iterator[tuple[Array, float]]:
-    """Trial tractions, and the factor of gamma that belongs to them: from where we are, then from all closed."""
+    """Starts of Newton, trial tractions and a factor of gamma: those of p, all rows closed, balance of rigid bodies."""
     n = problem.surface.normal_rows
     if np.isfinite(residual):
         for factor in (1.0, 10.0, 0.1):

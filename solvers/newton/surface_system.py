@@ -1,90 +1,98 @@
-"""One Newton system on the surface: linearised laws with a guess of the flexibility, dense or by GMRES."""
+"""One semismooth Newton system on the surface with an approximate Delassus operator, solved densely or by GMRES."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from geometry.arrays import Array
+from geometry.protocols import Sparse
 from solvers.interface.flexibility import DelassusOperator
 from solvers.linear.gmres import gmres
 from solvers.metrics.secants import Secants
 from solvers.metrics.surface_metric import SurfaceMetric
 from solvers.newton.active_set import ActiveSet
 
-DENSE = 200  # contact rows up to which a dense matrix is factorised
-BALANCE = 1e-8  # force out of balance, relative, at which a solution of the linear system is none
-FAILED = 0.5  # of the residual: GMRES that leaves more found nothing
+DENSE = 200  # largest number of contact rows for a dense factorisation
+BALANCE = 1e-8  # relative force out of balance above which the linear system counts as singular
+FAILED = 0.5  # of the first residual: if GMRES leaves more, it failed
 
 
 class Metric(Protocol):
-    """Relative displacement that tractions cause, guessed: the metric that a step's cone is met in."""
+    """An approximate Delassus operator W^-1 Q: the metric in which a step of Uzawa's method projects."""
 
     @property
     def matrix(self) -> Array: ...  # (rows, rows) [m/Pa]
 
     @property
-    def diagonal(self) -> Array: ...  # about its own (rows,)
+    def diagonal(self) -> Array: ...  # (rows,) [m/Pa], approximately that of `matrix`
 
-    def __call__(self, p: Array) -> Array: ...  # (rows,) [Pa] to (rows,) [m]
+    def __call__(self, p: Array) -> Array: ...  # tractions (rows,) [Pa] to relative displacement (rows,) [m]
 
-    def inverse(self, w: Array) -> Array: ...  # about what tractions cause w, for GMRES
+    def inverse(self, w: Array) -> Array: ...  # (rows,) [m] to (rows,) [Pa], approximately: preconditions GMRES
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Flexibility:
-    """G = N F N^T W: tractions (rows,) [Pa] to relative displacement [m], F what is known of the bodies."""
+    """The approximate Delassus operator G = N F N^T W, F the secant approximation of K_B^-1 on the contact dofs."""
 
     surface: DelassusOperator
     F: Secants
     metric: SurfaceMetric
 
     def __call__(self, p: Array) -> Array:
+        """Relative displacement (rows,) [m] of tractions (rows,) [Pa]."""
         return np.asarray(self.surface.N @ self.F(self.surface.forces(p)))
 
     @cached_property
     def matrix(self) -> Array:
-        """G (rows, rows)."""
+        """G (rows, rows) [m/Pa]."""
         return np.asarray(self.surface.N @ self.F(self.surface.N.T.toarray() * self.surface.W))
 
     @cached_property
-    def _share(self) -> Any:
-        """(rows, c) what each contact dof gives of a row's relative displacement, harmonic over the bodies."""
+    def _share(self) -> Sparse:
+        """(rows, c): share of each contact dof in a row's relative displacement, in proportion to its compliance."""
         N = self.surface.N[:, : self.metric.size]
         give = N.multiply(N) @ self.metric.compliance
-        part = np.divide(1.0, give, out=np.zeros_like(give), where=give > 0)  # held dofs alone: nothing gives
-        return sparse.diags(part) @ N @ sparse.diags(self.metric.compliance)
+        part = np.divide(1.0, give, out=np.zeros_like(give), where=give > 0)  # held dofs alone: no compliance
+        share: Sparse = sparse.diags(part) @ N @ sparse.diags(self.metric.compliance)
+        return share
 
     def inverse(self, w: Array) -> Array:
-        """About what tractions cause w: G^-1 within constants, for nodal rows."""
+        """Tractions (rows,) [Pa] that cause about w (rows,) [m]: for nodal rows spectrally equivalent to G^-1."""
         return np.asarray(self._share @ self.metric.stiffness(self._share.T @ w) / self.surface.W)
 
     @cached_property
     def diagonal(self) -> Array:
-        """About that of G (rows,)."""
+        """Approximate diagonal of G (rows,) [m/Pa]."""
         N = self.surface.N[:, : self.metric.size]
         return np.asarray(N.multiply(N) @ self.metric.diagonal * self.surface.W)
 
 
 class SurfaceSystem:
-    """A_p p + A_w (w_0 - G p + N R b) = rhs on the rows that carry traction, R^T B^T p = R^T f."""
+    """A_p p + A_w (w_0 - G p + N R b) = rhs on the rows that carry traction, and R^T B^T p = R^T f: a saddle point."""
 
     def __init__(self, laws: ActiveSet, gamma: Array, flexibility: Metric, w_0: Array) -> None:
         """
         Args:
-            w_0: relative displacement (rows,) without tractions and rigid motions.
+            laws: the active set, A_p, A_w and rhs.
+            gamma: (rows,) [Pa/m], see `linearise`.
+            flexibility: G.
+            w_0: relative displacement (rows,) [m] of the model at p = 0, b = 0.
         """
         self.problem, self.flexibility = laws.problem, flexibility
         surface = self.problem.surface
         self.rows = np.flatnonzero(laws.held | laws.slip | (laws.k > 0))
         k = laws.k[self.rows]
-        scale = np.where(k > 0, gamma[self.rows] / np.where(k > 0, k, 1.0), 1.0)  # of springs: rows of one unit, Pa
+        scale = np.where(
+            k > 0, gamma[self.rows] / np.where(k > 0, k, 1.0), 1.0
+        )  # so that springs are weighted as held rows are
         self.A_p = (sparse.diags(scale) @ laws.A_p[self.rows])[:, self.rows].tocsr()
         self.A_w = (sparse.diags(scale) @ laws.A_w[self.rows]).tocsr()
         rhs = scale * laws.rhs[self.rows]
@@ -94,14 +102,14 @@ class SurfaceSystem:
         self.right = np.concatenate([rhs - self.A_w @ w_0, self.problem.load.resultant])
 
     def solve(self, p: Array, b: Array, leave: float) -> tuple[Array, Array]:
-        """Tractions (rows,) and rigid motions (r,).
+        """Solve for tractions (rows,) [Pa] and rigid motions (r,) [m].
 
         Args:
-            p, b: where GMRES starts.
+            p, b: start of GMRES.
             leave: 2-norm of the residual [Pa] at which it stops.
 
         Raises:
-            LinAlgError: the rows do not hold the bodies.
+            LinAlgError: the active set leaves a rigid mode free.
         """
         m = len(self.rows)
         found = self._dense() if len(p) <= DENSE else self._iterate(np.concatenate([p[self.rows], b]), leave)
@@ -123,7 +131,7 @@ class SurfaceSystem:
         approximate = self._preconditioner()
         out_of_balance = np.concatenate([np.zeros(m), self.right[m:] - self.H @ x[:m]])
         if len(self.H):
-            x = x + approximate(out_of_balance)  # from here on every iterate is in balance
+            x = x + approximate(out_of_balance)  # from here on every iterate balances the loads
         began = float(np.linalg.norm(self.right - self._apply(x)))
         x, left = gmres(self._apply, self.right, x, approximate, leave)
         if left > max(leave, FAILED * began):
@@ -138,7 +146,10 @@ class SurfaceSystem:
         return np.concatenate([carried, self.H @ x[:m]])
 
     def _preconditioner(self) -> Callable[[Array], Array]:
-        """Rows of w alone by the inverse metric, then all others with G's diagonal; rigid motions exactly."""
+        """Block preconditioner: held rows by the inverse metric, then the others with G's diagonal.
+
+        Rigid motions are eliminated exactly, by the Schur complement on them.
+        """
         m, flexibility = len(self.rows), self.flexibility
         pure = np.diff(self.A_p.indptr) == 0
         mixed = np.flatnonzero(~pure)

@@ -51,7 +51,7 @@ def at_random(m: int, n: int, soft: bool, seed: int) -> SaddlePoint:
     random = np.random.default_rng(seed)
     root, C = random.normal(size=(n, n)), np.diag(np.arange(m) * float(soft))
     B, p, q = random.normal(size=(m, n)), random.normal(size=n), random.normal(size=m)
-    return SaddlePoint(root @ root.T + np.eye(n), B, C, p, q)
+    return SaddlePoint(A=root @ root.T + np.eye(n), B=B, C=C, p=p, q=q)
 
 
 PROBLEMS = {
