@@ -1,0 +1,157 @@
+"""What a method's class says is all that the program knows of it: one new file is a new method, with its keys."""
+
+import os
+import pickle
+import shutil
+import subprocess
+import sys
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import solvers
+import stickslip
+from geometry.errors import SceneError
+from solvers.methods import METHODS, Solver, method_of
+from solvers.methods.method import keys_of
+from solvers.scene import settings
+from solvers.simulation.plan import make_plan
+from solvers.stepping.choice import chain
+from workflows.scene_file.read import read, to_dict
+
+ROOT = Path(solvers.__file__).parents[1]
+NEW = '''
+"""Halving: a method that a test adds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+from geometry.errors import require
+from geometry.keys import Key
+from solvers.methods.applicability import Applicability
+from solvers.methods.method import Ready, Setup, Turn
+from solvers.methods.uzawa import Uzawa
+
+
+@dataclass(frozen=True, kw_only=True)
+class Halving(Uzawa):
+    NAME: ClassVar = "halving"
+    WHEN: ClassVar = "to be tested"
+    WORKS_WITH: ClassVar = Applicability(floating=False, matrix_free=False)
+    TURNS: ClassVar = (Turn("condensed", 2),)
+    ROW: ClassVar = 50
+
+    part: Annotated[float, Key("-", "of a half")] = 0.5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.part > 0, "part", self.part, "must be positive")
+
+    def build(self, setup: Setup) -> Ready:
+        assert self.part == 0.25
+        return super().build(setup)
+'''
+ASKED = """
+import stickslip
+from solvers.stepping.choice import chain
+from workflows.reference.method_table import README, renewed
+from workflows.reference.scene_page import reference
+from workflows.scene_file.read import to_dict
+
+small = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5"]
+scene = stickslip.read("block", [*small, "solver.method=halving", "solver.part=0.25", "solver.relaxation=1.9"])
+first = next(iter(stickslip.prepare(scene).steps()))
+assert {row[-1] for row in first.history} == {"halving"}
+assert to_dict(scene)["solver"]["part"] == 0.25
+assert "| `part` | number | - | 0.5 | of a half |" in reference()
+assert "| `halving` | to be tested | all | all | all | held by supports | condensed |" in renewed(README.read_text())
+assert [str(stage) for stage in chain("condensed")] == ["condensed-newton (condensed)", "halving (condensed)"]
+for words, text in (
+    (["solver.part=-1"], "solver.part = -1.0: must be positive"),
+    (["solver.part=2"], "solver.part = 2.0: solver.method = auto does not know it; use halving"),
+):
+    try:
+        stickslip.prepare(stickslip.read("block", [*small, *words]))
+    except stickslip.StickslipError as error:
+        assert text in str(error), error
+    else:
+        raise AssertionError(words)
+"""
+
+
+def test_a_new_method_with_a_key_of_its_own_is_one_new_file(tmp_path: Path) -> None:
+    for package in ("geometry", "solvers", "workflows"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    for file in ("stickslip.py", "README.md"):
+        shutil.copy(ROOT / file, tmp_path)
+    (tmp_path / "solvers/methods/halving.py").write_text(NEW)
+    done = subprocess.run(
+        [sys.executable, "-c", ASKED],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_method_is_found_under_its_name_in_a_file_of_its_name(name: str) -> None:
+    method = METHODS[name]
+    assert name == method.NAME
+    assert method.__module__ == f"solvers.methods.{name.replace('-', '_')}"
+    assert is_dataclass(method)
+    assert method.__doc__
+    assert {f.name for f in fields(method)} == {"rtol", "max_it", *keys_of(method)}
+
+
+def test_the_order_is_fixed() -> None:
+    assert list(METHODS)[:2] == ["auto", "condensed-newton"]
+    assert list(METHODS) == sorted(METHODS, key=lambda name: (METHODS[name].ROW, name))
+
+
+def test_auto_goes_by_the_turns_of_the_classes() -> None:
+    assert [str(stage) for stage in chain("condensed")] == ["condensed-newton (condensed)"]
+    uzawa = ["surface-uzawa (matrix-free)", "surface-uzawa (matrix-free, safer metric)"]
+    assert [str(stage) for stage in chain("matrix-free")] == uzawa
+
+
+def test_a_method_has_the_settings_of_the_scene() -> None:
+    solver = stickslip.Solver(method="uzawa", relaxation=1.9, tolerance=1e-5, max_iterations=7)
+    method: Any = method_of(solver)
+    assert (method.relaxation, method.rtol, method.max_it, method.alpha) == (1.9, 1e-5, 7, None)
+
+
+def test_settings_without_keys_of_methods_mean_the_defaults() -> None:
+    assert method_of(settings.Solver(method="uzawa")) == method_of(Solver(method="uzawa"))
+    scene = replace(read("block"), solver=settings.Solver(method="condensed-newton"))
+    assert make_plan(scene)
+
+
+def test_settings_keep_their_class_when_sent_to_other_ranks() -> None:
+    scene = read("block", ["solver.method=uzawa", "solver.relaxation=1.9"])
+    again = pickle.loads(pickle.dumps(scene))
+    assert again == scene
+    assert type(again.solver) is Solver
+    assert Solver.__doc__ == settings.Solver.__doc__
+
+
+def test_a_scene_has_the_keys_of_all_methods_by_default() -> None:
+    scene = read("block")
+    same = stickslip.Scene(model=scene.model, geometry=scene.geometry, bodies=scene.bodies)
+    assert same.solver == Solver()
+    assert replace(same.solver, method="regularised", smoothing=1e-3).smoothing == 1e-3
+    keys = {key for method in METHODS.values() for key in keys_of(method)}
+    assert keys - {"alpha"} <= set(to_dict(scene)["solver"])  # absent by default
+
+
+def test_unknown_methods_are_refused_by_the_nearest_name() -> None:
+    with pytest.raises(SceneError, match=r"method = usawa: did you mean uzawa\?"):
+        Solver(method="usawa")
+    with pytest.raises(SceneError, match=r"method = usawa: did you mean uzawa\?"):
+        make_plan(replace(read("block"), solver=settings.Solver(method="usawa")))
