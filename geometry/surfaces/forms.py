@@ -25,7 +25,7 @@ def surface_stiffness(surface: Surface) -> Sparse:
     return _assembled(surface, np.einsum("fq,aqi,fqab,bqj->fij", weights, gradient, inverse, gradient, optimize=True))
 
 
-def surface_product(surface: Surface) -> Sparse:
+def consistent_mass(surface: Surface) -> Sparse:
     """Consistent mass ∫ phi_i phi_j ds (n, n) [m^(d-1)] of the nodal basis phi."""
     weights, basis = surface.quadrature(2 * surface.degree + surface.axisymmetric)
     return _assembled(surface, np.einsum("fq,qi,qj->fij", weights, basis, basis, optimize=True))
@@ -40,7 +40,7 @@ def _assembled(surface: Surface, local: Array) -> Sparse:
     return matrix
 
 
-def surface_mass(surface: Surface) -> Array:
+def lumped_mass(surface: Surface) -> Array:
     """Lumped mass (n,) [m^(d-1)] of the nodal basis, all positive: each facet's area in the ratio of its ∫ phi_i² ds.
 
     Source: Hinton, Rock & Zienkiewicz, Earthquake Eng. Struct. Dyn. 4 (1976).

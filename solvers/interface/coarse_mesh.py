@@ -17,7 +17,7 @@ from geometry.arrays import Array
 from geometry.errors import StickslipError
 from geometry.mesh.mesh import build_mesh
 from geometry.protocols import Sparse
-from geometry.surfaces.forms import surface_mass
+from geometry.surfaces.forms import lumped_mass
 from geometry.surfaces.search import pair
 from geometry.surfaces.surface import Surface
 from solvers.interface.prepare import prepare_surface, prepare_volume
@@ -94,7 +94,7 @@ def _smooth_forces(system: System) -> Array:
         low, high = side.points.min(axis=0), side.points.max(axis=0)
         x = (2 * side.points - low - high) / (high - low).max()
         powers = [k for k in product(range(DEGREE + 1), repeat=side.dim) if sum(k) <= DEGREE]
-        fields = np.column_stack([np.prod(x ** np.array(k), axis=1) for k in powers]) * surface_mass(side)[:, None]
+        fields = np.column_stack([np.prod(x ** np.array(k), axis=1) for k in powers]) * lumped_mass(side)[:, None]
         found.append(onto.T @ np.kron(fields, np.eye(side.dim)))
     return np.column_stack(found)
 

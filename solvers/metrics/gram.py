@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import dijkstra
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Bools, Ints
 from geometry.protocols import Mat, Sparse
-from geometry.surfaces.forms import surface_product, surface_stiffness
+from geometry.surfaces.forms import consistent_mass, surface_stiffness
 from solvers.contact.admissible_set import AdmissibleSet
 from solvers.contact.rows import ContactRows
 from solvers.interface.factorised import FactorisedVolume
@@ -155,7 +155,7 @@ def multiplier_gram(cone: AdmissibleSet, length: float) -> Sparse:
 def _side_gram(c: ContactRows, share: Sparse, length: float) -> Sparse:
     """Gram matrix (m, m) of one contact's points; `share` (m, n) are the nodes that each stands for."""
     side = c.surface
-    product = surface_stiffness(side) + surface_product(side) / length**2
+    product = surface_stiffness(side) + consistent_mass(side) / length**2
     basis = share @ side.forces_transform
     gram: Sparse = basis @ product @ basis.T
     return gram

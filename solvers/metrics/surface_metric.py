@@ -8,7 +8,7 @@ from scipy import sparse
 
 from geometry.arrays import Array
 from geometry.protocols import Sparse
-from geometry.surfaces.forms import surface_mass, surface_stiffness
+from geometry.surfaces.forms import lumped_mass, surface_stiffness
 from geometry.surfaces.surface import Surface
 from solvers.linear.cholesky import SparseCholesky
 from solvers.linear.inverse_root import InverseRoot
@@ -125,7 +125,7 @@ def surface_metric(system: System) -> SurfaceMetric:
     c, d = len(system.interface.dofs), system.mesh.dim
     L, sums = sparse.csr_matrix((c, c)), np.zeros((3, c))
     for name, side, onto in contact_sides(system):
-        mass, (depth, compliance) = surface_mass(side), _depth_and_compliance(system, name, side)
+        mass, (depth, compliance) = lumped_mass(side), _depth_and_compliance(system, name, side)
         L = L + onto.T @ sparse.kron(surface_stiffness(side), sparse.eye(d)) @ onto
         sums += np.array([1.0, depth, compliance])[:, None] * (onto.multiply(onto).T @ np.repeat(mass, d))
     mass, depth, compliance = sums  # where sides of different bodies share nodes: sums, then their mean

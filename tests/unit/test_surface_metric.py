@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import eigh
 
-from geometry.surfaces.forms import surface_mass, surface_stiffness
+from geometry.surfaces.forms import lumped_mass, surface_stiffness
 from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.prepare import prepare_surface
 from solvers.interface.schur_complement import CondensedSurface
@@ -105,7 +105,7 @@ def test_surface_forms_integrate_linear_fields_exactly(
 ) -> None:
     system = system_of(block(scene_of, dim, 3, order))
     (rows,) = system.contacts
-    L, mass, x = surface_stiffness(rows.surface), surface_mass(rows.surface), rows.surface.points[:, 0]
+    L, mass, x = surface_stiffness(rows.surface), lumped_mass(rows.surface), rows.surface.points[:, 0]
     area = 2.0  # a 2 x 1 side, or 2 long
     assert_allclose(mass.sum(), area, rtol=1e-12)
     assert mass.min() > 0
