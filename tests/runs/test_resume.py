@@ -140,8 +140,8 @@ def test_stopped_run_spends_no_time_on_audit_and_pictures(tmp_path: Path, monkey
         learning(f"output.pictures={word}", f"output.linear_reference={word}") for word in ("true", "false")
     )
     with monkeypatch.context() as patched:
-        for name in ("audited", "draw_wanted", "linear_reference"):
-            patched.setattr(f"workflows.run.{name}", fail)
+        for place in ("run.run.audit_steps", "run.run.linear_reference", "pictures.draw.draw"):
+            patched.setattr(f"workflows.{place}", fail)
         outcome, content = run(asks, tmp_path / "out", Watch(on_step=Stop(2)))
     assert (outcome.status, [step["audit"] for step in content["steps"]]) == ("interrupted", [None, None])
     assert set(content["audit"].values()) == {None}
