@@ -23,7 +23,7 @@ class SeriesWriter(Writer):
     def __init__(self, job: Job) -> None:
         super().__init__(job)
         self._last: tuple[int, float] | None = None  # index and time [s] of the last step
-        self._shown: list[tuple[int, float]] = []
+        self.shown: list[tuple[int, float]] = []  # index and time [s] of the steps to show
         self._written = 0  # so many of them stand in the index
 
     @abstractmethod
@@ -38,36 +38,34 @@ class SeriesWriter(Writer):
         """Write the files that a step to be shown has of its own in this series, if any; its step's file is there."""
         return None
 
-    def resume_steps(self, indices: Sequence[int]) -> None:
-        """Make the files that steps have of their own what they were when these steps were to be shown."""
-        return None
-
     def resume(self, steps: Sequence[StepResult]) -> None:
-        """The index may list fewer steps, or one that has been taken away: the next step or the end writes it again."""
+        """The index may list fewer steps, or one that has been taken away: the next step or the end writes it again.
+
+        Where steps have files of their own, a subclass sees to these as well.
+        """
         every = self.job.scene.output.every
         times = [(index, step.time) for index, step in enumerate(steps, start=1)]
         self._last = times[-1] if times else None
-        self._shown = [(index, time) for index, time in times if index % every == 0]
-        self.resume_steps([index for index, _ in self._shown])
+        self.shown = [(index, time) for index, time in times if index % every == 0]
 
     def step(self, index: int, result: StepResult) -> None:
         """Show it, at once or with those that follow; a viewer reads meanwhile."""
         self._last = index, result.time
         if index % self.job.scene.output.every == 0:
             self._show(self._last)
-        if len(self._shown) >= max(1, GROWTH * self._written) or index == 1:
+        if len(self.shown) >= max(1, GROWTH * self._written) or index == 1:
             self._write_index()
 
     def finish(self, ended: Ended) -> None:
         """Show every step that is to be shown, and the last one."""
-        if self._last is not None and self._last not in self._shown[-1:]:
+        if self._last is not None and self._last not in self.shown[-1:]:
             self._show(self._last)
         self._write_index()
 
     def _show(self, step: tuple[int, float]) -> None:
         self.write_step(step[0])
-        self._shown.append(step)
+        self.shown.append(step)
 
     def _write_index(self) -> None:
-        self.write_index(self._shown)
-        self._written = len(self._shown)
+        self.write_index(self.shown)
+        self._written = len(self.shown)
