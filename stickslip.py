@@ -143,10 +143,10 @@ from solvers.stepping.history import HistoryRow
 from solvers.stepping.state import Energy
 from solvers.stepping.stepper import NoEquilibriumError, StepError
 from workflows.run.mesh_report import ContactReport, MeshReport
+from workflows.run.result import Outcome
 from workflows.run.run import run
 from workflows.run.watch import Watch
 from workflows.scene_file.read import read
-from workflows.writers.result import Outcome
 
 __version__ = "0.1.0"
 

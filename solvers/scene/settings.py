@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from geometry.errors import nearest, require
 from geometry.keys import Key, Noun
@@ -69,7 +69,11 @@ class Solver(Noun):
 
 @dataclass(frozen=True, kw_only=True)
 class Output(Noun):
-    """What is written."""
+    """What is written.
+
+    Writers may add keys of their own to this table: in a scene file they stand beside the others (`vtu = true`), here
+    their values stand in `writers` (`Output(writers={"vtu": True})`), unless they have their default.
+    """
 
     every: Annotated[int, Key("-", "keep the fields of every n-th reported step, and of the last")] = 1
     pictures: Annotated[bool, Key("-", "draw PNG pictures of the last step")] = True
@@ -77,6 +81,7 @@ class Output(Noun):
         Literal["none", "gif"], Key("-", "gif: draw animation.gif, the bodies and contacts from step to step")
     ] = "none"
     linear_reference: Annotated[bool, Key("-", "after the run, time one linear solve of the same mesh")] = False
+    writers: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require(self.every >= 1, "every", self.every, "must be at least 1")

@@ -31,9 +31,9 @@ import sys
 
 sys.path.append(sys.argv.pop(1))
 from shared.histories import Stop
-from workflows.run import run
-from workflows.scene import read
-from workflows.watch import Watch
+from workflows.run.run import run
+from workflows.run.watch import Watch
+from workflows.scene_file.read import read
 
 outcome, _ = run(read(sys.argv[1], sys.argv[2:]), "out", Watch(on_step=Stop(2)), resume=True)
 sys.exit(outcome.exit_code)
@@ -76,10 +76,10 @@ from mpi4py import MPI
 
 from geometry.errors import MachineError
 from shared.histories import Stop, assert_same
-from workflows.run import run
-from workflows.scene import read
-from workflows.watch import Watch
-from workflows.writers.plain_file import PlainFile
+from workflows.run.run import run
+from workflows.run.watch import Watch
+from workflows.scene_file.read import read
+from workflows.writers.serialised import PlainFile
 
 comm, scene = MPI.COMM_WORLD, read(sys.argv[1], sys.argv[2:])
 run(scene, "whole")

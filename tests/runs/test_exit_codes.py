@@ -60,7 +60,7 @@ def test_full_disk_ends_with_4(call: Call, folder: Path, monkeypatch: pytest.Mon
     def full(*arguments: object) -> None:
         raise OSError(28, os.strerror(28), "out/history.csv")
 
-    monkeypatch.setattr(workflows.run, "write_step", full)
+    monkeypatch.setattr(workflows.run.run, "write_step", full)
     code, _, err = call("run", "block", "-q", "-o", "out", *COARSE)
     assert (code, err) == (4, "stickslip: out/history.csv: No space left on device\n")
     assert not (folder / "out").exists()
@@ -76,7 +76,7 @@ def test_ctrl_c_while_a_step_is_written_leaves_readable_results(
             os.kill(os.getpid(), signal.SIGINT)
         return write(where, index, *rest)
 
-    monkeypatch.setattr(workflows.run, "write_step", press)
+    monkeypatch.setattr(workflows.run.run, "write_step", press)
     code, _, err = call("run", "block", "-q", "-o", "out", *COARSE, "--set=steps.count=8")
     assert code == 130, err
     done = result(folder / "out")
@@ -131,7 +131,7 @@ def test_ctrl_c_before_the_first_step_leaves_nothing(call: Call, folder: Path, m
         os.kill(os.getpid(), signal.SIGINT)
         return prepare(*arguments)
 
-    monkeypatch.setattr(workflows.run, "prepare", press)
+    monkeypatch.setattr(workflows.run.run, "prepare", press)
     code, _, err = call("run", "block", "-q", "-o", "out", *COARSE)
     assert (code, "Traceback" in err) == (130, False)
     assert not list(folder.iterdir())

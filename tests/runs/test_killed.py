@@ -250,7 +250,7 @@ def test_full_disk_loses_no_step_and_the_run_goes_on_when_there_is_room(
             resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
 
     with monkeypatch.context() as patch:
-        patch.setattr("workflows.commands.terminal.Reporter._step", fill)
+        patch.setattr("workflows.run.terminal.Reporter._step", fill)
         try:
             code, _, err = call(*words)
         finally:

@@ -117,7 +117,7 @@ def test_signals_end_the_run_after_the_iteration_and_it_goes_on(
     first = sum(row["step"] == "1" for row in rows(whole / "history.csv"))
     stops = [Stop(first + 2, number), Stop(2, number)]
     with monkeypatch.context() as patched:
-        patched.setattr("workflows.commands.terminal.Reporter._iteration", lambda self, row: stops[0](row))
+        patched.setattr("workflows.run.terminal.Reporter._iteration", lambda self, row: stops[0](row))
         code, _, err = call(*WORDS)
         assert (code, err.count("\n")) == (130, 1)
         assert f"stopped by {number.name} after 1 of 6 steps; go on with: stickslip run block -o out --set=" in err
@@ -140,8 +140,8 @@ def test_stopped_run_spends_no_time_on_audit_and_pictures(tmp_path: Path, monkey
         learning(f"output.pictures={word}", f"output.linear_reference={word}") for word in ("true", "false")
     )
     with monkeypatch.context() as patched:
-        for name in ("audited", "draw_wanted", "linear_reference"):
-            patched.setattr(f"workflows.run.{name}", fail)
+        for place in ("run.run.audit_steps", "run.run.linear_reference", "pictures.draw.draw"):
+            patched.setattr(f"workflows.{place}", fail)
         outcome, content = run(asks, tmp_path / "out", Watch(on_step=Stop(2)))
     assert (outcome.status, [step["audit"] for step in content["steps"]]) == ("interrupted", [None, None])
     assert set(content["audit"].values()) == {None}

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
 import basix
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from geometry.arrays import Array
 from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
+from solvers.scene.settings import Output
 from solvers.stepping.state import Energy
+from workflows.scene_file.read import read
+from workflows.writers.writer import Job
 
 FACET = {"triangle": "interval", "quadrilateral": "interval", "tetrahedron": "triangle", "hexahedron": "quadrilateral"}
 SIZE = {"triangle": 1 / 2, "quadrilateral": 1, "tetrahedron": 1 / 6, "hexahedron": 1, "interval": 1}
@@ -91,6 +99,12 @@ def result_of(mesh: MeshData, time: float = 0.1 + 0.2, seed: int = 0) -> StepRes
         u_ref=1e-3 / 3,
         history=((time, 1, 0.1, 1, 0.5, "uzawa"), (time, 2, 1e-9, 3, 0.1 + 0.7, "uzawa")),
     )
+
+
+def job_of(folder: Path, mesh: MeshData, **output: Any) -> Job:
+    """A run of the ready scene `block`, whose contact is `base` as well, with these keys of [output]."""
+    scene = replace(read("block"), output=Output(**output))
+    return Job(folder=folder, scene=scene, mesh=mesh, comm=MPI.COMM_SELF)
 
 
 def padded(values: Array) -> Array:

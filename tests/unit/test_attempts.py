@@ -18,8 +18,8 @@ from solvers.simulation.simulation import Simulation
 from solvers.stepping.choice import Size, Stage, chosen
 from solvers.stepping.stepper import StepError
 from solvers.system.system import System
+from workflows.run.result import summary
 from workflows.scene_file.read import read
-from workflows.writers.result import summary
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

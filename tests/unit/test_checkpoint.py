@@ -20,8 +20,8 @@ from solvers.parallel.serialise import deserialise, serialise
 from solvers.simulation.checkpoint import ROWS, Checkpoints
 from solvers.simulation.simulation import Simulation, prepare
 from solvers.stepping.state import State
+from workflows.run.learnt import LearntFiles, is_kept
 from workflows.scene_file.read import read
-from workflows.writers.learnt import LearntFiles, is_kept
 from workflows.writers.serialised import BYTES, TEXT, from_arrays, to_arrays
 from workflows.writers.steps import read_checkpoint, write_step
 

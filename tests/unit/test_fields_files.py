@@ -12,11 +12,14 @@ import pyvista as pv
 from numpy.testing import assert_allclose, assert_array_equal
 from vtkmodules.vtkCommonDataModel import vtkGenericCell
 
-from shared.synthetic import FACET, MESHES, SIZE, mesh_of, padded, reference_nodes, result_of
+from shared.synthetic import FACET, MESHES, SIZE, job_of, mesh_of, padded, reference_nodes, result_of
 from solvers.results.step_result import MeshData, StepResult
 from workflows.writers.shapes import SHAPES
 from workflows.writers.steps import write_step
+from workflows.writers.writer import Ended
 from workflows.writers.xdmf import FieldFiles
+
+ENDED = Ended(status="converged", steps=[])
 
 
 @pytest.mark.parametrize(("name", "nodes"), SHAPES)
@@ -33,7 +36,9 @@ def written(folder: Path, shape: str, order: int) -> tuple[MeshData, list[StepRe
     results = [result_of(mesh, time, seed) for seed, time in enumerate((0.5, 1.0))]
     for index, result in enumerate(results, start=1):
         write_step(folder, index, result)
-    FieldFiles(folder, mesh).write([(index, result.time) for index, result in enumerate(results, start=1)])
+    FieldFiles(job_of(folder, mesh)).write_index(
+        [(index, result.time) for index, result in enumerate(results, start=1)]
+    )
     return mesh, results
 
 
@@ -117,22 +122,22 @@ def test_vtk_reads_a_contact_surface(tmp_path: Path, shape: str, order: int) -> 
 
 def test_fields_are_rewritten_while_a_run_goes_on(tmp_path: Path) -> None:
     mesh = mesh_of("triangle")
-    FieldFiles(tmp_path, mesh).write([])
+    FieldFiles(job_of(tmp_path, mesh)).write_index([])
     assert [p.name for p in tmp_path.iterdir()] == ["fields.h5"]
     before = (tmp_path / "fields.h5").stat()
     for index in (1, 2, 3):
         write_step(tmp_path, index, result_of(mesh, float(index)))
-        FieldFiles(tmp_path, mesh).write([(k, float(k)) for k in range(1, index + 1)])
+        FieldFiles(job_of(tmp_path, mesh)).write_index([(k, float(k)) for k in range(1, index + 1)])
         with meshio.xdmf.TimeSeriesReader(tmp_path / "fields.xdmf") as reader:
             assert reader.num_steps == index
     assert (tmp_path / "fields.h5").stat().st_ino == before.st_ino  # the same mesh is not written again
-    files = FieldFiles(tmp_path, mesh)
+    files = FieldFiles(job_of(tmp_path, mesh))
     for _ in range(2):
-        files.write([])
+        files.write_index([])
         assert (tmp_path / "fields.h5").stat().st_ino == before.st_ino
-    FieldFiles(tmp_path, mesh_of("quadrilateral")).write([])
+    FieldFiles(job_of(tmp_path, mesh_of("quadrilateral"))).write_index([])
     assert (tmp_path / "fields.h5").stat().st_ino != before.st_ino
-    files.write([])  # what it has written once is not what stands there now
+    files.write_index([])  # what it has written once is not what stands there now
     assert (tmp_path / "fields.h5").stat().st_size == before.st_size
 
 
@@ -141,15 +146,15 @@ def test_a_long_history_is_written_again_rarely_and_read_whole(tmp_path: Path) -
     mesh = mesh_of("triangle")
     write_step(tmp_path, 1, result_of(mesh, 1.0))
     write_step(tmp_path, 1000, result_of(mesh, 1000.0, seed=1))
-    files, writings, before = FieldFiles(tmp_path, mesh), 0, 0
+    files, writings, before = FieldFiles(job_of(tmp_path, mesh)), 0, 0
     for index in range(1, 1001):
-        files.add(index, float(index))
+        files.step(index, result_of(mesh, float(index)))
         now = (tmp_path / "fields.xdmf").stat().st_ino
         writings, before = writings + (now != before), now
     assert writings <= 8 + 41 + 1
     with meshio.xdmf.TimeSeriesReader(tmp_path / "fields.xdmf") as reader:
         assert 1000 / 1.125 <= reader.num_steps <= 1000  # killed here it shows all but the last few
-    files.finish()
+    files.finish(ENDED)
     with meshio.xdmf.TimeSeriesReader(tmp_path / "fields.xdmf") as reader:
         reader.read_points_cells()
         assert reader.num_steps == 1000
@@ -167,10 +172,10 @@ def test_a_resumed_run_shows_no_step_that_was_taken_away(tmp_path: Path) -> None
     mesh, times = mesh_of("triangle"), list(range(1, 21))
     for index in times:
         write_step(tmp_path, index, result_of(mesh, float(index)))
-    FieldFiles(tmp_path, mesh).write([(index, float(index)) for index in times])
-    resumed = FieldFiles(tmp_path, mesh)  # the last four were damaged, and one of them is solved again
-    resumed.know([float(index) for index in times[:16]])
-    resumed.add(17, 17.5)
+    FieldFiles(job_of(tmp_path, mesh)).write_index([(index, float(index)) for index in times])
+    resumed = FieldFiles(job_of(tmp_path, mesh))  # the last four were damaged, and one of them is solved again
+    resumed.resume([result_of(mesh, float(index)) for index in times[:16]])
+    resumed.step(17, result_of(mesh, 17.5))
     reader: Any = pv.get_reader(tmp_path / "fields.xdmf")  # type: ignore[no-untyped-call]
     assert_array_equal(reader.time_values, [*times[:16], 17.5])
 
@@ -179,15 +184,13 @@ def test_a_resumed_run_shows_no_step_that_was_taken_away(tmp_path: Path) -> None
     ("every", "count", "shown"), [(1, 3, [1, 2, 3]), (2, 5, [2, 4, 5]), (2, 4, [2, 4]), (9, 2, [2])]
 )
 def test_every_nth_step_is_shown_and_the_last(tmp_path: Path, every: int, count: int, shown: list[int]) -> None:
-    files = FieldFiles(tmp_path, mesh_of("triangle"), every)
+    files = FieldFiles(job_of(tmp_path, mesh_of("triangle"), every=every))
     for index in range(1, count + 1):
-        write_step(tmp_path, index, result_of(mesh_of("triangle"), float(index)))
-        files.add(index, float(index))
-    files.finish()
-    files.finish()
+        result = result_of(mesh_of("triangle"), float(index))
+        write_step(tmp_path, index, result)
+        files.step(index, result)
+    files.finish(ENDED)
+    files.finish(ENDED)
     for name in ("fields.xdmf", "contact_base.xdmf"):
         reader: Any = pv.get_reader(tmp_path / name)  # type: ignore[no-untyped-call]
         assert_array_equal(reader.time_values, shown)
-
-
-# tables

@@ -6,7 +6,7 @@ import pytest
 
 from geometry.amplitude import value_at
 from workflows.benchmarks import history
-from workflows.writers.by_time import read_by_time
+from workflows.writers.steps_table import read_steps_table
 
 STEPS, POINTS = 4 * history.CYCLES + 1, 9
 
@@ -17,7 +17,7 @@ def test_a_line_tells_of_each_phase_of_a_history_that_slips_to_and_fro(tmp_path:
     assert set(cost.seconds) >= {*history.PHASES, "mesh", "prepare", "iterate", "other", "total"}
     lines = list(cost.lines())
     assert [line.split()[0] for line in lines[2 : 2 + len(cost.seconds)]] == [p.split()[0] for p in cost.seconds]
-    slip = read_by_time(tmp_path / "run")["base.slip.x"]
+    slip = read_steps_table(tmp_path / "run")["base.slip.x"]
     assert min(slip) < 0 < max(slip)
 
 

@@ -29,8 +29,8 @@ from workflows.pictures.history_picture import draw_history, most, panels_of
 from workflows.pictures.loops import Panel, _draw, draw_loops, driving, from_rest, largest, sliding
 from workflows.pictures.render import View, grid_of
 from workflows.pictures.sheet import Sheet
-from workflows.writers.by_time import by_time
-from workflows.writers.tables import write_tables
+from workflows.writers.steps_table import StepsTable
+from workflows.writers.writer import Job
 
 Ints = NDArray[np.int64]
 SHAPES = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]
@@ -458,7 +458,9 @@ def test_a_history_of_a_few_steps_has_no_picture_over_time(tmp_path: Path) -> No
     scene = stickslip.read(
         "block", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "steps.end=1.5", "steps.count=3"]
     )
-    for index, step in enumerate(stickslip.steps(scene), start=1):
-        write_tables(tmp_path, [by_time(index, scene, step)])
+    simulation = stickslip.prepare(scene)
+    table = StepsTable(Job(folder=tmp_path, scene=scene, mesh=simulation.data, comm=simulation.mesh.comm))
+    for index, step in enumerate(simulation.steps(), start=1):
+        table.step(index, step)
         drawn = [path.name for path in draw_course(tmp_path, scene)]
         assert drawn == ([] if index < 3 else ["history.png", "force_displacement.png"])

@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from geometry.errors import MachineError
-from shared.synthetic import mesh_of, padded, result_of
+from shared.synthetic import job_of, mesh_of, padded, result_of
 from workflows.writers.hdf5 import checksum
 from workflows.writers.steps import read_step, write_step
 from workflows.writers.xdmf import FieldFiles
@@ -101,7 +101,7 @@ def test_a_missing_step_and_a_foreign_file_are_refused(tmp_path: Path) -> None:
         file["x"] = 1.0
     with pytest.raises(MachineError, match="not a file of stickslip"):
         read_step(foreign)
-    FieldFiles(tmp_path, mesh_of("triangle")).write([])
+    FieldFiles(job_of(tmp_path, mesh_of("triangle"))).write_index([])
     with pytest.raises(MachineError, match=r"fields\.h5: not a step"):
         read_step(tmp_path / "fields.h5")
 

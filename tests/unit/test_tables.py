@@ -12,8 +12,18 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from geometry.errors import MachineError
-from shared.synthetic import mesh_of, result_of
-from workflows.writers.tables import tables_of, write_again, write_tables
+from shared.synthetic import job_of, mesh_of, result_of
+from solvers.results.step_result import MeshData
+from workflows.writers.contact_tables import ContactTables
+from workflows.writers.history_table import HistoryTable
+from workflows.writers.probe_table import ProbeTable
+from workflows.writers.writer import Ended, Writer
+
+NAMES = ("contact_base.csv", "probes.csv", "history.csv")
+
+
+def writers_of(folder: Path, mesh: MeshData) -> list[Writer]:
+    return [kind(job_of(folder, mesh)) for kind in (ContactTables, ProbeTable, HistoryTable)]
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -25,8 +35,9 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 def test_tables_read_back_to_the_same_bits(tmp_path: Path, shape: str) -> None:
     mesh = mesh_of(shape)
     results = [result_of(mesh, time, seed) for seed, time in enumerate((1 / 3, 2 / 3))]
-    for index, result in enumerate(results, start=1):
-        write_tables(tmp_path, tables_of(index, mesh, result))
+    for writer in writers_of(tmp_path, mesh):
+        for index, result in enumerate(results, start=1):
+            writer.step(index, result)
     axes, n = "xyz"[: mesh.points.shape[1]], len(mesh.surfaces["base"][0])
     table = rows_of(tmp_path / "contact_base.csv")
     assert len(table) == 2 * n
@@ -63,30 +74,46 @@ def test_tables_read_back_to_the_same_bits(tmp_path: Path, shape: str) -> None:
 def test_numbers_of_numpy_are_written_like_those_of_python(tmp_path: Path) -> None:
     mesh = mesh_of("triangle")
     counted: Any = ((np.float64(0.1), np.int64(2), np.float32(0.5), np.int64(3), 0.1, "uzawa"),)
-    write_tables(tmp_path, tables_of(1, mesh, dataclasses.replace(result_of(mesh), history=counted)))
+    HistoryTable(job_of(tmp_path, mesh)).step(1, dataclasses.replace(result_of(mesh), history=counted))
     assert (tmp_path / "history.csv").read_text().splitlines()[1] == "1,0.1,2,0.5,3,0.1,uzawa"
 
 
 def test_tables_are_written_again_from_the_steps_whatever_became_of_them(tmp_path: Path) -> None:
     mesh = mesh_of("triangle")
-    names = ("contact_base.csv", "probes.csv", "history.csv")
+    writers = writers_of(tmp_path, mesh)
     results = [result_of(mesh, time) for time in (1 / 3, 2 / 3)]
-    for index, result in enumerate(results, start=1):
-        write_tables(tmp_path, tables_of(index, mesh, result))
-    before = {name: (tmp_path / name).read_bytes() for name in names}
-    write_tables(tmp_path, tables_of(3, mesh, result_of(mesh, 1.0)))  # a step that was not kept
-    (tmp_path / names[0]).write_bytes(before[names[0]][:99])  # with a hole
-    (tmp_path / names[1]).unlink()
+    for writer in writers:
+        for index, result in enumerate(results, start=1):
+            writer.step(index, result)
+    before = {name: (tmp_path / name).read_bytes() for name in NAMES}
+    for writer in writers:
+        writer.step(3, result_of(mesh, 1.0))  # a step that was not kept
+    (tmp_path / NAMES[0]).write_bytes(before[NAMES[0]][:99])  # with a hole
+    (tmp_path / NAMES[1]).unlink()
     (tmp_path / "contact_mine.csv").write_text("a user's own")
-    (tmp_path / "steps.csv").write_text("of nothing")
-    tables = (tables_of(index, mesh, result) for index, result in enumerate(results, start=1))
-    write_again(tmp_path, tables, [*names, "steps.csv"])
-    assert {name: (tmp_path / name).read_bytes() for name in names} == before
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*names, "contact_mine.csv"])
+    for writer in writers_of(tmp_path, mesh):
+        writer.resume(results)
+        writer.finish(Ended(status="converged", steps=results))
+    assert {name: (tmp_path / name).read_bytes() for name in NAMES} == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([*NAMES, "contact_mine.csv"])
+    for writer in writers_of(tmp_path, mesh):
+        writer.resume([])  # no step was kept
+    assert [path.name for path in tmp_path.iterdir()] == ["contact_mine.csv"]
+
+
+def test_the_iterations_of_a_step_that_failed_are_told_until_it_is_tried_again(tmp_path: Path) -> None:
+    mesh = mesh_of("triangle")
+    result, table = result_of(mesh), HistoryTable(job_of(tmp_path, mesh))
+    table.step(1, result)
+    before = (tmp_path / "history.csv").read_bytes()
+    table.failed(2, [(0.7, 1, 0.5, 4, 0.1, "uzawa")])
+    assert rows_of(tmp_path / "history.csv")[-1]["step"] == "2"
+    HistoryTable(job_of(tmp_path, mesh)).resume([result])
+    assert (tmp_path / "history.csv").read_bytes() == before
 
 
 def test_a_table_that_cannot_grow_is_said(tmp_path: Path) -> None:
     mesh = mesh_of("triangle")
     (tmp_path / "contact_base.csv").mkdir()
     with pytest.raises(MachineError, match=r"contact_base\.csv: cannot be written: Is a directory"):
-        write_tables(tmp_path, tables_of(1, mesh, result_of(mesh)))
+        ContactTables(job_of(tmp_path, mesh)).step(1, result_of(mesh))

@@ -22,11 +22,11 @@ from geometry.user_files.parts import find_parts
 from shared.drawn import FACES, GEO, PY, draw, scene_data
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import make_plan
+from workflows.run.result import scene_hash
 from workflows.run.resume import BEGUN
 from workflows.run.run import run
 from workflows.run.watch import Watch
 from workflows.scene_file.read import from_dict, read, to_dict
-from workflows.writers.result import scene_hash
 
 
 def meshed(scene: Scene) -> Mesh:

@@ -28,10 +28,10 @@ from solvers.scene.scene import Scene
 from solvers.simulation.checkpoint import Checkpoints
 from solvers.simulation.simulation import Simulation
 from workflows.run import run as running
-from workflows.run.run_log import LOGGERS
-from workflows.run.watch import Watch
+from workflows.run.learnt import LearntFiles
+from workflows.run.watch import LOGGERS, Watch
 from workflows.scene_file.read import read
-from workflows.writers.learnt import LearntFiles
+from workflows.writers.tables import TableWriter
 from workflows.writers.xdmf import FieldFiles
 
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -45,10 +45,10 @@ PHASES: Mapping[str, tuple[Any, str]] = {  # phases of output, by the functions 
     "observe": (Observer, "__call__"),
     "checkpoint": (Checkpoints, "take"),
     "learnt": (LearntFiles, "write"),
-    "tables": (running, "write_tables"),
+    "tables": (TableWriter, "step"),
     "step files": (running, "write_step"),
-    "XDMF": (FieldFiles, "add"),
-    "audit": (running, "audited"),
+    "XDMF": (FieldFiles, "step"),
+    "audit": (running, "audit_steps"),
     "result.json": (running, "write_result"),
 }
 BLOCK = 100  # steps whose seconds are shown together

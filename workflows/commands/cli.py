@@ -37,8 +37,8 @@ def run_command(
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="one line an iteration")] = False,
 ) -> None:
     """Solve a scene and write its results."""
-    from workflows.commands.terminal import Reporter
     from workflows.run.run import run
+    from workflows.run.terminal import Reporter
     from workflows.scene_file.read import find, named, read
 
     loaded = read(scene, override or ())
@@ -72,7 +72,7 @@ def plan_command(
 ) -> None:
     """Say which effects a scene switches on, and why, without solving."""
     from solvers.simulation.plan import make_plan, warnings
-    from workflows.commands.terminal import print_plan
+    from workflows.run.terminal import print_plan
     from workflows.scene_file.read import named, read
 
     loaded = read(scene, override or ())

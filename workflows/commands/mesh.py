@@ -17,9 +17,9 @@ from geometry.user_files.outline import Facets
 from geometry.user_files.user_file import UserFile
 from geometry.user_files.window import open_window
 from solvers.scene.scene import Scene
-from workflows.commands.terminal import console, print_mesh, print_table
 from workflows.run.collective import raise_together
 from workflows.run.mesh_report import look
+from workflows.run.terminal import console, print_mesh, print_table
 
 
 def report(scene: Scene, target: Path | None) -> None:

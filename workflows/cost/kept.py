@@ -9,9 +9,9 @@ from geometry.errors import FolderError
 from solvers.scene.scene import Scene
 from workflows.cost.run_record import Run, load, store
 from workflows.run.folder import ResultsFolder
+from workflows.run.result import write_json
 from workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
 from workflows.writers.aside import make_folder
-from workflows.writers.result import write_json
 
 SCENE, RUNS = "scene.json", "runs"
 

@@ -9,10 +9,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from workflows.commands.terminal import console, print_table
 from workflows.cost.run_record import Run
 from workflows.cost.sentence import percent, seconds
 from workflows.cost.study import Study
+from workflows.run.terminal import console, print_table
 
 
 class Teller:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from solvers.results.step_result import MeshData, StepResult
@@ -15,35 +12,7 @@ from workflows.pictures.contact_maps import draw_surface
 from workflows.pictures.history_picture import draw_history
 from workflows.pictures.loops import draw_loops
 from workflows.writers.aside import make_folder
-from workflows.writers.by_time import read_by_time
-
-log = logging.getLogger(__name__)
-
-
-def draw_wanted(folder: Path, scene: Scene, mesh: MeshData, steps: Sequence[StepResult]) -> None:
-    """Draw; a machine that cannot is told so, its results stand. Rank 0 only.
-
-    Args:
-        steps: all of them, the last one with its fields.
-
-    Raises:
-        MachineError: the disk is full, or a file of the results cannot be read.
-    """
-    wanted = scene.output
-    try:
-        if wanted.pictures:
-            from workflows.pictures.draw import draw, draw_course
-
-            draw(folder, mesh, steps[-1], scene.title)
-            draw_course(folder, scene)
-        if wanted.animation == "gif":
-            from workflows.pictures.animation import animate
-
-            animate(folder, scene, mesh, len(steps))
-    except (ImportError, RuntimeError) as error:
-        log.warning("no pictures: %s", error)
-        print(f"stickslip: no pictures could be drawn: {error}", file=sys.stderr)
-
+from workflows.writers.steps_table import read_steps_table
 
 HISTORY = 3  # steps that are worth a picture over time
 
@@ -73,7 +42,7 @@ def draw_course(folder: Path, scene: Scene) -> list[Path]:
     Raises:
         MachineError: the disk is full, or steps.csv cannot be read.
     """
-    columns, title = read_by_time(folder), " ".join(scene.title.split())
+    columns, title = read_steps_table(folder), " ".join(scene.title.split())
     if len(columns["time"]) < HISTORY:
         return []
     loops = draw_loops(folder, scene, columns, title)

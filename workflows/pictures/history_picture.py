@@ -17,7 +17,7 @@ from solvers.scene.scene import Scene
 from solvers.scene.timeline import Place
 from workflows.pictures.loops import FEW, Columns, from_rest, per_metre
 from workflows.pictures.sheet import CURVES, INK, PALE, STATUS_COLOURS, STATUS_WORDS, Sheet, frame
-from workflows.writers.by_time import DRIVEN, column
+from workflows.writers.steps_table import DRIVEN, column
 
 MOST = 6  # curves of a panel
 WIDE, HIGH, LEFT, GAP, BESIDE = 5.2, 1.4, 0.85, 0.22, 2.0  # of a panel and its legend [inch]
@@ -36,7 +36,7 @@ def draw_history(folder: Path, scene: Scene, columns: Columns, title: str) -> Pa
     """Draw it.
 
     Args:
-        columns: see `read_by_time`.
+        columns: see `read_steps_table`.
 
     Raises:
         MachineError: the disk is full.

@@ -14,7 +14,9 @@ from geometry.keys import Choice, Key, Noun
 from geometry.user_files.user_file import Box, UserFile
 from solvers.effects import EFFECTS
 from solvers.scene.scene import Scene
+from solvers.scene.settings import Output
 from workflows.scene_file.read import kinds_of_keys
+from workflows.writers.writer import added_keys
 
 FILE = Path(__file__).parents[1] / "SCENE.md"
 HEAD = """# Scene file, version 1
@@ -69,8 +71,12 @@ def _top_level(hints: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
 def _rows(noun: Any) -> Iterator[tuple[str, ...]]:
     assert is_dataclass(noun)
     hints = get_type_hints(noun, include_extras=True)
+    added = added_keys() if noun is Output else {}
     for f in fields(noun):
-        yield _row(f, hints[f.name])
+        if not (noun is Output and f.name == "writers"):  # where a scene in Python has the keys that writers add
+            yield _row(f, hints[f.name])
+    for keys in dict.fromkeys(added.values()):
+        yield from _rows(keys)
 
 
 def _row(f: Field[Any], hint: Any) -> tuple[str, ...]:

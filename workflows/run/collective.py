@@ -42,9 +42,9 @@ def _raise(failure: StickslipError | None, mistake: BaseException | None) -> Non
         raise failure
 
 
-def told_by_rank_0(comm: Any, act: Callable[[], T]) -> T:
+def from_rank_0(comm: Any, act: Callable[[], T]) -> T:
     """What `act` returns on rank 0, on every rank; its error, if any, is raised on every rank."""
     found: list[T] = []
     raise_together(comm, lambda: found.append(act()))
-    told: T = comm.bcast(found[0] if found else None)
-    return told
+    shared: T = comm.bcast(found[0] if found else None)
+    return shared

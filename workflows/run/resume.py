@@ -17,9 +17,9 @@ from solvers.simulation.checkpoint import Checkpoint
 from solvers.simulation.simulation import Seconds
 from workflows import VERSION
 from workflows.run.folder import ResultsFolder
+from workflows.run.learnt import is_kept
 from workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
 from workflows.writers.aside import disk_errors
-from workflows.writers.learnt import is_kept
 from workflows.writers.steps import read_checkpoint, step_files, step_name
 
 BEGUN = "begun.json"  # what a run was begun with
@@ -28,44 +28,44 @@ UNTOUCHED = "nothing is resumed, nothing was changed"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Going:
-    """What goes on from step to step besides the solver's own checkpoint; it stands in each step's file."""
+class RunCheckpoint:
+    """What a run goes on from besides the result of a step; it stands in each step's file."""
 
-    checkpoint: Checkpoint
-    seconds: Seconds  # until then
-    total: float  # [s]
-    spread: float  # see `Smallness`
+    checkpoint: Checkpoint  # of the solver
+    seconds: Seconds  # by phase, until then
+    total: float  # [s] of all processes that have worked on the run
+    spread: float  # see `DisplacementSpread`
     learnt: str  # reference to its files, see `LearntFiles`
 
 
 @dataclass(frozen=True, kw_only=True)
-class Left:
-    """Nothing, where a run begins."""
+class EarlierRun:
+    """What an earlier run has left to go on with; by default nothing: the run begins."""
 
     steps: tuple[StepResult, ...] = ()  # the last one with its fields, on rank 0; the others without
-    going: Going | None = None  # of the last one
-    before: str = ""  # reference to what was learnt at the step before
-    learnt: bool = False  # whether what was learnt at the last one is there
+    last: RunCheckpoint | None = None  # of the last step
+    learnt_before: str = ""  # reference to what was learnt at the step before the last one
+    learnt: bool = False  # whether the files of what was learnt at the last one are there
     notes: tuple[str, ...] = ()  # for the user
-    finished: dict[str, Any] | None = None  # content of result.json, if there is nothing to go on with
-    folder: Path | None = None  # where that stands
+    finished: dict[str, Any] | None = None  # content of result.json, where nothing is left to solve
+    folder: Path | None = None  # where all that stands
     mesh: str = ""  # checksum of the mesh that it was begun with
 
-    def shared(self, comm: Any) -> Left:
+    def shared(self, comm: Any) -> EarlierRun:
         """The same on every rank, told by rank 0; collective."""
         steps = comm.bcast([step.without_fields() for step in self.steps])
-        state = broadcast(comm, self.going and self.going.checkpoint.state)
-        rest: Left = comm.bcast(replace(self, steps=(), going=_without_state(self.going)))
-        going = rest.going and replace(rest.going, checkpoint=replace(rest.going.checkpoint, state=state))
-        return replace(rest, steps=self.steps if comm.rank == 0 else tuple(steps), going=going)
+        state = broadcast(comm, self.last and self.last.checkpoint.state)
+        rest: EarlierRun = comm.bcast(replace(self, steps=(), last=_without_state(self.last)))
+        last = rest.last and replace(rest.last, checkpoint=replace(rest.last.checkpoint, state=state))
+        return replace(rest, steps=self.steps if comm.rank == 0 else tuple(steps), last=last)
 
 
-def _without_state(going: Going | None) -> Going | None:
-    return going and replace(going, checkpoint=replace(going.checkpoint, state=None))
+def _without_state(last: RunCheckpoint | None) -> RunCheckpoint | None:
+    return last and replace(last, checkpoint=replace(last.checkpoint, state=None))
 
 
-def find_left(results: ResultsFolder, scene: Scene) -> Left:
-    """What there is to resume, in the folder that grew or, if the run ended early, in its place; rank 0.
+def find_earlier_run(results: ResultsFolder, scene: Scene) -> EarlierRun:
+    """What there is to resume, in the working folder or, if the run ended early, in the target; rank 0.
 
     The folder is locked. A damaged last step is left out, with a note: it is solved again. One that cannot be read may
     be sound: it is not touched.
@@ -78,7 +78,7 @@ def find_left(results: ResultsFolder, scene: Scene) -> Left:
     """
     folder = next((f for f in (results.work, results.target) if (f / BEGUN).is_file()), None)
     if folder is None:
-        return Left(notes=(f"nothing to resume in {results.target}: begins at the start",))
+        return EarlierRun(notes=(f"nothing to resume in {results.target}: begins at the start",))
     results.lock(folder)
     begun = _json(folder / BEGUN)
     if not isinstance(begun.get("scene"), dict) or not isinstance(begun.get("mesh"), str):
@@ -86,14 +86,14 @@ def find_left(results: ResultsFolder, scene: Scene) -> Left:
     refuse_changes(begun["scene"], identity(scene, DECIDES_NOTHING), results.target)
     ended = _json(folder / "result.json") if folder == results.target else {}
     if ended.get("status") == "converged":
-        return Left(finished=ended, notes=(f"{results.target}: the run is finished; nothing was changed",))
+        return EarlierRun(finished=ended, notes=(f"{results.target}: the run is finished; nothing was changed",))
     _refuse_versions(begun, results.target)
     return replace(_read(folder, scene.requested_times()), folder=folder, mesh=begun["mesh"])
 
 
-def _read(folder: Path, times: Sequence[float]) -> Left:
+def _read(folder: Path, times: Sequence[float]) -> EarlierRun:
     steps: list[StepResult] = []
-    references, going, notes = [""], None, []
+    references, last, notes = [""], None, []
     count = max(step_files(folder), default=0)
     for index in range(1, count + 1):
         try:
@@ -109,34 +109,34 @@ def _read(folder: Path, times: Sequence[float]) -> Left:
                 break
             raise MachineError(f"{folder / step_name(index)}: is not that step: its t = {step.time:g}; {UNTOUCHED}")
         steps = [*steps[:-1], *(s.without_fields() for s in steps[-1:]), step]
-        going = reached
-        references.append(going.learnt)
+        last = reached
+        references.append(last.learnt)
     learnt = is_kept(folder, references[-1])
-    if going and not learnt and len(steps) < len(times):
+    if last and not learnt and len(steps) < len(times):
         notes.append("what the method had learnt is lost: the answer is the same to the tolerance, not to the last bit")
-    before = references[-2] if going else ""
-    return Left(steps=tuple(steps), going=going, before=before, learnt=learnt, notes=tuple(notes))
+    before = references[-2] if last else ""
+    return EarlierRun(steps=tuple(steps), last=last, learnt_before=before, learnt=learnt, notes=tuple(notes))
 
 
-def _step(path: Path) -> tuple[StepResult, Going]:
+def _step(path: Path) -> tuple[StepResult, RunCheckpoint]:
     """
     Raises:
         MachineError: missing, damaged, or of another version.
     """
     step, plain = read_checkpoint(path)
     try:
-        return step, deserialise(Going, plain, lambda whole: whole)
+        return step, deserialise(RunCheckpoint, plain, lambda whole: whole)
     except (KeyError, TypeError) as error:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error
 
 
-def cut_back(work: Path, left: Left) -> None:
-    """Take away what is written beyond the last good step.
+def remove_surplus(work: Path, count: int) -> None:
+    """Remove the files of steps beyond the first `count`, and those that a crash has left half written.
 
     Raises:
         MachineError: no permission.
     """
-    beyond = [path for index, path in step_files(work).items() if index > len(left.steps)]
+    beyond = [path for index, path in step_files(work).items() if index > count]
     with disk_errors(work):
         for path in [*beyond, *work.glob("**/.*.part")]:
             path.unlink()

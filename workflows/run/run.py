@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import logging
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,167 +19,146 @@ from solvers.scene.scene import Scene
 from solvers.simulation.checkpoint import Checkpoints
 from solvers.simulation.simulation import Simulation, prepare
 from solvers.stepping.history import HistoryRow
+from solvers.stepping.state import State
 from solvers.stepping.stepper import NoEquilibriumError, StepError
-from workflows.pictures.draw import draw_wanted
-from workflows.run.audited import audited
+from workflows.run.audit import audit_steps
 from workflows.run.collective import raise_together
-from workflows.run.doubts import Smallness, coarse_steps
+from workflows.run.doubts import DisplacementSpread, coarse_steps
 from workflows.run.folder import MARK, ResultsFolder
 from workflows.run.interrupt import Interrupt
+from workflows.run.learnt import LearntFiles
 from workflows.run.mesh_report import report_mesh
-from workflows.run.resume import BEGUN, VERSIONS, Going, Left, cut_back, find_left
-from workflows.run.run_log import RunLog
-from workflows.run.watch import Watch, tell
+from workflows.run.outputs import AFTER, BEFORE, Outputs
+from workflows.run.result import Outcome, summary, write_json, write_result
+from workflows.run.resume import BEGUN, VERSIONS, EarlierRun, RunCheckpoint, find_earlier_run, remove_surplus
+from workflows.run.watch import RunLog, Watch, tell
 from workflows.scene_file.identity import DECIDES_NOTHING, identity
-from workflows.writers.by_time import by_time
-from workflows.writers.learnt import LearntFiles
-from workflows.writers.result import Outcome, summary, write_json, write_result
+from workflows.writers.mesh_file import mesh_checksum
 from workflows.writers.steps import write_step
-from workflows.writers.tables import (
-    OTHERS,
-    Table,
-    bring_to_disk,
-    contact_table,
-    history_of,
-    tables_of,
-    write_again,
-    write_tables,
-)
-from workflows.writers.xdmf import FieldFiles
+from workflows.writers.writer import Ended, Job, wanted
 
 log = logging.getLogger(__name__)
 
 
-@dataclass
 class Run:
-    """The state of a run between its phases."""
+    """A scene on its way from step to step, from the first one or from where an earlier run was stopped."""
 
-    simulation: Simulation
-    folder: Path
-    began: float
-    interrupt: Interrupt
-    left: Left = Left()  # by the run that this one resumes
-    steps: list[StepResult] = field(init=False)  # the last one with its fields, the others without
-    fields: FieldFiles = field(init=False)
-    learnt: LearntFiles = field(init=False)
-    smallness: Smallness = field(init=False)
+    def __init__(
+        self, simulation: Simulation, outputs: Outputs, folder: Path, earlier: EarlierRun, interrupt: Interrupt
+    ) -> None:
+        """Collective.
 
-    def __post_init__(self) -> None:
-        """Collective."""
-        going, self.steps = self.left.going, list(self.left.steps)
-        self._checkpoints = Checkpoints(self.simulation.stepper)
-        self._state, self._total = None, 0.0
-        self.fields = FieldFiles(self.folder, self.simulation.data, self.simulation.scene.output.every)
-        self.fields.know([step.time for step in self.steps])
-        last = going.learnt if going else ""
-        self.learnt = LearntFiles(self.folder, self.simulation.mesh.comm, self.left.before, last)
-        if self.rank == 0:
-            self.smallness = Smallness(self.simulation.data)
-        if going:
-            self._state, usable = self._checkpoints.put_back(going.checkpoint, self.learnt.read())
-            if self.left.learnt and not usable:
+        Args:
+            folder: where the run works.
+        """
+        self._simulation, self._outputs, self._folder, self._interrupt = simulation, outputs, folder, interrupt
+        self._checkpoints = Checkpoints(simulation.stepper)
+        self._learnt = LearntFiles(
+            folder, simulation.mesh.comm, earlier.learnt_before, earlier.last.learnt if earlier.last else ""
+        )
+        self._state: State | None = None  # that the last step has left
+        self._total = 0.0  # [s] of the processes before this one
+        self.steps = list(earlier.steps)  # the last one with its fields on rank 0, the others without
+        spread = 0.0
+        if earlier.last:
+            self._state, usable = self._checkpoints.put_back(earlier.last.checkpoint, self._learnt.read())
+            if earlier.learnt and not usable:
                 log.info("other ranks than before: what the method had learnt is left out")
-            self.simulation.seconds.add(going.seconds)
-            self._total = going.total
-            if self.rank == 0:
-                self.smallness.spread = going.spread
+            simulation.seconds.add(earlier.last.seconds)
+            self._total, spread = earlier.last.total, earlier.last.spread
+        if simulation.mesh.comm.rank == 0:  # where the mesh and the displacements are
+            self._spread = DisplacementSpread(simulation.data, spread)
 
-    @property
-    def rank(self) -> int:
-        return int(self.simulation.mesh.comm.rank)
+    def march(self, watch: Watch, began: float) -> tuple[str, str]:
+        """Solve and write step by step: status, and what to tell the user.
 
-    def march(self, watch: Watch) -> tuple[str, str]:
-        """Solve and write step by step: status and what to tell the user."""
-        comm = self.simulation.mesh.comm
+        Args:
+            began: when this process began to work on the run.
+        """
+        comm, seconds = self._simulation.mesh.comm, self._simulation.seconds
 
         def on_iteration(row: HistoryRow) -> None:
-            self.on_rank_0(lambda: watch.on_iteration(row))
-            self.interrupt.check(comm)
+            self._on_rank_0(lambda: watch.on_iteration(row))
+            self._interrupt.check(comm)
 
         try:
-            marching = self.simulation.steps(on_iteration, len(self.steps), self._state)
+            marching = self._simulation.steps(on_iteration, len(self.steps), self._state)
             for index, step in enumerate(marching, start=len(self.steps) + 1):
-                began = clock.perf_counter()
-                self._write(index, step)
+                solved = clock.perf_counter()
+                self._write(index, step, began)
                 self.steps = [*self.steps[:-1], *(s.without_fields() for s in self.steps[-1:]), step]
-                self._show(index, step, watch)
-                self.simulation.seconds.output += clock.perf_counter() - began
+                self._outputs.step(index, step, AFTER)
+                self._on_rank_0(partial(watch.on_step, step))
+                seconds.output += clock.perf_counter() - solved
         except StepError as error:
             log.error("%s", error)
             written = len(error.reached.history) if error.reached else 0  # with the last good substep
-            rows = [row.as_tuple() for row in error.history[written:]]
-            failed = history_of(len(self.steps) + (not written), rows)
-            self.on_rank_0(lambda: write_tables(self.folder, [failed]))
+            attempts = [row.as_tuple() for row in error.history[written:]]
+            self._outputs.failed(len(self.steps) + (not written), attempts)
             return "no_equilibrium" if isinstance(error, NoEquilibriumError) else "not_converged", str(error)
         except KeyboardInterrupt:
-            count, by = len(self.simulation.scene.requested_times()), self.interrupt.by or "the user"
+            count, by = len(self._simulation.scene.requested_times()), self._interrupt.by or "the user"
             return "interrupted", f"stopped by {by} after {len(self.steps)} of {count} steps"
         return "converged", ""
 
-    def _write(self, index: int, step: StepResult) -> None:
-        """Tables and step file: when this returns, the step is safe; all ranks fail or none."""
-        accepted = self.simulation.stepper.reported
+    def _write(self, index: int, step: StepResult, began: float) -> None:
+        """Write rows and the step's file: when this returns, the step is safe; all ranks fail or none."""
+        accepted = self._simulation.stepper.reported
         assert accepted is not None
         checkpoint = self._checkpoints.take(accepted)
-        learnt = self.learnt.write(index, self._checkpoints.learnt())
+        learnt = self._learnt.write(index, self._checkpoints.learnt())
+        self._outputs.step(index, step, BEFORE)
 
         def write() -> None:
-            self.smallness.see(step)
-            write_tables(self.folder, _tables(self.simulation, index, step))
-            going = Going(
+            self._spread.see(step)
+            last = RunCheckpoint(
                 checkpoint=checkpoint,
-                seconds=self.simulation.seconds,
-                total=self._seconds(),
-                spread=self.smallness.spread,
+                seconds=self._simulation.seconds,
+                total=self._seconds(began),
+                spread=self._spread.largest,
                 learnt=learnt,
             )
-            write_step(self.folder, index, step, serialise(going))
-            self.learnt.forget()
+            write_step(self._folder, index, step, serialise(last))
+            self._learnt.forget()
 
-        self.on_rank_0(write)
+        self._on_rank_0(write)
 
-    def _seconds(self) -> float:
-        """Of all processes that worked on this run."""
-        return self._total + clock.perf_counter() - self.began
+    def finish(self, status: str, began: float) -> dict[str, Any]:
+        """Audit, write result.json and finish the outputs: the content of result.json.
 
-    def _show(self, index: int, step: StepResult, watch: Watch) -> None:
-        def show() -> None:
-            self.fields.add(index, step.time)
-            watch.on_step(step)
-
-        self.on_rank_0(show)
-
-    def finish(self, status: str) -> dict[str, Any]:
-        """Audit, result.json, pictures; one that was told to stop has time for neither audit nor pictures."""
-        seconds, scene, began = self.simulation.seconds, self.simulation.scene, clock.perf_counter()
-        stopped = status == "interrupted"
-        audits = [] if stopped else audited(self.simulation, self.folder, self.steps)
+        A run that was told to stop has no time for an audit. result.json is written before the outputs that can fail.
+        """
+        simulation, finishing = self._simulation, clock.perf_counter()
+        ended = Ended(status=status, steps=self.steps)
+        audits = [] if ended.in_haste else audit_steps(simulation, self._folder, self.steps)
         reference: LinearReference | None = None
 
         def content() -> dict[str, Any]:
-            return summary(self.simulation, status, self.steps, audits, self._seconds(), reference)
+            return summary(simulation, status, self.steps, audits, self._seconds(began), reference)
 
-        self.on_rank_0(lambda: bring_to_disk(self.folder, _table_names(scene)))
-        self.on_rank_0(lambda: write_result(self.folder, content()))  # before the pictures: they can fail
-        self.on_rank_0(self.fields.finish)
-        if self.steps and not stopped:
-            self.on_rank_0(lambda: draw_wanted(self.folder, scene, self.simulation.data, self.steps))
-        seconds.output += clock.perf_counter() - began
-        if scene.output.linear_reference and not stopped:
-            reference = linear_reference(self.simulation.system)
+        self._outputs.finish(ended, BEFORE)
+        self._on_rank_0(lambda: write_result(self._folder, content()))
+        self._outputs.finish(ended, AFTER)
+        simulation.seconds.output += clock.perf_counter() - finishing
+        if simulation.scene.output.linear_reference and not ended.in_haste:
+            reference = linear_reference(simulation.system)
         final = content()
-        self.on_rank_0(lambda: write_result(self.folder, final))
+        self._on_rank_0(lambda: write_result(self._folder, final))
         if status == "converged":
-            self.on_rank_0(self.learnt.remove)
+            self._on_rank_0(self._learnt.remove)
         return final
 
     def warnings(self) -> tuple[str, ...]:
         """What the answer gives reason to doubt; rank 0 only."""
-        return self.smallness.warnings() + coarse_steps(self.steps, self.simulation.system.contacts)
+        return self._spread.warnings() + coarse_steps(self.steps, self._simulation.system.contacts)
 
-    def on_rank_0(self, act: Callable[[], object]) -> None:
+    def _seconds(self, began: float) -> float:
+        """Of all processes that have worked on this run."""
+        return self._total + clock.perf_counter() - began
+
+    def _on_rank_0(self, act: Callable[[], object]) -> None:
         """Act on rank 0; if that fails, every rank raises the same error."""
-        raise_together(self.simulation.mesh.comm, act)
+        raise_together(self._simulation.mesh.comm, act)
 
 
 def run(
@@ -199,53 +179,56 @@ def run(
     from mpi4py import MPI
 
     comm, began, watch = MPI.COMM_WORLD, clock.perf_counter(), watch or Watch()
-    place, left = Path(folder), Left()
-    results: list[ResultsFolder] = []
+    wanted(scene)  # refuses keys that no writer has
+    place, earlier = Path(folder), EarlierRun()
+    results: list[ResultsFolder] = []  # on rank 0
     raise_together(comm, lambda: results.append(ResultsFolder(place)))
 
     def look() -> None:
-        nonlocal left
+        nonlocal earlier
         if resume:
-            left = find_left(results[0], scene)
+            earlier = find_earlier_run(results[0], scene)
         else:
             results[0].refuse_to_lose()
 
     try:
         raise_together(comm, look)
-        left = left.shared(comm)
-        if left.finished is not None:
-            return Outcome("converged", left.notes[0], place), left.finished
-        return _solve(scene, place, results, left, watch, began)
+        earlier = earlier.shared(comm)
+        if earlier.finished is not None:
+            return Outcome("converged", earlier.notes[0], place), earlier.finished
+        return _solve(scene, place, results, earlier, watch, began)
     finally:
         for held in results:
             held.release()
 
 
 def _solve(
-    scene: Scene, place: Path, results: list[ResultsFolder], left: Left, watch: Watch, began: float
+    scene: Scene, place: Path, results: list[ResultsFolder], earlier: EarlierRun, watch: Watch, began: float
 ) -> tuple[Outcome, dict[str, Any]]:
     """Prepare, march, finish; `results` on rank 0 only."""
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
     with Interrupt() as interrupt:
-        simulation = prepare(scene, comm, left.going.checkpoint.reached if left.going else None)
+        simulation = prepare(scene, comm, earlier.last.checkpoint.reached if earlier.last else None)
         interrupt.check(comm)
         system = simulation.system
         report = report_mesh(scene, simulation.mesh, system.nodes.total, system.contacts)
-        raise_together(comm, lambda: _open(results[0], simulation, left))
+        raise_together(comm, lambda: _open(results[0], simulation, earlier))
         work = place.with_name(f".{place.name}.running")
+        outputs = Outputs(Job(folder=work, scene=scene, mesh=simulation.data, comm=comm))
+        outputs.begin() if earlier.folder is None else outputs.resume(earlier.steps)
         with ExitStack() as stack:
             raise_together(comm, lambda: stack.enter_context(RunLog(work / MARK)))
             notes = results[0].notes if results else ()
-            raise_together(comm, lambda: tell(simulation, report, replace(left, notes=notes + left.notes), watch))
-            working = Run(simulation, work, began, interrupt, left)
+            raise_together(comm, lambda: tell(simulation, report, replace(earlier, notes=notes + earlier.notes), watch))
+            working = Run(simulation, outputs, work, earlier, interrupt)
             try:
-                status, sentence = working.march(watch)
+                status, sentence = working.march(watch, began)
                 doubts = working.warnings() if comm.rank == 0 else ()
                 for warning in doubts:
                     log.warning("%s", warning)
-                content = working.finish(status)
+                content = working.finish(status, began)
             except MachineError as error:
                 kept = f"; {len(working.steps)} steps are kept, go on with --resume" if working.steps else ""
                 raise MachineError(f"{error}{kept}") from None
@@ -253,29 +236,17 @@ def _solve(
     return Outcome(status, sentence, place, doubts), content
 
 
-def _open(results: ResultsFolder, simulation: Simulation, left: Left) -> None:
+def _open(results: ResultsFolder, simulation: Simulation, earlier: EarlierRun) -> None:
     """The working folder: a new one that says what scene it is for, or the one to go on in."""
-    mesh = FieldFiles(results.work, simulation.data).checksum
-    if left.folder is None:
+    mesh = mesh_checksum(simulation.data)
+    if earlier.folder is None:
         folder = results.start()
         begun = {"scene": identity(simulation.scene, DECIDES_NOTHING), "mesh": mesh}
         write_json(folder / BEGUN, begun | VERSIONS)
-    elif left.mesh != mesh:
+    elif earlier.mesh != mesh:
         raise MachineError(
             f"{results.target}: gmsh meshes this scene differently now; leave out --resume, and choose another folder"
         )
     else:
-        folder = results.take_up(left.folder)
-        cut_back(folder, left)
-        steps = (_tables(simulation, index, step) for index, step in enumerate(left.steps, start=1))
-        write_again(folder, steps, _table_names(simulation.scene))
-
-
-def _tables(simulation: Simulation, index: int, step: StepResult) -> Iterator[Table]:
-    """What a step adds to the tables."""
-    yield from tables_of(index, simulation.data, step)
-    yield by_time(index, simulation.scene, step)
-
-
-def _table_names(scene: Scene) -> list[str]:
-    return [*map(contact_table, scene.contacts), *OTHERS]
+        folder = results.take_up(earlier.folder)
+        remove_surplus(folder, len(earlier.steps))

@@ -1,10 +1,12 @@
-"""What a run tells while it works, to its log and to whoever watches."""
+"""What a run tells while it works: to run.log, and to whoever watches."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 from solvers.results.step_result import StepResult
 from solvers.simulation.plan import warnings
@@ -12,24 +14,25 @@ from solvers.simulation.simulation import Simulation
 from solvers.stepping.history import HistoryRow
 from workflows.run.folder import at_work
 from workflows.run.mesh_report import MeshReport
-from workflows.run.resume import Left
+from workflows.run.resume import EarlierRun
 
+LOGGERS = ("geometry", "solvers", "workflows")
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Watch:
-    """What a run tells while it works; rank 0 only."""
+    """Callbacks of whoever watches; rank 0 only."""
 
     on_mesh: Callable[[MeshReport], None] = lambda report: None
     on_prepared: Callable[[Simulation], None] = lambda simulation: None
     on_iteration: Callable[[HistoryRow], None] = lambda row: None
     on_step: Callable[[StepResult], None] = lambda step: None
-    on_resume: Callable[[int, float], None] = lambda done, time: None  # after so many steps
+    on_resume: Callable[[int, float], None] = lambda done, time: None  # number of steps that are there, and their end
     on_note: Callable[[str], None] = lambda line: None
 
 
-def tell(simulation: Simulation, report: MeshReport, left: Left, watch: Watch) -> None:
+def tell(simulation: Simulation, report: MeshReport, earlier: EarlierRun, watch: Watch) -> None:
     """What there is to say before the first step; rank 0 only."""
     log.info("%s", at_work())
     for warning in warnings(simulation.scene):
@@ -40,10 +43,40 @@ def tell(simulation: Simulation, report: MeshReport, left: Left, watch: Watch) -
         log.warning("%s", line)
     watch.on_mesh(report)
     watch.on_prepared(simulation)
-    for line in left.notes:
+    for line in earlier.notes:
         log.warning("%s", line)
         watch.on_note(line)
-    if left.folder is not None:
-        time = left.steps[-1].time if left.steps else 0.0
-        log.info("resumed after step %d, t = %g", len(left.steps), time)
-        watch.on_resume(len(left.steps), time)
+    if earlier.folder is not None:
+        time = earlier.steps[-1].time if earlier.steps else 0.0
+        log.info("resumed after step %d, t = %g", len(earlier.steps), time)
+        watch.on_resume(len(earlier.steps), time)
+
+
+class RunLog(logging.FileHandler):
+    """Context in which the lines of the program's own loggers go to a file; a resumed run goes on in the same file.
+
+    Nothing is said here of a full disk: the step that cannot be written says it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, encoding="utf-8")
+        self._former: dict[str, int] = {}  # levels of the loggers
+        self.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
+
+    def __enter__(self) -> RunLog:
+        for name in LOGGERS:
+            logger = logging.getLogger(name)
+            self._former[name] = logger.level
+            logger.addHandler(self)
+            logger.setLevel(logging.INFO)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for name in LOGGERS:
+            logging.getLogger(name).removeHandler(self)
+            logging.getLogger(name).setLevel(self._former[name])
+        with suppress(OSError):
+            self.close()
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Say nothing."""

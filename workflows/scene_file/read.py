@@ -7,7 +7,7 @@ import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
@@ -23,6 +23,8 @@ from geometry.user_files.user_file import WITH_PARAMETERS, UserFile
 from solvers.effects import EFFECTS
 from solvers.methods import Solver
 from solvers.scene.scene import Scene
+from solvers.scene.settings import Output
+from workflows.writers.writer import added_keys
 
 READY = Path(__file__).parents[1] / "scenes"
 EXPECTED = {  # pydantic speaks of JSON; a user wrote TOML
@@ -138,7 +140,9 @@ def from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Scene:
     kinds = kinds_of_keys()
     if "geometry" in core:
         kinds["geometry"], core["geometry"] = _geometry(core["geometry"], folder or Path())
-    values = {"sections": {}} | {key: _parse(kinds[key], value, (key,)) for key, value in core.items()}
+    values: dict[str, Any] = {"sections": {}}
+    for key, value in core.items():
+        values[key] = _output(value) if key == "output" else _parse(kinds[key], value, (key,))
     values["sections"] = {key: _parse(sections[key], data[key], (key,)) for key in data if key in sections}
     missing = [key for key in ("model", "geometry", "bodies") if key not in values]
     if missing:
@@ -166,6 +170,23 @@ def _geometry(table: Any, folder: Path) -> tuple[Any, Any]:
     return UserFile, {**table, "file": str(path.absolute()) if isinstance(table["file"], str) else table["file"]}
 
 
+def _output(table: Any) -> Output:
+    """The table [output]: its own keys, and those that writers add; a key at its default counts as left out."""
+    added, own = added_keys(), {f.name for f in fields(Output)} - {"writers"}
+    if not isinstance(table, Mapping):
+        table = _parse(dict[str, Any], table, ("output",))  # says that a table is expected
+    for key in table:
+        if key not in own and key not in added:
+            raise SceneError(f"output.{key}: unknown key; {nearest(key, own | set(added))}")
+    found: dict[str, Any] = {}
+    for kind in dict.fromkeys(added.values()):
+        said = [f.name for f in fields(kind) if f.name in table]
+        keys, default = _parse(kind, {key: table[key] for key in said}, ("output",)), kind()
+        found |= {key: getattr(keys, key) for key in said if getattr(keys, key) != getattr(default, key)}
+    output: Output = _parse(Output, {key: value for key, value in table.items() if key in own}, ("output",))
+    return replace(output, writers=found)
+
+
 def to_dict(scene: Scene) -> dict[str, Any]:
     """The scene as plain data, every default filled in; `from_dict` reads it back."""
     hints = kinds_of_keys() | {"geometry": type(scene.geometry)}
@@ -176,6 +197,7 @@ def to_dict(scene: Scene) -> dict[str, Any]:
         for f in fields(Scene)
         if f.name != "sections"
     }
+    plain["output"] |= plain["output"].pop("writers")
     for effect in EFFECTS:
         if effect.name in scene.sections:
             adapter = TypeAdapter(effect.table)

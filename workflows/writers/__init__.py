@@ -1,1 +1,17 @@
-"""Result files: steps (HDF5), fields (XDMF), tables (CSV), result.json."""
+"""Outputs of a run, and the formats of its files: a module here that defines a `Writer` is all it takes to add one.
+
+writer is the contract; tables and series are bases that several writers share; aside, hdf5, mesh_file, serialised,
+shapes and steps are formats, also of the run's own files; every other module is a writer.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+
+from workflows.writers.writer import Writer
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")
+
+__all__ = ["Writer"]

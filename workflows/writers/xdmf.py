@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-import numpy as np
-
-from geometry.arrays import AnyArray, Array, Ints
-from solvers.results.step_result import MeshData
+from geometry.arrays import Array, Ints
 from workflows.writers.aside import make_folder, write_aside
 from workflows.writers.hdf5 import checksum, stored_checksum, write_arrays
+from workflows.writers.mesh_file import MESH_FILE, mesh_arrays
+from workflows.writers.series import SeriesWriter
 from workflows.writers.shapes import Shape, shape_of
-from workflows.writers.steps import step_name, three
+from workflows.writers.steps import step_name
+from workflows.writers.writer import Job
 
-MESH_FILE = "fields.h5"
-GROWTH = 1.125  # the files are written again once so many times the steps are there
 HEAD = """<?xml version='1.0' encoding='utf-8'?>
 <Xdmf Version="3.0">
   <Domain>
@@ -63,85 +60,32 @@ BODY_FIELDS = (
 )
 
 
-class FieldFiles:
-    """fields.h5, fields.xdmf and contact_NAME.xdmf of one mesh: every n-th step, and in the end the last."""
+class FieldFiles(SeriesWriter):
+    """fields.h5, fields.xdmf and contact_NAME.xdmf."""
 
-    def __init__(self, folder: Path, mesh: MeshData, every: int = 1) -> None:
-        self._folder, self._mesh, self._every = folder, mesh, every
+    files = ("fields.xdmf", "contact_*.xdmf")
+
+    def __init__(self, job: Job) -> None:
+        super().__init__(job)
         self._checksum: str | None = None  # of the mesh in fields.h5, once it is known
-        self._last: tuple[int, float] | None = None
-        self._shown: list[tuple[int, float]] = []
-        self._written = 0  # so many of them stand in the files
 
-    def know(self, times: Sequence[float]) -> None:
-        """Steps that were written before, from the first on, of a run that is resumed.
-
-        The files may show fewer, or one that has been taken away: the next step writes them again.
-        """
-        for step in enumerate(times, start=1):
-            self._last = step
-            if step[0] % self._every == 0:
-                self._shown.append(step)
-
-    def add(self, index: int, time: float) -> None:
-        """A step has its file: show it, at once or with those that follow; ParaView reads meanwhile.
-
-        The files are written again once an eighth more steps are there: all of a long history together cost then no
-        more than nine times the last writing, whatever the number of steps.
-
-        Raises:
-            MachineError: the disk is full.
-        """
-        self._last = index, time
-        if index % self._every == 0:
-            self._shown.append(self._last)
-        if len(self._shown) >= max(1, GROWTH * self._written) or index == 1:
-            self._write_shown()
-
-    def finish(self) -> None:
-        """Show every step that is to be shown, and the last one.
-
-        Raises:
-            MachineError: the disk is full.
-        """
-        if self._last is not None and self._last not in self._shown[-1:]:
-            self._shown.append(self._last)
-        self._write_shown()
-
-    def _write_shown(self) -> None:
-        self.write(self._shown)
-        self._written = len(self._shown)
-
-    @property
-    def checksum(self) -> str:
-        """Of the mesh."""
-        return checksum(_arrays(self._mesh), {})
-
-    def write(self, steps: Sequence[tuple[int, float]]) -> None:
-        """Write them all.
-
-        Args:
-            steps: index and time [s] of the steps to show, all of them in their files. None: only fields.h5 is
-                written, as an XDMF series without a time is refused by its readers.
-
-        Raises:
-            MachineError: the disk is full.
-        """
-        make_folder(self._folder)
-        stored = stored_checksum(self._folder / MESH_FILE)
+    def write_index(self, steps: Sequence[tuple[int, float]]) -> None:
+        """Write them all; without a step only fields.h5: readers of XDMF refuse a series that has no time."""
+        folder, mesh = self.job.folder, self.job.mesh
+        make_folder(folder)
+        stored = stored_checksum(folder / MESH_FILE)
         if stored is None or stored != self._checksum:
-            arrays = _arrays(self._mesh)
+            arrays = mesh_arrays(mesh)
             self._checksum = checksum(arrays, {})
             if stored != self._checksum:
-                write_arrays(self._folder / MESH_FILE, arrays, {})
+                write_arrays(folder / MESH_FILE, arrays, {})
         if not steps:
             return
-        mesh = self._mesh
         body = _grid("mesh", "bodies", mesh.points, mesh.cells, mesh.shape)
-        write_aside(self._folder / "fields.xdmf", _series(body, BODY_FIELDS, steps))
+        write_aside(folder / "fields.xdmf", _series(body, BODY_FIELDS, steps))
         for name, surface in mesh.surfaces.items():
             grid = _grid(f"contacts/{name}", name, *surface)
-            write_aside(self._folder / f"contact_{name}.xdmf", _series(grid, contact_fields(name), steps))
+            write_aside(folder / f"contact_{name}.xdmf", _series(grid, contact_fields(name), steps))
 
 
 def contact_fields(name: str) -> tuple[Field, ...]:
@@ -159,17 +103,6 @@ def contact_fields(name: str) -> tuple[Field, ...]:
         field("lam", "Vector"),
         field("status", "Scalar", INT8),
     )
-
-
-def _arrays(mesh: MeshData) -> dict[str, AnyArray]:
-    """All that fields.h5 holds."""
-    found: dict[str, AnyArray] = {"mesh/body": np.asarray(mesh.body, np.int64)}
-    places = {"mesh": (mesh.points, mesh.cells, mesh.shape)}
-    places |= {f"contacts/{name}": surface for name, surface in mesh.surfaces.items()}
-    for place, (points, cells, shape) in places.items():
-        found[f"{place}/points"] = three(points)
-        found[f"{place}/cells"] = np.asarray(cells[:, shape_of(shape, cells).order], np.int64)
-    return found
 
 
 def _grid(place: str, name: str, points: Array, cells: Ints, shape: str) -> Grid:

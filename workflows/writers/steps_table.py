@@ -1,8 +1,8 @@
-"""steps.csv: one row a reported step, of what the scene prescribes then and of what comes of it."""
+"""steps.csv: one row a reported step: what the scene prescribes at that time, and the resultants, energies and cost."""
 
 from __future__ import annotations
 
-import csv
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +15,10 @@ from solvers.results.step_result import ContactState, StepResult
 from solvers.scene.quantities import CONTACT_NUMBERS, ENERGIES
 from solvers.scene.scene import Scene
 from solvers.scene.timeline import Place
-from workflows.writers.tables import Table
+from workflows.writers.tables import Table, TableWriter, read_table
 
 NAME = "steps.csv"
-DRIVEN = {  # what is prescribed of them; where an obstacle goes is told with what comes of its force
+DRIVEN = {  # what is prescribed, by table; the displacement of an obstacle is among the results: a force may drive it
     "supports": ("displacement",),
     "loads": ("pressure", "traction", "force"),
     "obstacles": ("rotation",),
@@ -28,14 +28,19 @@ DRIVEN = {  # what is prescribed of them; where an obstacle goes is told with wh
 EFFORT = ("substeps", "iterations", "volume_solves", "residual")
 
 
-def by_time(index: int, scene: Scene, step: StepResult) -> Table:
-    """What a step adds to it; what has no value then is an empty cell."""
-    row = row_of(index, scene, step)
-    return NAME, list(row), [["" if np.isnan(n) else n for n in row.values()]]
+class StepsTable(TableWriter):
+    """One row a step; what has no value then is an empty cell."""
+
+    def names(self) -> list[str]:
+        return [NAME]
+
+    def tables(self, index: int, result: StepResult) -> Iterator[Table]:
+        row = steps_row(index, self.job.scene, result)
+        yield Table(NAME, list(row), [["" if np.isnan(n) else n for n in row.values()]])
 
 
 def column(place: Place) -> str:
-    """Name of the column that tells what goes on there.
+    """Name of the column of a prescribed value.
 
     >>> column(Place("contacts", "base", "friction", "bound"))
     'contact.base.friction.bound'
@@ -43,7 +48,7 @@ def column(place: Place) -> str:
     return str(place).replace("s.", ".", 1) if place.name else str(place)
 
 
-def row_of(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
+def steps_row(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
     """By column: SI units; resultants act on the slave side; NaN: the mean slip where nothing touches."""
     found: dict[str, float] = {"step": index, "time": step.time}
     for place, amplitude in scene.drives().items():
@@ -64,19 +69,17 @@ def row_of(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
     }
 
 
-def read_by_time(folder: Path) -> dict[str, Array]:
+def read_steps_table(folder: Path) -> dict[str, Array]:
     """The columns of steps.csv, each with a value a step; an empty cell is NaN.
 
     Raises:
         MachineError: it is missing or damaged.
     """
-    path = folder / NAME
+    header, rows = read_table(folder / NAME)
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            header, *rows = csv.reader(file)
-            table = np.array([[cell or "nan" for cell in row] for row in rows], float).reshape(len(rows), len(header))
-    except (OSError, ValueError) as error:
-        raise MachineError(f"{path}: cannot be read: {error}") from error
+        table = np.array([[cell or "nan" for cell in row] for row in rows], float).reshape(len(rows), len(header))
+    except ValueError as error:
+        raise MachineError(f"{folder / NAME}: cannot be read: {error}") from error
     return dict(zip(header, table.T, strict=True))
 
 

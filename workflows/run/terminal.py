@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from types import TracebackType
 from typing import Any
 
@@ -15,8 +16,9 @@ from solvers.simulation.plan import warnings
 from solvers.simulation.simulation import Simulation
 from solvers.stepping.history import HistoryRow
 from workflows.run.mesh_report import ContactReport, MeshReport
+from workflows.run.result import Outcome
 from workflows.run.watch import Watch
-from workflows.writers.result import Outcome
+from workflows.writers.writer import registered
 
 Content = dict[str, Any]
 
@@ -119,10 +121,26 @@ class Reporter:
             self._line(f"warning: {warning}")
         if self.quiet:
             return
-        folder = outcome.folder
-        print(f"results in {folder}: fields.xdmf and contact_*.xdmf for ParaView, result.json and *.csv for scripts,")
-        pictures = sorted(path.name for path in folder.iterdir() if path.suffix in (".png", ".gif"))
+        folder, by_reader = outcome.folder, {"ParaView": list[str](), "scripts": ["result.json"]}
+        for kind in registered():
+            there = (pattern for pattern in kind.files if any(folder.glob(pattern)))
+            by_reader.setdefault(kind.reader, []).extend(there)
+        pictures = sorted(path.name for pattern in by_reader.pop("viewers", ()) for path in folder.glob(pattern))
+        said = (
+            f"{listed(dict.fromkeys(files))} for {reader}" for reader, files in by_reader.items() if reader and files
+        )
+        print(f"results in {folder}: {', '.join(said)},")
         print(f"pictures {', '.join(pictures)}" if pictures else "no pictures")
+
+
+def listed(names: Iterable[str]) -> str:
+    """As one says it.
+
+    >>> listed(["a", "b", "c"])
+    'a, b and c'
+    """
+    *others, last = names
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def console(width: int, quiet: bool = False) -> Console:

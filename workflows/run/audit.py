@@ -1,4 +1,4 @@
-"""The audit of a run that has ended: every step against equilibrium and the laws, from its file."""
+"""The audit of a run: every step's file is held against equilibrium and the contact laws."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pathlib import Path
 from solvers.results.audit import Audit, Auditor, Record
 from solvers.results.step_result import StepResult
 from solvers.simulation.simulation import Simulation
-from workflows.run.collective import told_by_rank_0
+from workflows.run.collective import from_rank_0
 from workflows.writers.steps import read_step, step_name
 
 
-def audited(simulation: Simulation, folder: Path, steps: Sequence[StepResult]) -> list[Audit]:
-    """Of every step; collective. Rank 0 alone reads the files: on another machine they may not be there yet.
+def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult]) -> list[Audit]:
+    """One audit a step; collective. Rank 0 alone reads the files: on another machine they may not be there yet.
 
     Raises:
         MachineError: on every rank: a file cannot be read back.
@@ -22,11 +22,11 @@ def audited(simulation: Simulation, folder: Path, steps: Sequence[StepResult]) -
     if not steps:
         return []
     comm, auditor = simulation.mesh.comm, Auditor(simulation.problem, simulation.mesh)
-    found = []
+    audits = []
     for index, step in enumerate(steps, start=1):
         read = partial(_record, folder / step_name(index), step, simulation.mesh.dim)
-        found.append(auditor(told_by_rank_0(comm, read)))
-    return found
+        audits.append(auditor(from_rank_0(comm, read)))
+    return audits
 
 
 def _record(path: Path, step: StepResult, dim: int) -> Record:

@@ -1,0 +1,49 @@
+"""The writers of a run, each called when its turn comes and on the ranks that it asks for; all ranks fail or none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+from solvers.results.step_result import HistoryTuple, StepResult
+from workflows.run.collective import all_act, raise_together
+from workflows.writers.writer import Ended, Job, Turn, Writer, wanted
+
+BEFORE = (Turn.BEFORE,)  # the run's own file is safe
+AFTER = (Turn.AFTER, Turn.LAST)
+
+
+class Outputs:
+    """What a scene wants written; every method is collective.
+
+    Raises:
+        MachineError: on every rank, from any method: one writer cannot write.
+    """
+
+    def __init__(self, job: Job) -> None:
+        self._comm, self._writers = job.comm, [kind(job) for kind in wanted(job.scene)]
+
+    def begin(self) -> None:
+        """The run begins in an empty folder."""
+        self._each(lambda writer: writer.begin())
+
+    def resume(self, steps: Sequence[StepResult]) -> None:
+        """The run goes on after these steps."""
+        self._each(lambda writer: writer.resume(steps))
+
+    def step(self, index: int, result: StepResult, turns: Sequence[Turn]) -> None:
+        """A step was solved: those whose turn it is write it."""
+        self._each(lambda writer: writer.step(index, result), turns)
+
+    def failed(self, index: int, history: Sequence[HistoryTuple]) -> None:
+        """A step could not be solved; these iterations belong to no step that was written."""
+        self._each(lambda writer: writer.failed(index, history))
+
+    def finish(self, ended: Ended, turns: Sequence[Turn]) -> None:
+        """The run ends: those whose turn it is finish their files."""
+        self._each(lambda writer: writer.finish(ended), turns)
+
+    def _each(self, act: Callable[[Writer], None], turns: Sequence[Turn] = tuple(Turn)) -> None:
+        for writer in self._writers:
+            if writer.turn in turns:
+                (all_act if writer.collective else raise_together)(self._comm, partial(act, writer))

@@ -1,0 +1,167 @@
+"""fields.pvd and the folder vtu/: each step complete, one block for each body and each contact, for readers of VTK.
+
+XDMF stores nothing twice, but needs a reader of HDF5. Here a step can be taken alone, vtu/000012.vtm or one of its
+blocks, vtu/000012_body_NAME.vtu and vtu/000012_contact_NAME.vtu; each file holds its part of the mesh.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Annotated, Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from geometry.arrays import AnyArray, Array, Ints
+from geometry.errors import MachineError
+from geometry.keys import Key
+from solvers.results.step_result import StepResult
+from solvers.scene.scene import Scene
+from workflows.writers.aside import disk_errors, make_folder, write_aside
+from workflows.writers.series import SeriesWriter
+from workflows.writers.shapes import shape_of
+from workflows.writers.steps import StoredStep, read_step, step_name, three
+from workflows.writers.writer import Keys, keys_of
+
+INDEX, FOLDER = "fields.pvd", "vtu"
+OF_STEP = re.compile(r"(\d{6})[._]")  # how the names of a step's files begin
+
+
+@dataclass(frozen=True, kw_only=True)
+class VtuKeys(Keys):
+    """Whether they are written."""
+
+    vtu: Annotated[bool, Key("-", "write fields.pvd for ParaView: a VTK file for each step, body and contact")] = False
+
+
+@dataclass(frozen=True)
+class Block:
+    """A part of the mesh."""
+
+    points: Array  # (n, 3) [m]
+    cells: Ints  # (c, k) in VTK's order of nodes
+    cell_type: int  # of VTK
+    nodes: Ints | slice  # of the mesh or surface, of which these are the points
+    members: AnyArray | slice  # of the mesh or surface, which cells these are
+
+    def content(self, at_nodes: Mapping[str, AnyArray], at_cells: Mapping[str, AnyArray]) -> bytes:
+        """The block as a file, with its part of these fields."""
+        from vtkmodules.util import numpy_support
+        from vtkmodules.vtkCommonCore import vtkPoints
+        from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkUnstructuredGrid
+        from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
+
+        library: Any = numpy_support  # comes without types
+
+        def array(values: AnyArray) -> Any:
+            return library.numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+
+        def indices(values: Ints) -> Any:
+            return library.numpy_to_vtkIdTypeArray(np.ascontiguousarray(values, dtype=np.int64), deep=True)
+
+        grid, points, cells = vtkUnstructuredGrid(), vtkPoints(), vtkCellArray()
+        points.SetData(array(self.points))
+        grid.SetPoints(points)
+        count, width = self.cells.shape
+        cells.SetData(indices(np.arange(0, (count + 1) * width, width)), indices(self.cells.ravel()))
+        grid.SetCells(self.cell_type, cells)
+        parts = ((grid.GetPointData(), at_nodes, self.nodes), (grid.GetCellData(), at_cells, self.members))
+        for data, named, part in parts:
+            for name, values in named.items():
+                field = array(values[part])
+                field.SetName(name)
+                data.AddArray(field)
+        writer = vtkXMLUnstructuredGridWriter()
+        writer.SetInputData(grid)
+        writer.SetDataModeToBinary()
+        writer.SetHeaderTypeToUInt64()
+        writer.SetWriteToOutputString(True)
+        if not writer.Write():
+            raise MachineError("VTK cannot write an unstructured grid")
+        return str(writer.GetOutputString()).encode()
+
+
+class VtuFiles(SeriesWriter):
+    """A time series of multiblock data sets, with the blocks `bodies` and `contacts`."""
+
+    keys = VtuKeys
+    files = (INDEX,)
+
+    @classmethod
+    def wanted(cls, scene: Scene) -> bool:
+        return keys_of(VtuKeys, scene.output).vtu
+
+    def resume(self, steps: Sequence[StepResult]) -> None:
+        """Write what is missing, also where this output was not asked for before; then remove what is surplus."""
+        super().resume(steps)
+        folder = self.job.folder / FOLDER
+        for index, _ in self.shown:
+            if not (folder / f"{index:06d}.vtm").exists():  # it is the last of a step's files to be written
+                self.write_step(index)
+        self.write_index(self.shown)
+        numbers = {f"{index:06d}" for index, _ in self.shown}
+        with disk_errors(folder):
+            for path in folder.glob("*.vt[mu]"):
+                found = OF_STEP.match(path.name)
+                if found and found[1] not in numbers:
+                    path.unlink()
+
+    def write_step(self, index: int) -> None:
+        """The step's blocks, then the file that names them."""
+        step, folder = read_step(self.job.folder / step_name(index)), self.job.folder / FOLDER
+        make_folder(folder)
+        root, kind = _root("vtkMultiBlockDataSet", "1.0")
+        groups = (("bodies", "body", self._bodies(step)), ("contacts", "contact", self._contacts(step)))
+        for number, (group, word, blocks) in enumerate(groups):
+            listed = ET.SubElement(kind, "Block", index=str(number), name=group)
+            for place, (name, content) in enumerate(blocks):
+                file = f"{index:06d}_{word}_{name}.vtu"
+                write_aside(folder / file, content)
+                ET.SubElement(listed, "DataSet", index=str(place), name=name, file=file)
+        write_aside(folder / f"{index:06d}.vtm", _text(root))
+
+    def write_index(self, steps: Sequence[tuple[int, float]]) -> None:
+        """The file that names the steps; none without a step."""
+        path = self.job.folder / INDEX
+        if not steps:
+            with disk_errors(path):
+                path.unlink(missing_ok=True)
+            return
+        root, kind = _root("Collection", "0.1")
+        for index, time in steps:
+            about = {"timestep": repr(float(time)), "part": "0", "file": f"{FOLDER}/{index:06d}.vtm"}
+            ET.SubElement(kind, "DataSet", about)
+        write_aside(path, _text(root))
+
+    def _bodies(self, step: StoredStep) -> Iterator[tuple[str, bytes]]:
+        """Name and file of each; nodes and cells in the order of the mesh."""
+        mesh = self.job.mesh
+        shape = shape_of(mesh.shape, mesh.cells)
+        at_cells = {"stress": step.stress.reshape(-1, 9), "von_mises": step.von_mises}
+        for number, name in enumerate(mesh.bodies):
+            own = mesh.body == number
+            nodes, local = np.unique(mesh.cells[own], return_inverse=True)
+            cells = local.reshape(-1, mesh.cells.shape[1])[:, shape.order]
+            block = Block(three(mesh.points[nodes]), cells, shape.vtk, nodes, own)
+            yield name, block.content({"displacement": step.displacement}, at_cells)
+
+    def _contacts(self, step: StoredStep) -> Iterator[tuple[str, bytes]]:
+        """Name and file of each; nodes and facets in the order of the surface."""
+        for name, (points, facets, kind) in self.job.mesh.surfaces.items():
+            shape, contact = shape_of(kind, facets), step.contacts[name]
+            block = Block(three(points), facets[:, shape.order], shape.vtk, slice(None), slice(None))
+            yield name, block.content({field.name: getattr(contact, field.name) for field in fields(contact)}, {})
+
+
+def _root(kind: str, version: str) -> tuple[ET.Element, ET.Element]:
+    """The outermost element of a file of VTK, and the one inside that holds all else."""
+    root = ET.Element("VTKFile", type=kind, version=version, byte_order="LittleEndian")
+    return root, ET.SubElement(root, kind)
+
+
+def _text(root: ET.Element) -> bytes:
+    ET.indent(root)
+    text = ET.tostring(root, encoding="unicode")
+    return f"<?xml version='1.0' encoding='utf-8'?>\n{text}\n".encode()
