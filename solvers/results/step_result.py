@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.arrays import Array, Ints
+from solvers.stepping.history import HistoryTuple
 from solvers.stepping.state import Energy
 
 OPEN, SLIP, STICK = 0, 1, 2
-HistoryTuple = tuple[float, int, float, int, float, str]  # see `HistoryRow`
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from solvers.newton.solution import Step
-from solvers.results.step_result import HistoryTuple
+
+HistoryTuple = tuple[float, int, float, int, float, str]  # see `HistoryRow.as_tuple`
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.ranks import mpirun, options
+from workflows.formats.steps import read_step, step_name
 from workflows.run.run import run
 from workflows.scene_file.read import read
-from workflows.writers.steps import read_step, step_name
 
 SCENES = {
     "block": ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"],

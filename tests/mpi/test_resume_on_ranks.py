@@ -12,10 +12,10 @@ from numpy.testing import assert_allclose
 
 from shared.histories import LEARNS, SMALL, Stop
 from shared.ranks import mpirun
+from workflows.formats.steps import read_step, step_name
 from workflows.run.run import run
 from workflows.run.watch import Watch
 from workflows.scene_file.read import read
-from workflows.writers.steps import read_step, step_name
 
 EXACT = "solver.tolerance=1e-12"
 SAME = 1e-10  # relative: the residual of either run is relative to p_ref, the answer's condition comes on top
@@ -79,7 +79,7 @@ from shared.histories import Stop, assert_same
 from workflows.run.run import run
 from workflows.run.watch import Watch
 from workflows.scene_file.read import read
-from workflows.writers.serialised import PlainFile
+from workflows.formats.serialised import PlainFile
 
 comm, scene = MPI.COMM_WORLD, read(sys.argv[1], sys.argv[2:])
 run(scene, "whole")

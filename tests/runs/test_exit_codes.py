@@ -14,7 +14,7 @@ from geometry.errors import SolverError, StickslipError
 from shared.command import COARSE, Call, result, table
 from solvers.simulation.simulation import Simulation, prepare
 from workflows.commands.cli import app, guarded
-from workflows.writers.steps import write_step
+from workflows.formats.steps import write_step
 
 
 def test_run_that_does_not_converge_ends_with_3_and_says_what_to_try(call: Call, folder: Path) -> None:

@@ -18,10 +18,10 @@ import pytest
 from shared.command import Call
 from shared.histories import LEARNS, SMALL, assert_same, names_in
 from solvers.results.step_result import StepResult
+from workflows.formats.steps import step_name
 from workflows.run.run import run
 from workflows.run.watch import Watch
 from workflows.scene_file.read import read
-from workflows.writers.steps import step_name
 
 SCENE = [*SMALL, *LEARNS, "steps.count=4"]
 BY_TIME, SPARE = 12, 4  # steps of a run that is killed by the clock, and those after the last moment: it must still run

@@ -14,7 +14,7 @@ from shared.measures import facets_miss, measures
 from shared.solved import ROUNDING, ZERO, Solved
 from solvers.laws.friction import Coulomb
 from solvers.scene.scene import Scene
-from workflows.writers.steps import read_step, step_name
+from workflows.formats.steps import read_step, step_name
 
 
 def weight(solved: Solved, time: float) -> Any:

@@ -18,13 +18,13 @@ import pytest
 from shared.command import Call, result
 from shared.histories import LEARNS, SMALL, Stop, assert_same, names_in, rows
 from solvers.methods.surface_uzawa import LearningIteration
+from workflows.formats.hdf5 import write_arrays
+from workflows.formats.steps import step_name
 from workflows.run.folder import ResultsFolder
 from workflows.run.resume import BEGUN, VERSIONS
 from workflows.run.run import run
 from workflows.run.watch import Watch
 from workflows.scene_file.read import READY, from_dict, read
-from workflows.writers.hdf5 import write_arrays
-from workflows.writers.steps import step_name
 
 CUBE = ["geometry.mesh_size=0.34", "output.pictures=false", "steps.count=4"]
 SLIDING = ["geometry.mesh_size=0.25", "geometry.lower_mesh_size=0.2", "output.pictures=false", "steps.end=1.5"]

@@ -13,8 +13,8 @@ from numpy.testing import assert_array_equal
 
 from shared.command import result
 from solvers.parallel.serialise import ByNode
-from workflows.writers.hdf5 import read_arrays, stored_checksum
-from workflows.writers.serialised import BYTES, TEXT, from_arrays
+from workflows.formats.hdf5 import read_arrays, stored_checksum
+from workflows.formats.serialised import BYTES, TEXT, from_arrays
 
 SMALL = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "output.pictures=false", "steps.count=6"]
 LEARNS = ["solver.method=surface-uzawa", "solver.surface=matrix-free"]

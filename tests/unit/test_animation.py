@@ -16,11 +16,11 @@ from PIL import Image
 import stickslip
 from geometry.errors import MachineError
 from solvers.simulation.simulation import Simulation
+from workflows.formats.steps import write_step
 from workflows.pictures.animation import animate, close_up, frames, nodes_of, palette, survey
 from workflows.pictures.render import View
 from workflows.pictures.sheet import STATUS_COLOURS
 from workflows.run.run import run
-from workflows.writers.steps import write_step
 
 COARSE = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "steps.count=4"]
 

@@ -20,10 +20,10 @@ from solvers.parallel.serialise import deserialise, serialise
 from solvers.simulation.checkpoint import ROWS, Checkpoints
 from solvers.simulation.simulation import Simulation, prepare
 from solvers.stepping.state import State
+from workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
+from workflows.formats.steps import read_checkpoint, write_step
 from workflows.run.learnt import LearntFiles, is_kept
 from workflows.scene_file.read import read
-from workflows.writers.serialised import BYTES, TEXT, from_arrays, to_arrays
-from workflows.writers.steps import read_checkpoint, write_step
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def test_results_come_back_whole(tmp_path: Path) -> None:
 def test_a_step_of_another_version_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_step(tmp_path, 1, result_of(mesh_of("triangle")))
     with_more = make_dataclass("StepResult", [("news", float)])
-    monkeypatch.setattr("workflows.writers.steps.StepResult", with_more)
+    monkeypatch.setattr("workflows.formats.steps.StepResult", with_more)
     with pytest.raises(MachineError, match=r"000001\.h5: not a step of this version"):
         read_checkpoint(path)
 

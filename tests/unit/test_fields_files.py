@@ -14,8 +14,8 @@ from vtkmodules.vtkCommonDataModel import vtkGenericCell
 
 from shared.synthetic import FACET, MESHES, SIZE, job_of, mesh_of, padded, reference_nodes, result_of
 from solvers.results.step_result import MeshData, StepResult
-from workflows.writers.shapes import SHAPES
-from workflows.writers.steps import write_step
+from workflows.formats.shapes import SHAPES
+from workflows.formats.steps import write_step
 from workflows.writers.writer import Ended
 from workflows.writers.xdmf import FieldFiles
 

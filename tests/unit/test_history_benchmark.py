@@ -6,7 +6,7 @@ import pytest
 
 from geometry.amplitude import value_at
 from workflows.benchmarks import history
-from workflows.writers.steps_table import read_steps_table
+from workflows.formats.steps_csv import read_steps_table
 
 STEPS, POINTS = 4 * history.CYCLES + 1, 9
 

@@ -23,7 +23,7 @@ FLOORS = {  # from the ground up
     " obstacles",
     "solvers": "parallel linear laws scene fem contact effects system interface metrics newton methods stepping results"
     " simulation analysis",
-    "workflows": "scene_file writers pictures run cost verification commands",
+    "workflows": "formats pictures writers scene_file run cost verification commands",
     "": "stickslip",  # the public face; what stands on it is a script that a user might have written
     "workflows above": "reference benchmarks studies",
 }

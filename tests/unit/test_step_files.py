@@ -14,8 +14,8 @@ from numpy.testing import assert_array_equal
 
 from geometry.errors import MachineError
 from shared.synthetic import job_of, mesh_of, padded, result_of
-from workflows.writers.hdf5 import checksum
-from workflows.writers.steps import read_step, write_step
+from workflows.formats.hdf5 import checksum
+from workflows.formats.steps import read_step, write_step
 from workflows.writers.xdmf import FieldFiles
 
 

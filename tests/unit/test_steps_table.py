@@ -15,7 +15,8 @@ from geometry.errors import MachineError
 from shared.synthetic import job_of, mesh_of
 from solvers.results.quantities import values
 from solvers.results.step_result import StepResult
-from workflows.writers.steps_table import StepsTable, read_steps_table, steps_row
+from workflows.formats.steps_csv import read_steps_table
+from workflows.writers.steps_table import StepsTable, steps_row
 
 
 @pytest.fixture(scope="module")

@@ -17,11 +17,11 @@ from shared.histories import SMALL, Stop, assert_same, names_in
 from shared.synthetic import FACET, MESHES, SIZE, job_of, mesh_of, padded, result_of
 from solvers.results.step_result import MeshData, StepResult
 from solvers.simulation.simulation import prepare
+from workflows.formats.shapes import SHAPES
+from workflows.formats.steps import step_name, write_step
 from workflows.run.run import run
 from workflows.run.watch import Watch
 from workflows.scene_file.read import read, to_dict
-from workflows.writers.shapes import SHAPES
-from workflows.writers.steps import step_name, write_step
 from workflows.writers.vtu import VtuFiles
 from workflows.writers.writer import Ended
 

@@ -14,15 +14,16 @@ import stickslip
 from geometry.errors import MachineError, SceneError
 from geometry.keys import Key
 from shared.histories import SMALL, Stop
-from solvers.results.step_result import HistoryTuple, StepResult
+from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Output
+from solvers.stepping.history import HistoryTuple
+from workflows.formats.steps import step_name
 from workflows.reference.scene_page import reference
 from workflows.run.result import scene_hash
 from workflows.run.run import run
 from workflows.run.watch import Watch
 from workflows.scene_file.read import from_dict, read, to_dict
-from workflows.writers.steps import step_name
 from workflows.writers.tables import TableWriter
 from workflows.writers.writer import Ended, Keys, Turn, Writer, keys_of, registered
 

@@ -20,7 +20,7 @@ from rich.progress import Progress
 
 from workflows.benchmarks.price_page import write_page
 from workflows.benchmarks.price_run import REFERENCE, Case
-from workflows.writers.aside import write_aside
+from workflows.formats.aside import write_aside
 
 PLANE = (16, 32, 64, 128, 256, 512)
 SPACE = (8, 12, 16, 24, 32, 48, 64)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from workflows.benchmarks.price_run import REFERENCE
-from workflows.writers.aside import write_aside
+from workflows.formats.aside import write_aside
 
 matplotlib.use("Agg")
 

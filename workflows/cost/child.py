@@ -17,8 +17,8 @@ from solvers.results.quantities import values
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import prepare
 from solvers.stepping.stepper import NoEquilibriumError
+from workflows.formats.aside import write_aside
 from workflows.scene_file.read import from_dict
-from workflows.writers.aside import write_aside
 
 DIE_WITH_PARENT = 1  # prctl's PR_SET_PDEATHSIG
 

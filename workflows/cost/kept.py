@@ -8,10 +8,10 @@ from pathlib import Path
 from geometry.errors import FolderError
 from solvers.scene.scene import Scene
 from workflows.cost.run_record import Run, load, store
+from workflows.formats.aside import make_folder
 from workflows.run.folder import ResultsFolder
 from workflows.run.result import write_json
 from workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
-from workflows.writers.aside import make_folder
 
 SCENE, RUNS = "scene.json", "runs"
 

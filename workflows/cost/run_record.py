@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from workflows.cost.rung import Rung
-from workflows.writers.aside import write_aside
+from workflows.formats.aside import write_aside
 
 PHASES = ("mesh", "assemble", "prepare", "iterate", "output")
 

@@ -15,9 +15,9 @@ from workflows import VERSION
 from workflows.cost.run_record import PHASES, Run
 from workflows.cost.sentence import headline, sentence
 from workflows.cost.study import Study
+from workflows.formats.aside import write_aside
 from workflows.run.result import scene_hash, write_json
 from workflows.scene_file.read import to_dict
-from workflows.writers.aside import write_aside
 
 COUNTS = ("dofs", "contact_points", "volume_solves", "linear_iterations")
 

@@ -20,13 +20,13 @@ from scipy.spatial import cKDTree
 from geometry.arrays import Array, Ints
 from solvers.results.step_result import OPEN, MeshData
 from solvers.scene.scene import Scene
+from workflows.formats.aside import write_aside
+from workflows.formats.steps import read_step, step_name, three
 from workflows.pictures.body_picture import body_on_stage, displacement_scale, plain
 from workflows.pictures.contact_maps import dual_cells, view_of
 from workflows.pictures.focus import ROOM
 from workflows.pictures.render import Image, View, render
 from workflows.pictures.sheet import COLOURS, STATUS_COLOURS, Sheet, show_image, span
-from workflows.writers.aside import write_aside
-from workflows.writers.steps import read_step, step_name, three
 
 FRAMES = 100  # at most
 SECONDS, SLOWEST, LAST = 8.0, 0.5, 1.5  # of the whole, of a frame, and of the last one

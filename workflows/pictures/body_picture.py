@@ -12,9 +12,9 @@ from matplotlib.colors import Normalize
 
 from geometry.arrays import Array
 from solvers.results.step_result import OPEN, MeshData, StepResult
+from workflows.formats.steps import StoredStep, three
 from workflows.pictures.render import SHADED, View, grid_of, render
 from workflows.pictures.sheet import COLOURS, DPI, Sheet, show_image, span
-from workflows.writers.steps import StoredStep, three
 
 VISIBLE = (0.02, 0.2)  # displacements between these parts of the size are drawn as they are
 DRAWN = 0.08  # others so that the largest is about this part

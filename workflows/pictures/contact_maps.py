@@ -12,10 +12,10 @@ from matplotlib.colors import to_rgb
 
 from geometry.arrays import Array, Ints
 from solvers.results.step_result import OPEN, ContactState
+from workflows.formats.shapes import corner_cells
 from workflows.pictures.focus import focus
 from workflows.pictures.render import SHADED, View, grid_of, render
 from workflows.pictures.sheet import COLOURS, DPI, STATUS_COLOURS, Sheet, show_image, span
-from workflows.writers.shapes import corner_cells
 
 ARROWS = 250  # at most about so many
 LONGEST = 0.12  # of the surface's size

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from solvers.results.step_result import MeshData, StepResult
 from solvers.scene.scene import Scene
+from workflows.formats.aside import make_folder
+from workflows.formats.steps_csv import read_steps_table
 from workflows.pictures.body_picture import draw_body
 from workflows.pictures.contact_curves import draw_line
 from workflows.pictures.contact_maps import draw_surface
 from workflows.pictures.history_picture import draw_history
 from workflows.pictures.loops import draw_loops
-from workflows.writers.aside import make_folder
-from workflows.writers.steps_table import read_steps_table
 
 HISTORY = 3  # steps that are worth a picture over time
 

@@ -15,9 +15,9 @@ from geometry.obstacles.obstacle import AXES
 from solvers.results.step_result import SLIP, STICK
 from solvers.scene.scene import Scene
 from solvers.scene.timeline import Place
+from workflows.formats.steps_csv import column, is_prescribed
 from workflows.pictures.loops import FEW, Columns, from_rest, per_metre
 from workflows.pictures.sheet import CURVES, INK, PALE, STATUS_COLOURS, STATUS_WORDS, Sheet, frame
-from workflows.writers.steps_table import DRIVEN, column
 
 MOST = 6  # curves of a panel
 WIDE, HIGH, LEFT, GAP, BESIDE = 5.2, 1.4, 0.85, 0.22, 2.0  # of a panel and its legend [inch]
@@ -94,7 +94,7 @@ def panels_of(scene: Scene, steps: Columns) -> Iterator[tuple[str, Curves]]:
 def _driven(scene: Scene) -> Iterator[tuple[Place, float]]:
     """What is prescribed, and how obstacles move, be it that a force drives them; and its value at t = 0."""
     for place, amplitude in scene.drives().items():
-        if place.quantity in DRIVEN.get(place.table, ()):
+        if is_prescribed(place):
             yield place, value_at(amplitude, 0.0, scene.steps.end)
     for name, obstacle in scene.obstacles.items():
         for axis in AXES[: scene.dim]:

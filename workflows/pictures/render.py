@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from vtkmodules.vtkCommonCore import vtkLogger
 
 from geometry.arrays import Array, Ints
-from workflows.writers.shapes import corner_cells
-from workflows.writers.steps import three
+from workflows.formats.shapes import corner_cells
+from workflows.formats.steps import three
 
 Image = NDArray[np.uint8]
 MARGIN = 0.04  # of the longer side of the view

@@ -17,8 +17,8 @@ from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from geometry.arrays import Array
 from solvers.results.step_result import OPEN, SLIP, STICK
+from workflows.formats.aside import write_aside
 from workflows.pictures.render import Image, View
-from workflows.writers.aside import write_aside
 
 DPI = 200
 TITLE = (11.0, 8.0)  # points of a title of one line, and of two

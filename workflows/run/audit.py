@@ -9,8 +9,8 @@ from pathlib import Path
 from solvers.results.audit import Audit, Auditor, Record
 from solvers.results.step_result import StepResult
 from solvers.simulation.simulation import Simulation
+from workflows.formats.steps import read_step, step_name
 from workflows.run.collective import from_rank_0
-from workflows.writers.steps import read_step, step_name
 
 
 def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult]) -> list[Audit]:

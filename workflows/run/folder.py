@@ -13,8 +13,8 @@ import weakref
 from pathlib import Path
 
 from geometry.errors import FolderError
-from workflows.writers.aside import disk_errors, make_folder, sync_folder
-from workflows.writers.steps import step_files
+from workflows.formats.aside import disk_errors, make_folder, sync_folder
+from workflows.formats.steps import step_files
 
 MARK = "run.log"  # every folder that a run has made holds it
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)  # what some network disks answer

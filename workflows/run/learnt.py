@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from solvers.parallel.serialise import Plain
+from workflows.formats.aside import disk_errors, make_folder
+from workflows.formats.serialised import PlainFile, read_plain
 from workflows.run.collective import all_act
-from workflows.writers.aside import disk_errors, make_folder
-from workflows.writers.serialised import PlainFile, read_plain
 
 FOLDER = "learnt"
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from solvers.results.step_result import HistoryTuple, StepResult
+from solvers.results.step_result import StepResult
+from solvers.stepping.history import HistoryTuple
 from workflows.run.collective import all_act, raise_together
 from workflows.writers.writer import Ended, Job, Turn, Writer, wanted
 

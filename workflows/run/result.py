@@ -22,8 +22,8 @@ from solvers.scene.quantities import CONTACT_NUMBERS, STRESSES
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import Simulation
 from workflows import VERSION
+from workflows.formats.aside import write_aside
 from workflows.scene_file.read import to_dict
-from workflows.writers.aside import write_aside
 
 OF_COARSE = ("factorisations", "volume_solves", "linear_iterations")  # counters of the coarse mesh beside
 

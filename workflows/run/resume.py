@@ -16,11 +16,11 @@ from solvers.scene.scene import Scene
 from solvers.simulation.checkpoint import Checkpoint
 from solvers.simulation.simulation import Seconds
 from workflows import VERSION
+from workflows.formats.aside import disk_errors
+from workflows.formats.steps import read_checkpoint, step_files, step_name
 from workflows.run.folder import ResultsFolder
 from workflows.run.learnt import is_kept
 from workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
-from workflows.writers.aside import disk_errors
-from workflows.writers.steps import read_checkpoint, step_files, step_name
 
 BEGUN = "begun.json"  # what a run was begun with
 VERSIONS = {"stickslip": VERSION, "dolfinx": DOLFINX}

@@ -21,6 +21,8 @@ from solvers.simulation.simulation import Simulation, prepare
 from solvers.stepping.history import HistoryRow
 from solvers.stepping.state import State
 from solvers.stepping.stepper import NoEquilibriumError, StepError
+from workflows.formats.mesh_file import mesh_checksum
+from workflows.formats.steps import write_step
 from workflows.run.audit import audit_steps
 from workflows.run.collective import raise_together
 from workflows.run.doubts import DisplacementSpread, coarse_steps
@@ -33,8 +35,6 @@ from workflows.run.result import Outcome, summary, write_json, write_result
 from workflows.run.resume import BEGUN, VERSIONS, EarlierRun, RunCheckpoint, find_earlier_run, remove_surplus
 from workflows.run.watch import RunLog, Watch, tell
 from workflows.scene_file.identity import DECIDES_NOTHING, identity
-from workflows.writers.mesh_file import mesh_checksum
-from workflows.writers.steps import write_step
 from workflows.writers.writer import Ended, Job, wanted
 
 log = logging.getLogger(__name__)

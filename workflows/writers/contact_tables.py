@@ -8,7 +8,8 @@ import numpy as np
 
 from geometry.arrays import Array
 from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, StepResult
-from workflows.writers.tables import Row, Table, TableWriter
+from workflows.formats.csv_tables import Row, Table
+from workflows.writers.tables import TableWriter
 
 STATUS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 from solvers.results.step_result import StepResult
 from solvers.scene.quantities import STRESSES
-from workflows.writers.tables import Row, Table, TableWriter, python_numbers
+from workflows.formats.csv_tables import Row, Table, python_numbers
+from workflows.writers.tables import TableWriter
 
 NAME = "probes.csv"
 

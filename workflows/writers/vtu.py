@@ -19,10 +19,10 @@ from geometry.errors import MachineError
 from geometry.keys import Key
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
-from workflows.writers.aside import disk_errors, make_folder, write_aside
+from workflows.formats.aside import disk_errors, make_folder, write_aside
+from workflows.formats.shapes import shape_of
+from workflows.formats.steps import StoredStep, read_step, step_name, three
 from workflows.writers.series import SeriesWriter
-from workflows.writers.shapes import shape_of
-from workflows.writers.steps import StoredStep, read_step, step_name, three
 from workflows.writers.writer import Keys, keys_of
 
 INDEX, FOLDER = "fields.pvd", "vtu"

@@ -12,9 +12,10 @@ from typing import Any, ClassVar, TypeVar
 
 from geometry.errors import nearest, require
 from geometry.keys import Noun
-from solvers.results.step_result import HistoryTuple, MeshData, StepResult
+from solvers.results.step_result import MeshData, StepResult
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Output
+from solvers.stepping.history import HistoryTuple
 
 
 class Turn(IntEnum):

@@ -8,12 +8,12 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from geometry.arrays import Array, Ints
-from workflows.writers.aside import make_folder, write_aside
-from workflows.writers.hdf5 import checksum, stored_checksum, write_arrays
-from workflows.writers.mesh_file import MESH_FILE, mesh_arrays
+from workflows.formats.aside import make_folder, write_aside
+from workflows.formats.hdf5 import checksum, stored_checksum, write_arrays
+from workflows.formats.mesh_file import MESH_FILE, mesh_arrays
+from workflows.formats.shapes import Shape, shape_of
+from workflows.formats.steps import step_name
 from workflows.writers.series import SeriesWriter
-from workflows.writers.shapes import Shape, shape_of
-from workflows.writers.steps import step_name
 from workflows.writers.writer import Job
 
 HEAD = """<?xml version='1.0' encoding='utf-8'?>

@@ -13,10 +13,10 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
+from workflows.formats.aside import make_folder
 from workflows.studies.published.finding import Rows
 from workflows.studies.published.measurements import MEASURED, SMALL, Sizes, measurements
 from workflows.studies.published.page import write_page
-from workflows.writers.aside import make_folder
 
 
 def measured(output: Path, sizes: Sizes) -> Rows:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from solvers.methods import METHODS
+from workflows.formats.aside import write_aside
 from workflows.studies.published.contact import solved, springs, stepped
 from workflows.studies.published.finding import Row
 from workflows.studies.published.linear import linear
@@ -16,7 +17,6 @@ from workflows.studies.published.scenes import slipping
 from workflows.studies.published.spectrum import spectrum
 from workflows.studies.published.tangent import tangent
 from workflows.studies.saddle_points import RULES, SOFTNESS
-from workflows.writers.aside import write_aside
 
 MEASURED: Mapping[str, Callable[..., list[Row]]] = {
     "linear": linear,

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+from workflows.formats.aside import write_aside
 from workflows.studies.published.claims_tangent import TANGENT
 from workflows.studies.published.claims_uzawa import UZAWA
 from workflows.studies.published.finding import Claim, Row, Rows, chosen
 from workflows.studies.published.pictures import PICTURES
 from workflows.studies.published.tables import csv_of, markdown, pivot
-from workflows.writers.aside import write_aside
 
 CLAIMS: tuple[Claim, ...] = (*UZAWA, *TANGENT)
 INTRODUCTION = """# The published methods, measured

@@ -12,7 +12,7 @@ import numpy as np
 
 from geometry.arrays import AnyArray
 from solvers.parallel.serialise import ByNode, Plain
-from workflows.writers.aside import write_aside
+from workflows.formats.aside import write_aside
 
 TEXT, BYTES = "text", "bytes"
 ARRAY, BY_NODE = "@array", "@by node"  # keys that no name of a scene can be

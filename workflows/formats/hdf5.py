@@ -18,7 +18,7 @@ import numpy as np
 
 from geometry.arrays import AnyArray
 from geometry.errors import DamagedError, MachineError
-from workflows.writers.aside import write_aside
+from workflows.formats.aside import write_aside
 
 Numbers = Mapping[str, float | int]
 USER_BLOCK = 512  # bytes, HDF5's smallest

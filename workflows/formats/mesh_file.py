@@ -6,9 +6,9 @@ import numpy as np
 
 from geometry.arrays import AnyArray
 from solvers.results.step_result import MeshData
-from workflows.writers.hdf5 import checksum
-from workflows.writers.shapes import shape_of
-from workflows.writers.steps import three
+from workflows.formats.hdf5 import checksum
+from workflows.formats.shapes import shape_of
+from workflows.formats.steps import three
 
 MESH_FILE = "fields.h5"
 

@@ -16,9 +16,9 @@ from geometry.arrays import AnyArray, Array
 from geometry.errors import MachineError
 from solvers.parallel.serialise import Plain, deserialise, serialise
 from solvers.results.step_result import ContactState, StepResult
-from workflows.writers.aside import make_folder
-from workflows.writers.hdf5 import read_arrays, write_arrays
-from workflows.writers.serialised import BYTES, TEXT, from_arrays, to_arrays
+from workflows.formats.aside import make_folder
+from workflows.formats.hdf5 import read_arrays, write_arrays
+from workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
 
 CHECKPOINT = "checkpoint"  # a group
 
