@@ -126,6 +126,7 @@ from solvers.laws.friction import Coulomb, Stick, Tresca
 from solvers.laws.tangential_compliance import TangentialCompliance
 from solvers.laws.tied import Tied
 from solvers.laws.unilateral import Unilateral
+from solvers.methods import Solver
 from solvers.newton.solution import Status, Step
 from solvers.parallel.counters import Counters
 from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
@@ -135,7 +136,7 @@ from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
 from solvers.scene.problem import PlanRow
 from solvers.scene.scene import Scene
-from solvers.scene.settings import Exact, Output, Probe, Solver, Steps
+from solvers.scene.settings import Exact, Output, Probe, Steps
 from solvers.simulation.script import Script
 from solvers.simulation.simulation import Seconds, Simulation, prepare
 from solvers.stepping.history import HistoryRow

@@ -1,4 +1,4 @@
-"""An arch of stones."""
+"""An arch of stones, each a ring sector meshed alone."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from geometry.builders.alternating import Alternating
-from geometry.builders.assembly import Part
+from geometry.builders.assembly import BodyRow, Part
 from geometry.builders.block import Block
 from geometry.builders.sector import Sector, directions
 from geometry.errors import require
@@ -18,10 +17,10 @@ from geometry.shape import Model
 
 
 @dataclass(frozen=True, kw_only=True)
-class Arch(Alternating):
-    """Ring sectors stone_1 (leftmost), stone_2 and so on about the origin, alike left and right of the y axis.
+class Arch(BodyRow):
+    """Ring sectors stone_1 (leftmost), stone_2, ... about the origin, symmetric about the y axis.
 
-    `left` and `right` of a stone are its joints, seen from the origin; `top` of a springer is its joint.
+    The sides `left` and `right` of a stone, as seen from the origin, are its joints; `top` is that of a springer.
     """
 
     models: ClassVar[tuple[Model, ...]] = ("plane strain", "plane stress")
@@ -37,6 +36,7 @@ class Arch(Alternating):
 
     @property
     def outer_radius(self) -> float:
+        """Radius of the outside of the arch [m]."""
         return self.inner_radius + self.thickness
 
     def check_keys(self) -> None:
@@ -66,7 +66,14 @@ class Arch(Alternating):
         return Part(shape=sector)
 
     def _springer(self, number: int, turn: float, first: float, height: float) -> Part:
-        """A block turned by so many degrees; `first` is the radius of its upper left corner."""
+        """The block under one end of the arch.
+
+        Args:
+            number: place in the row, 0 for the left springer.
+            turn: angle by which the block is turned, in degrees.
+            first: radius of its upper left corner [m].
+            height: [m].
+        """
         ((c, s),) = directions(np.array([turn]))
         block = Block(length=self.thickness, height=height, **self.cell_keys_of(number))
         outward = -1 if number == 0 else 1

@@ -1,57 +1,69 @@
-"""Several bodies in one mesh: each is a shape of its own, meshed alone and put in its place; they share no node."""
+"""Base of the shapes of several bodies: each body is a builder, meshed alone and put in its place; no shared nodes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Self
+from typing import Annotated, ClassVar, Literal, Self, TypedDict
 
 import numpy as np
 
 from geometry.arrays import Array
 from geometry.builders.builder import Builder
-from geometry.errors import SceneError
+from geometry.errors import SceneError, require
+from geometry.keys import Key
 from geometry.mesh.mesh import mesh_shape
+from geometry.protocols import Gmsh
 from geometry.shape import Model, Request
 from geometry.user_files.parts import Parts, find_parts
 from geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
 
-Turn = Sequence[Sequence[float]]  # orthogonal matrix of as many rows as the model has dimensions
+MOST_BODIES = 1000
+Turn = Sequence[Sequence[float]]  # orthogonal matrix (d, d)
+
+
+class CellKeys(TypedDict):
+    """The mesh keys, which all builders have."""
+
+    mesh_size: float
+    contact_mesh_size: float | None
+    cells: Literal["simplex", "tensor"]
+    order: Literal[1, 2]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """A shape, turned about the origin (or mirrored) and then moved: one body of an assembly."""
+    """One body of an assembly: a shape, turned about the origin (or mirrored) and then moved."""
 
     shape: Builder
-    renamed: Mapping[str, str] = field(default_factory=dict)  # sides of the shape that are called otherwise here
+    renamed: Mapping[str, str] = field(default_factory=dict)  # side of the shape -> its name in the assembly
     turn: Turn | None = None
     shift: tuple[float, float] = (0.0, 0.0)  # along x and along the last axis [m]
 
     def sides(self, dim: int) -> dict[str, str]:
-        """Name here -> name in the shape, as body.side."""
+        """Name of each side in the assembly -> its name in the shape, as body.side."""
         ((body, sides),) = self.shape.bodies(dim).items()
         return {self.renamed.get(side, side): f"{body}.{side}" for side in sides}
 
     def sample(self, side: str, dim: int) -> tuple[Array, Array]:
-        """What the shape answers, in its place."""
+        """Sample points (k, d) [m] and unit outward normals (k, d) of a side, see `Shape.sample`; in place."""
         points, normals = self.shape.sample(self.sides(dim)[side], dim)
         return self.placed(points), self._turned(normals)
 
     def placed(self, points: Array) -> Array:
-        """Points (k, d) of the shape, in their place."""
+        """Points (k, d) of the shape where the assembly has them [m]."""
         x, last = self.shift
         shift: Array = np.array([x, *[0.0] * (points.shape[1] - 2), last])
         return self._turned(points) + shift
 
-    def mesh(self, gmsh: Any, name: str, request: Request) -> RawMesh:
-        """The body `name`, meshed in a gmsh model of its own; in metres."""
+    def mesh(self, gmsh: Gmsh, name: str, request: Request) -> RawMesh:
+        """Mesh of the body `name` in metres, made in a separate gmsh model."""
         sides, dim = self.sides(request.dim), request.dim
         own = {f"{name}.{side}": there for side, there in sides.items()}
         slaves = tuple(own[side] for side in request.contact_sides if side in own)
         pairs = tuple((own[a], own[b]) for a, b in request.periodic if a in own and b in own)
-        with _model_of_its_own(gmsh):
+        with _separate_model(gmsh):
             unit = mesh_shape(gmsh, self.shape, replace(request, contact_sides=slaves, periodic=pairs))
             found = find_parts(gmsh, dim, False, {}, unit)
             (cells,) = found.bodies.values()
@@ -66,21 +78,21 @@ class Part:
 
 @dataclass(frozen=True, kw_only=True)
 class Assembly(Builder):
-    """What shapes of several bodies share; each says its `parts`, and what distances may be of any sign."""
+    """Base of the shapes of several bodies; each defines its `parts`."""
 
     models: ClassVar[tuple[Model, ...]] = ("plane strain", "plane stress", "axisymmetric", "3d")
-    distances: ClassVar[tuple[str, ...]] = ()  # parameters in metres of any sign
+    distances: ClassVar[tuple[str, ...]] = ()  # keys in metres of any sign
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self.check_keys()
-        self.parts()  # each refuses what it cannot be
+        self.parts()  # the constructors of the parts check their keys
 
     def check_keys(self) -> None:
-        """Refuse what the parts would blame on keys of their own."""
+        """Raise SceneError for wrong keys which the parts would report under names of their own."""
 
     def parts(self) -> Mapping[str, Part]:
-        """Bodies by name."""
+        """Name -> body."""
         raise NotImplementedError
 
     def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
@@ -91,7 +103,7 @@ class Assembly(Builder):
             name = getattr(self, self.tag)
             raise SceneError(f'builder = "{name}": made for model = {" or ".join(map(repr, self.models))} only')
         for name, part in self.parts().items():
-            with _about(name):
+            with _errors_name(name):
                 part.shape.check_model(model)
         low = self.box(3 if model == "3d" else 2)[0, 0]
         if model == "axisymmetric" and low < 0:
@@ -105,22 +117,38 @@ class Assembly(Builder):
         body, name = side.split(".")
         return self.parts()[body].sample(name, dim)
 
-    def put(self, gmsh: Any, request: Request) -> float:
-        joined([part.mesh(gmsh, name, request) for name, part in self.parts().items()]).put(gmsh)
+    def put(self, gmsh: Gmsh, request: Request) -> float:
+        join_meshes([part.mesh(gmsh, name, request) for name, part in self.parts().items()]).put(gmsh)
         return 1.0  # the parts are in metres already
 
     def in_units_of(self, unit: float) -> Self:
         return replace(super().in_units_of(unit), **{key: getattr(self, key) / unit for key in self.distances})
 
-    def cell_keys(self, mesh_size: float | None = None) -> dict[str, Any]:
-        """The keys that all builders have, for one part; `contact_mesh_size` keeps its ratio to another mesh size."""
+    def cell_keys(self, mesh_size: float | None = None) -> CellKeys:
+        """Mesh keys of a part; with another mesh size, `contact_mesh_size` changes in the same ratio."""
         coarse = self.mesh_size if mesh_size is None else mesh_size
         fine = None if self.contact_mesh_size is None else self.contact_mesh_size / self.mesh_size * coarse
         return {"mesh_size": coarse, "contact_mesh_size": fine, "cells": self.cells, "order": self.order}
 
 
-def joined(meshes: Sequence[RawMesh]) -> RawMesh:
-    """One mesh of meshes of the same kind of cell; nodes in the same place stay apart."""
+@dataclass(frozen=True, kw_only=True)
+class BodyRow(Assembly):
+    """Base of the rows of bodies. Every second body may have other mesh sizes, so that neighbours do not match."""
+
+    count: Annotated[int, Key("-", "number of blocks or stones")]
+    mesh_ratio: Annotated[float, Key("-", "mesh sizes of every second body over those of the others")] = 1.0
+
+    def check_keys(self) -> None:
+        require(1 <= self.count <= MOST_BODIES, "count", self.count, f"must be between 1 and {MOST_BODIES}")
+        require(self.mesh_ratio > 0, "mesh_ratio", self.mesh_ratio, "must be positive")
+
+    def cell_keys_of(self, number: int) -> CellKeys:
+        """Mesh keys of the body of this number in the row."""
+        return self.cell_keys(self.mesh_size * self.mesh_ratio if number % 2 == 0 else None)
+
+
+def join_meshes(meshes: Sequence[RawMesh]) -> RawMesh:
+    """One mesh of several with the same kind of cell; nodes at the same place are not merged."""
     first = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     together = list(zip(meshes, first[:-1], strict=True))
     return replace(
@@ -132,8 +160,8 @@ def joined(meshes: Sequence[RawMesh]) -> RawMesh:
 
 
 @contextmanager
-def _about(body: str) -> Iterator[None]:
-    """Errors of a part begin with its body."""
+def _errors_name(body: str) -> Iterator[None]:
+    """Put the name of the body before the text of a SceneError."""
     try:
         yield
     except SceneError as error:
@@ -141,8 +169,8 @@ def _about(body: str) -> Iterator[None]:
 
 
 @contextmanager
-def _model_of_its_own(gmsh: Any) -> Iterator[None]:
-    """Another current gmsh model for a while."""
+def _separate_model(gmsh: Gmsh) -> Iterator[None]:
+    """A new current gmsh model, which is removed afterwards."""
     outer = gmsh.model.getCurrent()
     gmsh.model.add("part")
     try:

@@ -1,9 +1,9 @@
-"""A rectangle or box whose mesh is a grid, or grows away from its contact sides."""
+"""A rectangle or box, meshed by a grid or by cells that grow with the distance from its contact sides."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from geometry.builders import sides
 from geometry.builders.cuboid import Cuboid, grid
 from geometry.builders.sizes import graded, grow
 from geometry.keys import Key
+from geometry.protocols import Gmsh
 from geometry.shape import Model, Request
 
 
@@ -25,7 +26,7 @@ class Block(Cuboid):
         super().check_model(model)
         self.refuse_too_many(np.prod([np.ceil(size / self.mesh_size) for size in self.size(3 if model == "3d" else 2)]))
 
-    def draw(self, gmsh: Any, request: Request) -> None:
+    def draw(self, gmsh: Gmsh, request: Request) -> None:
         dim, size = request.dim, self.size(request.dim)
         tags = self.draw_box(gmsh, dim)
         fine = {sides.of_box(dim)[side.split(".")[1]] for side in request.contact_sides}
@@ -37,7 +38,12 @@ class Block(Cuboid):
         sides.match(gmsh, dim, request.periodic, tags, sides.of_box(dim), self.box(dim))
 
     def _grading(self, length: float, axis: int, fine: set[tuple[int, int]]) -> tuple[int, float]:
-        """Number of cells along an axis, and the ratio of neighbours (or gmsh's bump coefficient)."""
+        """Number of cells along an axis and their grading coefficient, as from `graded`.
+
+        Args:
+            length: of the block along the axis [m].
+            fine: ends (axis, 0 lower or 1 upper) that are contact sides.
+        """
         if not fine or self.contact_mesh_size is None or self.contact_mesh_size == self.mesh_size:
             return max(1, round(length / self.mesh_size)), 1.0
         ends = sum(1 for side in fine if side[0] == axis)

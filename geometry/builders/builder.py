@@ -1,14 +1,15 @@
-"""A parametrised shape, drawn by gmsh."""
+"""Base of the ready shapes: a parametrised shape that gmsh draws and meshes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 
 from geometry.errors import require
 from geometry.keys import Choice, Key
+from geometry.protocols import Gmsh
 from geometry.shape import Request, Shape
 
 MOST_CELLS = 50_000_000
@@ -16,10 +17,10 @@ MOST_CELLS = 50_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Builder(Choice, Shape):
-    """What all builders share; each names its own lengths in `lengths`."""
+    """Keys and checks that all builders share. A builder lists its own lengths in `lengths`."""
 
     tag: ClassVar[str] = "builder"
-    lengths: ClassVar[tuple[str, ...]] = ()  # parameters in metres that must be positive, besides the mesh sizes
+    lengths: ClassVar[tuple[str, ...]] = ()  # keys in metres that must be positive, besides the mesh sizes
 
     mesh_size: Annotated[float, Key("m", "edge length of the cells")]
     contact_mesh_size: Annotated[float | None, Key("m", "edge length at contact surfaces; absent: mesh_size")] = None
@@ -45,11 +46,11 @@ class Builder(Choice, Shape):
         return self.mesh_size if self.contact_mesh_size is None else self.contact_mesh_size
 
     def refuse_too_many(self, cells: float) -> None:
-        """Refuse a mesh of about so many `cells` before it is made."""
+        """Raise SceneError if a mesh of about this number of cells is too large; called before it is made."""
         require(cells < MOST_CELLS, "mesh_size", self.mesh_size, f"makes more than {MOST_CELLS} cells")
 
     def in_units_of(self, unit: float) -> Self:
-        """The same shape and mesh in another unit of length [m]: by division, so that m and mm give one mesh."""
+        """The same shape with all lengths divided by `unit` [m]: a scene in m and one in mm give the same mesh."""
         found = {key: getattr(self, key) for key in self._all_lengths()}
         return replace(self, **{key: value / unit for key, value in found.items() if value is not None})
 
@@ -57,14 +58,14 @@ class Builder(Choice, Shape):
         sizes = {f.name: getattr(self, f.name) for f in fields(self) if f.name.endswith("mesh_size")}
         return replace(self, **{key: factor * size for key, size in sizes.items() if size is not None})
 
-    def put(self, gmsh: Any, request: Request) -> float:
-        unit = float(np.max(np.ptp(self.box(request.dim), axis=0)))  # gmsh has absolute tolerances
+    def put(self, gmsh: Gmsh, request: Request) -> float:
+        unit = float(np.max(np.ptp(self.box(request.dim), axis=0)))  # the tolerances of gmsh are absolute
         self.in_units_of(unit).draw(gmsh, request)
         gmsh.model.mesh.generate(request.dim)
         return unit
 
-    def draw(self, gmsh: Any, request: Request) -> None:
-        """Put shape, mesh sizes and named physical groups into the current gmsh model."""
+    def draw(self, gmsh: Gmsh, request: Request) -> None:
+        """Put the shape, its mesh sizes and its named physical groups into the current gmsh model."""
         raise NotImplementedError
 
     def _all_lengths(self) -> tuple[str, ...]:

@@ -1,10 +1,10 @@
-"""What blocks and strips share: a rectangle or box with its lower corner in the origin, and grids in it."""
+"""Base of block and strip: a rectangle or box with its lower corner at the origin; structured grids."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from geometry.builders import sides
 from geometry.builders.builder import Builder
 from geometry.errors import SceneError, require
 from geometry.keys import Key
+from geometry.protocols import Gmsh
 from geometry.shape import Model
 
 
@@ -43,10 +44,11 @@ class Cuboid(Builder):
         return sides.box_corners(self.box(dim), *sides.of_box(dim)[side.split(".")[1]])
 
     def size(self, dim: int) -> tuple[float, ...]:
+        """Edge lengths (d,) along the axes [m]."""
         return (self.length, self.height) if dim == 2 else (self.length, self.width or 0.0, self.height)
 
-    def draw_box(self, gmsh: Any, dim: int) -> dict[str, list[int]]:
-        """Put the box with its named groups into the model; side -> gmsh's tags."""
+    def draw_box(self, gmsh: Gmsh, dim: int) -> dict[str, list[int]]:
+        """Put the box with its named groups into the gmsh model; returns the tags of each side."""
         size = self.size(dim)
         add = gmsh.model.occ.addRectangle if dim == 2 else gmsh.model.occ.addBox
         add(0, 0, 0, *size)
@@ -58,15 +60,17 @@ class Cuboid(Builder):
 
 
 def grid(
-    gmsh: Any,
+    gmsh: Gmsh,
     dim: int,
     tensor: bool,
     grading: Callable[[int], tuple[int, float]],
     fine: set[tuple[int, int]] | frozenset[tuple[int, int]] = frozenset(),
 ) -> None:
-    """Mesh every box of the model by a grid; `grading` says the number of cells along an axis and their ratio.
+    """Mesh every rectangle or box of the model by a structured (transfinite) grid.
 
     Args:
+        tensor: quadrilaterals or hexahedra, else each is cut into simplices.
+        grading: number of cells along an axis, and the ratio of neighbouring cells.
         fine: ends (axis, 0 lower or 1 upper) at which the cells are small.
     """
     for _, curve in gmsh.model.getEntities(1):
@@ -80,8 +84,8 @@ def grid(
     transfinite(gmsh, dim, tensor)
 
 
-def transfinite(gmsh: Any, dim: int, tensor: bool) -> None:
-    """Surfaces of four sides and volumes of six are filled by grids, cut into simplices unless `tensor`."""
+def transfinite(gmsh: Gmsh, dim: int, tensor: bool) -> None:
+    """Fill all surfaces of four edges and all volumes of six faces by grids, cut into simplices unless `tensor`."""
     for kind in range(2, dim + 1):
         for _, tag in gmsh.model.getEntities(kind):
             if kind == 3:

@@ -1,4 +1,4 @@
-"""Two half discs, pole to pole."""
+"""Two half discs that face each other with their poles."""
 
 from __future__ import annotations
 

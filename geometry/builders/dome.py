@@ -1,20 +1,21 @@
-"""What half discs and half balls share: they stand on a pole in the origin, and their cells grow away from it."""
+"""Base of half disc and half ball: the pole is at the origin, and cells grow with the distance from it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from geometry.builders.builder import Builder
 from geometry.builders.sizes import beyond, cells_around, grow, norm
 from geometry.errors import require
 from geometry.keys import Key
+from geometry.protocols import Gmsh
 from geometry.shape import Model
 
 
 @dataclass(frozen=True, kw_only=True)
 class Dome(Builder):
-    """Keys and mesh sizes."""
+    """A round body, cut by a plane, that stands on its pole."""
 
     lengths: ClassVar[tuple[str, ...]] = ("radius", "contact_radius")
 
@@ -30,7 +31,7 @@ class Dome(Builder):
 
     @property
     def near(self) -> float:
-        """Distance from the pole within which cells are fine [m]."""
+        """Distance from the pole within which cells have `contact_mesh_size` [m]."""
         return self.radius / 8 if self.contact_radius is None else self.contact_radius
 
     def check_model(self, model: Model) -> None:
@@ -38,6 +39,6 @@ class Dome(Builder):
         dim = 3 if model == "3d" else 2
         self.refuse_too_many(cells_around(dim, self.fine_size, self.near, self.mesh_size, self.radius))
 
-    def size_cells(self, gmsh: Any) -> None:
-        """Mesh sizes of the current gmsh model."""
+    def size_cells(self, gmsh: Gmsh) -> None:
+        """Set the mesh sizes of the current gmsh model."""
         grow(gmsh, self.mesh_size, [(self.fine_size, beyond(self.near, norm("x", "y", "z")))])

@@ -1,10 +1,10 @@
-"""Half a ball standing on its pole."""
+"""Half a ball that stands on its pole."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from geometry.builders import sides
 from geometry.builders.dome import Dome
 from geometry.errors import SceneError
 from geometry.keys import Key
+from geometry.protocols import Gmsh
 from geometry.shape import Model, Request
 
 PLANES = {"x_plane": 0, "y_plane": 1}  # sides of a quarter -> axis of the normal
@@ -21,7 +22,7 @@ SYMMETRY = "quarter: x, y >= 0 only, with sides x_plane and y_plane"
 
 @dataclass(frozen=True, kw_only=True)
 class HalfBall(Dome):
-    """Half a ball with its pole in the origin and its flat side up, at z = radius; 3D only."""
+    """Half a ball with its pole at the origin and its flat side on top, at z = radius; 3D only."""
 
     symmetry: Annotated[Literal["none", "quarter"], Key("-", SYMMETRY)] = "none"
     builder: Annotated[Literal["half_ball"], Key("-", "the shape's name")] = "half_ball"
@@ -57,8 +58,8 @@ class HalfBall(Dome):
         points = self.radius * np.array([0 * up, up, along + up, (along - up) / np.sqrt(2) + up])
         return points, sides.constant_normals(PLANES[name], 0, points.shape)
 
-    def draw(self, gmsh: Any, request: Request) -> None:
-        """Quarters, so that the pole is a vertex and no surface has its own pole or seam there."""
+    def draw(self, gmsh: Gmsh, request: Request) -> None:
+        """Drawn in quarters: the pole is then a vertex, and no surface has a seam or a singular point there."""
         occ, r = gmsh.model.occ, self.radius
         quarters = []
         for turn in range(1 if self.quarter else 4):

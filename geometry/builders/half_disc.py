@@ -1,10 +1,10 @@
-"""Half a disc standing on its pole."""
+"""Half a disc that stands on its pole."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -13,12 +13,13 @@ from geometry.builders import sides
 from geometry.builders.dome import Dome
 from geometry.errors import SceneError
 from geometry.keys import Key
+from geometry.protocols import Gmsh
 from geometry.shape import Model, Request
 
 
 @dataclass(frozen=True, kw_only=True)
 class HalfDisc(Dome):
-    """Half a disc with its pole in the origin, flat side up at y = radius; in axisymmetric models half a ball."""
+    """Half a disc with its pole at the origin and its flat side at y = radius; if axisymmetric, half a ball."""
 
     symmetric: Annotated[bool, Key("-", sides.SYMMETRIC)] = False
     builder: Annotated[Literal["half_disc"], Key("-", "the shape's name")] = "half_disc"
@@ -43,8 +44,8 @@ class HalfDisc(Dome):
             return self.radius * (normals + np.array([0.0, 1.0])), normals
         return sides.box_corners(self.box(dim), *((0, 0) if name == "axis" else (1, 1)))
 
-    def draw(self, gmsh: Any, request: Request) -> None:
-        """Pole and centre are vertices."""
+    def draw(self, gmsh: Gmsh, request: Request) -> None:
+        """The pole and the centre are vertices of the mesh."""
         occ, r = gmsh.model.occ, self.radius
         pole, centre, right = (occ.addPoint(*point, 0) for point in ((0, 0), (0, r), (r, r)))
         arcs, tops, axis = [occ.addCircleArc(pole, centre, right)], [occ.addLine(right, centre)], []

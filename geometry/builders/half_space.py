@@ -1,11 +1,11 @@
-"""A large block pressed on a small part of its flat top."""
+"""A large block with contact on a small part of its flat top."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
@@ -15,12 +15,13 @@ from geometry.builders.builder import Builder
 from geometry.builders.sizes import beyond, cells_around, grow, norm
 from geometry.errors import require
 from geometry.keys import Key
+from geometry.protocols import Gmsh
 from geometry.shape import Model, Request
 
 
 @dataclass(frozen=True, kw_only=True)
 class HalfSpace(Builder):
-    """A large block below y = 0 (in 3D z = 0); its contact part is |x| <= contact_half_width, in 3D a disc."""
+    """A large block below y = 0 (in 3D z = 0); the side `contact` is |x| <= contact_half_width, in 3D a disc."""
 
     lengths: ClassVar[tuple[str, ...]] = ("size", "contact_half_width", "edge_mesh_size")
 
@@ -76,8 +77,8 @@ class HalfSpace(Builder):
         points = np.concatenate([edge, inner if name == "contact" else outer])
         return points, sides.constant_normals(dim - 1, 1, points.shape)
 
-    def draw(self, gmsh: Any, request: Request) -> None:
-        """The contact part, in the plane the origin too, is cut into the block's top."""
+    def draw(self, gmsh: Gmsh, request: Request) -> None:
+        """The contact part is cut out of the top; in 2D the origin is a vertex too."""
         occ, dim, a = gmsh.model.occ, request.dim, self.contact_half_width
         low, high = self.box(dim)
         if dim == 3:
@@ -102,5 +103,6 @@ class HalfSpace(Builder):
         sides.match(gmsh, dim, request.periodic, found, self._flat(dim), self.box(dim))
 
     def _flat(self, dim: int) -> dict[str, tuple[int, int]]:
+        """Flat sides, as in `sides.of_box`; `top` contains the contact part."""
         found = sides.of_box(dim)
         return {"axis" if self.symmetric and name == "left" else name: place for name, place in found.items()}

@@ -1,18 +1,18 @@
-"""Pairs of bodies, one above the other: blocks, and round bodies that stand pole to pole."""
+"""Bases of the assemblies of two bodies, one above the other: blocks, and round bodies with facing poles."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
-from geometry.builders.assembly import Assembly
+from geometry.builders.assembly import Assembly, CellKeys
 from geometry.errors import require
 from geometry.keys import Key
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pair(Assembly):
-    """The body `lower` reaches up to 0 on the last axis, the body `upper` begins at `gap`."""
+    """Along the last axis the body `lower` ends at 0 and the body `upper` begins at `gap`."""
 
     lengths: ClassVar[tuple[str, ...]] = ("lower_mesh_size",)
     distances: ClassVar[tuple[str, ...]] = ("gap",)
@@ -22,14 +22,21 @@ class Pair(Assembly):
         float | None, Key("m", "mesh_size of the lower body, contact_mesh_size in the same ratio; absent: mesh_size")
     ] = None
 
-    def lower_cell_keys(self) -> dict[str, Any]:
-        """The keys that all builders have, for the lower body."""
+    def lower_cell_keys(self) -> CellKeys:
+        """Mesh keys of the lower body."""
         return self.cell_keys(self.lower_mesh_size)
+
+
+class DomeKeys(CellKeys):
+    """Keys of one of two domes."""
+
+    radius: float
+    contact_radius: float | None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Domes(Pair):
-    """The lower body's pole is the origin, the upper one's lies at `gap` above it."""
+    """Two domes: the pole of the lower body is the origin, that of the upper body lies at `gap` above it."""
 
     lengths: ClassVar[tuple[str, ...]] = (*Pair.lengths, "radius", "lower_radius", "contact_radius")
 
@@ -43,13 +50,13 @@ class Domes(Pair):
         near = self.contact_radius
         require(near is None or near <= min(self.radius, self._lower), "contact_radius", near, "exceeds a radius")
 
-    def upper_keys(self) -> dict[str, Any]:
+    def upper_keys(self) -> DomeKeys:
         """Keys of the upper dome."""
-        return self.cell_keys() | {"radius": self.radius, "contact_radius": self.contact_radius}
+        return {**self.cell_keys(), "radius": self.radius, "contact_radius": self.contact_radius}
 
-    def lower_keys(self) -> dict[str, Any]:
+    def lower_keys(self) -> DomeKeys:
         """Keys of the lower dome."""
-        return self.lower_cell_keys() | {"radius": self._lower, "contact_radius": self.contact_radius}
+        return {**self.lower_cell_keys(), "radius": self._lower, "contact_radius": self.contact_radius}
 
     @property
     def _lower(self) -> float:

@@ -1,10 +1,10 @@
-"""A ring about the origin."""
+"""A ring about the origin, and the drawing of ring sectors."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from geometry.builders.cuboid import transfinite
 from geometry.builders.sizes import graded
 from geometry.errors import SceneError, require
 from geometry.keys import Key
+from geometry.protocols import Gmsh
 from geometry.shape import Model, Request
 
 ANGLE = "in degrees: 360, or 90: a quarter with sides x_axis and y_axis"
@@ -58,8 +59,8 @@ class Ring(Builder):
         points = np.outer(list(radii.values()), np.eye(2)[1 - RADIAL[name]])
         return points, sides.constant_normals(RADIAL[name], 0, points.shape)
 
-    def draw(self, gmsh: Any, request: Request) -> None:
-        """Quarters of four sides each."""
+    def draw(self, gmsh: Gmsh, request: Request) -> None:
+        """Drawn in quarters, each bounded by two arcs and two straight lines."""
         directions = np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])[: 4 if self.angle == 360 else 2]
         circles, spokes = draw_sectors(gmsh, (self.inner_radius, self.outer_radius), directions, self.angle == 360)
         found = dict(zip(("inner", "outer"), circles, strict=True))
@@ -68,8 +69,8 @@ class Ring(Builder):
         sides.name_groups(gmsh, 2, "ring", found)
         self._grid(gmsh, circles, spokes, {side.split(".")[1] for side in request.contact_sides})
 
-    def _grid(self, gmsh: Any, circles: list[list[int]], spokes: list[int], contacts: set[str]) -> None:
-        """Cells are contact_mesh_size long at contacts and grow away from them; none is longer than mesh_size."""
+    def _grid(self, gmsh: Gmsh, circles: list[list[int]], spokes: list[int], contacts: set[str]) -> None:
+        """Grid whose cells are contact_mesh_size long at contact sides and grow from there up to mesh_size."""
         radii = {"inner": self.inner_radius, "outer": self.outer_radius}
         touched = contacts & radii.keys()
         fine = self.fine_size if touched else self.mesh_size
@@ -88,12 +89,17 @@ class Ring(Builder):
 
 
 def draw_sectors(
-    gmsh: Any, radii: tuple[float, float], directions: Array, closed: bool
+    gmsh: Gmsh, radii: tuple[float, float], directions: Array, closed: bool
 ) -> tuple[list[list[int]], list[int]]:
-    """Put ring sectors between neighbouring unit vectors (k, 2), counterclockwise, into the model; no meshes yet.
+    """Put the ring sectors between neighbouring directions into the gmsh model, without a mesh.
+
+    Args:
+        radii: inner and outer one.
+        directions: unit vectors (k, 2), counterclockwise.
+        closed: there is a sector from the last direction to the first.
 
     Returns:
-        Arcs along the inner circle and along the outer one; lines from the inner to the outer one (k,).
+        Tags of the arcs on the inner circle and on the outer one; tags of the straight lines between the circles (k,).
     """
     occ = gmsh.model.occ
     centre = occ.addPoint(0, 0, 0)

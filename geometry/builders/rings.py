@@ -1,12 +1,12 @@
-"""A ring in a ring, pressed or loose."""
+"""A ring inside a ring, with interference (a press fit) or with a gap."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from geometry.builders.assembly import Assembly, Part
+from geometry.builders.assembly import Assembly, CellKeys, Part
 from geometry.builders.ring import ANGLE, Ring
 from geometry.errors import require
 from geometry.keys import Key
@@ -15,7 +15,7 @@ from geometry.shape import Model
 
 @dataclass(frozen=True, kw_only=True)
 class Rings(Assembly):
-    """Two rings about the origin, or a quarter of both; the inner one is drawn too large by the interference."""
+    """Two rings about the origin, or a quarter of both; the inner one is larger than the hole by the interference."""
 
     models: ClassVar[tuple[Model, ...]] = ("plane strain", "plane stress")
     lengths: ClassVar[tuple[str, ...]] = ("inner_radius", "radius", "outer_radius", "inner_mesh_size")
@@ -53,12 +53,15 @@ class Rings(Assembly):
         inner = self._ring(self.inner_radius, self.fitted_radius, self._inner_cell_keys())
         return {"inner": inner, "outer": self._ring(self.radius, self.outer_radius, self.cell_keys())}
 
-    def _ring(self, inner: float, outer: float, cell_keys: Mapping[str, Any]) -> Part:
+    def _ring(self, inner: float, outer: float, cell_keys: CellKeys) -> Part:
         ring = Ring(inner_radius=inner, outer_radius=outer, angle=self.angle, **cell_keys)
         return Part(shape=ring, renamed={"inner": "inside", "outer": "outside"})
 
-    def _inner_cell_keys(self) -> dict[str, Any]:
-        """A ring has as many cells along both of its circles: those of the larger one, or of the finer one."""
+    def _inner_cell_keys(self) -> CellKeys:
+        """Mesh keys of the inner ring; by default it has as many cells around as the outer ring where the two touch.
+
+        A ring has equally many cells on both of its circles, as the larger or the finer of them needs.
+        """
         if self.inner_mesh_size is not None:
             return self.cell_keys(self.inner_mesh_size)
         keys = self.cell_keys(self.mesh_size * self.fitted_radius / self.outer_radius)

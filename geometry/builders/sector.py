@@ -1,11 +1,11 @@
-"""A sector of a ring, meshed by a grid: a stone of an arch."""
+"""A sector of a ring, meshed by a grid: one stone of an arch."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import prod
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -16,12 +16,13 @@ from geometry.builders.cuboid import transfinite
 from geometry.builders.ring import draw_sectors
 from geometry.errors import require
 from geometry.keys import Key
+from geometry.protocols import Gmsh
 from geometry.shape import Model, Request
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sector(Builder):
-    """Between two angles about the origin; seen from there, `left` is the end and `right` the start."""
+    """Ring sector between two angles about the origin; the side `right` is at the start angle, `left` at the end."""
 
     lengths: ClassVar[tuple[str, ...]] = ("inner_radius", "outer_radius")
 
@@ -38,7 +39,7 @@ class Sector(Builder):
         self.refuse_too_many(prod(self.steps()))
 
     def steps(self) -> tuple[int, int]:
-        """Number of cells along the arcs, and from one to the other."""
+        """Number of cells along the arcs, and from the inner arc to the outer one."""
         along = np.radians(self.end - self.start) * self.outer_radius / self.mesh_size
         across = (self.outer_radius - self.inner_radius) / self.mesh_size
         return max(1, int(np.ceil(along * (1 - 1e-9)))), max(1, round(across))
@@ -57,7 +58,7 @@ class Sector(Builder):
         normal = np.array([-y, x]) if name == "left" else np.array([y, -x])
         return np.outer(list(radii.values()), [x, y]), np.tile(normal, (2, 1))
 
-    def draw(self, gmsh: Any, request: Request) -> None:
+    def draw(self, gmsh: Gmsh, request: Request) -> None:
         ends = directions(np.array([self.start, self.end]))
         (inside, outside), (right, left) = draw_sectors(gmsh, (self.inner_radius, self.outer_radius), ends, False)
         names = {"left": [left], "right": [right], "inside": inside, "outside": outside}
@@ -70,7 +71,7 @@ class Sector(Builder):
 
 
 def directions(angles: Array) -> Array:
-    """Unit vectors (k, 2) at angles (k,) in degrees from the x axis.
+    """Unit vectors (k, 2) at angles (k,) from the x axis, in degrees.
 
     >>> directions(np.array([0.0, 90.0])).round(15) + 0.0
     array([[1., 0.],

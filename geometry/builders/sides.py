@@ -1,36 +1,36 @@
-"""Sides of a shape in the gmsh model: found where they are flat, named, matched in pairs."""
+"""Sides of a shape in the gmsh model: found by the plane in which they lie, named, and meshed alike if periodic."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import Any
 
 import numpy as np
 
 from geometry.arrays import Array
 from geometry.errors import GeometryError, require
+from geometry.protocols import Gmsh
 from geometry.shape import Model
 
-Flat = tuple[int, float]  # axis of the normal, position along it
+Flat = tuple[int, float]  # a plane across an axis: axis of the normal, position along it
 SYMMETRIC = "true: the half x >= 0 only, with a side `axis`; axisymmetric models need it"
 
 
 def check_symmetric(symmetric: bool, model: Model) -> None:
-    """Refuse a whole where the model has half of it, and half of it where there is a whole only."""
+    """Raise SceneError for `symmetric = false` in an axisymmetric model, and for `symmetric = true` in 3D."""
     expected = "expected true in an axisymmetric model, which lies in x >= 0"
     require(model != "axisymmetric" or symmetric, "symmetric", "false", expected)
     require(model != "3d" or not symmetric, "symmetric", "true", "there is the whole shape only in 3D")
 
 
 def of_box(dim: int) -> dict[str, tuple[int, int]]:
-    """Side -> (axis of its normal, 0 for the lower and 1 for the upper end)."""
+    """Sides of a rectangle or box by name: axis of the normal, and 0 for the lower or 1 for the upper end."""
     middle = {"front": (1, 0), "back": (1, 1)} if dim == 3 else {}
     return {"left": (0, 0), "right": (0, 1)} | middle | {"bottom": (dim - 1, 0), "top": (dim - 1, 1)}
 
 
 def box_corners(box: Array, axis: int, end: int) -> tuple[Array, Array]:
-    """Corners (k, d) of one side of a box (2, d), and the outward normals there."""
+    """Corners (k, d) of one side of a box (2, d), and the unit outward normals there (k, d)."""
     dim = box.shape[1]
     ends = np.array(list(product((0, 1), repeat=dim)))
     ends = ends[ends[:, axis] == end]
@@ -38,19 +38,30 @@ def box_corners(box: Array, axis: int, end: int) -> tuple[Array, Array]:
 
 
 def constant_normals(axis: int, end: int, shape: tuple[int, ...]) -> Array:
-    """Outward normals (k, d) of a flat side."""
+    """Unit outward normals (k, d) = `shape` of a flat side across `axis`; end: 0 lower, 1 upper."""
     return np.tile(np.eye(shape[1])[axis] * (2 * end - 1), (shape[0], 1))
 
 
-def lies_in(gmsh: Any, dim: int, tag: int, flat: Flat) -> bool:
-    """Whether a curve (dim = 1) or surface (dim = 2) lies in a plane across one of the axes."""
+def lies_in(gmsh: Gmsh, dim: int, tag: int, flat: Flat) -> bool:
+    """Whether a curve (dim = 1) or surface (dim = 2) lies in the plane `flat`."""
     low, high = np.reshape(gmsh.model.getBoundingBox(dim, tag), (2, 3))[:, flat[0]]
-    slack = 1e-6 * (1 + abs(flat[1]))  # gmsh widens bounding boxes by 1e-7
+    slack = 1e-6 * (1 + abs(flat[1]))  # gmsh enlarges bounding boxes by 1e-7
     return bool(abs(low - flat[1]) < slack and abs(high - flat[1]) < slack)
 
 
-def outer(gmsh: Any, dim: int, flat: Mapping[str, Flat], rest: str | None = None) -> dict[str, list[int]]:
-    """Side -> tags of its curves (dim = 2) or surfaces (dim = 3); what lies in no plane of `flat` is the `rest`."""
+def outer(gmsh: Gmsh, dim: int, flat: Mapping[str, Flat], rest: str | None = None) -> dict[str, list[int]]:
+    """Find the boundary curves (dim = 2) or surfaces (dim = 3) of each side.
+
+    Args:
+        flat: plane of each flat side.
+        rest: name of the side that all other boundary entities make up; None: they belong to no side.
+
+    Returns:
+        Tags of the entities of each side.
+
+    Raises:
+        GeometryError: a side has no entity.
+    """
     found: dict[str, list[int]] = {name: [] for name in (*flat, *([rest] if rest else []))}
     for _, tag in gmsh.model.getBoundary(gmsh.model.getEntities(dim), combined=True, oriented=False):
         name = next((name for name, plane in flat.items() if lies_in(gmsh, dim - 1, tag, plane)), rest)
@@ -62,8 +73,8 @@ def outer(gmsh: Any, dim: int, flat: Mapping[str, Flat], rest: str | None = None
     return found
 
 
-def name_groups(gmsh: Any, dim: int, body: str, sides: Mapping[str, Sequence[int]]) -> None:
-    """All cells are one body; its sides are called body.side."""
+def name_groups(gmsh: Gmsh, dim: int, body: str, sides: Mapping[str, Sequence[int]]) -> None:
+    """Make all cells one body, and name its sides body.side; `sides` has the tags of each."""
     gmsh.model.addPhysicalGroup(dim, [tag for _, tag in gmsh.model.getEntities(dim)], tag=1)
     gmsh.model.setPhysicalName(dim, 1, body)
     for group, (name, tags) in enumerate(sides.items(), start=1):
@@ -72,14 +83,21 @@ def name_groups(gmsh: Any, dim: int, body: str, sides: Mapping[str, Sequence[int
 
 
 def match(
-    gmsh: Any,
+    gmsh: Gmsh,
     dim: int,
     pairs: Sequence[tuple[str, str]],
     tags: Mapping[str, Sequence[int]],
     places: Mapping[str, tuple[int, int]],
     box: Array,
 ) -> None:
-    """Make the mesh of each pair's first side, as body.side, that of the second, moved across the box."""
+    """Give periodic sides matching meshes: the first of each pair gets that of the second, moved across the box.
+
+    Args:
+        pairs: sides, named body.side.
+        tags: gmsh entities of each side.
+        places: axis and end of each side, from `of_box`.
+        box: lower and upper corner (2, d) [m].
+    """
     for slave, master in (tuple(side.split(".")[1] for side in pair) for pair in pairs):
         (axis, to), (_, origin) = places[slave], places[master]
         affine = np.eye(4)

@@ -1,18 +1,22 @@
-"""Cell sizes that grow away from where bodies touch."""
+"""Mesh sizes that grow with the distance from where bodies touch."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
-GROWTH = 0.3  # growth of the cell size per unit of distance from a contact
+from geometry.protocols import Gmsh
+
+GROWTH = 0.3  # of the cell size per distance from the contact
 
 
 def beyond(radius: float, distance: str) -> str:
-    """Formula of how far a point lies out of a ball, or whatever `distance` is measured from; zero inside.
+    """gmsh formula of max(distance - radius, 0).
+
+    Args:
+        distance: a formula in x, y and z.
 
     >>> beyond(2.0, "Abs(x)")
     '(0.5*(Abs(x)-2+Abs(Abs(x)-2)))'
@@ -21,7 +25,7 @@ def beyond(radius: float, distance: str) -> str:
 
 
 def norm(*terms: str) -> str:
-    """Formula of the length of a vector with these components.
+    """gmsh formula of the length of a vector whose components are these formulas.
 
     >>> norm("x", "y")
     'Sqrt((x)*(x)+(y)*(y))'
@@ -29,8 +33,13 @@ def norm(*terms: str) -> str:
     return f"Sqrt({'+'.join(f'({term})*({term})' for term in terms)})"
 
 
-def grow(gmsh: Any, coarse: float, near: Sequence[tuple[float, str]]) -> None:
-    """Cells of size `coarse`, and of the size given where one of the distances of `near`, a formula, is zero."""
+def grow(gmsh: Gmsh, coarse: float, near: Sequence[tuple[float, str]]) -> None:
+    """Set the mesh size to min(coarse, fine + GROWTH * distance) over all pairs (fine, distance) of `near`.
+
+    Args:
+        coarse: largest cell size, in the model's unit.
+        near: cell size at distance zero, and the formula of the distance.
+    """
     field = gmsh.model.mesh.field
     tags = []
     for formula in (f"{coarse:.17g}", *(f"{fine:.17g} + {GROWTH} * {distance}" for fine, distance in near)):
@@ -44,7 +53,9 @@ def grow(gmsh: Any, coarse: float, near: Sequence[tuple[float, str]]) -> None:
 
 
 def cells_around(dim: int, fine: float, radius: float, coarse: float, reach: float) -> float:
-    """About how many cells fill half a ball of radius `reach` if they are `fine` within `radius` and then grow.
+    """Estimate how many cells fill half a disc (dim = 2) or half a ball (dim = 3) of radius `reach`.
+
+    Their size is `fine` within `radius` and then grows up to `coarse`.
 
     >>> round(cells_around(2, 0.1, 1.0, 0.1, 1.0))  # half a disc of area pi / 2
     157
@@ -56,9 +67,13 @@ def cells_around(dim: int, fine: float, radius: float, coarse: float, reach: flo
 
 
 def graded(length: float, fine: float, coarse: float, ends: int) -> tuple[int, float]:
-    """Number of cells along a line that is fine at `ends` of its ends, and the ratio of neighbours.
+    """Number of cells along a line that has fine cells at one end or at both, and its grading coefficient.
 
-    With two ends the ratio is gmsh's bump coefficient.
+    Args:
+        ends: number of fine ends, 1 or 2.
+
+    Returns:
+        The coefficient is the ratio of neighbouring cells, or gmsh's bump coefficient if both ends are fine.
     """
     part = length / ends
     if part <= fine:

@@ -1,4 +1,4 @@
-"""Two half balls, pole to pole."""
+"""Two half balls that face each other with their poles."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from geometry.builders.pair import Domes
 from geometry.keys import Key
 from geometry.shape import Model
 
-HALF_TURN = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))  # about x = y: a quarter stays in x, y >= 0
+HALF_TURN = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))  # about the line x = y: a quarter stays in x, y >= 0
 
 
 @dataclass(frozen=True, kw_only=True)

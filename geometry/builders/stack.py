@@ -1,4 +1,4 @@
-"""Blocks on top of each other."""
+"""Blocks on top of each other, each meshed alone."""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
-from geometry.builders.alternating import Alternating
-from geometry.builders.assembly import Part
+from geometry.builders.assembly import BodyRow, Part
 from geometry.builders.block import Block
 from geometry.keys import Key
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stack(Alternating):
-    """Blocks [0, length], the lowest standing on 0 of the last axis: block_1, block_2 and so on upwards."""
+class Stack(BodyRow):
+    """Blocks [0, length]; block_1 stands on 0 of the last axis, block_2 on it, and so on upwards."""
 
     lengths: ClassVar[tuple[str, ...]] = ("length", "height", "width")
 

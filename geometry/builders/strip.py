@@ -1,14 +1,15 @@
-"""A long thin block, meshed in layers."""
+"""A long thin block, meshed in layers of equal cells."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import prod
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from geometry.builders.cuboid import Cuboid, grid
 from geometry.errors import SceneError, require
 from geometry.keys import Key
+from geometry.protocols import Gmsh
 from geometry.shape import Model, Request
 
 
@@ -39,6 +40,6 @@ class Strip(Cuboid):
         """Number of cells along an axis."""
         return self.layers if axis == dim - 1 else max(1, round(self.size(dim)[axis] / self.mesh_size))
 
-    def draw(self, gmsh: Any, request: Request) -> None:
+    def draw(self, gmsh: Gmsh, request: Request) -> None:
         self.draw_box(gmsh, request.dim)
         grid(gmsh, request.dim, self.cells == "tensor", lambda axis: (self.steps(axis, request.dim), 1.0))

@@ -1,4 +1,4 @@
-"""A block on a block."""
+"""A block on a block, each meshed alone."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from geometry.keys import Key
 
 @dataclass(frozen=True, kw_only=True)
 class TwoBlocks(Pair):
-    """Upper block [offset, offset + length], lower block centred under it before the offset; each meshed alone."""
+    """The upper block is [offset, offset + length]; the lower one is centred under it at offset = 0."""
 
     lengths: ClassVar[tuple[str, ...]] = (
         *Pair.lengths, "length", "height", "width", "lower_length", "lower_height",

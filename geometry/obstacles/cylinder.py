@@ -1,4 +1,4 @@
-"""A rigid roller or bore: in plane models a circle, in axisymmetric ones a shaft on the axis of symmetry."""
+"""A rigid roller or bore: a circle in plane models, a shaft on the axis of symmetry in axisymmetric ones."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from geometry.shape import Model
 
 @dataclass(frozen=True, kw_only=True)
 class Cylinder(Round, Obstacle):
-    """Infinitely long; absent `axis`: along z, plane models only."""
+    """An infinitely long cylinder; without `axis` it stands along z, in plane models only."""
 
     vectors: ClassVar[tuple[str, ...]] = ("point", "axis")
     point: Annotated[tuple[float, ...], Key("m", "a point of the axis")]
@@ -38,7 +38,8 @@ class Cylinder(Round, Obstacle):
             require(self.point[0] == 0, "point", list(self.point), "must lie on the axis of symmetry, x = 0")
 
     def from_core(self, x: Sequence[Any]) -> list[Any]:
-        """
+        """Components of the shortest vector [m] from the axis to the point with coordinates `x`.
+
         >>> import numpy as np
         >>> Cylinder(point=(0.0, 0.0), radius=1.0).signed_gap(np.array([[3.0, 4.0]]))
         array([4.])

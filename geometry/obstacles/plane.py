@@ -1,4 +1,4 @@
-"""A rigid half-space."""
+"""A rigid half-space, bounded by a plane."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from geometry.obstacles.rotation import unit
 
 @dataclass(frozen=True, kw_only=True)
 class Plane(Obstacle):
-    """Half-space below a plane."""
+    """The half-space behind a plane; `normal` points out of it."""
 
     vectors: ClassVar[tuple[str, ...]] = ("point", "normal")
     point: Annotated[tuple[float, ...], Key("m", "a point of the plane")]
@@ -29,7 +29,8 @@ class Plane(Obstacle):
         require(any(self.normal), "normal", list(self.normal), "a plane's normal must not be zero")
 
     def distance(self, x: Sequence[Any], sqrt: Callable[[Any], Any]) -> Any:
-        """
+        """Signed distance [m] of the point with coordinates `x` from the plane, positive outside.
+
         >>> Plane(point=(0.0, 0.0), normal=(0.0, 2.0)).signed_gap(np.array([[3.0, 0.5]]))
         array([0.5])
         """

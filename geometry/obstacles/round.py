@@ -1,4 +1,4 @@
-"""What cylinders and spheres share: a surface at one distance from a core, met from outside or from inside."""
+"""Base of cylinder and sphere: a surface at a constant distance from a core (axis or centre), outside or inside."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from geometry.keys import Key
 
 @dataclass(frozen=True, kw_only=True)
 class Round:
-    """Keys and geometry of a round obstacle; `from_core` is what tells the kinds apart."""
+    """A round obstacle; each kind defines the vector from its core."""
 
     radius: Annotated[float, Key("m", "of the obstacle")]
     inside: Annotated[bool, Key("-", "true: a bore, the body lies inside it")] = False
@@ -29,11 +29,13 @@ class Round:
         raise NotImplementedError
 
     def distance(self, x: Sequence[Any], sqrt: Callable[[Any], Any]) -> Any:
+        """Signed distance [m] of the point with coordinates `x`, positive where the body may be."""
         outside = sqrt(sum(a * a for a in self.from_core(x))) - self.radius
         return -outside if self.inside else outside
 
     def normals(self, points: Array) -> Array:
+        """Unit normals (m, d) out of the obstacle at the points closest to `points` (m, d); zero on the core."""
         arm = np.stack(self.from_core(list(points.T)), axis=1)
         length = np.linalg.norm(arm, axis=1, keepdims=True)
-        outward = np.divide(arm, length, out=np.zeros_like(arm), where=length > 0)  # the core itself has no normal
+        outward = np.divide(arm, length, out=np.zeros_like(arm), where=length > 0)
         return np.asarray(-outward if self.inside else outward)

@@ -1,4 +1,4 @@
-"""A rigid ball or socket."""
+"""A rigid ball, or a socket."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from geometry.shape import Model
 
 @dataclass(frozen=True, kw_only=True)
 class Sphere(Round, Obstacle):
-    """3D, or axisymmetric with its centre on the axis."""
+    """A sphere: in 3D, or in axisymmetric models with its centre on the axis."""
 
     vectors: ClassVar[tuple[str, ...]] = ("center",)
     center: Annotated[tuple[float, ...], Key("m", "centre")]
@@ -29,7 +29,8 @@ class Sphere(Round, Obstacle):
             require(self.center[0] == 0, "center", list(self.center), "must lie on the axis of symmetry, x = 0")
 
     def from_core(self, x: Sequence[Any]) -> list[Any]:
-        """
+        """Components of the vector [m] from the centre to the point with coordinates `x`.
+
         >>> import numpy as np
         >>> Sphere(center=(0.0, 0.0, 1.0), radius=1.0, inside=True).signed_gap(np.array([[0.0, 0.0, 0.5]]))
         array([0.5])

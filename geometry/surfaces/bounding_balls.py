@@ -1,4 +1,4 @@
-"""Which facets may meet: those whose balls come close to each other along a direction."""
+"""Coarse contact search: pairs of facets whose bounding balls meet along a direction, by k-d trees."""
 
 from __future__ import annotations
 
@@ -9,30 +9,42 @@ from scipy.spatial import cKDTree
 
 from geometry.arrays import Array, Ints
 
-BLOCK = 2000  # balls looked at together: bounds the memory
-SAMPLES = 64  # at most, from a ball's centre to its reach
+BLOCK = 2000  # balls at a time: bounds the memory
+SAMPLES = 64  # balls that cover the path of one ball to its reach, at most
 
 
-def near(
+def candidate_pairs(
     centres: Array, radii: Array, directions: Array, targets: Array, target_radii: Array, reach: float
 ) -> Iterator[tuple[Ints, Ints]]:
-    """Pairs (ball, target) that meet when the ball moves by at most `reach` either way along its direction.
+    """Pairs (ball, target) that may meet when the ball moves along its direction, by at most `reach` either way.
 
-    The path of a ball is covered with balls; targets of very different sizes have trees of their own, else the largest
-    one would make neighbours of all the small ones. Some of the pairs do not meet.
+    The path of a ball is covered with larger balls, so that some of the pairs do not meet. Targets are sorted into
+    trees by size, since one large target in a tree widens the search around all the small ones.
+
+    Args:
+        centres, radii: of the balls (m, d), (m,) [m].
+        directions: unit vectors (m, d).
+        targets, target_radii: balls to meet (t, d), (t,) [m].
+        reach: [m].
+
+    Yields:
+        Numbers of balls and of targets (c,), block by block of balls.
     """
     level = np.floor(np.log2(target_radii / target_radii.min()))
     classes = [np.flatnonzero(level == value) for value in np.unique(level)]
     trees = [(cKDTree(targets[rows]), rows, target_radii[rows].max()) for rows in classes]
     for start in range(0, len(centres), BLOCK):
         rows = np.arange(start, min(start + BLOCK, len(centres)))
-        keys = [_meet(tree, centres[rows], radii[rows] + size, directions[rows], reach) for tree, _, size in trees]
+        keys = [
+            _pairs_in_tree(tree, centres[rows], radii[rows] + size, directions[rows], reach) for tree, _, size in trees
+        ]
         ball = np.concatenate([rows[i] for i, _ in keys])
-        target = np.concatenate([own[j] for (_, j), (_, own, _) in zip(keys, trees, strict=True)])
+        target = np.concatenate([members[j] for (_, j), (_, members, _) in zip(keys, trees, strict=True)])
         yield ball, target
 
 
-def _meet(tree: cKDTree, centres: Array, thick: Array, directions: Array, reach: float) -> tuple[Ints, Ints]:
+def _pairs_in_tree(tree: cKDTree, centres: Array, thick: Array, directions: Array, reach: float) -> tuple[Ints, Ints]:
+    """Pairs (ball, target) of one tree; `thick` (m,) are the sums of the radii [m]."""
     count = min(int(np.ceil(reach / np.median(thick))), SAMPLES)
     ball = np.hypot(thick, reach / (2 * max(count, 1)))
     keys = []

@@ -1,9 +1,10 @@
-"""The parts of a slave surface in space that each master facet faces: polygons, cut into triangles.
+"""Clipping of slave and master facets (3D): the parts of the slave that face each master facet, cut into triangles.
 
-Seen along a slave facet's averaged normal a, a master corner y has the coordinates (y - x_0) [t_1 t_2 a]^-1 on the
-facet, with the facet's edges t_1 and t_2: the first two are its place, the third is its distance. The slave facet is
-then the reference triangle, and clipping is the same three cuts for every pair. Curved facets are cut into straight
-pieces first, quadrilaterals into two triangles; the parts keep their place on the facet itself.
+A master corner y is projected along the averaged normal a of the slave facet: it has the coordinates
+(y - x_0) [t_1 t_2 a]^-1, with the slave facet's corner x_0 and edges t_1 and t_2. The first two are its position on the
+facet, the third is its distance. In these coordinates every slave facet is the reference triangle, so that the same
+three cuts clip all pairs. Curved facets are cut into straight pieces before, quadrilaterals into two triangles; the
+parts are given in the reference coordinates of the whole facet.
 
 Source: Puso & Laursen, Comput. Methods Appl. Mech. Engrg. 193 (2004); Popp et al., Int. J. Numer. Meth. Engng 83
 (2010).
@@ -15,13 +16,14 @@ import numpy as np
 
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Ints
-from geometry.surfaces.bounding_balls import near
+from geometry.surfaces.bounding_balls import candidate_pairs
 from geometry.surfaces.facet_map import locate
 from geometry.surfaces.surface import Surface
 
-SLIVER = 1e-15  # determinant, 1 for the reference triangle
-GENERIC = (1.0, 0.6180339887)  # direction in reference coordinates that no edge of a regular mesh is normal to
-CUTS = (((1.0, 0.0), 0.0), ((0.0, 1.0), 0.0), ((-1.0, -1.0), 1.0))  # its inside: n . ξ + c >= 0
+SLIVER = 1e-15  # triangles with a smaller determinant are dropped; 1 for the reference triangle
+GENERIC = (1.0, 0.6180339887)  # direction in reference coordinates to which no edge of a regular mesh is normal
+# n and c of the half-planes n . ξ + c >= 0 whose intersection is the reference triangle
+CUTS = (((1.0, 0.0), 0.0), ((0.0, 1.0), 0.0), ((-1.0, -1.0), 1.0))
 PIECES = {  # by nodes of a quadratic quadrilateral: corners 0 to 3, then (1/2, 0), (0, 1/2), (1, 1/2), (1/2, 1), centre
     ("triangle", 1): [[0, 1, 2]],
     ("triangle", 2): [[0, 4, 5], [4, 1, 8], [5, 8, 2], [8, 5, 4]],
@@ -33,11 +35,15 @@ SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
 def triangles(slave: Surface, master: Surface, normals: Array, reach: float) -> tuple[Ints, Ints, Array, Array]:
-    """Slave facets (c,), master facets (c,), triangles (c, 3, 2) in slave coordinates, directions (c, 3) of projection.
+    """Find the triangles of the slave surface that face master facets; 3D only.
 
     Args:
-        normals: of the slave's nodes (n, 3).
-        reach: how far the two may be apart [m].
+        normals: unit normals at the slave's nodes (n, 3).
+        reach: largest distance of the two surfaces [m].
+
+    Returns:
+        Slave facets (c,), master facets (c,), corners of the triangles (c, 3, 2) in slave reference coordinates, and
+        unit directions of projection (c, 3).
     """
     pieces, targets = _pieces(slave), _pieces(master)  # (s, 3 or 4, 2), (t, 3 or 4, 2)
     corners, goals = _corners(slave, pieces), _corners(master, targets)  # (f s, 3 or 4, 3), (g t, 3 or 4, 3)
@@ -49,7 +55,7 @@ def triangles(slave: Surface, master: Surface, normals: Array, reach: float) -> 
     inverse = np.linalg.inv(np.concatenate([edges, along[:, None]], axis=1))
     away = _area_normals(goals) * np.repeat(master.outward, len(targets))[:, None]
     found = []
-    for i, j in near(*_balls(ends), along, *_balls(goals), reach):
+    for i, j in candidate_pairs(*_balls(ends), along, *_balls(goals), reach):
         facing = np.einsum("qd,qd->q", away[j], along[i]) < 0
         i, j = i[facing], j[facing]
         row, polygons = _clip(((goals[j] - origin[i]) @ inverse[i])[:, :, :2])
@@ -65,7 +71,7 @@ def triangles(slave: Surface, master: Surface, normals: Array, reach: float) -> 
 
 
 def _on_quadrilateral(slave: Surface, corners: Array, halves: Ints, polygons: Array, along: Array) -> Array:
-    """Corners of polygons (p, v, 2) on half a quadrilateral: from coordinates on that triangle to the bilinear ones."""
+    """Map corners of polygons (p, v, 2) from one half of a quadrilateral, a triangle, to its bilinear coordinates."""
     count = polygons.shape[1]
     numbers = np.arange(4 * len(corners))
     straight = Surface(
@@ -95,33 +101,37 @@ def _pieces(surface: Surface) -> Array:
 
 
 def _corners(surface: Surface, pieces: Array) -> Array:
-    """Corners (f s, 3 or 4, 3) [m] of all pieces, those of one facet after each other."""
+    """Corners (f s, 3 or 4, 3) [m] of the s pieces of each facet, facet by facet."""
     basis = dx.reference_basis(surface.shape, surface.degree, pieces.reshape(-1, 2))[0]
     points = np.einsum("qk,fkd->fqd", basis, surface.points[surface.facets])
     return np.asarray(points.reshape(-1, pieces.shape[1], 3))
 
 
 def _directions(surface: Surface, pieces: Array, normals: Array) -> Array:
-    """Averaged normals (f s, 3) at the centres of the pieces."""
+    """Unit interpolated normals (f s, 3) at the centres of the pieces."""
     basis = dx.reference_basis(surface.shape, surface.degree, pieces.mean(axis=1))[0]
     found = np.einsum("sk,fkd->fsd", basis, normals[surface.facets]).reshape(-1, 3)
     return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
 
 
 def _area_normals(corners: Array) -> Array:
+    """Normals (p, 3) of polygons (p, v, 3), twice as long as their area."""
     arms = corners - corners[:, :1]
     return np.asarray(np.cross(arms, np.roll(arms, -1, axis=1)).sum(axis=1))
 
 
 def _balls(corners: Array) -> tuple[Array, Array]:
+    """Centres (p, 3) and radii (p,) of balls around polygons (p, v, 3) [m]."""
     centres = corners.mean(axis=1)
     return centres, np.linalg.norm(corners - centres[:, None], axis=2).max(axis=1)
 
 
 def _clip(polygons: Array) -> tuple[Ints, Array]:
-    """Convex polygons (p, v, 2) cut down to the reference triangle: rows left (l,) and polygons (l, v + 3, 2).
+    """Intersect convex polygons (p, v, 2) with the reference triangle by Sutherland and Hodgman's algorithm.
 
-    Sutherland and Hodgman's way; a polygon with fewer corners repeats its last.
+    Returns:
+        Rows of the polygons that intersect it (l,), and the intersections (l, v + 3, 2); one with fewer corners repeats
+        its last corner.
     """
     rows = np.arange(len(polygons))
     for normal, constant in CUTS:
@@ -141,10 +151,13 @@ def _clip(polygons: Array) -> tuple[Ints, Array]:
 
 
 def _fan(polygons: Array) -> tuple[Ints, Array]:
-    """Triangles (c, 3, 2) that make up convex polygons (p, v, 2), and the polygon (c,) that each is part of.
+    """Cut convex polygons (p, v, 2) into triangles that share one corner.
 
-    They spread from the corner that lies farthest along a direction: the first in line is a matter of rounding where
-    corners of one surface lie on edges of the other, and what quadrature makes of curved normals depends on it.
+    That corner is the farthest one along the direction GENERIC, not the first: which corner comes first depends on
+    rounding where corners of one surface lie on edges of the other, and quadrature on curved facets depends on the cut.
+
+    Returns:
+        The polygon (c,) of each triangle, and the triangles (c, 3, 2).
     """
     v = polygons.shape[1]
     first = np.argmax(polygons @ np.array(GENERIC), axis=1)

@@ -1,4 +1,4 @@
-"""Points of a surface from their place on a facet, and back along a direction."""
+"""The map from a reference facet to the surface, and its inverse: projection on a facet along a given direction."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Ints
 from geometry.surfaces.surface import Surface
 
-TOLERANCE = 1e-14  # by the facet's size, or where that is less by what rounding leaves of it
+TOLERANCE = 1e-14  # of a Newton step, relative to the facet's size, plus rounding of the coordinates
 MAX_IT = 25
 
 
 @dataclass(frozen=True)
 class Placed:
-    """Quadrature points, or any others, q of them, each on a facet of its own."""
+    """q points of a surface, one on each of q facets (a facet may occur several times)."""
 
-    basis: Array  # (q, k)
+    basis: Array  # (q, k) values of the nodal basis
     points: Array  # (q, d) [m]
-    tangents: Array  # (q, d-1, d) [m]
-    area_normals: Array  # (q, d) outward, as long as the area of the reference facet's image
+    tangents: Array  # (q, d-1, d) derivatives by the reference coordinates [m]
+    area_normals: Array  # (q, d) outward normals, their length is the Jacobian `stretch`
 
     @property
     def stretch(self) -> Array:
-        """Area of the facet by area of the reference facet (q,)."""
+        """Jacobian (q,) [m^(d-1)]: area of the facet per area of the reference facet."""
         return np.asarray(np.linalg.norm(self.area_normals, axis=1))
 
 
 def place(surface: Surface, facets: Ints, local: Array) -> Placed:
-    """Points at reference coordinates `local` (q, d-1) of `facets` (q,)."""
+    """Map reference coordinates `local` (q, d-1) of `facets` (q,) to points of the surface."""
     basis, gradient = dx.reference_basis(surface.shape, surface.degree, local)
     nodes = surface.points[surface.facets[facets]]
     tangents = np.einsum("aqk,qkd->qad", gradient, nodes)
@@ -43,11 +43,20 @@ def place(surface: Surface, facets: Ints, local: Array) -> Placed:
 
 
 def locate(surface: Surface, facets: Ints, start: Array, points: Array, directions: Array) -> Array:
-    """Reference coordinates (q, d-1) where the lines through `points` along `directions` (q, d) meet the facets.
+    """Project points on facets along given directions.
 
-    Newton from `start`; exact after one step on a straight facet, NaN where it finds nothing.
+    Newton's method; one step is exact on a straight facet. The result may lie outside the reference facet.
+
+    Args:
+        facets: (q,) one for each point.
+        start: (q, d-1) first iterate.
+        points: (q, d) [m].
+        directions: (q, d).
+
+    Returns:
+        Reference coordinates (q, d-1) of the intersection of line and facet; NaN where the method does not converge.
     """
-    across = _across(directions)
+    across = _orthogonal(directions)
     nodes = surface.points[surface.facets[facets]]
     rounding = np.abs(nodes).max(axis=(1, 2)) / np.ptp(nodes, axis=1).max(axis=1)
     local, size = start.copy(), np.full(len(start), np.inf)
@@ -65,8 +74,8 @@ def locate(surface: Surface, facets: Ints, start: Array, points: Array, directio
     return local
 
 
-def _across(directions: Array) -> Array:
-    """d-1 vectors (q, d-1, d) that a direction (q, d) is normal to."""
+def _orthogonal(directions: Array) -> Array:
+    """d-1 independent vectors (q, d-1, d) orthogonal to each direction (q, d)."""
     if directions.shape[1] == 2:
         return np.asarray(np.stack([-directions[:, 1], directions[:, 0]], axis=1)[:, None])
     least = np.eye(3)[np.argmin(np.abs(directions), axis=1)]
@@ -75,7 +84,7 @@ def _across(directions: Array) -> Array:
 
 
 def _solve(matrix: Array, right: Array) -> Array:
-    """Solutions (q, a) of q small systems (q, a, a), infinite or NaN where there is none."""
+    """Solutions (q, a) of q linear systems (q, a, a), a = 1 or 2; infinite or NaN where the matrix is singular."""
     with np.errstate(divide="ignore", invalid="ignore"):
         if matrix.shape[1] == 1:
             return np.asarray(right / matrix[:, 0])

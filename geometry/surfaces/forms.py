@@ -1,19 +1,21 @@
-"""Stiffness and mass of a scalar field on a side: the Laplace-Beltrami operator, by quadrature."""
+"""Matrices of a scalar field on a side: Laplace-Beltrami stiffness, consistent mass and lumped mass."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
+from geometry.protocols import Sparse
 from geometry.surfaces.surface import Surface
 
 
-def surface_stiffness(surface: Surface) -> Any:
-    """∫ grad phi_i . grad phi_j ds (n, n) sparse [m^(d-3)], grad along the surface, of the nodal basis phi."""
+def surface_stiffness(surface: Surface) -> Sparse:
+    """Laplace-Beltrami stiffness ∫ grad phi_i . grad phi_j ds (n, n) [m^(d-3)] of the nodal basis phi.
+
+    grad is the gradient along the surface.
+    """
     degree = 2 * surface.degree
     weights, _ = surface.quadrature(degree)
     points, _ = dx.reference_rule(surface.shape, degree)
@@ -23,22 +25,23 @@ def surface_stiffness(surface: Surface) -> Any:
     return _assembled(surface, np.einsum("fq,aqi,fqab,bqj->fij", weights, gradient, inverse, gradient, optimize=True))
 
 
-def surface_product(surface: Surface) -> Any:
-    """∫ phi_i phi_j ds (n, n) sparse [m^(d-1)], not lumped."""
+def surface_product(surface: Surface) -> Sparse:
+    """Consistent mass ∫ phi_i phi_j ds (n, n) [m^(d-1)] of the nodal basis phi."""
     weights, basis = surface.quadrature(2 * surface.degree + surface.axisymmetric)
     return _assembled(surface, np.einsum("fq,qi,qj->fij", weights, basis, basis, optimize=True))
 
 
-def _assembled(surface: Surface, local: Array) -> Any:
-    """Matrices of the facets (f, k, k) added up (n, n)."""
+def _assembled(surface: Surface, local: Array) -> Sparse:
+    """Sum (n, n) of the matrices of the facets (f, k, k)."""
     i = np.broadcast_to(surface.facets[:, :, None], local.shape)
     j = np.broadcast_to(surface.facets[:, None, :], local.shape)
     n = len(surface.nodes)
-    return sparse.csr_matrix((local.ravel(), (i.ravel(), j.ravel())), shape=(n, n))
+    matrix: Sparse = sparse.csr_matrix((local.ravel(), (i.ravel(), j.ravel())), shape=(n, n))
+    return matrix
 
 
 def surface_mass(surface: Surface) -> Array:
-    """Lumped mass (n,) [m^(d-1)] of the nodal basis, all positive: each facet shares its own as ∫ phi_i² ds does.
+    """Lumped mass (n,) [m^(d-1)] of the nodal basis, all positive: each facet's area in the ratio of its ∫ phi_i² ds.
 
     Source: Hinton, Rock & Zienkiewicz, Earthquake Eng. Struct. Dyn. 4 (1976).
     """

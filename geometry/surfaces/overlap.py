@@ -1,10 +1,12 @@
-"""Quadrature over the part of a slave surface that faces a master surface, cell by cell of the two meshes' overlay."""
+"""Segment-based integration: quadrature over the part of a slave surface that faces a master surface.
+
+The cells of quadrature are those of the overlay of the two meshes: segments in 2D, clipped triangles in 3D.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -18,7 +20,7 @@ from geometry.surfaces.segments import segments
 from geometry.surfaces.surface import Surface
 
 TOLERANCE = 1e-14  # in reference coordinates
-EDGE = 1e-9  # of a cell: a centre on the edge between two cells is covered
+EDGE = 1e-9  # relative to a cell: a centre on the edge of a cell is covered by it
 
 
 @dataclass(frozen=True)
@@ -28,33 +30,33 @@ class Cells:
     slave_facet: Ints  # (c,)
     master_facet: Ints  # (c,)
     corners: Array  # (c, d, d-1) in slave reference coordinates
-    directions: Array | None = None  # (c, d) of projection; None: along the slave's interpolated normals
+    directions: Array | None = None  # (c, d) of projection; None: the slave's interpolated normals
 
-    def __getitem__(self, rows: Any) -> Cells:
+    def __getitem__(self, rows: Ints | Bools) -> Cells:
         along = None if self.directions is None else self.directions[rows]
         return Cells(self.slave_facet[rows], self.master_facet[rows], self.corners[rows], along)
 
     def at(self, points: Array) -> Array:
-        """Slave reference coordinates (c, g, d-1) of points (g, d-1) of the reference interval or triangle."""
+        """Map points (g, d-1) of the reference interval or triangle to slave reference coordinates (c, g, d-1)."""
         return np.asarray(self.corners[:, :1] + points @ (self.corners[:, 1:] - self.corners[:, :1]))
 
     @property
     def areas(self) -> Array:
-        """Area by that of the reference interval or triangle (c,)."""
+        """Areas (c,) in reference coordinates, relative to the reference interval or triangle."""
         return np.asarray(np.abs(np.linalg.det(self.corners[:, 1:] - self.corners[:, :1])))
 
 
-def nearest(cells: Cells, master: Surface, gap: Callable[[Cells, Array], Array]) -> Bools:
-    """Which cells (c,) no nearer master facet covers, judged at their centres.
+def nearest_cells(cells: Cells, master: Surface, gap: Callable[[Cells, Array], Array]) -> Bools:
+    """Which cells (c,) are not covered by a nearer master facet, judged at their centres.
 
-    Cells that hang together by master nodes are one layer, as all face the slave: few slave facets meet several.
+    Only cells of different layers can cover each other, and few slave facets face several layers, see `_layers`.
 
     Args:
-        gap: of cells at one place each (c, d-1) in slave coordinates [m].
+        gap: of cells at one point each (c, d-1), given in slave reference coordinates [m].
     """
     kept = np.ones(len(cells.slave_facet), bool)
     layer, rows = _layers(cells, master)
-    i, j = _together(cells.slave_facet[rows])
+    i, j = _pairs_of_equals(cells.slave_facet[rows])
     i, j = rows[i], rows[j]
     i, j = i[layer[i] != layer[j]], j[layer[i] != layer[j]]
     centres = cells.corners.mean(axis=1)
@@ -67,10 +69,10 @@ def nearest(cells: Cells, master: Surface, gap: Callable[[Cells, Array], Array])
     return kept
 
 
-def cut_apart(cells: Cells, master: Surface) -> Cells:
-    """Intervals of several layers cut at each other's ends."""
+def split_overlapping(cells: Cells, master: Surface) -> Cells:
+    """Split segments (2D) of different layers at each other's ends, so that two of them are equal or disjoint."""
     rows = _layers(cells, master)[1]
-    i, j = _together(cells.slave_facet[rows])
+    i, j = _pairs_of_equals(cells.slave_facet[rows])
     ends = np.sort(cells.corners[rows, :, 0], axis=1)
     points = np.clip(ends[j], ends[i][:, :1], ends[i][:, 1:]).ravel()
     owner = np.repeat(i, 2)
@@ -87,7 +89,11 @@ def cut_apart(cells: Cells, master: Surface) -> Cells:
 
 
 def _layers(cells: Cells, master: Surface) -> tuple[Ints, Ints]:
-    """The layer (c,) of each cell, and the cells on slave facets that meet more than one."""
+    """Layer (c,) of each cell, and the rows of the cells on slave facets with more than one layer.
+
+    A layer consists of the cells of a slave facet whose master facets are connected by nodes. As all of them face the
+    slave, cells of one layer do not cover each other.
+    """
     count, nodes = len(cells.slave_facet), master.facets[cells.master_facet]
     key = cells.slave_facet[:, None] * len(master.points) + nodes
     met, column = np.unique(key, return_inverse=True)
@@ -100,10 +106,10 @@ def _layers(cells: Cells, master: Surface) -> tuple[Ints, Ints]:
     return layer, np.flatnonzero(np.isin(cells.slave_facet, facets[layers > 1]))
 
 
-def _together(keys: Ints) -> tuple[Ints, Ints]:
-    """All pairs of rows with the same key, each row with itself too.
+def _pairs_of_equals(keys: Ints) -> tuple[Ints, Ints]:
+    """All pairs of rows with the same key, also of each row with itself.
 
-    >>> _together(np.array([7, 3, 7]))
+    >>> _pairs_of_equals(np.array([7, 3, 7]))
     (array([0, 0, 1, 2, 2]), array([0, 2, 1, 0, 2]))
     """
     _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
@@ -116,10 +122,10 @@ def _together(keys: Ints) -> tuple[Ints, Ints]:
 
 @dataclass(frozen=True)
 class Overlap:
-    """Quadrature points of the part of a slave surface that faces a master surface: q points, ordered by slave facet.
+    """The q quadrature points of the part of a slave surface that faces a master surface, ordered by slave facet.
 
-    Cells are cut in the reference coordinates of the slave facet and weigh what its area weighs there: over a facet
-    that is covered as a whole they add up to its integral, whatever its curvature.
+    Cells are cut in the reference coordinates of the slave facet, and weights contain the Jacobian of the curved facet
+    itself: on a facet that is covered as a whole, they add up to its area.
     """
 
     slave_facet: Ints  # (q,) row of slave.facets
@@ -132,39 +138,40 @@ class Overlap:
 
 
 def overlap(slave: Surface, master: Surface, reach: float, degree: int) -> Overlap:
-    """Lay two surfaces over each other.
+    """Quadrature points on the slave, each with the master point that it faces.
 
-    A master facet counts where it faces the slave (their normals are opposed) at no more than `reach` [m], the nearest
-    one if there are several; both are decided for a cell as a whole, at its centre. In the plane a point's partner
-    lies along its own normal, in space along the averaged normal at the centre of its facet.
+    A master facet counts where it faces the slave (their normals are opposed) at a distance of at most `reach`; of
+    several facets the nearest one counts. Both are decided for a cell as a whole, at its centre. A slave point is
+    projected on the master along its own normal in 2D, along the averaged normal at the centre of its facet in 3D.
 
     Args:
-        degree: of the quadrature on a cell: the total degree of the integrand in reference coordinates, area included;
-            4 times the order for products of two basis functions on quadrilaterals, 2 times on other facets.
+        reach: [m].
+        degree: of the quadrature on a cell: the total degree of the integrand in reference coordinates, Jacobian
+            included; 4 times the order for products of two basis functions on quadrilaterals, else 2 times.
     """
     normals = slave.node_normals()
 
     def gap(cells: Cells, local: Array) -> Array:
-        return _face(slave, master, normals, cells, local, np.zeros(len(local))).gap
+        return _project(slave, master, normals, cells, local, np.zeros(len(local))).gap
 
     if slave.dim == 2:
-        cells = cut_apart(Cells(*segments(slave, master, normals, reach)), master)
+        cells = split_overlapping(Cells(*segments(slave, master, normals, reach)), master)
     else:
         cells = Cells(*triangles(slave, master, normals, reach))
     cells = cells[np.abs(gap(cells, cells.corners.mean(axis=1))) <= reach]
-    cells = cells[nearest(cells, master, gap)]
+    cells = cells[nearest_cells(cells, master, gap)]
     cells = cells[np.argsort(cells.slave_facet, kind="stable")]
     points, weights = dx.reference_rule("interval" if slave.dim == 2 else "triangle", degree)
     each = cells[np.repeat(np.arange(len(cells.areas)), len(weights))]
     local = cells.at(points).reshape(-1, slave.dim - 1)
-    found = _face(slave, master, normals, each, local, np.outer(cells.areas, weights).ravel())
+    found = _project(slave, master, normals, each, local, np.outer(cells.areas, weights).ravel())
     met = np.isfinite(found.gap).reshape(-1, len(weights)).all(axis=1)  # a line may miss a curved facet
     rows = np.repeat(met, len(weights))
     return Overlap(**{field.name: getattr(found, field.name)[rows] for field in fields(found)})
 
 
-def _face(slave: Surface, master: Surface, normals: Array, cells: Cells, local: Array, areas: Array) -> Overlap:
-    """What faces one place (q, d-1) on each of the cells (q,); `areas` (q,) in reference coordinates."""
+def _project(slave: Surface, master: Surface, normals: Array, cells: Cells, local: Array, areas: Array) -> Overlap:
+    """Project one point (q, d-1) of each of the cells (q,) on the master; `areas` (q,) in reference coordinates."""
     here = place(slave, cells.slave_facet, local)
     normal = np.einsum("qk,qkd->qd", here.basis, normals[slave.facets[cells.slave_facet]])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)

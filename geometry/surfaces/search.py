@@ -1,8 +1,8 @@
-"""Search for contact: where lines from points along given directions first meet a master surface.
+"""Contact search: where the line through a point along a given direction intersects a master surface nearest to it.
 
-Facets are gathered in small patches, the patches in trees of their centres. Along each half-line goes a sample point:
-where the nearest patch is far the line is clear as far as that, where it is near the facets of all patches around are
-tried.
+Neighbouring facets are grouped in patches, and the centres of the patches are kept in k-d trees. A sample point marches
+along each half-line: if the nearest patch is far, the line is free of facets up to that distance; if it is near, the
+line is intersected with the facets of all patches around.
 """
 
 from __future__ import annotations
@@ -16,56 +16,62 @@ from scipy.spatial import cKDTree
 
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Bools, Ints
+from geometry.protocols import Sparse
 from geometry.surfaces.surface import Surface
 
-EDGE = 1e-8  # a line this close to a facet's edge, in reference coordinates, meets the facet: neighbours leave no slit
-STEPS = 12
-STILL = 1e-11  # the last Newton step, in reference coordinates, of a point that was found
-AWAY = 0.5  # how far out of its reference facet an iterate may go
+EDGE = 1e-8  # a facet is enlarged by this much, in reference coordinates: no line passes between two neighbours
+MAX_IT = 12
+TOLERANCE = 1e-11  # of a Newton step, in reference coordinates
+OUTSIDE = 0.5  # how far outside its reference facet an iterate may lie
 
 
-def cross(master: Surface, facet: Ints, points: Array, directions: Array, frames: Array) -> tuple[Bools, Array, Array]:
-    """Meet the line through points[i] along directions[i] with the facet facet[i]: (c,) pairs.
+def intersect(
+    master: Surface, facet: Ints, points: Array, directions: Array, frames: Array
+) -> tuple[Bools, Array, Array]:
+    """Intersect c lines with one facet each.
 
-    Seen along the line the facet is flat: `local` solves sum_k phi_k(local) P_k = 0, P_k its nodes in the plane
-    across the line. The determinant of that map is the normal's component along the line, so it also says whether
-    the facet faces the direction. One linear step is exact on straight simplices; others go on with Newton's.
+    The reference coordinates `local` of the intersection solve sum_k phi_k(local) P_k = 0, with P_k the facet's nodes
+    projected along the line. The Jacobian determinant of that map is the component of the facet's normal along the
+    line, so that its sign says whether the facet faces the direction. One Newton step is exact on straight simplices.
 
     Args:
-        frames: (c, d-1, d) unit vectors across the lines, from `across`.
+        facet: (c,) rows of `master.facets`.
+        points: (c, d) on the lines [m].
+        directions: (c, d) unit vectors along the lines.
+        frames: (c, d-1, d) unit vectors orthogonal to the lines, from `orthogonal_frames`.
 
     Returns:
         met (c,): the line meets the facet, and the facet's outward normal is against the direction;
-        local (c, d-1) and gap (c,) [m], where it does.
+        local (c, d-1) and gap (c,) [m]: reference coordinates and signed distance of the intersection, valid if met.
     """
     away = master.points[master.facets[facet]] - points[:, None]
     nodes = np.einsum("ctd,ckd->ckt", frames, away)
     middle = dx.reference_nodes(master.shape, 1).mean(axis=0, keepdims=True)
     basis, gradient = dx.reference_basis(master.shape, master.degree, middle)
-    step, turn = _newton_step(basis, gradient, nodes)
+    step, determinant = _newton_step(basis, gradient, nodes)
     local = middle + step
     found = np.isfinite(local).all(axis=1)
     if master.degree > 1 or master.shape == "quadrilateral":
         found[:] = False
         left = np.arange(len(facet))
-        for _ in range(STEPS):
-            local[left] = np.clip(local[left], -AWAY, 1 + AWAY)
+        for _ in range(MAX_IT):
+            local[left] = np.clip(local[left], -OUTSIDE, 1 + OUTSIDE)
             basis, gradient = dx.reference_basis(master.shape, master.degree, local[left])
-            step, turn[left] = _newton_step(basis, gradient, nodes[left])
+            step, determinant[left] = _newton_step(basis, gradient, nodes[left])
             local[left] += step
             size = np.abs(step).max(axis=1)
-            found[left[size <= STILL]] = True
-            left = left[size > STILL]
-    clipped = clip(master.shape, np.where(found[:, None], local, middle))
-    met = found & (np.abs(local - clipped).max(axis=1) <= EDGE) & (turn * master.outward[facet] < 0)
-    basis = dx.reference_basis(master.shape, master.degree, clipped)[0]
-    return met, clipped, np.einsum("cd,cd->c", directions, np.einsum("ck,ckd->cd", basis, away))
+            found[left[size <= TOLERANCE]] = True
+            left = left[size > TOLERANCE]
+    inside = into_reference_facet(master.shape, np.where(found[:, None], local, middle))
+    met = found & (np.abs(local - inside).max(axis=1) <= EDGE) & (determinant * master.outward[facet] < 0)
+    basis = dx.reference_basis(master.shape, master.degree, inside)[0]
+    return met, inside, np.einsum("cd,cd->c", directions, np.einsum("ck,ckd->cd", basis, away))
 
 
-def across(directions: Array) -> Array:
-    """Unit vectors (m, d-1, d) across unit directions (m, d); with the direction last, a right-handed frame.
+def orthogonal_frames(directions: Array) -> Array:
+    """Unit vectors (m, d-1, d) orthogonal to unit directions (m, d); followed by the direction, right-handed frames.
 
-    >>> across(np.array([[0.0, -1.0]]))
+    >>> orthogonal_frames(np.array([[0.0, -1.0]]))
     array([[[1., 0.]]])
     """
     if directions.shape[1] == 2:
@@ -76,8 +82,8 @@ def across(directions: Array) -> Array:
     return np.stack([first, np.cross(directions, first)], axis=1)
 
 
-def clip(shape: str, local: Array) -> Array:
-    """The reference facet's point near `local`."""
+def into_reference_facet(shape: str, local: Array) -> Array:
+    """Points (c, d-1) of the reference facet near `local` (c, d-1); the same where that lies inside."""
     if shape != "triangle":
         return np.asarray(np.clip(local, 0.0, 1.0))
     inside = np.maximum(local, 0.0)
@@ -85,9 +91,14 @@ def clip(shape: str, local: Array) -> Array:
 
 
 def _newton_step(basis: Array, gradient: Array, nodes: Array) -> tuple[Array, Array]:
-    """Step (c, d-1) towards the zero of sum_k phi_k P_k and the determinant (c,) of its gradient.
+    """Newton step (c, d-1) for sum_k phi_k P_k = 0, and the determinant (c,) of its Jacobian.
 
-    Basis (1 or c, k) and gradient (d-1, 1 or c, k); the step is not finite where the facet is seen edge-on.
+    The step is not finite where the line is parallel to the facet.
+
+    Args:
+        basis: (1 or c, k).
+        gradient: (d-1, 1 or c, k).
+        nodes: P_k (c, k, d-1).
     """
     basis = np.broadcast_to(basis, nodes.shape[:2])
     gradient = np.broadcast_to(gradient, (len(gradient), *nodes.shape[:2]))
@@ -97,39 +108,41 @@ def _newton_step(basis: Array, gradient: Array, nodes: Array) -> tuple[Array, Ar
         if len(value) == 1:
             return (value / jacobian[0]).T, jacobian[0, 0]
         (a, b), (c, d) = jacobian
-        turn = a * d - b * c
-        return np.stack([d * value[0] - b * value[1], a * value[1] - c * value[0]], axis=1) / turn[:, None], turn
+        determinant = a * d - b * c
+        step = np.stack([d * value[0] - b * value[1], a * value[1] - c * value[0]], axis=1) / determinant[:, None]
+        return step, determinant
 
 
 BLOCK = 10_000  # points at a time: bounds the memory
-PATCH = 16  # facets: fewer need more steps along a line, more have more facets to try
-BULGE = 5 / 3  # max of sum_k |phi_k| of quadratic facets: so many times farther out than its nodes a bulge may be
-SLACK = 1e-6  # of a facet's radius: what rounding may hide
-TIE = 1e-8  # of a facet's radius: gaps this near to each other are the same, the facet with the lowest number has it
-ROUGH = 0.5  # the nearest centre may be this much nearer than said: saves most of the time of that question
+PATCH = 16  # facets a patch, about: fewer take more steps along a line, more take more intersections
+BULGE = 5 / 3  # max of sum_k |phi_k| of quadratic facets: a curved facet bulges at most so much more than its nodes
+SLACK = 1e-6  # relative enlargement of a facet's ball, for rounding
+TIE = 1e-8  # of a facet's radius: gaps that differ by less are equal, and the facet with the lowest number is taken
+APPROXIMATION = 0.5  # relative error allowed in the distance to the nearest patch: saves most of the query's time
 
 
 @dataclass(frozen=True)
 class Pairing:
-    """Where lines from m points along given directions meet a master surface."""
+    """Intersections of the lines through m points along given directions with a master surface."""
 
-    facet: Ints  # (m,) row of master.facets, -1 where none is met within reach
-    local: Array  # (m, d-1) reference coordinates on that facet; 0 where none
-    gap: Array  # (m,) signed distance to the facet along the direction, positive = open [m]; inf where none
+    facet: Ints  # (m,) row of master.facets; -1 if no facet is met within reach
+    local: Array  # (m, d-1) reference coordinates on that facet; 0 if there is none
+    gap: Array  # (m,) signed distance to the facet along the direction, positive = open [m]; inf if there is none
 
-    def weights(self, master: Surface) -> sparse.csr_matrix:
-        """(m, n_master) values of the master's basis where each line meets it; empty rows where it does not."""
+    def weights(self, master: Surface) -> Sparse:
+        """Values (m, n_master) of the master's basis at each intersection; an empty row if there is none."""
         met = np.flatnonzero(self.facet >= 0)
         columns = master.facets[self.facet[met]]
         basis = dx.reference_basis(master.shape, master.degree, self.local[met])[0]
         rows = np.broadcast_to(met[:, None], columns.shape)
         shape = (len(self.facet), len(master.points))
-        return sparse.csr_matrix((basis.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+        matrix: Sparse = sparse.csr_matrix((basis.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+        return matrix
 
 
 @dataclass(frozen=True)
 class _Balls:
-    """Facets, each within its ball."""
+    """Bounding balls of the facets (f, d), (f,) [m]."""
 
     centres: Array
     radii: Array
@@ -137,16 +150,16 @@ class _Balls:
 
 @dataclass(frozen=True)
 class _Patches:
-    """Patches of neighbouring facets, their radii alike to a factor of two."""
+    """Patches of neighbouring facets whose radii differ by a factor of two at most."""
 
     tree: cKDTree  # of their centres
     radii: Array
-    start: Ints  # patch i has the facets members[start[i] : start[i] + count[i]]
+    start: Ints  # facets of patch i: members[start[i] : start[i] + count[i]]
     count: Ints
     members: Ints
 
     def expand(self, line: Ints, patch: Ints) -> tuple[Ints, Ints]:
-        """Pairs of a line and a patch to pairs of a line and a facet."""
+        """Turn pairs of line and patch into pairs of line and facet."""
         count = self.count[patch]
         before = np.cumsum(count) - count
         place = np.arange(count.sum()) + np.repeat(self.start[patch] - before, count)
@@ -155,7 +168,7 @@ class _Patches:
 
 @dataclass(frozen=True)
 class _Hits:
-    """Lines that meet facets: one row for each meeting."""
+    """Intersections of lines and facets, one row each."""
 
     point: Ints
     facet: Ints
@@ -164,15 +177,15 @@ class _Hits:
 
 
 def pair(points: Array, directions: Array, master: Surface, reach: float) -> Pairing:
-    """Meet each point's line with the master, at the place with the smallest |gap| <= reach.
+    """Find for each point the intersection of its line and the master with the smallest |gap| <= reach.
 
-    Only facets that face the direction count (outward normal · direction < 0): the far side of a body, met from
-    within, is no contact.
+    Only facets that face the direction count (outward normal · direction < 0): the far side of a body, which a line
+    meets from inside, is no contact.
 
     Args:
         points: (m, d) [m].
         directions: (m, d), unit vectors, usually a slave surface's outward normals.
-        reach: [m], may be inf.
+        reach: largest |gap| [m], may be inf.
     """
     found = Pairing(
         facet=np.full(len(points), -1), local=np.zeros((len(points), master.dim - 1)), gap=np.full(len(points), np.inf)
@@ -189,6 +202,7 @@ def pair(points: Array, directions: Array, master: Surface, reach: float) -> Pai
 
 
 def _balls(master: Surface) -> _Balls:
+    """Bounding balls of curved facets: the ball of the corners, enlarged by the bulge beyond the straight facet."""
     nodes = master.points[master.facets]
     straight = dx.reference_basis(master.shape, 1, dx.reference_nodes(master.shape, master.degree))[0]
     corners = nodes[:, : straight.shape[1]]
@@ -199,9 +213,9 @@ def _balls(master: Surface) -> _Balls:
 
 
 def _patches(balls: _Balls) -> list[_Patches]:
-    """Facets go to the nearest of every PATCH-th centre in a tree's order, which is spread like the facets.
+    """Group facets around seeds: every PATCH-th facet in the order of a k-d tree, so that seeds are spread like facets.
 
-    A few large patches would make the neighbourhood of every point large: each size has its own tree.
+    Patches of similar size share a tree: a few large patches in it would widen the search around all others.
     """
     seeds = balls.centres[cKDTree(balls.centres).indices[::PATCH]]
     distance, label = cKDTree(seeds).query(balls.centres)
@@ -210,7 +224,7 @@ def _patches(balls: _Balls) -> list[_Patches]:
     count = np.bincount(label, minlength=len(seeds))
     start = np.cumsum(count) - count
     members = np.argsort(label, kind="stable")
-    used = np.flatnonzero(count)  # of two seeds in one place one has nothing
+    used = np.flatnonzero(count)  # of two seeds at the same place one stays empty
     level = np.floor(np.log2(radii.max() / radii[used]))
     alike = [used[level == value] for value in np.unique(level)]
     return [_Patches(cKDTree(seeds[i]), radii[i], start[i], count[i], members) for i in alike]
@@ -219,22 +233,22 @@ def _patches(balls: _Balls) -> list[_Patches]:
 def _search(
     points: Array, directions: Array, master: Surface, reach: float, balls: _Balls, patches: list[_Patches]
 ) -> _Hits:
-    """All meetings that may be the nearest, on both half-lines of each point."""
-    frames = across(directions)
+    """All intersections that may be the nearest one, on both half-lines of each point."""
+    frames = orthogonal_frames(directions)
     middle = balls.centres.mean(axis=0)
     extent = (np.linalg.norm(balls.centres - middle, axis=1) + balls.radii).max()
-    limit = np.minimum(reach, np.linalg.norm(points - middle, axis=1) + extent)  # shrinks with every meeting
+    limit = np.minimum(reach, np.linalg.norm(points - middle, axis=1) + extent)  # shrinks with every intersection
     none = np.zeros(0, np.int64)
     hits = [_Hits(none, none, np.zeros((0, master.dim - 1)), np.zeros(0))]
     for alike in patches:
         for sign in (1, -1):
-            start = -sign * alike.radii.max()  # the first round sees both sides of the points
+            start = -sign * alike.radii.max()  # the first round covers both sides of the point
             for line, patch in _march(points, sign * directions, start, limit, alike):
                 point, facet = alike.expand(line, patch)
                 centres, radii = balls.centres[facet], balls.radii[facet]
                 may = _may_meet(points[point], directions[point], limit[point], centres, radii)
                 point, facet = point[may], facet[may]
-                met, local, gap = cross(master, facet, points[point], directions[point], frames[point])
+                met, local, gap = intersect(master, facet, points[point], directions[point], frames[point])
                 met &= np.abs(gap) <= reach
                 hits.append(_Hits(point[met], facet[met], local[met], gap[met]))
                 np.minimum.at(limit, point[met], np.abs(gap[met]))
@@ -244,28 +258,30 @@ def _search(
 def _march(
     points: Array, directions: Array, start: float, limit: Array, patches: _Patches
 ) -> Iterator[tuple[Ints, Ints]]:
-    """Pairs of a line and a patch that it may meet, from `start` on, until each line is seen to its limit.
+    """March along half-lines; yield pairs of a line and a patch that it may meet.
 
-    `limit` is the caller's, who lowers it between two rounds.
+    Args:
+        start: first position along the lines [m].
+        limit: last position of each line (m,) [m]; the caller lowers it between two rounds.
     """
-    step = patches.radii.max()  # half the length of line that one round sees
-    seen = np.full(len(points), start)
-    lines = np.flatnonzero(seen <= limit)
+    step = patches.radii.max()  # half the length of line that one round covers
+    covered = np.full(len(points), start)
+    lines = np.flatnonzero(covered <= limit)
     while len(lines):
-        samples = points[lines] + (seen[lines] + step)[:, None] * directions[lines]
-        clear = patches.tree.query(samples, eps=ROUGH)[0] / (1 + ROUGH) - step
+        samples = points[lines] + (covered[lines] + step)[:, None] * directions[lines]
+        clear = patches.tree.query(samples, eps=APPROXIMATION)[0] / (1 + APPROXIMATION) - step
         close = np.flatnonzero(clear <= step)
         if len(close):
             near = cKDTree(samples[close]).sparse_distance_matrix(patches.tree, 2 * step, output_type="ndarray")
             line, patch = lines[close[near["i"]]], near["j"]
             may = _may_meet(points[line], directions[line], limit[line], patches.tree.data[patch], patches.radii[patch])
             yield line[may], patch[may]
-        seen[lines] += step + np.maximum(clear, step)
-        lines = lines[seen[lines] <= limit[lines]]
+        covered[lines] += step + np.maximum(clear, step)
+        lines = lines[covered[lines] <= limit[lines]]
 
 
 def _may_meet(points: Array, directions: Array, limit: Array, centres: Array, radii: Array) -> Bools:
-    """Whether each line comes into the ball, no farther from the point than `limit` (c,)."""
+    """Whether each line enters its ball at a distance of at most `limit` (c,) from the point."""
     away = centres - points
     along = np.einsum("cd,cd->c", away, directions)
     away -= along[:, None] * directions
@@ -273,7 +289,7 @@ def _may_meet(points: Array, directions: Array, limit: Array, centres: Array, ra
 
 
 def _nearest(hits: _Hits, tie: Array) -> Ints:
-    """The row of each point's hit with the smallest |gap|; of equals the lowest facet."""
+    """Row of each point's intersection with the smallest |gap|; of equal gaps that of the lowest facet."""
     size = np.abs(hits.gap)
     least = np.full(hits.point.max(initial=-1) + 1, np.inf)
     np.minimum.at(least, hits.point, size)

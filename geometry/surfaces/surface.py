@@ -1,13 +1,12 @@
-"""A side of a body as a small mesh of its own, the same on every rank.
+"""A side of a body as a surface mesh, replicated on every rank.
 
-The volume is distributed, the surface is replicated: O(N^(2/3)) data.
+The volume mesh is distributed; the surface has O(N^(2/3)) data.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -17,27 +16,29 @@ from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Bools, Ints
 from geometry.mesh.mesh import Mesh
 from geometry.mesh.nodes import Nodes
+from geometry.protocols import FunctionSpace, Sparse
 
-CREASE = 40.0  # [degrees] smooth sides bend less from facet to facet, edges that are meant as edges more
-TIE = 1e-9  # areas that differ by less are equal
+CREASE = 40.0  # [degrees] neighbouring facets of a smooth side differ by less, those at an intended edge by more
+TIE = 1e-9  # areas whose relative difference is less are equal
 
 
 def largest_smooth_part(facets: Ints, normals: Array, crease: float) -> Bools:
-    """Whether a facet is in the smooth part with the largest area at its node (f, k).
+    """Whether each facet belongs to the largest smooth part at each of its nodes (f, k).
 
-    Two facets of a node are smooth together if their normals there differ by no more than `crease` degrees, or if
-    others lead from one to the other in such steps. The average over a crease belongs to neither side: a line along
-    it leaves the body slantwise and misses the surface that lies against the node's larger side. Of equal parts the
-    one with the lowest facet has it.
+    Two facets at a node belong to the same smooth part if their normals there differ by at most `crease`, or if a
+    chain of facets at the node connects them in such steps. The average over several parts is normal to none: a line
+    along it would miss the surface that faces the larger part. Of parts of equal area the one with the lowest facet
+    is taken.
 
     Args:
         facets: (f, k) nodes of facets.
-        normals: (f, k, d) outward normals, as long as the area.
+        normals: (f, k, d) outward normals, with the area as length.
+        crease: [degrees].
     """
     node = facets.ravel()
     area = np.linalg.norm(normals, axis=2).ravel()
     direction = normals.reshape(len(node), -1) / area[:, None]
-    corners = sparse.csr_matrix((np.ones(len(node)), (np.arange(len(node)), node)))  # of facets, at their nodes
+    corners = sparse.csr_matrix((np.ones(len(node)), (np.arange(len(node)), node)))  # (f k, nodes) incidence
     i, j = (corners @ corners.T).nonzero()
     smooth = np.einsum("cd,cd->c", direction[i], direction[j]) >= np.cos(np.radians(crease)) - TIE
     parts, part = connected_components(sparse.csr_matrix((smooth[smooth], (i[smooth], j[smooth]))), directed=False)
@@ -57,16 +58,16 @@ FACET_OF = {
     "hexahedron": "quadrilateral",
 }
 EDGES = {"interval": {2: (0, 1)}, "triangle": {3: (1, 2), 4: (0, 2), 5: (0, 1)}}  # midside node -> its corners
-ALPHA = 0.2  # part of a midside basis function that each corner of its edge takes over
+ALPHA = 0.2  # share of a midside basis function that is added to those of the corners of its edge
 
 
 @dataclass(frozen=True)
 class Surface:
-    """n nodes, f facets of k nodes each; ordered by the gmsh model's numbers, whatever the number of ranks.
+    """n nodes and f facets of k nodes each, in the order of the gmsh model's numbers on any number of ranks.
 
-    A quadratic triangle's corner functions have no integral, nor has that of a node on the axis of symmetry. There
-    contact works with another basis of the same displacements, phi~ = change @ phi, all of whose integrals are
-    positive: each corner takes over a part of its midside functions. Elsewhere phi~ = phi.
+    The integral of a corner's basis function is zero on a quadratic triangle, and at a node on the axis of symmetry.
+    There contact uses another basis of the same space, phi~ = change @ phi, whose functions all have positive
+    integrals: a share of each midside function is added to those of the corners. Elsewhere phi~ = phi.
 
     Source of phi~: Popp, Wohlmuth, Gee & Wall, SIAM J. Sci. Comput. 34 (2012).
     """
@@ -77,7 +78,7 @@ class Surface:
     input: Ints  # (n,) numbers in the gmsh model, increasing
     points: Array  # (n, d) [m]
     facets: Ints  # (f, k) rows of `nodes`, in dolfinx's order on a facet
-    outward: Array  # (f,) 1 or -1: whether the facet's tangents make an outward normal
+    outward: Array  # (f,) 1 if the cross product of the facet's tangents points outward, else -1
     axisymmetric: bool
 
     @property
@@ -85,7 +86,7 @@ class Surface:
         return int(self.points.shape[1])
 
     def quadrature(self, degree: int) -> tuple[Array, Array]:
-        """Weights (f, q) [m^(d-1)], 2 pi r included, and values of the basis (q, k), at quadrature points."""
+        """Quadrature weights (f, q) [m^(d-1)], 2 pi r included if axisymmetric, and values of the basis (q, k)."""
         points, weights = dx.reference_rule(self.shape, degree)
         basis, gradient = dx.reference_basis(self.shape, self.degree, points)
         corners = self.points[self.facets]
@@ -96,7 +97,7 @@ class Surface:
 
     @cached_property
     def change(self) -> Array:
-        """(k, k): phi~ = change @ phi on a facet."""
+        """Change of basis (k, k) on a facet: phi~ = change @ phi."""
         k = self.facets.shape[1]
         matrix = np.eye(k)
         if self.degree == 2 and (self.axisymmetric or self.shape == "triangle"):
@@ -106,33 +107,34 @@ class Surface:
         return matrix
 
     @cached_property
-    def transform(self) -> Any:
-        """(n, n) sparse: nodal values, coefficients of phi, to coefficients of phi~."""
+    def transform(self) -> Sparse:
+        """Matrix (n, n) from nodal values, the coefficients of phi, to coefficients of phi~."""
         return self._at_nodes(np.linalg.inv(self.change.T))
 
     @cached_property
-    def forces_transform(self) -> Any:
-        """(n, n) sparse: forces that work on nodal values to forces that work on the coefficients of phi~."""
+    def forces_transform(self) -> Sparse:
+        """Matrix (n, n) from forces dual to nodal values to forces dual to the coefficients of phi~."""
         return self._at_nodes(self.change.T).T.tocsr()
 
-    def _at_nodes(self, matrix: Array) -> Any:
-        """The (k, k) matrix, the same on every facet, over all nodes; facets agree about shared entries."""
+    def _at_nodes(self, matrix: Array) -> Sparse:
+        """Matrix (n, n) over all nodes of a (k, k) matrix that all facets have; entries of shared nodes count once."""
         n = len(self.nodes)
         i = np.broadcast_to(self.facets[:, :, None], (*self.facets.shape, len(matrix)))
         j = np.broadcast_to(self.facets[:, None, :], i.shape)
         values = np.broadcast_to(matrix, i.shape)
         at, first = np.unique(i[values != 0] * n + j[values != 0], return_index=True)
-        return sparse.csr_matrix((values[values != 0][first], (at // n, at % n)), shape=(n, n))
+        found: Sparse = sparse.csr_matrix((values[values != 0][first], (at // n, at % n)), shape=(n, n))
+        return found
 
     def node_weights(self) -> Array:
-        """∫ phi~_j ds (n,), the lumped weights, all positive."""
+        """Integrals ∫ phi~_j ds (n,) [m^(d-1)], the lumped weights; all positive."""
         weights, basis = self.quadrature(2 * self.degree + self.axisymmetric)
         total = self.scatter(weights @ basis @ self.change.T)
         assert np.all(total > 0)
         return total
 
     def dual_basis(self, degree: int) -> Array:
-        """Biorthogonal basis psi (f, q, k): on each facet ∫ psi_i phi~_k ds = delta_ik ∫ phi~_k ds."""
+        """Dual (biorthogonal) basis psi (f, q, k): on each facet ∫ psi_i phi~_k ds = delta_ik ∫ phi~_k ds."""
         weights, basis = self.quadrature(degree)
         basis = basis @ self.change.T
         mass = np.einsum("fq,qi,qk->fik", weights, basis, basis)
@@ -141,36 +143,37 @@ class Surface:
         return np.asarray(np.einsum("fik,qk->fqi", coefficients, basis))
 
     def node_normals(self, crease: float = 180.0) -> Array:
-        """Outward unit normals (n, d), averaged over the facets of the side, area weighted.
+        """Unit outward normals (n, d) at nodes: area-weighted averages over the facets of the side.
 
         Args:
-            crease: [degrees]; a node where the facets differ by more takes the largest smooth part of them.
+            crease: [degrees]; where the facets at a node differ by more, only their largest smooth part counts.
         """
         local = dx.reference_nodes(self.shape, self.degree)
         normals = _normals(self.points[self.facets], dx.reference_basis(self.shape, self.degree, local)[1])
-        normals *= self.outward[:, None, None]  # as long as the area that the facet has there
+        normals *= self.outward[:, None, None]  # their length is the Jacobian of the facet there
         if crease < 180:
             normals *= largest_smooth_part(self.facets, normals, crease)[:, :, None]
         total = np.zeros_like(self.points)
         np.add.at(total, self.facets, normals)
         return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
 
-    def neighbours(self) -> Any:
-        """(n, n) sparse, 1 for nodes that share a facet."""
+    def neighbours(self) -> Sparse:
+        """Adjacency (n, n): 1 for different nodes that share a facet."""
         n, k = len(self.nodes), self.facets.shape[1]
         pairs = np.repeat(self.facets, k, axis=1).ravel(), np.tile(self.facets, k).ravel()
-        matrix = sparse.csr_matrix((pairs[0] != pairs[1], pairs), shape=(n, n))  # of booleans: repeated pairs stay 1
+        different = pairs[0] != pairs[1]  # booleans: a pair that occurs twice stays 1
+        matrix: Sparse = sparse.csr_matrix((different, pairs), shape=(n, n))
         return matrix.astype(float)
 
     def scatter(self, values: Array) -> Array:
-        """Add facet values (f, k) up at the nodes (n,)."""
+        """Sum values at the nodes of facets (f, k) to values at nodes (n,)."""
         total = np.zeros(len(self.nodes))
         np.add.at(total, self.facets, values)
         return total
 
 
-def gather_surface(mesh: Mesh, space: Any, nodes: Nodes, side: str) -> Surface:
-    """Collect a side from all ranks."""
+def gather_surface(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) -> Surface:
+    """Gather a side (named body.side) from all ranks on every rank; collective."""
     shape = FACET_OF[mesh.domain.topology.cell_type.name]
     cells = dx.facet_cells(mesh.domain, mesh.facets(side))
     dofs = dx.cell_dofs(space)
@@ -202,7 +205,7 @@ def _simplex(mesh: Mesh) -> bool:
 
 
 def _normals(corners: Array, gradient: Array) -> Array:
-    """Normals (f, q, d) of facets with nodes (f, k, d), as long as the area of the reference facet's image."""
+    """Normals (f, q, d) of facets with nodes (f, k, d); their length is the Jacobian of the facet."""
     tangents = np.einsum("aqk,fki->afqi", gradient, corners)
     if corners.shape[2] == 2:
         return np.stack([tangents[0, ..., 1], -tangents[0, ..., 0]], axis=2)

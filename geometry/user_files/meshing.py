@@ -1,55 +1,55 @@
-"""Meshing what a user's file describes: sizes, periodic sides, cells of the wanted order."""
+"""Mesh the geometry of a user's file: mesh sizes, matching periodic sides, polynomial degree."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
+from geometry.arrays import Array
 from geometry.errors import GeometryError
-from geometry.user_files.opening import complain
+from geometry.protocols import Gmsh
+from geometry.user_files.open_file import raise_gmsh_error
 from geometry.user_files.parts import Parts
 from geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
 
-GROWTH = 0.3  # growth of the cell size per unit of distance from a contact side
+GROWTH = 0.3  # of the cell size per distance from a contact side
 
 
-def mesh_parts(
-    gmsh: Any,
-    dim: int,
-    parts: Parts,
-    size: float | None,
-    fine_size: float | None,
-    fine_sides: Sequence[str],
-    periodic: Sequence[tuple[str, str]],
-    order: int,
-) -> RawMesh:
-    """Mesh the current model unless it has a mesh, and read it off.
+@dataclass(frozen=True, kw_only=True)
+class MeshOptions:
+    """What the scene says about the mesh; lengths in the model's unit."""
 
-    Args:
-        size: edge length, in the model's unit; None: the file's own sizes.
-        fine_size: edge length at `fine_sides`.
-    """
+    size: float | None  # edge length; None: the file's own sizes
+    fine_size: float | None  # edge length at `fine_sides`; None: `size`
+    fine_sides: Sequence[str]
+    periodic: Sequence[tuple[str, str]]  # the first side of each pair gets the mesh of the second
+    order: int
+
+
+def mesh_parts(gmsh: Gmsh, dim: int, parts: Parts, options: MeshOptions) -> RawMesh:
+    """Mesh the current gmsh model, unless the file has a mesh already, and return the mesh as arrays."""
     if len(gmsh.model.mesh.getElementTypes(dim)) == 0:
+        size = options.size
         if size is not None:
-            _set_sizes(gmsh, dim, parts, size, fine_size or size, fine_sides)
-        for slave, master in periodic:
+            _set_sizes(gmsh, dim, parts, size, options.fine_size or size, options.fine_sides)
+        for slave, master in options.periodic:
             _match(gmsh, dim, parts.sides[slave], parts.sides[master])
         gmsh.logger.start()
         gmsh.model.mesh.generate(dim)
-        complain(gmsh)
+        raise_gmsh_error(gmsh)
     elements = gmsh.model.mesh.getElementTypes(dim)
-    if any(gmsh.model.mesh.getElementProperties(kind)[2] != order for kind in elements):
+    if any(gmsh.model.mesh.getElementProperties(kind)[2] != options.order for kind in elements):
         gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 0)
-        gmsh.model.mesh.setOrder(order)
-        if order == 2:
-            gmsh.model.mesh.optimize("HighOrder")  # curved facets may have nearly flattened the cells behind them
+        gmsh.model.mesh.setOrder(options.order)
+        if options.order == 2:
+            gmsh.model.mesh.optimize("HighOrder")  # curved facets may have flattened the cells behind them
     return read_raw_mesh(gmsh, dim, parts)
 
 
-def _set_sizes(gmsh: Any, dim: int, parts: Parts, size: float, fine_size: float, fine_sides: Sequence[str]) -> None:
-    """`size` everywhere, growing from `fine_size` with the distance from the contact sides."""
+def _set_sizes(gmsh: Gmsh, dim: int, parts: Parts, size: float, fine_size: float, fine_sides: Sequence[str]) -> None:
+    """Set the mesh size to min(size, fine_size + GROWTH * distance from the fine sides)."""
     field = gmsh.model.mesh.field
     fields = [field.add("MathEval")]
     field.setString(fields[0], "F", f"{size:.17g}")
@@ -70,10 +70,14 @@ def _set_sizes(gmsh: Any, dim: int, parts: Parts, size: float, fine_size: float,
     gmsh.option.setNumber("Mesh.MeshSizeMax", 1e22)
 
 
-def _match(gmsh: Any, dim: int, slave: list[int], master: list[int]) -> None:
-    """Make the slave side's mesh the master side's, moved across."""
+def _match(gmsh: Gmsh, dim: int, slave: list[int], master: list[int]) -> None:
+    """Give the slave side the mesh of the master side, moved by the distance of their centres.
 
-    def middles(tags: list[int]) -> Any:
+    Args:
+        slave, master: gmsh tags of the entities of each side.
+    """
+
+    def middles(tags: list[int]) -> Array:
         return np.array([np.reshape(gmsh.model.getBoundingBox(dim - 1, tag), (2, 3)).mean(axis=0) for tag in tags])
 
     if len(slave) != len(master):

@@ -1,4 +1,4 @@
-"""Which entities of a gmsh model make up each body and each side."""
+"""Bodies and sides of a gmsh model: which entities each name stands for."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from geometry.arrays import Array, Ints
 from geometry.errors import GeometryError, nearest
+from geometry.protocols import Gmsh
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 SIDE = re.compile(r"([a-z][a-z0-9_]*)\.[a-z][a-z0-9_]*")
-NAMELESS = re.compile(r"Open CASCADE STEP translator [0-9. ]+$")  # what OpenCASCADE calls a part without a name
+NAMELESS = re.compile(r"Open CASCADE STEP translator [0-9. ]+$")  # OpenCASCADE's name of a part without a name
 CELL_WORD, FACET_WORD = {2: "surface", 3: "volume"}, {2: "edge", 3: "face"}
 SAMPLES = 17  # points along a curve, and along each parameter of a face
 Selection = Sequence[str] | Mapping[str, Sequence[float]]  # ["face 12", ...] or { box = [...] }
@@ -23,44 +23,49 @@ Selection = Sequence[str] | Mapping[str, Sequence[float]]  # ["face 12", ...] or
 
 @dataclass(frozen=True)
 class Parts:
-    """Tags of gmsh entities by name."""
+    """Tags of the gmsh entities of each body and of each side (named body.side)."""
 
     bodies: dict[str, list[int]]
     sides: dict[str, list[int]]
 
 
-def find_parts(gmsh: Any, dim: int, named_by_entity: bool, names: Mapping[str, Selection], unit: float) -> Parts:
-    """Bodies and sides of the current model.
+def find_parts(gmsh: Gmsh, dim: int, named_by_entity: bool, names: Mapping[str, Selection], unit: float) -> Parts:
+    """Find the bodies and sides of the current gmsh model.
 
     Args:
-        named_by_entity: bodies are the CAD file's own parts, where it has no physical groups.
-        names: what `[geometry.names]` adds.
+        named_by_entity: if the model has no physical groups, bodies are the parts of the CAD file with their names.
+        names: sides that the scene's `[geometry.names]` adds.
         unit: length of the model's unit [m].
+
+    Raises:
+        GeometryError: the dimension does not fit, or a name is missing, malformed, unknown or used twice.
     """
     _check_dimension(gmsh, dim)
     groups = [(gmsh.model.getPhysicalName(dim, tag), tag) for _, tag in gmsh.model.getPhysicalGroups(dim)]
     named_by_entity = named_by_entity and not groups
-    bodies = _by_entity_name(gmsh, dim) if named_by_entity else _by_group(gmsh, dim, groups)
-    sides = _side_groups(gmsh, dim, bodies)
+    bodies = _bodies_by_entity(gmsh, dim) if named_by_entity else _bodies_by_group(gmsh, dim, groups)
+    sides = _sides_by_group(gmsh, dim, bodies)
     if named_by_entity:
-        sides |= _sides_by_entity_name(gmsh, dim, bodies)
+        sides |= _sides_by_entity(gmsh, dim, bodies)
     for name, selection in names.items():
         _add_side(gmsh, dim, bodies, sides, name, _select(gmsh, dim, name, selection, unit))
     return Parts(bodies, sides)
 
 
-def _check_dimension(gmsh: Any, dim: int) -> None:
+def _check_dimension(gmsh: Gmsh, dim: int) -> None:
+    """Raise GeometryError unless the model has volumes in 3D, or only surfaces at z = 0 in 2D."""
     if not gmsh.model.getEntities(dim):
         raise GeometryError(f"has no {CELL_WORD[dim]}s, and a {'3d' if dim == 3 else 'plane'} model is made of them")
     if dim == 2:
         if gmsh.model.getEntities(3):
             raise GeometryError('holds volumes, and a plane model is made of surfaces; write model = "3d"')
         x = np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3))
-        if np.abs(x[:, 2]).max() > 1e-6 * np.ptp(x, axis=0).max() + 2e-7:  # gmsh widens boxes by 1e-7
+        if np.abs(x[:, 2]).max() > 1e-6 * np.ptp(x, axis=0).max() + 2e-7:  # gmsh enlarges boxes by 1e-7
             raise GeometryError(f"lies at z = {x[0, 2]:g} to {x[1, 2]:g}, and a plane model lies at z = 0")
 
 
-def _by_group(gmsh: Any, dim: int, groups: list[tuple[str, int]]) -> dict[str, list[int]]:
+def _bodies_by_group(gmsh: Gmsh, dim: int, groups: list[tuple[str, int]]) -> dict[str, list[int]]:
+    """Bodies are the physical groups, given as pairs of name and tag."""
     if not groups:
         raise GeometryError(f"names no body: a body is a physical group of {CELL_WORD[dim]}s with a name")
     bodies: dict[str, list[int]] = {}
@@ -78,13 +83,15 @@ def _by_group(gmsh: Any, dim: int, groups: list[tuple[str, int]]) -> dict[str, l
     return bodies
 
 
-def _by_entity_name(gmsh: Any, dim: int) -> dict[str, list[int]]:
+def _bodies_by_entity(gmsh: Gmsh, dim: int) -> dict[str, list[int]]:
+    """Each volume (3D) or surface (2D) is a body, with the name that the CAD file gives it."""
     entities = [tag for _, tag in gmsh.model.getEntities(dim)]
     labels = _numbered(label(gmsh.model.getEntityName(dim, tag), "part") for tag in entities)
     return {name: [tag] for name, tag in zip(labels, entities, strict=True)}
 
 
-def _side_groups(gmsh: Any, dim: int, bodies: Mapping[str, list[int]]) -> dict[str, list[int]]:
+def _sides_by_group(gmsh: Gmsh, dim: int, bodies: Mapping[str, list[int]]) -> dict[str, list[int]]:
+    """Sides are the named physical groups of facets."""
     sides: dict[str, list[int]] = {}
     for _, tag in gmsh.model.getPhysicalGroups(dim - 1):
         name = gmsh.model.getPhysicalName(dim - 1, tag)
@@ -95,8 +102,8 @@ def _side_groups(gmsh: Any, dim: int, bodies: Mapping[str, list[int]]) -> dict[s
     return sides
 
 
-def _sides_by_entity_name(gmsh: Any, dim: int, bodies: Mapping[str, list[int]]) -> dict[str, list[int]]:
-    """Named facets of CAD, each a side of the body that it bounds."""
+def _sides_by_entity(gmsh: Gmsh, dim: int, bodies: Mapping[str, list[int]]) -> dict[str, list[int]]:
+    """Each named face (edge in 2D) of a CAD file is a side of the body that it bounds."""
     found: list[tuple[str, int]] = []
     for body, (entity,) in bodies.items():
         for _, tag in gmsh.model.getBoundary([(dim, entity)], oriented=False):
@@ -108,7 +115,7 @@ def _sides_by_entity_name(gmsh: Any, dim: int, bodies: Mapping[str, list[int]]) 
 
 
 def label(name: str, default: str) -> str:
-    """Last component of a CAD file's path, as a name for scenes.
+    """Name for scenes made from the last component of a path in a CAD file; `default` if it has no name.
 
     >>> [label(name, "part") for name in ("Shapes/Rhino Product", "", "Assembly/3-Jaw")]
     ['rhino_product', 'part', 'part_3_jaw']
@@ -122,7 +129,8 @@ def label(name: str, default: str) -> str:
 
 
 def _numbered(names: Iterable[str]) -> list[str]:
-    """
+    """Make names unique by numbers.
+
     >>> _numbered(["bolt", "ring", "bolt"])
     ['bolt', 'ring', 'bolt_2']
     """
@@ -137,8 +145,9 @@ def _numbered(names: Iterable[str]) -> list[str]:
 
 
 def _add_side(
-    gmsh: Any, dim: int, bodies: Mapping[str, list[int]], sides: dict[str, list[int]], name: str, entities: list[int]
+    gmsh: Gmsh, dim: int, bodies: Mapping[str, list[int]], sides: dict[str, list[int]], name: str, entities: list[int]
 ) -> None:
+    """Add a side to `sides` after its name and entities are checked."""
     match = SIDE.fullmatch(name)
     if match is None:
         raise GeometryError(
@@ -154,7 +163,8 @@ def _add_side(
     sides[name] = entities
 
 
-def _select(gmsh: Any, dim: int, name: str, selection: Selection, unit: float) -> list[int]:
+def _select(gmsh: Gmsh, dim: int, name: str, selection: Selection, unit: float) -> list[int]:
+    """Tags of the entities that `[geometry.names]` selects for a side; `unit` is that of the model [m]."""
     word, known = FACET_WORD[dim], [int(tag) for _, tag in gmsh.model.getEntities(dim - 1)]
     key = f'names."{name}"'
     if isinstance(selection, Mapping):
@@ -180,8 +190,8 @@ def _select(gmsh: Any, dim: int, name: str, selection: Selection, unit: float) -
     return sorted(set(found))
 
 
-def _points_on(gmsh: Any, dim: int, tag: int) -> Array:
-    """Points (n, 3) of an entity: gmsh's own boxes hold the control points of curved faces too."""
+def _points_on(gmsh: Gmsh, dim: int, tag: int) -> Array:
+    """Points (n, 3) on an entity; gmsh's bounding boxes are larger, they contain the control points of curves."""
     rows = [np.asarray(nodes, np.int64) for nodes in gmsh.model.mesh.getElements(dim, tag)[2]]
     if rows:
         return nodes_at(gmsh, dim, tag, np.concatenate(rows))
@@ -190,19 +200,19 @@ def _points_on(gmsh: Any, dim: int, tag: int) -> Array:
     if len(low) == dim:
         axes = [np.linspace(a, b, SAMPLES) for a, b in zip(low, high, strict=True)]
         at = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
-        if dim == 2:  # of the untrimmed surface, only what the face has
+        if dim == 2:  # the parameters are those of the untrimmed surface
             at = at[[bool(gmsh.model.isInside(dim, tag, list(x))) for x in at]]
         found.append(np.reshape(gmsh.model.getValue(dim, tag, at.ravel()), (-1, 3)))
     return np.concatenate([np.zeros((0, 3)), *found])
 
 
-def nodes_at(gmsh: Any, dim: int, tag: int, numbers: Ints) -> Array:
-    """Coordinates (..., 3) of nodes of an entity's elements; a file may keep them in any other entity."""
+def nodes_at(gmsh: Gmsh, dim: int, tag: int, numbers: Ints) -> Array:
+    """Coordinates (..., 3) of nodes, given by tag, of an entity's elements; a file may list them in another entity."""
     known, x, _ = gmsh.model.mesh.getNodes(dim, tag, includeBoundary=True)
     if not np.isin(numbers, known).all():
         known, x, _ = gmsh.model.mesh.getNodes()
     if not np.isin(numbers, known).all():
-        raise GeometryError("a cell names a node that is not there")
+        raise GeometryError("a cell refers to a node that does not exist")
     order = np.argsort(known)
     at = order[np.searchsorted(np.asarray(known, np.int64)[order], numbers)]
     return np.asarray(np.reshape(x, (-1, 3))[at])

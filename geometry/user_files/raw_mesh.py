@@ -1,41 +1,41 @@
-"""A user's mesh as plain arrays, read off gmsh and checked: what a scene's mesh is made of."""
+"""A mesh as plain arrays, read from gmsh and checked, or put into gmsh."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from geometry.arrays import Array, Ints
 from geometry.errors import GeometryError
+from geometry.protocols import Gmsh
 from geometry.user_files.parts import CELL_WORD, Parts
 
-# gmsh's element types: (cell, facet), of order 1 and 2
-TYPES = {2: 1, 3: 1, 4: 2, 5: 3, 9: 8, 10: 8, 11: 9, 12: 10}
-CORNERS = {1: 2, 2: 3, 3: 4, 8: 2, 9: 3, 10: 4}
-LOCAL_FACETS = {
+# gmsh's element types: 2 triangle, 3 quadrilateral, 4 tetrahedron, 5 hexahedron; 9 to 12 the same of order 2
+TYPES = {2: 1, 3: 1, 4: 2, 5: 3, 9: 8, 10: 8, 11: 9, 12: 10}  # cell -> facet
+CORNERS = {1: 2, 2: 3, 3: 4, 8: 2, 9: 3, 10: 4}  # of a facet
+LOCAL_FACETS = {  # corners of each facet of a cell
     2: [[0, 1], [1, 2], [2, 0]],
     3: [[0, 1], [1, 2], [2, 3], [3, 0]],
     4: [[0, 2, 1], [0, 1, 3], [0, 3, 2], [3, 1, 2]],
     5: [[0, 3, 2, 1], [0, 1, 5, 4], [0, 4, 7, 3], [1, 2, 6, 5], [2, 3, 7, 6], [4, 5, 6, 7]],
 }
 FIRST_ORDER = {2: 2, 3: 3, 4: 4, 5: 5, 9: 2, 10: 3, 11: 4, 12: 5}
-FLAT = 1e-10  # volume of a cell without volume, as part of its edges' product
+FLAT = 1e-10  # a cell has no volume if it is less than this, relative to the product of its edges
 
 
 @dataclass(frozen=True)
 class RawMesh:
-    """Cells of one kind; nodes are those of the cells alone, in the file's unit."""
+    """Cells of one kind with their nodes, in the file's unit."""
 
     dim: int
     kind: int  # gmsh's element type
     points: Array  # (n, 3)
-    cells: dict[str, Ints]  # body -> rows of nodes
-    facets: dict[str, Ints]  # side -> rows of nodes
+    cells: dict[str, Ints]  # body -> nodes (c, k) of its cells, rows of `points`
+    facets: dict[str, Ints]  # body.side -> nodes (f, k) of its facets
 
-    def put(self, gmsh: Any) -> None:
-        """Into the current gmsh model, with its names."""
+    def put(self, gmsh: Gmsh) -> None:
+        """Put the mesh into the current gmsh model as discrete entities with physical groups."""
         tags = np.arange(1, len(self.points) + 1)
         for dim, kind, blocks in ((self.dim, self.kind, self.cells), (self.dim - 1, TYPES[self.kind], self.facets)):
             for number, (name, rows) in enumerate(blocks.items(), start=1):
@@ -47,7 +47,7 @@ class RawMesh:
                 gmsh.model.setPhysicalName(dim, number, name)
 
     def behind(self, side: str) -> Ints:
-        """Rows of the body's cells that a side's facets bound."""
+        """Cells (f,) behind a side's facets: rows of `cells` of its body."""
         corners = CORNERS[TYPES[self.kind]]
         cells, facets = self.cells[side.split(".")[0]], np.sort(self.facets[side][:, :corners], axis=1)
         wanted, place = np.unique(facets, axis=0, return_inverse=True)
@@ -57,8 +57,8 @@ class RawMesh:
         return np.asarray(owner[place.ravel()])
 
 
-def read_raw_mesh(gmsh: Any, dim: int, parts: Parts) -> RawMesh:
-    """Cells and facets of the current model's mesh.
+def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts) -> RawMesh:
+    """Read cells and facets of the current gmsh model.
 
     Raises:
         GeometryError: cells of several kinds, in no body, without volume or turned inside out; a side without facets.
@@ -78,10 +78,10 @@ def read_raw_mesh(gmsh: Any, dim: int, parts: Parts) -> RawMesh:
     numbers, x = np.asarray(numbers, np.int64)[order], np.reshape(x, (-1, 3))[order]
     used = np.unique(np.concatenate([rows.ravel() for rows in cells.values()]))
     if not np.isin(used, numbers).all():
-        raise GeometryError("a cell names a node that is not there")
+        raise GeometryError("a cell refers to a node that does not exist")
     points = x[np.searchsorted(numbers, used)]
     if not np.isfinite(points).all():
-        raise GeometryError("a node has a coordinate that is no number")
+        raise GeometryError("a node has a coordinate that is not a finite number")
     _check_facets(kind, cells, facets)
     return RawMesh(
         dim, kind, points,
@@ -90,7 +90,8 @@ def read_raw_mesh(gmsh: Any, dim: int, parts: Parts) -> RawMesh:
     )  # fmt: skip
 
 
-def _only_kind(gmsh: Any, dim: int) -> int:
+def _only_kind(gmsh: Gmsh, dim: int) -> int:
+    """gmsh's type of the cells; raises GeometryError if there are none, several kinds or an unknown one."""
     kinds = [int(kind) for kind in gmsh.model.mesh.getElementTypes(dim)]
     names = [gmsh.model.mesh.getElementProperties(kind)[0] for kind in kinds]
     if not kinds:
@@ -102,15 +103,15 @@ def _only_kind(gmsh: Any, dim: int) -> int:
     return kinds[0]
 
 
-def _rows(gmsh: Any, dim: int, entities: list[int], kind: int) -> Ints:
-    """Nodes (elements, k) of the entities' elements."""
+def _rows(gmsh: Gmsh, dim: int, entities: list[int], kind: int) -> Ints:
+    """gmsh's node tags (elements, k) of the elements of the entities."""
     found = [gmsh.model.mesh.getElementsByType(kind, tag)[1] for tag in entities]
     count = gmsh.model.mesh.getElementProperties(kind)[3]
     return np.asarray(np.concatenate(found) if found else [], np.int64).reshape(-1, count)
 
 
-def _check_volumes(gmsh: Any, dim: int, kind: int, parts: Parts) -> None:
-    """Jacobians at the nodes: not zero, and of one sign in a body (in space: positive)."""
+def _check_volumes(gmsh: Gmsh, dim: int, kind: int, parts: Parts) -> None:
+    """Check the Jacobian determinants at the nodes: not zero, in 3D positive, in 2D of one sign in a body."""
     local = gmsh.model.mesh.getElementProperties(kind)[4]
     at = np.zeros((len(local) // dim, 3))
     at[:, :dim] = np.reshape(local, (-1, dim))
@@ -129,7 +130,7 @@ def _check_volumes(gmsh: Any, dim: int, kind: int, parts: Parts) -> None:
 
 
 def _check_facets(kind: int, cells: dict[str, Ints], facets: dict[str, Ints]) -> None:
-    """Every facet of a side bounds one cell of the side's body, and no other cell."""
+    """Check that every facet of a side bounds one cell of the side's body, and no other cell."""
     for side, rows in facets.items():
         body = side.split(".")[0]
         if len(rows) == 0:
@@ -150,7 +151,14 @@ def _check_facets(kind: int, cells: dict[str, Ints], facets: dict[str, Ints]) ->
 
 
 def _facets_among(cells: Ints, kind: int, wanted: Ints) -> tuple[Ints, Ints]:
-    """Which of the wanted facets (rows of sorted corners, unique and in order) the cells have: facet, cell."""
+    """Find wanted facets among those of cells.
+
+    Args:
+        wanted: (w, corners) sorted corners of each facet, rows unique and in order.
+
+    Returns:
+        Rows of `wanted` and rows of `cells`, one of each for every facet that is found.
+    """
     pattern = np.array(LOCAL_FACETS[FIRST_ORDER[kind]])
     near = np.isin(cells[:, pattern], np.unique(wanted)).all(axis=2)
     cell, local = np.nonzero(near)

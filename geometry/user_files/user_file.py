@@ -1,4 +1,4 @@
-"""A geometry from a user's own file: .geo, .step, .brep, .msh or .py, by its ending."""
+"""A geometry from a user's file: .geo, .step, .brep, .msh or .py, by its ending."""
 
 from __future__ import annotations
 
@@ -7,29 +7,31 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 
 from geometry.arrays import Array
 from geometry.errors import GeometryError, SceneError, nearest, require
 from geometry.keys import Key, Noun
+from geometry.protocols import Gmsh
 from geometry.shape import Model, Request, Shape
-from geometry.user_files.asking import ask
-from geometry.user_files.opening import KINDS, Parameter, kind_of
+from geometry.user_files.geo_script import parameter_names
+from geometry.user_files.meshing import MeshOptions
+from geometry.user_files.open_file import KINDS, Parameter, kind_of
 from geometry.user_files.outline import Outline
-from geometry.user_files.reader import Question
-from geometry.user_files.system_calls import parameter_names
+from geometry.user_files.raw_mesh import RawMesh
+from geometry.user_files.reader import Question, ask
 
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "km": 1e3, "in": 0.0254, "ft": 0.3048}
-PACKAGES = {Path("/usr/share/doc/gmsh-doc"): "gmsh-doc"}  # where ready scenes find their files
+PACKAGES = {Path("/usr/share/doc/gmsh-doc"): "gmsh-doc"}  # Debian packages with files that ready scenes use
 MOST_CELLS = 50_000_000
-WITH_PARAMETERS = ("geo", "py")
+WITH_PARAMETERS = ("geo", "py")  # kinds of file
 
 
 @dataclass(frozen=True, kw_only=True)
 class Box(Noun):
-    """Facets that lie wholly inside."""
+    """Selects the entities that lie wholly inside a box."""
 
     box: Annotated[tuple[float, ...], Key("m", "lower, then upper corner")]
 
@@ -41,7 +43,7 @@ class Box(Noun):
 
 @dataclass(frozen=True, kw_only=True)
 class UserFile(Noun, Shape):
-    """A file of the user's; other keys are parameters of a .geo or .py file."""
+    """A user's file; all other keys are parameters of a .geo or .py file."""
 
     file: Annotated[str, Key("-", ".geo, .step, .brep, .msh or .py (or any of these .gz), relative to the scene file")]
     length_unit: Annotated[
@@ -82,6 +84,7 @@ class UserFile(Noun, Shape):
         self._check_parameters(kind or "")
 
     def _check_parameters(self, kind: str) -> None:
+        """Raise SceneError if a file of this kind cannot take the parameters."""
         if kind not in WITH_PARAMETERS:
             for name, value in self.parameters.items():
                 require(False, name, value, "only .geo and .py files take parameters")
@@ -90,8 +93,8 @@ class UserFile(Noun, Shape):
             for name, value in self.parameters.items():
                 number = isinstance(value, int | float) and not isinstance(value, bool)
                 require(number, name, value, "a .geo file takes numbers only")
-                asks = f"{Path(self.file).name} has no such DefineConstant; {nearest(name, known)}"
-                require(name in known, name, value, asks)
+                unknown = f"{Path(self.file).name} has no such DefineConstant; {nearest(name, known)}"
+                require(name in known, name, value, unknown)
 
     @property
     def degree(self) -> int:
@@ -99,11 +102,11 @@ class UserFile(Noun, Shape):
 
     @property
     def unit(self) -> float:
-        """Length of the file's unit [m]."""
+        """Length unit of the file [m]."""
         return UNITS[self.length_unit]
 
     def digest(self) -> str:
-        """SHA-256 of the file's content when the scene was read, whatever becomes of the file."""
+        """SHA-256 of the file's content when it is first asked for; later edits are ignored."""
         return self._digest
 
     @cached_property
@@ -129,7 +132,7 @@ class UserFile(Noun, Shape):
         return points[:, :dim], normals[:, :dim]
 
     def outline(self, dim: int) -> Outline:
-        """What the file says without a volume mesh; read once."""
+        """Names, box and sample points of the file, without a volume mesh; read once."""
         return _outline(self._key(dim))
 
     def refined(self, factor: float) -> Self:
@@ -139,24 +142,25 @@ class UserFile(Noun, Shape):
             raise SceneError(f"mesh_size: there is none to refine, {own}")
         return replace(self, mesh_size=factor * size, contact_mesh_size=None if fine is None else factor * fine)
 
-    def put(self, gmsh: Any, request: Request) -> float:
+    def put(self, gmsh: Gmsh, request: Request) -> float:
         unit = self.unit
-        wanted = {
-            "size": None if self.mesh_size is None else self.mesh_size / unit,
-            "fine_size": None if self.contact_mesh_size is None else self.contact_mesh_size / unit,
-            "fine_sides": request.contact_sides,
-            "periodic": request.periodic,
-            "order": self.order,
-        }
-        mesh = ask(self.question(request.dim, wanted))
+        options = MeshOptions(
+            size=None if self.mesh_size is None else self.mesh_size / unit,
+            fine_size=None if self.contact_mesh_size is None else self.contact_mesh_size / unit,
+            fine_sides=request.contact_sides,
+            periodic=request.periodic,
+            order=self.order,
+        )
+        mesh = ask(self.question(request.dim, options))
+        assert isinstance(mesh, RawMesh)
         name = Path(self.file).name
         if _digest_of(self.file) != self.digest():
             raise GeometryError(f"{name}: has changed since the scene was read; read the scene again")
         mesh.put(gmsh)
         return unit
 
-    def question(self, dim: int, mesh: Mapping[str, Any] | None = None) -> Question:
-        """The file and what the scene says about it."""
+    def question(self, dim: int, mesh: MeshOptions | None = None) -> Question:
+        """What the child process is asked: for the mesh if `mesh` is given, else for the outline."""
         names = {k: {"box": v.box} if isinstance(v, Box) else v for k, v in self.names.items()}
         path = Path(self.file).resolve()
         return Question(path=path, dim=dim, unit=self.unit, names=names, parameters=self.parameters, mesh=mesh)
@@ -174,7 +178,7 @@ def _digest_of(file: str) -> str:
 
 @dataclass(frozen=True)
 class _Key:
-    """A question that is compared by what it depends on."""
+    """A question that is compared by all that its answer depends on, so that it can be the key of a cache."""
 
     question: Question = field(compare=False)
     text: str

@@ -1,4 +1,4 @@
-"""gmsh's window, in a process of its own: a display that does not answer brings gmsh down."""
+"""gmsh's window, opened in a child process: gmsh ends its process if the display does not respond."""
 
 from __future__ import annotations
 
@@ -12,15 +12,14 @@ from pathlib import Path
 from geometry.errors import MachineError, StickslipError
 from geometry.mesh.gmsh_session import gmsh_session
 from geometry.shape import Request, Shape
-from geometry.user_files.asking import child_environment
-from geometry.user_files.reader import read_parts, setting_words
+from geometry.user_files.reader import child_environment, gmsh_options, read_parts
 from geometry.user_files.user_file import UserFile
 
 NO_WINDOW = 3  # exit code of the child
 
 
 def open_window(shape: Shape, request: Request) -> None:
-    """Show the geometry in gmsh until its window is closed.
+    """Show the geometry in gmsh's window until it is closed.
 
     Raises:
         MachineError: there is no display, or gmsh was built without its window.
@@ -29,9 +28,9 @@ def open_window(shape: Shape, request: Request) -> None:
     if not display:
         raise MachineError("--gui: there is no display here (DISPLAY is not set); try --list, or gmsh elsewhere")
     with tempfile.TemporaryDirectory(prefix="stickslip-") as folder:
-        wanted = Path(folder) / "wanted"
-        wanted.write_bytes(pickle.dumps((shape, request)))
-        words = [sys.executable, "-m", "geometry.user_files.window", str(wanted)]
+        pickled = Path(folder) / "pickled"
+        pickled.write_bytes(pickle.dumps((shape, request)))
+        words = [sys.executable, "-m", "geometry.user_files.window", str(pickled)]
         done = subprocess.run(words, env=child_environment(), capture_output=True, check=False)
     if done.returncode == NO_WINDOW:
         raise MachineError("--gui: this gmsh was built without its window (FLTK); try --list")
@@ -40,10 +39,10 @@ def open_window(shape: Shape, request: Request) -> None:
 
 
 def main() -> int:
-    """`python -m geometry.user_files.window WANTED`."""
+    """`python -m geometry.user_files.window FILE`, a pickled pair of shape and request; returns the exit code."""
     shape, request = pickle.loads(Path(sys.argv[1]).read_bytes())
     question = shape.question(request.dim) if isinstance(shape, UserFile) else None
-    with gmsh_session(setting_words(question) if question else ()) as gmsh:
+    with gmsh_session(gmsh_options(question) if question else ()) as gmsh:
         if "Fltk" not in gmsh.option.getString("General.BuildOptions").split():
             return NO_WINDOW
         try:
@@ -51,7 +50,7 @@ def main() -> int:
                 read_parts(gmsh, question)
             else:
                 shape.put(gmsh, request)
-        except StickslipError:  # a file that names nothing yet is there to be edited
+        except StickslipError:  # show a file without names too: the user may add them there
             pass
         gmsh.fltk.run()
     return 0

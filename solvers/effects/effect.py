@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
+from geometry.protocols import UflExpr, UflForm
 from solvers.fem.forms import WeakForms
 from solvers.fem.terms import InitialStrain, LoadTerm
 from solvers.scene.problem import Problem
@@ -38,7 +39,7 @@ class Effect(ABC):
         """Strains that cause no stress; they enter the equilibrium, stress, stored energy and the audit."""
         return ()
 
-    def stiffness(self, problem: Problem, weak: WeakForms, u: Any) -> Iterable[Any]:
+    def stiffness(self, problem: Problem, weak: WeakForms, u: UflExpr) -> Iterable[UflForm]:
         """Forms, linear in u and in `weak.v`, symmetric and positive, that are added to a(u, v) [N].
 
         They enter the stiffness matrix, the stored energy and the audit's inner forces; they support no body.

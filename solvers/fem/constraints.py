@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -19,6 +18,7 @@ from scipy.linalg import null_space
 from geometry.arrays import Array, Bools, Ints
 from geometry.errors import SceneError
 from geometry.mesh.nodes import Nodes
+from geometry.protocols import Comm, Mat
 from solvers.scene.timeline import Course, Drive
 
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -122,7 +122,7 @@ class Constraints:
     def free_total(self) -> int:
         return int(self.dim * self.nodes.total - len(self.eliminated()))
 
-    def transformation(self, comm: Any) -> Any:
+    def transformation(self, comm: Comm) -> Mat:
         """T as a PETSc matrix, (d n, d n)."""
         d, low = self.dim, self.nodes.offset
         own = np.arange(low, low + self.nodes.owned)
@@ -133,7 +133,8 @@ class Constraints:
         rows = (pointer, numbers[node, j].astype(PETSc.IntType), bases[node, i, j])
         matrix = PETSc.Mat().createAIJ((size, size), bsize=d, csr=rows, comm=comm)
         matrix.assemble()
-        return matrix
+        found: Mat = matrix
+        return found
 
     @cached_property
     def prescribed_nodes(self) -> Ints:

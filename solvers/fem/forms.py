@@ -13,6 +13,7 @@ from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
 from geometry.dolfinx_versions import ufl
 from geometry.mesh.mesh import Mesh
+from geometry.protocols import CompiledForm, FunctionSpace, UflExpr, UflForm
 from solvers.fem.terms import InitialStrain, LoadTerm
 from solvers.laws.compliance import Compliance
 from solvers.parallel.counters import Counters
@@ -43,10 +44,11 @@ class Revolved:
     """A measure of the meridian plane, taken around the full circle: dx becomes 2 pi r dx."""
 
     measure: Any
-    radius: Any
+    radius: UflExpr
 
-    def __rmul__(self, integrand: Any) -> Any:
-        return (integrand * 2 * np.pi * self.radius) * self.measure
+    def __rmul__(self, integrand: UflExpr) -> UflForm:
+        found: UflForm = (integrand * 2 * np.pi * self.radius) * self.measure
+        return found
 
 
 @dataclass(frozen=True)
@@ -55,18 +57,20 @@ class WeakForms:
 
     problem: Problem
     mesh: Mesh
-    space: Any
+    space: FunctionSpace
     counters: Counters
 
     @cached_property
-    def u(self) -> Any:
+    def u(self) -> UflExpr:
         """Trial function."""
-        return ufl.TrialFunction(self.space)
+        found: UflExpr = ufl.TrialFunction(self.space)
+        return found
 
     @cached_property
-    def v(self) -> Any:
+    def v(self) -> UflExpr:
         """Test function."""
-        return ufl.TestFunction(self.space)
+        found: UflExpr = ufl.TestFunction(self.space)
+        return found
 
     def volume(self, body: str, degree: int | None = None) -> Any:
         """Measure of a body."""
@@ -86,17 +90,18 @@ class WeakForms:
         """The full circle in an axisymmetric model."""
         return Revolved(measure, ufl.SpatialCoordinate(self.mesh.domain)[0]) if self.mesh.axisymmetric else measure
 
-    def strain(self, u: Any) -> Any:
+    def strain(self, u: UflExpr) -> UflExpr:
         """eps(u): (d, d); in axisymmetry (3, 3), x, y and hoop."""
-        gradient = ufl.sym(ufl.grad(u))
+        gradient: UflExpr = ufl.sym(ufl.grad(u))
         if not self.mesh.axisymmetric:
             return gradient
         hoop = u[0] / ufl.SpatialCoordinate(self.mesh.domain)[0]
-        return ufl.as_matrix(
+        whole: UflExpr = ufl.as_matrix(
             [[gradient[0, 0], gradient[0, 1], 0], [gradient[1, 0], gradient[1, 1], 0], [0, 0, hoop]],
         )
+        return whole
 
-    def stress(self, u: Any, body: str) -> Any:
+    def stress(self, u: UflExpr, body: str) -> UflExpr:
         """sigma(u) [Pa], as large as the strain; in plane strain and plane stress the in-plane components."""
         material = self.problem.bodies[body]
         lame_mu, lame_lambda = material.lame_mu, material.lame_lambda
@@ -104,33 +109,39 @@ class WeakForms:
             lame_lambda = 2 * lame_lambda * lame_mu / (lame_lambda + 2 * lame_mu)
         mu, lame_lambda = self.constant(lame_mu), self.constant(lame_lambda)
         strain = self.strain(u)
-        return 2 * mu * strain + lame_lambda * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0])
+        found: UflExpr = 2 * mu * strain + lame_lambda * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0])
+        return found
 
-    def elasticity(self, u: Any = None) -> Any:
+    def elasticity(self, u: UflExpr | None = None) -> UflForm:
         """a(u, v) = sum over bodies of ∫ sigma(u) : eps(v) dx; the inner forces of a displacement Function u."""
         strain, u = self.strain(self.v), self.u if u is None else u
-        return sum(ufl.inner(self.stress(u, b), strain) * self.volume(b) for b in self.problem.bodies)
+        found: UflForm = sum(ufl.inner(self.stress(u, b), strain) * self.volume(b) for b in self.problem.bodies)
+        return found
 
-    def gram(self, length: float) -> Any:
+    def gram(self, length: float) -> UflForm:
         """<u, v> = sum over bodies of E ∫ grad u : grad v + u . v / l^2 dx, l = `length` [m]: the product of H1.
 
         E is not in the source: it lets bodies give way beside each other as they do. One body's is a factor of Q,
         which the step takes up.
         """
         product = ufl.inner(ufl.grad(self.u), ufl.grad(self.v)) + self.constant(length**-2) * ufl.inner(self.u, self.v)
-        return sum(self.constant(body.E) * product * self.volume(name) for name, body in self.problem.bodies.items())
+        found: UflForm = sum(
+            self.constant(body.E) * product * self.volume(name) for name, body in self.problem.bodies.items()
+        )
+        return found
 
     def initial_stress(self, initial: InitialStrain) -> Array:
         """sigma (3, 3) [Pa] that the strain of a body causes at value 1; out of plane it is zero in plane stress."""
         return elastic_stress(initial.strain, self.problem.bodies[initial.body], self.problem.model == "plane stress")
 
-    def initial_load(self, initial: InitialStrain) -> Any:
+    def initial_load(self, initial: InitialStrain) -> UflForm:
         """∫ sigma : eps(v) dx of that stress: what the initial strain loads the bodies with at value 1 [N]."""
         strain, stress = self.strain(self.v), self.initial_stress(initial)
         size = strain.ufl_shape[0]
         terms = [(i, j) for i in range(size) for j in range(size) if stress[i, j] != 0]
         density = sum(self.constant(float(stress[i, j])) * strain[i, j] for i, j in terms)
-        return density * self.volume(initial.body)
+        found: UflForm = density * self.volume(initial.body)
+        return found
 
     def loads(self) -> list[LoadTerm]:
         """The scene's surface loads; effects add theirs."""
@@ -151,16 +162,18 @@ class WeakForms:
             ]
         return found
 
-    def field(self, components: Field) -> Any:
+    def field(self, components: Field) -> UflExpr:
         """A vector field given as a function of the coordinates."""
         x = ufl.SpatialCoordinate(self.mesh.domain)
-        return ufl.as_vector(components(*(x[i] for i in range(self.mesh.dim))))
+        found: UflExpr = ufl.as_vector(components(*(x[i] for i in range(self.mesh.dim))))
+        return found
 
-    def balance(self, u: Any, body: str, sides: Iterable[str], degree: int) -> Any:
+    def balance(self, u: UflExpr, body: str, sides: Iterable[str], degree: int) -> UflForm:
         """∫ -div sigma(u) . v dx + ∫ sigma(u) n . v ds: the loads on a body and its sides that call for a `field` u."""
         sigma, normal = self.stress(u, body), ufl.FacetNormal(self.mesh.domain)
         form = -ufl.inner(ufl.div(sigma), self.v) * self.volume(body, degree)
-        return form + sum(ufl.inner(sigma * normal, self.v) * self.boundary(side, degree) for side in sides)
+        found: UflForm = form + sum(ufl.inner(sigma * normal, self.v) * self.boundary(side, degree) for side in sides)
+        return found
 
     def area(self, side: str) -> float:
         """Area of a side [m²], per metre of thickness in plane models [m]."""
@@ -176,21 +189,24 @@ class WeakForms:
         """A number that the compiled form takes at run time: other values need no other compilation."""
         return dx.fem.Constant(self.mesh.domain, value)
 
-    def gap(self, contact: Contact) -> tuple[Any, Any]:
+    def gap(self, contact: Contact) -> tuple[UflExpr, UflExpr]:
         """Initial gap g [m] and unit normal n towards the obstacle, exact at every point."""
         x = ufl.SpatialCoordinate(self.mesh.domain)
         obstacle = self.problem.obstacles[contact.against]
         distance = obstacle.distance([x[i] for i in range(self.mesh.dim)], ufl.sqrt)
         return distance + self.constant(contact.gap_offset), -ufl.grad(distance)
 
-    def normal_compliance(self, u: Any, contact: Contact, law: Compliance) -> Any:
+    def normal_compliance(self, u: UflExpr, contact: Contact, law: Compliance) -> UflForm:
         """j_n(u, v) = ∫ c_n (u_n - g)_+^m_n v_n ds, u the displacement Function relative to the obstacle [m]."""
         gap, normal = self.gap(contact)
         penetration = ufl.max_value(ufl.inner(u, normal) - gap, 0)
         degree, side = contact.degree(self.mesh.degree), contact.surface
-        return self.constant(law.c_n) * penetration**law.m_n * ufl.inner(self.v, normal) * self.boundary(side, degree)
+        found: UflForm = (
+            self.constant(law.c_n) * penetration**law.m_n * ufl.inner(self.v, normal) * self.boundary(side, degree)
+        )
+        return found
 
-    def compile(self, form: Any) -> Any:
+    def compile(self, form: UflForm) -> CompiledForm:
         """Compiled (or loaded) form; counted."""
         self.counters.forms += 1
         return dx.compile_form(form)

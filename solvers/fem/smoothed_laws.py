@@ -8,6 +8,7 @@ from typing import Any
 
 from geometry import dolfinx_versions as dx
 from geometry.dolfinx_versions import ufl
+from geometry.protocols import Function, UflForm
 from geometry.surfaces.surface import FACET_OF
 from solvers.fem.forms import WeakForms
 from solvers.laws.compliance import Compliance
@@ -52,25 +53,30 @@ class SmoothedContact:
     bound: Any  # Tresca's, at the step's time [Pa]
 
     @cached_property
-    def motion(self) -> Any:
-        return dx.fem.Function(self.weak.space)
+    def motion(self) -> Function:
+        found: Function = dx.fem.Function(self.weak.space)
+        return found
 
     @cached_property
-    def before(self) -> Any:
-        return dx.fem.Function(self.weak.space)
+    def before(self) -> Function:
+        found: Function = dx.fem.Function(self.weak.space)
+        return found
 
     @cached_property
-    def normal(self) -> Any:
-        return dx.fem.Function(self.weak.space)
+    def normal(self) -> Function:
+        found: Function = dx.fem.Function(self.weak.space)
+        return found
 
     @cached_property
-    def share(self) -> Any:
-        return dx.fem.Function(self.weak.space)
+    def share(self) -> Function:
+        found: Function = dx.fem.Function(self.weak.space)
+        return found
 
     @cached_property
-    def relative(self) -> Any:
+    def relative(self) -> Function:
         """Displacement relative to the obstacle [m], the field of the compliance form."""
-        return dx.fem.Function(self.weak.space)
+        found: Function = dx.fem.Function(self.weak.space)
+        return found
 
     @cached_property
     def nodes(self) -> Any:
@@ -86,11 +92,12 @@ class SmoothedContact:
         measure = ufl.Measure("ds", domain=mesh.domain, subdomain_data=mesh.facet_tags, metadata=rule)
         return measure(mesh.sides[self.contact.surface])
 
-    def sampled(self) -> Any:
+    def sampled(self) -> UflForm:
         """Weight that the nodal rule gives each node, in every component."""
-        return sum(self.weak.v[i] for i in range(self.weak.mesh.dim)) * self.nodes
+        found: UflForm = sum(self.weak.v[i] for i in range(self.weak.mesh.dim)) * self.nodes
+        return found
 
-    def works(self) -> list[tuple[Any, Any, Any]]:
+    def works(self) -> list[tuple[Function, UflForm, UflForm]]:
         """Forms whose sum is ∫ p_n v_n + t . v_T ds: field, form, its derivative by the field."""
         p = self._pressure(ufl.inner(self.motion, self.normal))
         found, tractions, law = [], [], self.contact.normal

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -11,13 +9,14 @@ from geometry.arrays import Array, Ints
 from geometry.errors import GeometryError, SceneError
 from geometry.mesh.mesh import Mesh
 from geometry.mesh.nodes import Nodes
+from geometry.protocols import FunctionSpace
 from geometry.surfaces.surface import gather_surface
 from solvers.fem.constraints import AXES, AXIS, Constraints, Row
 from solvers.scene.problem import Problem
 from solvers.scene.timeline import Course, Place
 
 
-def find_constraints(problem: Problem, mesh: Mesh, space: Any, nodes: Nodes) -> Constraints:
+def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) -> Constraints:
     """Collect supports and periodic sides from all ranks."""
     rows: dict[int, list[Row]] = {}
     points: dict[int, Array] = {}
@@ -87,7 +86,7 @@ def _vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, 
 
 
 def _periodic_roots(
-    problem: Problem, mesh: Mesh, space: Any, nodes: Nodes, points: dict[int, Array], part: dict[int, int]
+    problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes, points: dict[int, Array], part: dict[int, int]
 ) -> dict[int, int]:
     follows: dict[int, int] = {}
     for slave_side, master_side in problem.request.periodic:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from geometry.arrays import Array
+from geometry.protocols import UflForm
 from solvers.scene.timeline import Drive
 
 
@@ -14,7 +14,7 @@ class LoadTerm:
     """A load: a linear form in the test function at value 1 [N], and the value in time that multiplies it."""
 
     drive: Drive
-    form: Any  # UFL
+    form: UflForm
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from geometry.amplitude import Amplitude, check, value_at
 from geometry.arrays import Array
 from geometry.errors import require
 from geometry.keys import Key
+from geometry.protocols import Sparse
 from solvers.laws.law import FrictionLaw, NormalLaw, touching
 
 
@@ -29,10 +30,10 @@ class Coulomb(FrictionLaw):
     def resists(self) -> bool:
         return self.mu > 0
 
-    def limit(self, p: Array, average: Any, normal: NormalLaw, time: float, end: float) -> Array:
+    def limit(self, p: Array, average: Sparse, normal: NormalLaw, time: float, end: float) -> Array:
         return np.asarray(self.mu * np.maximum(average @ p, 0.0))
 
-    def limit_slope(self, p: Array, average: Any, normal: NormalLaw) -> Any:
+    def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
         return average.multiply(np.where(average @ p > 0, self.mu, 0.0)[:, None]).tocsr()
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
@@ -55,7 +56,7 @@ class Tresca(FrictionLaw):
     def resists(self) -> bool:
         return any(value for _, value in ([(0.0, self.bound)] if isinstance(self.bound, float | int) else self.bound))
 
-    def limit(self, p: Array, average: Any, normal: NormalLaw, time: float, end: float) -> Array:
+    def limit(self, p: Array, average: Sparse, normal: NormalLaw, time: float, end: float) -> Array:
         return np.where(touching(p, average, normal), value_at(self.bound, time, end), 0.0)
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
@@ -71,7 +72,7 @@ class Stick(FrictionLaw):
 
     law: Annotated[Literal["stick"], Key("-", "the law's name")] = "stick"
 
-    def limit(self, p: Array, average: Any, normal: NormalLaw, time: float, end: float) -> Array:
+    def limit(self, p: Array, average: Sparse, normal: NormalLaw, time: float, end: float) -> Array:
         return np.where(touching(p, average, normal), np.inf, 0.0)
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:

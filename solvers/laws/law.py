@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from scipy import sparse
@@ -13,6 +13,7 @@ from geometry.amplitude import Amplitude
 from geometry.arrays import Array, Bools
 from geometry.errors import require
 from geometry.keys import Choice, Key
+from geometry.protocols import Sparse
 
 
 class NormalLaw(Choice):
@@ -80,13 +81,14 @@ class FrictionLaw(Choice):
         """Why this law cannot go with that normal law, or None."""
         return None
 
-    def limit(self, p: Array, average: Any, normal: NormalLaw, time: float, end: float) -> Array:
+    def limit(self, p: Array, average: Sparse, normal: NormalLaw, time: float, end: float) -> Array:
         """Bound s (m_t,) [Pa] >= 0 from normal pressures p (m_n,) [Pa]."""
         raise NotImplementedError
 
-    def limit_slope(self, p: Array, average: Any, normal: NormalLaw) -> Any:
+    def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
         """ds/dp, sparse (m_t, m_n)."""
-        return sparse.csr_matrix(average.shape)
+        found: Sparse = sparse.csr_matrix(average.shape)
+        return found
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
         """Cap [Pa], slopes below and above: min(cap, below p) <= s <= min(cap, above p) for p >= 0; inf: none."""
@@ -97,6 +99,6 @@ class FrictionLaw(Choice):
         return {}
 
 
-def touching(p: Array, average: Any, normal: NormalLaw) -> Bools:
+def touching(p: Array, average: Sparse, normal: NormalLaw) -> Bools:
     """Which tangential points (m_t,) a given bound holds at: where they press, or everywhere if they cannot part."""
     return np.asarray((average @ p > 0) | (normal.sides == 2))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from geometry.arrays import Array
 from geometry.errors import require
 from geometry.keys import Key
+from geometry.protocols import Sparse
 from solvers.laws.law import FrictionLaw, NormalLaw
 
 
@@ -40,10 +41,10 @@ class TangentialCompliance(FrictionLaw):
             return None
         return 'law = "compliance" bounds friction by the penetration, and needs normal = { law = "compliance", ... }'
 
-    def limit(self, p: Array, average: Any, normal: NormalLaw, time: float, end: float) -> Array:
+    def limit(self, p: Array, average: Sparse, normal: NormalLaw, time: float, end: float) -> Array:
         return np.asarray(np.maximum(average @ self._pointwise(p, normal), 0.0))
 
-    def limit_slope(self, p: Array, average: Any, normal: NormalLaw) -> Any:
+    def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
         s = self._pointwise(p, normal)
         # ds/dp = (ds/d delta) / (dp/d delta): infinite at p = 0 if m_T < m_n, but an open point has no pressure to lose
         stiffness = normal.stiffness(p, p)

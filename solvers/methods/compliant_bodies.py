@@ -1,4 +1,4 @@
-"""Bodies with their compliant faces, F(u) = K_B u + j_n'(u): not linear, solved as exactly as asked."""
+"""DelassusOperator with their compliant faces, F(u) = K_B u + j_n'(u): not linear, solved as exactly as asked."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class CompliantBodies:
         Q, on = np.zeros((size, size)), np.zeros(size, bool)
         Q[np.ix_(self.others, self.others)] = B @ cho_solve(V, B.T)
         on[self.others] = True
-        return DenseMetric(self.surface, Q, on, inverse_root(Q[np.ix_(on, on)]), alpha=1.0)
+        return DenseMetric(surface=self.surface, Q=Q, carrying=on, root=inverse_root(Q[np.ix_(on, on)]), alpha=1.0)
 
     def _left(self, p: Array, u_c: Array) -> Array:
         """delta (c,) [N]."""

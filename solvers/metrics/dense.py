@@ -1,4 +1,4 @@
-"""A metric of Uzawa's method given as a dense matrix on the rows of contact."""
+"""A metric Q of Uzawa's method, given as a dense matrix on the contact rows."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from solvers.interface.flexibility import DelassusOperator
 RANK = 1e-13  # of the largest eigenvalue; a smaller one is zero
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class DenseMetric:
-    """Q / alpha on the rows: what tractions cause if that were the bodies; see `methods.surface_system.Metric`."""
+    """Q / alpha in place of the Delassus operator; implements `newton.surface_system.Metric`."""
 
     surface: DelassusOperator
-    Q: Array  # (rows, rows), as a metric of tractions
-    carrying: Bools  # (rows,) that may carry a traction
-    root: Array  # of the inverse of Q on these, see `inverse_root`
-    alpha: float
+    Q: Array  # (rows, rows), p^T Q p for tractions p
+    carrying: Bools  # (rows,) rows that may carry a traction
+    root: Array  # T with T T^T = Q^-1 on these rows, see `inverse_root`
+    alpha: float  # step of Uzawa's method
 
     @cached_property
     def matrix(self) -> Array:
@@ -31,22 +31,24 @@ class DenseMetric:
 
     @cached_property
     def diagonal(self) -> Array:
+        """That of `matrix` (rows,) [m/Pa]."""
         return np.diag(self.matrix)
 
     def __call__(self, p: Array) -> Array:
+        """Relative displacement (rows,) [m] by this metric from tractions (rows,) [Pa]."""
         return np.asarray(self.matrix @ p)
 
     def inverse(self, w: Array) -> Array:
-        """alpha Q^-1 W w."""
+        """Tractions alpha Q^-1 W w (rows,) [Pa] from relative displacement w (rows,) [m]."""
         found = np.zeros_like(w)
         found[self.carrying] = self.alpha * self.root @ (self.root.T @ (self.surface.W * w)[self.carrying])
         return found
 
 
 def inverse_root(Q: Array) -> Array:
-    """T (rows, r) with T T^T = Q^-1; of the rank r that Q has.
+    """T (rows, r) with T T^T = Q^-1 (the pseudo-inverse), r the rank of Q (rows, rows).
 
-    It is not full where a compliant face has more points than nodes: tractions that push no node have no norm either.
+    Q is singular where a compliant face has more points than nodes: tractions without nodal forces have norm zero.
     """
     values, vectors = eigh(Q)
     kept = values > RANK * values.max(initial=0.0)

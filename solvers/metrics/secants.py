@@ -1,4 +1,4 @@
-"""A guess of the flexibility that learns: forces whose displacement was measured give exactly that, ever after."""
+"""A flexibility that learns by secant (quasi-Newton, block DFP) updates from measured forces and displacements."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from geometry.arrays import Array, Ints
+from solvers.parallel.serialise import Plain
 
 KEPT = 100  # pairs
-EXACT = 1e-12  # part of a pair's work that must be new where volume solves are exact
-NOISE = 3.0  # times the asymmetry of measured work that the new part must exceed
+EXACT = 1e-12  # least part of a pair's work that must be independent of the others, if volume solves are exact
+NOISE = 3.0  # that part must also exceed the asymmetry of measured work this many times
 
 
 class Secants:
-    """F+ = F - F S (S^T F S)^-1 S^T F + Y (S^T Y)^-1 Y^T for pairs of forces S and displacements Y (c, s).
+    """The block DFP update of a guess F by pairs of forces S (c, s) and measured displacements Y (c, s):
 
-    Positive definite and F+ S = Y, whatever the guess F: the block form of the DFP update of quasi-Newton methods.
-    Pairs that say nothing new are left out. Measured work S^T Y is as asymmetric as volume solves are inexact, and
-    what is new must exceed that.
+        F+ = F - F S (S^T F S)^-1 S^T F + Y (S^T Y)^-1 Y^T,
+
+    positive definite with F+ S = Y (the secant equations), for every positive definite F. Pairs that depend on the
+    others are left out. Inexact volume solves make S^T Y asymmetric; the independent part must exceed that asymmetry.
 
     Source: Schnabel, Quasi-Newton methods using multiple secant equations, Univ. Colorado CU-CS-247-83 (1983).
     """
@@ -27,8 +29,8 @@ class Secants:
     def __init__(self, guess: Callable[[Array], Array], forces: Array, displacements: Array) -> None:
         """
         Args:
-            guess: F, symmetric and positive definite; takes (c,) and (c, k) [N] to [m].
-            forces, displacements: independent pairs (c, s) that are known to begin with and never dropped.
+            guess: F, symmetric and positive definite; takes forces (c,) or (c, k) [N] to displacements [m].
+            forces, displacements: independent pairs (c, s) [N], [m] that are known from the start and never dropped.
         """
         self.guess, self._sure = guess, forces.shape[1]
         self._S, self._Y = np.ascontiguousarray(forces), np.ascontiguousarray(displacements)
@@ -37,25 +39,25 @@ class Secants:
 
     @property
     def count(self) -> int:
-        """Pairs in use."""
+        """Number s of pairs in use."""
         return int(self._S.shape[1])
 
     def learn(self, force: Array, displacement: Array) -> None:
-        """Take up a pair (c,) of a force and the displacement that a volume solve gave."""
+        """Add a pair: a force (c,) [N] and the displacement (c,) [m] that a volume solve gave for it."""
         size = np.sqrt(max(float(force @ displacement), 0.0))
-        if not (size > 0 and np.isfinite(size)):  # no work, or less than the error of the solve
+        if not (size > 0 and np.isfinite(size)):  # no work, or less than the error of the solve, or NaN
             return
         known = self._S, self._Y, self._guessed
         try:
             self._take(force / size, displacement / size)
-        except np.linalg.LinAlgError:  # what is new in it is rounding after all
+        except np.linalg.LinAlgError:  # its independent part is rounding: go on without it
             self._S, self._Y, self._guessed = known
 
     def _take(self, force: Array, displacement: Array) -> None:
-        """The pair, of unit work, among the others.
+        """Add a pair of unit work; drop the oldest if there are too many, and those that depend on the others.
 
         Raises:
-            LinAlgError: the work of all pairs together is not positive.
+            LinAlgError: the work matrix S^T Y is not positive definite.
         """
         if self.count == self._sure + KEPT:
             self._keep(np.delete(np.arange(self.count), self._sure))
@@ -68,17 +70,17 @@ class Secants:
         self._prepare()
 
     def _keep(self, chosen: Ints) -> None:
-        # in C's order, as they are read from a file: rounding depends on it
+        # contiguous in C order, as after reading from a file: rounding depends on it
         self._S, self._Y, self._guessed = (
             np.ascontiguousarray(pairs[:, chosen]) for pairs in (self._S, self._Y, self._guessed)
         )
 
-    def snapshot(self) -> dict[str, Array]:
-        """All that was learnt; see `restore`."""
+    def snapshot(self) -> dict[str, Plain]:
+        """All pairs; see `restore`."""
         return {"forces": self._S, "displacements": self._Y, "guessed": self._guessed}
 
-    def restore(self, snapshot: dict[str, Array]) -> None:
-        """Know what a `snapshot` holds by one with the same guess, instead of what was known to begin with."""
+    def restore(self, snapshot: dict[str, Plain]) -> None:
+        """Take the pairs of a `snapshot` of an object with the same guess, instead of those given at the start."""
         self._S, self._Y, self._guessed = snapshot["forces"], snapshot["displacements"], snapshot["guessed"]
         self._prepare()
 
@@ -87,21 +89,27 @@ class Secants:
         self.more, self.less = more, less
 
     def __call__(self, force: Array) -> Array:
-        """F+ times forces (c,) or (c, k) [m]; F+ = F + more more^T - less less^T."""
+        """Displacement F+ f [m] of forces f (c,) or (c, k) [N], with F+ = F + more more^T - less less^T."""
         return np.asarray(self.guess(force) + self.more @ (self.more.T @ force) - self.less @ (self.less.T @ force))
 
 
 def _root(Z: Array, work: Array) -> Array:
-    """Z work^(-1/2) (c, s)."""
+    """Z L^-T (c, s) with work = L L^T, so that its product with its transpose is Z work^-1 Z^T."""
     if not len(work):
         return Z
     return np.asarray(solve_triangular(cholesky((work + work.T) / 2, lower=True), Z.T, lower=True).T)
 
 
 def _independent(work: Array, sure: int, least: float) -> Ints:
-    """Indices of pairs, increasing, the first `sure` of them always, whose work is new by more than a part `least`.
+    """Independent pairs, chosen by a pivoted Cholesky factorisation: next the pair most independent of those chosen.
 
-    Cholesky with diagonal pivots: the pair that is newest to those chosen comes next.
+    Args:
+        work: (s, s) symmetric.
+        sure: number of pairs, the first ones, that are always chosen.
+        least: smallest part of a pair's work that must be independent of the others.
+
+    Returns:
+        Indices of the chosen pairs, increasing.
     """
     left, scale = work.copy(), np.diag(work).copy()
     chosen: list[int] = []

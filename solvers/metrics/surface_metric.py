@@ -1,14 +1,13 @@
-"""What bodies give at their contact sides, to within constants free of mesh size: no volume solve is needed."""
+"""A boundary operator of order -1, spectrally equivalent to the Delassus operator, that needs no volume solve."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
 from geometry.arrays import Array
+from geometry.protocols import Sparse
 from geometry.surfaces.forms import surface_mass, surface_stiffness
 from geometry.surfaces.surface import Surface
 from solvers.linear.cholesky import SparseCholesky
@@ -16,23 +15,24 @@ from solvers.linear.inverse_root import InverseRoot
 from solvers.system.sides import contact_sides
 from solvers.system.system import System
 
-BED = 1e-2  # of the stiffness of a contact dof: springs in case that the layer is the whole of a body that floats
+BED = 1e-2  # of the stiffness of a contact dof: springs, for a layer that is the whole of a floating body
 
 
 class ContactLayer:
-    """Displacement of the contact dofs that forces there cause in the layer alone, a lower bound of the bodies' own.
+    """Flexibility of the layer of cells next to the contact dofs, held at its inner boundary: a lower bound of K_B^-1.
 
-    Corners and edges of the sides, graded cells, the normal displacement of tangential forces: all that happens within
-    a few cells is in it. Every rank has the whole layer.
+    It contains the effects of the nearest few cells: corners and edges of the sides, graded cells, the normal
+    displacement of tangential forces. Every rank has the whole layer.
     """
 
     def __init__(self, system: System, cells: int) -> None:
-        """Cut it out and factorise it; collective.
+        """Cut the layer out of K_B and factorise it; collective.
 
         Args:
-            cells: how many of them one below the other.
+            system: the assembled scene.
+            cells: thickness of the layer, in cells.
         """
-        contact = np.asarray(system.contact_dofs, PETSc.IntType)
+        contact = np.asarray(system.interface.dofs, PETSc.IntType)
         layer = PETSc.IS().createGeneral(contact, comm=PETSc.COMM_SELF)
         system.K_B.increaseOverlap(layer, cells)
         layer.sort()
@@ -41,42 +41,51 @@ class ContactLayer:
         self._at = np.searchsorted(layer.getIndices(), contact)
         K = sparse.csr_matrix((data, indices, indptr), shape=cut.getSize())
         springs = np.zeros(K.shape[0])
-        if len(springs) and system.rigid_modes.shape[1]:
+        if len(springs) and system.interface.rigid_modes.shape[1]:
             springs[self._at] = BED * K.diagonal()[self._at]
         self._factor = SparseCholesky(K + sparse.diags(springs))
         self._size = K.shape[0]
 
     def __call__(self, force: Array) -> Array:
-        """Displacement [m] under forces (c,) or (c, k) [N]."""
+        """Displacement [m] of the contact dofs under forces (c,) or (c, k) [N]."""
         whole = np.zeros((self._size, *force.shape[1:]))
         whole[self._at] = force
         return self._factor.solve(whole)[self._at]
 
 
-CELLS = 2  # of the layer next to the contact sides, in space
-NONE = np.zeros(0)
+CELLS = 2  # thickness of the layer next to the contact sides, in 3D
+EMPTY = np.zeros(0)
 
 
 class SurfaceMetric:
     """F = C^(1/2) M^(-1/2) (M^(-1/2) L M^(-1/2) + H^-2)^(-1/2) M^(-1/2) C^(1/2) on the contact dofs [m/N].
 
-    L and M are the Laplace-Beltrami operator and the lumped mass of all sides that contacts name, as one surface, on
-    each component of displacement; C = 2 (1 - nu^2) / E, the half-plane's; H the depth of the body below the side.
-    A force of wave length l << H then gives way over l, as on a half-space, a longer one over H. Dofs that supports
-    hold are left out of L and M: the displacement goes to zero there.
+    An approximate inverse of the Steklov-Poincaré operator (Neumann-to-Dirichlet map). L and M are the Laplace-
+    Beltrami operator and the lumped mass of all contact sides, as one surface, on each component of displacement; C
+    = 2 (1 - nu^2) / E, the compliance of the half-plane; H the depth of the body below the side. A force of wave
+    length l << H is then resisted over the depth l, as on a half-space, a longer one over H. Dofs that supports
+    hold are left out of L and M: the displacement is zero there.
     """
 
     def __init__(
-        self, L: Any, mass: Array, depth: Array, compliance: Array, layer: ContactLayer | None = None, cut: Array = NONE
+        self,
+        *,
+        L: Sparse,
+        mass: Array,
+        depth: Array,
+        compliance: Array,
+        layer: ContactLayer | None = None,
+        cut: Array = EMPTY,
     ) -> None:
         """
         Args:
-            L: (c, c) sparse [N/m for a unit stress].
-            mass: (c,) [m^(d-1)].
-            depth: (c,) [m].
+            L: (c, c) [N/m for a unit stress].
+            mass: M (c,) [m^(d-1)].
+            depth: H (c,) [m].
             compliance: C (c,) [1/Pa].
-            layer: what the bodies give down to the depth `cut` (c,) [m]; the same formula for both depths says how
-                much more they give below. Without it the formula stands alone.
+            layer: flexibility of the bodies down to the depth `cut`; the formula for the depth H minus that for `cut`
+                adds the part below. Without a layer the formula stands alone.
+            cut: (c,) [m], depth of the layer.
         """
         scale = sparse.diags(1 / np.sqrt(mass))
         self.compliance, self._outer = compliance, np.sqrt(compliance / mass)
@@ -90,11 +99,11 @@ class SurfaceMetric:
 
     @property
     def size(self) -> int:
-        """c, without driven obstacles."""
+        """Number c of contact dofs, without those of driven obstacles."""
         return len(self._outer)
 
     def __call__(self, force: Array) -> Array:
-        """Displacement [m] under forces (c,) or (c, k) [N]."""
+        """Displacement [m] of the contact dofs under forces (c,) or (c, k) [N]."""
         outer = self._outer.reshape(-1, *[1] * (force.ndim - 1))
         x = outer * force
         if self._layer is None:
@@ -103,31 +112,32 @@ class SurfaceMetric:
 
     @property
     def diagonal(self) -> Array:
-        """About that of F (c,) [m/N]."""
+        """Approximate diagonal of F (c,) [m/N]."""
         return np.asarray(self._outer**2 / np.sqrt(self._A.diagonal()))
 
     def stiffness(self, displacement: Array) -> Array:
-        """Forces (c,) [N] that cause it: F^-1."""
+        """Forces (c,) [N] that cause a displacement (c,) [m]: F^-1 of the formula, without the layer."""
         return np.asarray(self._A @ self._root(displacement / self._outer) / self._outer)
 
 
 def surface_metric(system: System) -> SurfaceMetric:
-    """The metric of a scene's contact sides."""
-    c, d = len(system.contact_dofs), system.mesh.dim
+    """The metric of a scene's contact sides; collective."""
+    c, d = len(system.interface.dofs), system.mesh.dim
     L, sums = sparse.csr_matrix((c, c)), np.zeros((3, c))
     for name, side, onto in contact_sides(system):
         mass, (depth, compliance) = surface_mass(side), _depth_and_compliance(system, name, side)
         L = L + onto.T @ sparse.kron(surface_stiffness(side), sparse.eye(d)) @ onto
         sums += np.array([1.0, depth, compliance])[:, None] * (onto.multiply(onto).T @ np.repeat(mass, d))
-    mass, depth, compliance = sums  # where sides of different bodies share nodes: their mean
-    if d == 2:  # there the formula alone is as good
-        return SurfaceMetric(L, mass, depth / mass, compliance / mass)
+    mass, depth, compliance = sums  # where sides of different bodies share nodes: sums, then their mean
+    if d == 2:  # the formula alone is as good there
+        return SurfaceMetric(L=L, mass=mass, depth=depth / mass, compliance=compliance / mass)
     cut = CELLS * system.mesh.degree * mass ** (1 / (d - 1))
-    return SurfaceMetric(L, mass, depth / mass, compliance / mass, ContactLayer(system, CELLS), cut)
+    layer = ContactLayer(system, CELLS)
+    return SurfaceMetric(L=L, mass=mass, depth=depth / mass, compliance=compliance / mass, layer=layer, cut=cut)
 
 
 def _depth_and_compliance(system: System, side: str, surface: Surface) -> tuple[float, float]:
-    """H [m], the body's extent along the side's normals, and C [1/Pa]."""
+    """Depth H [m], the body's extent along the mean normal of the side, and compliance C [1/Pa]."""
     body = side.split(".")[0]
     material, (low, high) = system.problem.bodies[body], system.mesh.body_box(body)
     contraction = 0.0 if system.problem.model == "plane stress" else material.nu**2

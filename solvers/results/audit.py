@@ -18,6 +18,7 @@ from petsc4py import PETSc
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
 from geometry.mesh.mesh import Mesh
+from geometry.protocols import Vec
 from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.laws.compliance import Compliance
 from solvers.parallel.counters import Counters
@@ -102,7 +103,7 @@ class Auditor:
         for place in self.cone.places:
             force = self._contact_force(place, u, record)
             contact += force
-            obstacles += system.resultant_on_driven(place.rows, force)
+            obstacles += system.interface.resultant_on_driven(place.rows, force)
         values = system.initial.values(system.course, record.time)
         load, inner = system.initial.added(system.load(record.time), values), self._inner(u)
         out = inner - load + contact
@@ -130,24 +131,24 @@ class Auditor:
         signs.array[:] = np.sign(np.sin(numbers.astype(float) ** 2)).ravel()
         return float(self._inner(signs).norm(PETSc.NormType.INFINITY))
 
-    def _contact_force(self, place: ContactBlock, u: object, record: Record) -> object:
+    def _contact_force(self, place: ContactBlock, u: Vec, record: Record) -> Vec:
         system, rows, law = self.system, place.rows, place.rows.normal
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
         if not isinstance(law, Compliance):
-            return system.contact_force(rows, p_n, t)
+            return system.interface.force_of(rows, p_n, t)
         if rows.master is not None or rows.name in record.searched:  # UFL knows one side, where it was at the start
             (index,) = (i for i, c in enumerate(system.contacts) if c.name == rows.name)
             motion = system.obstacles.motions((rows,), record.time, record.driven)[rows.name]
-            w = rows.N_n @ (system.contact_displacement(u)[index] - motion).ravel()
-            return system.contact_force(rows, law.pressure(w - rows.gap), t)
+            w = rows.N_n @ (system.interface.displacement(u)[index] - motion).ravel()
+            return system.interface.force_of(rows, law.pressure(w - rows.gap), t)
         contact = system.problem.pairs[rows.name].contact
         relative = dx.fem.Function(system.space)
-        dx.petsc_vector(relative).array[:] = u.array  # type: ignore[attr-defined]
+        dx.petsc_vector(relative).array[:] = u.array
         relative.x.scatter_forward()
         motion = system.obstacles.motion(rows.name, system.nodes.points, record.time, record.driven)
         relative.x.array[:] -= motion.ravel()
         form = system.weak.normal_compliance(relative, contact, law)
-        return dx.assemble_vector(system.weak.compile(form)) + system.contact_force(rows, np.zeros_like(p_n), t)
+        return dx.assemble_vector(system.weak.compile(form)) + system.interface.force_of(rows, np.zeros_like(p_n), t)
 
     def _normal(self, place: ContactBlock, record: Record) -> tuple[float, float, float]:
         """Penetration, negative pressure and complementarity of one contact."""

@@ -23,6 +23,7 @@ from solvers.scene.timeline import Place, Timeline
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 Change = Callable[[Place, Amplitude], Amplitude]
+Driven = tuple[Place, Amplitude]
 
 
 class EffectTable(Noun):
@@ -58,7 +59,7 @@ class Scene(Noun):
     loads: Mapping[str, Load] = field(default_factory=dict)
     probes: Mapping[str, Probe] = field(default_factory=dict)
     steps: Steps = Steps()
-    solver: Solver = Solver()
+    solver: Solver = field(default_factory=Solver.default)
     output: Output = Output()
     exact: Exact = Exact()
     sections: Mapping[str, EffectTable | Mapping[str, EffectTable]] = field(default_factory=dict)
@@ -127,11 +128,11 @@ class Scene(Noun):
         """Every value in time: loads, motions and bounds."""
         return dict(self._drives())
 
-    def _drives(self) -> Iterator[tuple[Place, Amplitude]]:
-        def parts(table: str, name: str, quantity: str, values: Mapping[Any, Amplitude]) -> Iterator[Any]:
+    def _drives(self) -> Iterator[Driven]:
+        def parts(table: str, name: str, quantity: str, values: Mapping[Any, Amplitude]) -> Iterator[Driven]:
             return ((Place(table, name, quantity, part), amplitude) for part, amplitude in values.items())
 
-        def vector(table: str, name: str, quantity: str, values: tuple[Amplitude, ...] | None) -> Iterator[Any]:
+        def vector(table: str, name: str, quantity: str, values: tuple[Amplitude, ...] | None) -> Iterator[Driven]:
             return parts(table, name, quantity, dict(zip("xyz", values or (), strict=False)))
 
         for name, support in self.supports.items():

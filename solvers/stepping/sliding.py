@@ -18,7 +18,7 @@ LEFT = 0.5  # of the smallest facet: points that slide farther are paired again
 
 def positions(system: System, state: State, names: Iterable[str]) -> dict[str, Array]:
     """Displacement (n_all, d) [m] of contacts' nodes, relative to a rigid obstacle."""
-    pairs = zip(system.contacts, system.contact_displacement(state.u), strict=True)
+    pairs = zip(system.contacts, system.interface.displacement(state.u), strict=True)
     return {c.name: v - state.motion[c.name] for c, v in pairs if c.name in names}
 
 

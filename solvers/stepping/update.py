@@ -29,7 +29,7 @@ def stack(contacts: tuple[ContactRows, ...], relative: list[Array]) -> Array:
 def relative_displacement(system: System, u: Any, time: float, driven: Array) -> Array:
     """Rows (rows,) [m] of a displacement, the obstacles' motion taken off."""
     motion = system.obstacles.motions(system.contacts, time, driven)
-    surfaces = system.contact_displacement(u)
+    surfaces = system.interface.displacement(u)
     return stack(system.contacts, [v - motion[c.name] for c, v in zip(system.contacts, surfaces, strict=True)])
 
 
@@ -63,13 +63,13 @@ def new_state(
     inner = system.K * strained
     initial = system.initial.values(system.course, time)
     initial_work = system.initial.stress_work(initial, strained)
-    residual = inner - system.initial.added(load, initial) + system.contact_forces(*split(cone, p))
+    residual = inner - system.initial.added(load, initial) + system.interface.forces(*split(cone, p))
     w, motion = relative_displacement(system, u, time, driven), system.obstacles.motions(system.contacts, time, driven)
     external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
     external += system.initial.external(old.initial, initial, old.initial_work, initial_work)
     contact, slip = 0.0, {}
     forces = {c.name: c.nodal_forces(*parts) for c, *parts in zip(contacts, *split(cone, p), strict=True)}
-    here, there = system.contact_displacement(u), system.contact_displacement(old.u)
+    here, there = system.interface.displacement(u), system.interface.displacement(old.u)
     for c, v, v_old in zip(contacts, here, there, strict=True):
         # forces of both ends of the step, each in its own rows, so that the balance of energy is exact
         mean, pushed = (forces[c.name] + old.forces[c.name]) / 2, motion[c.name] - old.motion[c.name]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from geometry.arrays import Array
+from geometry.protocols import Vec
 from solvers.fem.terms import InitialStrain
 from solvers.scene.timeline import Course
 
@@ -17,14 +17,14 @@ class InitialStrains:
     """All of a problem, k of them; each is uniform over its body and proportional to a value in time a (k,)."""
 
     strains: tuple[InitialStrain, ...]
-    forces: tuple[Any, ...]  # ∫ C strain : eps(v) dx at value 1, PETSc over all displacements [N]
+    forces: tuple[Vec, ...]  # ∫ C strain : eps(v) dx at value 1, PETSc over all displacements [N]
     coupling: Array  # (k, k) ∫ strain_i : C strain_j dx at value 1 [J]
 
     def values(self, course: Course, time: float) -> Array:
         """a (k,) at a time [s]."""
         return np.array([course.value(strain.drive, time) for strain in self.strains], float)
 
-    def added(self, load: Any, values: Array) -> Any:
+    def added(self, load: Vec, values: Array) -> Vec:
         """Nodal forces over all displacements [N] with those of the initial strains; the same object without any."""
         if not self.strains:
             return load
@@ -33,7 +33,7 @@ class InitialStrains:
             total.axpy(value, force)
         return total
 
-    def stress_work(self, values: Array, u: Any) -> Array:
+    def stress_work(self, values: Array, u: Vec) -> Array:
         """∫ sigma : strain dx (k,) [J] of the stress at displacement u and values a."""
         return np.asarray([force.dot(u) for force in self.forces] - self.coupling @ values)
 

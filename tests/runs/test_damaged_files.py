@@ -13,7 +13,7 @@ from mpi4py import MPI
 from geometry.errors import GeometryError, SceneError
 from geometry.mesh.mesh import build_mesh
 from geometry.mesh.quality import worst_quality
-from geometry.user_files import asking
+from geometry.user_files import reader
 from shared.drawn import FACES, GEO, PY, draw, scene_data
 from solvers.scene.scene import Scene
 from workflows.commands.cli import guarded
@@ -68,7 +68,7 @@ def mesh_or_line(scene: Scene) -> str:
 
 
 def test_damaged_files_give_a_mesh_or_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(asking, "READING_TIME", PATIENCE)
+    monkeypatch.setattr(reader, "READING_TIME", PATIENCE)
     draw_lots, scenes = random.Random(2026), []
     for path, data in originals(tmp_path):
         for index, content in enumerate(damaged(path.read_bytes(), draw_lots)):

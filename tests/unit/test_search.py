@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from geometry import dolfinx_versions as dx
 from geometry.surfaces import search
-from geometry.surfaces.search import Pairing, across, cross, pair
+from geometry.surfaces.search import Pairing, intersect, orthogonal_frames, pair
 from geometry.surfaces.surface import Surface
 
 Array = NDArray[np.float64]
@@ -98,7 +98,7 @@ def brute_force(points: Array, directions: Array, master: Surface, reach: float)
     """Smallest |gap| over all facets (m,), and which facets have it (m, f)."""
     m, f = len(points), len(master.facets)
     i, j = np.repeat(np.arange(m), f), np.tile(np.arange(f), m)
-    met, _, gap = cross(master, j, points[i], directions[i], across(directions)[i])
+    met, _, gap = intersect(master, j, points[i], directions[i], orthogonal_frames(directions)[i])
     size = np.where(met & (np.abs(gap) <= reach), np.abs(gap), np.inf).reshape(m, f)
     least = size.min(axis=1)
     return least, np.isfinite(size) & (size <= least[:, None] + 1e-12)

@@ -17,8 +17,8 @@ from geometry.mesh.gmsh_session import gmsh_session
 from geometry.mesh.mesh import Mesh, build_mesh
 from geometry.mesh.msh_file import write_msh
 from geometry.mesh.quality import worst_quality
+from geometry.user_files.geo_script import parameter_names
 from geometry.user_files.parts import find_parts
-from geometry.user_files.system_calls import parameter_names
 from shared.drawn import FACES, GEO, PY, draw, scene_data
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import make_plan
@@ -326,7 +326,7 @@ def test_neither_builder_nor_file_is_refused() -> None:
         (GEO + "Box(9) = {9, 9, 9, 1, 1, 1};", "holds volumes, and a plane model is made of surfaces"),
         ("Point(1) = {0, 0, 0, 1};\n", "has no surfaces"),
         (GEO + "foo bar;\n", r"b\.geo: gmsh says: .*line 9: Unknown variable 'bar'"),
-        (GEO + "x = 1; y = 2;", "last line holds several statements and has no end"),
+        (GEO + "x = 1; y = 2;", "last line has several statements and no line break"),
         (GEO + "Exit;\n", "gmsh ended without an answer|gmsh says"),
         (GEO.replace('"block.top") = {3}', '"block.top") = {77}'), "block.top: no such side; did you mean"),
     ],
@@ -362,7 +362,7 @@ def test_a_script_in_disguise_and_a_computed_include_are_refused(
     """gmsh runs any text that it does not recognise, whatever its ending."""
     monkeypatch.chdir(tmp_path)
     call = write(tmp_path / "b.msh", 'SystemCall "touch made";\n')
-    with pytest.raises(GeometryError, match=r"b\.msh: is no \.msh file: it does not begin with \$MeshFormat"):
+    with pytest.raises(GeometryError, match=r"b\.msh: is not a \.msh file: it does not begin with \$MeshFormat"):
         from_dict(scene_data(call))
     with pytest.raises(GeometryError, match="Include must name its file as a text in quotes"):
         from_dict(scene_data(write(tmp_path / "b.geo", GEO + 'Include StrCat("b.", "msh");')))
@@ -424,5 +424,5 @@ def test_unusable_cells_are_refused(what: str, says: str, tmp_path: Path) -> Non
 
 def test_a_side_that_lies_inside_is_refused(tmp_path: Path) -> None:
     text = GEO.split("Physical")[0] + INSIDE
-    with pytest.raises(GeometryError, match=r"side block\.top: edge 10 is no boundary of block"):
+    with pytest.raises(GeometryError, match=r"side block\.top: edge 10 is not on the boundary of block"):
         from_dict(scene_data(write(tmp_path / "b.geo", text)))

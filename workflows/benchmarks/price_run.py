@@ -118,7 +118,7 @@ def _solve(case: Case, only: str = "") -> dict[str, Any]:
         "case": asdict(case),
         "status": status,
         "dofs": system.constraints.free_total,
-        "contact_dofs": len(system.contact_dofs),
+        "contact_dofs": len(system.interface.dofs),
         "prepare": prepared,
         "steps": steps,
         "memory": memory,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
 from geometry.errors import SceneError
-from solvers.scene.applicability import METHODS
+from solvers.methods import METHODS
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import make_plan
 from workflows.cost.predict import overhead
@@ -63,7 +63,7 @@ def ladder_of(scene: Scene) -> tuple[Ladder, list[str]]:
     def planned(method: str) -> None:
         make_plan(replace(scene, solver=replace(scene.solver, method=method)))
 
-    contenders = [name for name, method in METHODS.items() if name != "auto" and method.contends]
+    contenders = [name for name, method in METHODS.items() if name != "auto" and method.WORKS_WITH.contends]
     methods, without_method = _possible(contenders if wanted == "auto" else [wanted], planned)
     orders, without_order = _possible(ORDERS, lambda order: Rung(order, methods[0], 0, tolerance).scene(scene))
     left_out = [f"without {method}: {error}" for method, error in without_method.items()]

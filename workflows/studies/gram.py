@@ -83,13 +83,13 @@ def block(n: int, held: bool = True, dim: int = 2) -> System:
 
 def surface_of(system: System) -> tuple[CondensedSurface, AdmissibleSet]:
     """K_B^-1 on the contact dofs, and the laws that say which rows carry tractions."""
-    volume = FactorisedVolume(system.K_B, system.contact_dofs, system.counters)
+    volume = FactorisedVolume(system.K_B, system.interface.dofs, system.counters)
     return prepare_surface(system, volume), AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
 
 
 def fill(system: System, gram: Gram) -> float:
     """Number of entries of P over that of IC(0)."""
-    matrix, _ = contact_last(volume_gram(system, gram.length or system.extent), system.contact_dofs)
+    matrix, _ = contact_last(volume_gram(system, gram.length or system.extent), system.interface.dofs)
     return float(incomplete_cholesky(matrix, drop_of(gram)).P.nnz / sparse.tril(matrix).nnz)
 
 

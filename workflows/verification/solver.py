@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from solvers import methods
 from solvers.scene.settings import Solver
 
 
 def solver(method: str, tolerance: float) -> Solver:
-    """Settings for a method; `auto` would condense bodies as small as these."""
-    return Solver(method=method, tolerance=tolerance, surface="matrix-free" if method == "surface-uzawa" else "auto")
+    """`auto` would condense bodies as small as these."""
+    surface = "matrix-free" if method == "surface-uzawa" else "auto"
+    chosen: Solver = methods.Solver(method=method, tolerance=tolerance, surface=surface)
+    return chosen

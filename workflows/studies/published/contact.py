@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from geometry.errors import StickslipError
 from solvers.interface.schur_complement import CondensedSurface
-from solvers.methods.contact_element import penalties
+from solvers.methods.perturbed_lagrangian import PerturbedLagrangian
 from solvers.methods.uzawa import Uzawa
 from solvers.results.observe import law_error
 from solvers.scene.scene import Scene
@@ -73,7 +73,8 @@ def springs(dim: int, n: int, omega_factor: float) -> list[Row]:
     K, u = exact[0].system.K, exact[1][-1].state.u
     off, problem = accepted[-1].state.u - u, accepted[-1].problem
     assert isinstance(problem.surface, CondensedSurface)
-    values = plain(problem.surface, problem.cone, 1 / penalties(simulation.system))
+    omega = PerturbedLagrangian.of(simulation.system.problem.solver).penalties(simulation.system)
+    values = plain(problem.surface, problem.cone, 1 / omega)
     return [
         row
         | {"condition": values[-1] / values[0]}

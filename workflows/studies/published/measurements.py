@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from solvers.scene.applicability import METHODS
+from solvers.methods import METHODS
 from workflows.studies.published.contact import solved, springs, stepped
 from workflows.studies.published.finding import Row
 from workflows.studies.published.linear import linear

@@ -9,7 +9,8 @@ import numpy as np
 
 from solvers.analysis.slip_tangent import SlipTangent, unsymmetry
 from solvers.analysis.tangent_solves import ILU, Solve, condition, gauss_seidel, gmres, mumps
-from solvers.methods.contact_element import SLIP, penalties
+from solvers.methods.contact_element import SLIP
+from solvers.methods.perturbed_lagrangian import PerturbedLagrangian
 from workflows.studies.published.contact import march
 from workflows.studies.published.finding import Row
 from workflows.studies.published.scenes import scene, slipping
@@ -42,7 +43,8 @@ def tangent(dim: int, n: int, mu: float, omega_factor: float) -> list[Row]:
     if status != "converged":
         names = [(form, solver) for form in FORMS for solver in (DIRECT, *SOLVERS)]
         return [row | {"form": form, "solver": solver, "status": f"no tangent: {status}"} for form, solver in names]
-    matrix = SlipTangent.at(simulation.system, accepted[-1], penalties(simulation.system))
+    omega = PerturbedLagrangian.of(simulation.system.problem.solver).penalties(simulation.system)
+    matrix = SlipTangent.at(simulation.system, accepted[-1], omega)
     row["sliding"] = matrix.share(SLIP)
     systems = dict(zip(FORMS, (matrix.of_displacements, matrix.of_both), strict=True))
     return [solve for form, (K, f) in systems.items() for solve in _solved(row | {"form": form}, K, f)]

@@ -15,10 +15,9 @@ import numpy as np
 
 from geometry.arrays import Array
 from geometry.errors import SceneError
+from solvers.methods import METHODS, Solver
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.scene import Scene
-from solvers.scene.settings import Solver
 from solvers.simulation.plan import make_plan
 from solvers.simulation.simulation import Simulation, prepare
 from workflows.scene_file.read import read

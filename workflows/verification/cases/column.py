@@ -10,8 +10,8 @@ from typing import Literal
 from geometry.builders.block import Block
 from geometry.obstacles.plane import Plane
 from solvers.laws.compliance import Compliance
+from solvers.methods import METHODS
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
@@ -164,7 +164,7 @@ def checks(method: str) -> list[Check]:
         found += incompressible(method, dim)
         for g, share in OFFSETS:
             found += offset(method, dim, g, share)
-    if METHODS[method].floating:
+    if METHODS[method].WORKS_WITH.floating:
         for dim, order in FORCED:
             for m in EXPONENTS:
                 found += force_driven(method, dim, m, order)

@@ -22,7 +22,7 @@ from geometry.obstacles.cylinder import Cylinder
 from geometry.obstacles.plane import Plane
 from geometry.obstacles.sphere import Sphere
 from geometry.shape import Model
-from solvers.scene.applicability import METHODS
+from solvers.methods import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Support
 from solvers.scene.material import Material
@@ -246,7 +246,7 @@ def by_displacement(method: str) -> list[Check]:
 def checks(method: str) -> list[Check]:
     """All of them; an obstacle driven by a force needs a method for floating bodies."""
     found = by_displacement(method)
-    if METHODS[method].floating:
+    if METHODS[method].WORKS_WITH.floating:
         for name, touch in TOUCHES.items():
             found += figures(name, touch)
         found += approaches() + ball_3d()

@@ -13,8 +13,8 @@ from geometry.obstacles.plane import Plane
 from solvers.effects.gravity import Gravity
 from solvers.effects.periodic import Periodic
 from solvers.laws.friction import Coulomb
+from solvers.methods import METHODS
 from solvers.results.step_result import STICK, StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
@@ -77,4 +77,4 @@ def slides(method: str, mu: float = SLIDES) -> list[Check]:
 
 def checks(method: str) -> list[Check]:
     """Both sides of the threshold, with a method that can solve bodies held by contact alone."""
-    return holds(method) + slides(method) if METHODS[method].floating else []
+    return holds(method) + slides(method) if METHODS[method].WORKS_WITH.floating else []

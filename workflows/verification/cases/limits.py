@@ -7,8 +7,8 @@ import numpy as np
 from geometry.builders.block import Block
 from geometry.obstacles.plane import Plane
 from solvers.laws.friction import Coulomb
+from solvers.methods import METHODS
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Load
 from solvers.scene.material import Material
@@ -75,6 +75,6 @@ def held(method: str, name: str, limit: Limit) -> list[Check]:
 
 def checks(method: str) -> list[Check]:
     """All of them, with a method that can solve bodies held by contact alone."""
-    if not METHODS[method].floating:
+    if not METHODS[method].WORKS_WITH.floating:
         return []
     return [check for name, limit in LIMITS.items() for check in held(method, name, limit)]

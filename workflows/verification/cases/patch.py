@@ -14,8 +14,8 @@ import numpy as np
 
 from geometry.arrays import Array
 from geometry.builders.two_blocks import TwoBlocks
+from solvers.methods import METHODS
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
@@ -215,6 +215,6 @@ def checks(method: str) -> list[Check]:
     return [
         check
         for patch in patches
-        if METHODS[method].floating or not (patch.loaded or patch.contrast != 1)
+        if METHODS[method].WORKS_WITH.floating or not (patch.loaded or patch.contrast != 1)
         for check in figures(replace(patch, method=method))
     ]

@@ -14,13 +14,13 @@ from solvers.laws.bilateral import Bilateral
 from solvers.laws.friction import Coulomb, Tresca
 from solvers.laws.law import FrictionLaw, NormalLaw
 from solvers.laws.unilateral import Unilateral
+from solvers.methods import METHODS, Solver
 from solvers.results.step_result import SLIP, ContactState, StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
-from solvers.scene.settings import Solver, Steps
+from solvers.scene.settings import Steps
 from solvers.simulation.simulation import prepare
 from workflows.verification.check import Check, within
 from workflows.verification.closed_forms import shear_lag
@@ -171,8 +171,8 @@ def coulomb(method: str, normal: NormalLaw = Unilateral()) -> list[Check]:  # no
 
 
 def checks(method: str) -> list[Check]:
-    """All of them; only the bed holds the strip: the method must be able to solve floating bodies."""
-    if not METHODS[method].floating:
+    """All of them; nothing but the bed holds the strip up, which a method must be able to solve."""
+    if not METHODS[method].WORKS_WITH.floating:
         return []
     if method != "condensed-newton":
         return cycled(method, n=COARSE)

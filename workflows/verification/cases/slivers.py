@@ -14,8 +14,8 @@ import numpy as np
 from geometry.arrays import Array
 from geometry.builders.block import Block
 from geometry.obstacles.plane import Plane
+from solvers.methods import METHODS
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
@@ -112,4 +112,9 @@ def thin(name: str, method: str) -> list[Check]:
 
 def checks(method: str) -> list[Check]:
     """All that the method can solve."""
-    return [c for name, s in SCENES.items() if METHODS[method].floating or not s.floating for c in thin(name, method)]
+    return [
+        c
+        for name, s in SCENES.items()
+        if METHODS[method].WORKS_WITH.floating or not s.floating
+        for c in thin(name, method)
+    ]

@@ -12,8 +12,8 @@ import numpy as np
 
 from geometry.arrays import Array
 from solvers.laws.friction import Coulomb
+from solvers.methods import METHODS
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import prepare
 from workflows.scene_file.read import read
@@ -183,5 +183,5 @@ def compared(name: str, method: str) -> list[Check]:
 
 def checks(method: str) -> list[Check]:
     """All of them."""
-    names = [name for name in SCENES if METHODS[method].floating or name not in FLOATING + GRADED]
+    names = [name for name in SCENES if METHODS[method].WORKS_WITH.floating or name not in FLOATING + GRADED]
     return [check for name in names for check in compared(name, method)]

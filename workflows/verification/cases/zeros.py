@@ -14,8 +14,8 @@ from geometry.builders.block import Block
 from geometry.obstacles.plane import Plane
 from solvers.laws.friction import Coulomb, Tresca
 from solvers.laws.law import FrictionLaw
+from solvers.methods import METHODS
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
@@ -138,5 +138,5 @@ def no_friction(method: str, mu: float = 0.0) -> list[Check]:
 
 def checks(method: str) -> list[Check]:
     """All of them."""
-    floating = no_force(method, held=False) if METHODS[method].floating else []
+    floating = no_force(method, held=False) if METHODS[method].WORKS_WITH.floating else []
     return no_force(method) + floating + no_touch(method) + no_increment(method) + no_friction(method)

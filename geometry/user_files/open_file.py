@@ -1,4 +1,4 @@
-"""Reading a user's file into the current gmsh model, each kind in its own way."""
+"""Open a user's file of any kind in the current gmsh model."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import traceback
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from geometry.errors import GeometryError
-from geometry.user_files.system_calls import scripts
+from geometry.protocols import Gmsh
+from geometry.user_files.geo_script import scripts
 
 Parameter = bool | int | float | str
 KINDS = {".geo": "geo", ".step": "cad", ".stp": "cad", ".brep": "cad", ".msh": "msh", ".py": "py"}
-# gmsh runs whatever it does not recognise as a script of its own
+# How files of a kind begin; gmsh would run any other content as a .geo script.
 BEGINS = {".msh": "$MeshFormat", ".step": "ISO-10303-21", ".stp": "ISO-10303-21", ".brep": "CASCADE Topology"}
-HEAD = 4096
+HEAD = 4096  # bytes in which that must occur
 
 
 def kind_of(path: Path) -> str | None:
-    """geo, cad, msh or py by the file's ending, .gz apart."""
+    """Kind of the file (geo, cad, msh or py) by its ending, without .gz; None if unknown."""
     return KINDS.get(_suffix(path))
 
 
@@ -30,7 +30,7 @@ def _suffix(path: Path) -> str:
 
 
 def unpacked(path: Path, folder: Path) -> Path:
-    """The file itself, or what a .gz holds, put into `folder`."""
+    """Path of the file itself, or of the decompressed content of a .gz file, which is written into `folder`."""
     if path.suffix != ".gz":
         return path
     plain = folder / path.stem
@@ -41,33 +41,33 @@ def unpacked(path: Path, folder: Path) -> Path:
     return plain
 
 
-def open_file(gmsh: Any, path: Path, parameters: Mapping[str, Parameter]) -> None:
-    """Put the file's geometry, or its mesh, into the current model.
+def open_file(gmsh: Gmsh, path: Path, parameters: Mapping[str, Parameter]) -> None:
+    """Put the geometry or the mesh of a file into the current gmsh model.
 
     Raises:
-        GeometryError: gmsh's or Python's own words, in one line.
+        GeometryError: the message of gmsh or Python, in one line.
     """
     suffix = _suffix(path)
     if suffix == ".py":
-        _build(gmsh, path, parameters)
+        _run_build(gmsh, path, parameters)
         return
     if suffix == ".geo":
         for _ in scripts(path):
             pass
     begins = BEGINS.get(suffix)
     if begins is not None and begins.encode() not in path.read_bytes()[:HEAD]:
-        raise GeometryError(f"is no {suffix} file: it does not begin with {begins}")
+        raise GeometryError(f"is not a {suffix} file: it does not begin with {begins}")
     gmsh.logger.start()
     gmsh.merge(str(path))
-    complain(gmsh, path.parent)
+    raise_gmsh_error(gmsh, path.parent)
 
 
-def complain(gmsh: Any, folder: Path | None = None) -> None:
-    """Raise gmsh's first error since its log was started, without the folder that the file lies in."""
+def raise_gmsh_error(gmsh: Gmsh, folder: Path | None = None) -> None:
+    """Stop gmsh's log, and raise GeometryError with the first error in it, if any; `folder` is left out of its text."""
     try:
         lines = gmsh.logger.get()
     except UnicodeDecodeError:
-        raise GeometryError("holds bytes that are no text") from None
+        raise GeometryError("contains bytes that are not text") from None
     finally:
         gmsh.logger.stop()
     errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error")]
@@ -75,7 +75,8 @@ def complain(gmsh: Any, folder: Path | None = None) -> None:
         raise GeometryError(f"gmsh says: {errors[0].replace(f'{folder}/', '')}")
 
 
-def _build(gmsh: Any, path: Path, parameters: Mapping[str, Parameter]) -> None:
+def _run_build(gmsh: Gmsh, path: Path, parameters: Mapping[str, Parameter]) -> None:
+    """Run `build(model, parameters)` of a .py file."""
     try:
         build = runpy.run_path(str(path)).get("build")
         if build is None:

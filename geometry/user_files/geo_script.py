@@ -1,4 +1,4 @@
-"""What a .geo script would do besides geometry: system calls are refused, and its parameters have names."""
+"""Text of .geo scripts: scripts with system calls are refused, and the names of their parameters are found."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from geometry.errors import GeometryError
 
 REFUSED = ("SystemCall", "System", "NonBlockingSystemCall", "OnelabRun")
 READS = ("Include", "Merge", "MergeWithBoundingBox", "ShapeFromFile")
-# gmsh's own rules: no escapes in strings, comments do not nest
+# as in gmsh: strings have no escapes, comments do not nest
 TOKEN = re.compile(r""""[^"]*"|'[^']*'|//[^\n]*|/\*.*?(?:\*/|\Z)|[A-Za-z_]\w*|[^\s\w]|\S""", re.DOTALL)
 
 
 def tokens(text: str) -> list[str]:
-    """Words, strings and signs of a .geo script, without its comments.
+    """Split a .geo script into words, strings and signs, without its comments.
 
     >>> tokens('a = "x;y"; // b')
     ['a', '=', '"x;y"', ';']
@@ -27,10 +27,13 @@ def tokens(text: str) -> list[str]:
 
 
 def scripts(path: Path, seen: set[Path] | None = None) -> Iterator[tuple[Path, list[str]]]:
-    """The script and every file that it reads, as tokens.
+    """Yield path and tokens of a script and of every file that it reads.
+
+    Args:
+        seen: files to leave out; those that are read are added.
 
     Raises:
-        GeometryError: a system call, or a file whose name is computed: it could hold one.
+        GeometryError: there is a system call, or the name of a file is computed, so that it cannot be checked.
     """
     seen = set() if seen is None else seen
     if path in seen:
@@ -38,14 +41,14 @@ def scripts(path: Path, seen: set[Path] | None = None) -> Iterator[tuple[Path, l
     seen.add(path)
     content = path.read_bytes()
     with suppress(OSError, EOFError, zlib.error):
-        content = gzip.decompress(content)  # gmsh may read these too
+        content = gzip.decompress(content)  # gmsh also reads compressed files
     text = content.decode("latin-1")
     found = tokens(text)
     for word in REFUSED:
         if word in found:
             raise GeometryError(f"{path.name}: {word} is refused, a scene's geometry runs no other programs")
     if tokens(text.rpartition("\n")[2]).count(";") > 1:  # gmsh 4.8 would take the first of these statements only
-        raise GeometryError(f"{path.name}: its last line holds several statements and has no end; end it")
+        raise GeometryError(f"{path.name}: its last line has several statements and no line break at its end; add one")
     yield path, found
     for i, word in enumerate(found):
         if word in READS:
@@ -59,7 +62,7 @@ def scripts(path: Path, seen: set[Path] | None = None) -> Iterator[tuple[Path, l
 
 
 def parameter_names(path: Path) -> set[str]:
-    """Names that a script lets others set: those of DefineConstant, and those that it asks after with Exists."""
+    """Names of the parameters of a script: those in DefineConstant, and those that it tests with Exists."""
     names: set[str] = set()
     for _, found in scripts(path):
         depth = 0
