@@ -105,6 +105,13 @@ def test_every_room_has_a_floor() -> None:
     assert sorted(found) == sorted(ROOMS), "a new room needs its place in FLOORS"
 
 
+def test_the_page_of_the_architecture_shows_these_floors() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    block = re.search(r"^    geometry: .*?\n\n", page, re.DOTALL | re.MULTILINE)
+    assert block is not None
+    assert re.sub(r"\w[\w ]*:", "", block[0]).split() == " ".join(FLOORS.values()).split()
+
+
 def test_imports_only_point_down() -> None:
     upwards = [
         f"{name} -> {target}"

@@ -1,0 +1,137 @@
+"""docs/architecture.md is true: its floors, its paths, and its examples, each one new file in a copy of the house."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+EXAMPLES = {  # heading: room, and what the file imports
+    "Builder": ("geometry/builders", ["geometry.builders.cuboid: Cuboid, grid"]),
+    "Obstacle": ("geometry/obstacles", ["geometry.obstacles.obstacle: Obstacle"]),
+    "Law": ("solvers/laws", ["solvers.laws.law: FrictionLaw, touching"]),
+    "Effect": (
+        "solvers/effects",
+        [
+            "geometry.amplitude: Amplitude",
+            "solvers.effects.effect: Effect",
+            "solvers.fem.terms: InitialStrain",
+            "solvers.scene.scene: EffectTable",
+            "solvers.scene.timeline: Place",
+        ],
+    ),
+    "Method": (
+        "solvers/methods",
+        [
+            "solvers.methods.applicability: Applicability",
+            "solvers.methods.method: Stateless",
+            "solvers.methods.outer_iteration: FixedStep, Outer, Solved",
+            "solvers.newton.solution: ignore",
+        ],
+    ),
+    "Writer": ("workflows/writers", ["workflows.writers.writer: Writer"]),
+}
+ALWAYS = ["dataclasses: dataclass", "typing: Annotated, Literal", "geometry.keys: Key"]
+
+
+def example(name: str) -> str:
+    """The code below a heading, as a file."""
+    found = re.search(rf"^\*\*{name}\*\*.*?```python\n(.*?)```", PAGE, re.DOTALL | re.MULTILINE)
+    assert found is not None
+    lines = (line.partition(": ") for line in ALWAYS + EXAMPLES[name][1])
+    imports = [f"from {module} import {names}" for module, _, names in lines]
+    return "\n".join([f'"""{name}."""', "import numpy as np", *imports, "", found[1]])
+
+
+def in_a_copy(folder: Path, names: list[str], script: str) -> str:
+    """What a script prints where these examples stand in their rooms."""
+    for package in ("geometry", "solvers", "workflows"):
+        shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__", "scenes"))
+    shutil.copytree(ROOT / "workflows" / "scenes", folder / "workflows" / "scenes")
+    shutil.copy(ROOT / "stickslip.py", folder)
+    for name in names:
+        (folder / EXAMPLES[name][0] / f"added_{name.lower()}.py").write_text(example(name), encoding="utf-8")
+    run = subprocess.run(
+        [sys.executable, "-c", dedent(script)],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(folder)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    return run.stdout
+
+
+def test_the_page_is_short_and_its_paths_exist() -> None:
+    assert len(PAGE.splitlines()) <= 120
+    named = {path for path in re.findall(r"[\w./]+", PAGE) if "/" in path and Path(path).suffix}
+    named |= {f"tests/unit/{name}" for name in re.findall(r"`(test_\w+\.py)`", PAGE)}
+    named |= {f"docs/{name}" for name in re.findall(r"\]\((\w+\.svg)\)", PAGE)}
+    assert len(named) > 10
+    assert not {path for path in named if not (ROOT / path).is_file()}
+
+
+def test_builder_obstacle_law_and_effect_are_one_file_each(tmp_path: Path) -> None:
+    """A heated slab between its support and a wall: p = E eps / (1 - nu^2) in plane strain, free along y, nu = 0."""
+    script = """
+        import json
+        import stickslip
+        from workflows.scene_file.read import from_dict
+
+        assert stickslip.__file__.startswith(__import__("os").getcwd())
+        scene = from_dict({
+            "model": "plane strain",
+            "geometry": {"builder": "slab", "length": 1.0, "height": 1.0, "mesh_size": 0.5},
+            "bodies": {"slab": {"E": 100.0, "nu": 0.0}},
+            "obstacles": {"wall": {"shape": "wall", "at": 1.0}},
+            "contacts": {"end": {"surface": "slab.right", "against": "wall", "friction": {"law": "sticky", "a": 0.0}}},
+            "supports": {
+                "left": {"boundary": "slab.left", "displacement": {"x": 0.0}},
+                "base": {"boundary": "slab.bottom", "displacement": {"y": 0.0}},
+            },
+            "heat": {"strain": [[0.0, 0.0], [0.37, 0.01], [1.0, 0.02]]},
+        })
+        steps = list(stickslip.steps(scene))
+        public = [name for name in ("Slab", "Wall", "Sticky", "Heat") if name in dir(stickslip)]
+        print(json.dumps([public, [s.time for s in steps], [s.contacts["end"].normal_force for s in steps]]))
+    """
+    public, times, forces = json.loads(in_a_copy(tmp_path, ["Builder", "Obstacle", "Law", "Effect"], script))
+    assert public == ["Slab", "Wall", "Sticky", "Heat"]
+    assert times == [0.37, 1.0]  # the corner of the effect's table is hit
+    assert forces == pytest.approx([1.0, 2.0], rel=1e-6)  # E eps times the height, to the solver's tolerance
+
+
+def test_a_method_is_one_file(tmp_path: Path) -> None:
+    script = """
+        import stickslip
+
+        coarse = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=1.0", "solver.tolerance=1e-6"]
+        for method in ("patient", "condensed-newton"):
+            *_, last = stickslip.steps(stickslip.read("block", [*coarse, f"solver.method={method}"]))
+            print(last.iterations, last.contacts["base"].normal_force)
+    """
+    (slow, mine), (fast, reference) = (
+        map(float, line.split()) for line in in_a_copy(tmp_path, ["Method"], script).splitlines()
+    )
+    assert slow > fast
+    assert mine == pytest.approx(reference, rel=1e-4)  # a residual of 1e-6, times the condition of the block
+
+
+def test_a_writer_is_one_file(tmp_path: Path) -> None:
+    script = """
+        import stickslip
+
+        scene = stickslip.read("block", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=1.0"])
+        stickslip.run(scene, "results/block")
+        print(open("results/block/forces.txt").read(), end="")
+    """
+    lines = in_a_copy(tmp_path, ["Writer"], script).splitlines()
+    assert [line.split()[0] for line in lines] == ["1.0", "2.0"]
