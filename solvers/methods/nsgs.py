@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from geometry.arrays import Array, Ints
-from solvers.contact.admissible_set import Place
+from solvers.contact.admissible_set import ContactBlock
 from solvers.interface.problem import SurfaceProblem
 from solvers.laws.law import FrictionLaw, NormalLaw
 from solvers.methods.applicability import Applicability
@@ -177,7 +177,7 @@ def _points(problem: SurfaceProblem, D: Array) -> Iterator[NormalPoint | Frictio
         yield from (point for _, point in sorted(ordered, key=lambda each: each[0]))
 
 
-def _friction_points(problem: SurfaceProblem, D: Array, place: Place) -> Iterator[tuple[float, FrictionPoint]]:
+def _friction_points(problem: SurfaceProblem, D: Array, place: ContactBlock) -> Iterator[tuple[float, FrictionPoint]]:
     """One contact's tangential points, each with the place between normal rows where it is swept."""
     law, cone, W = place.rows.friction, problem.cone, problem.surface.W
     if law is None:
