@@ -105,7 +105,7 @@ class Run:
                 self.simulation.seconds.output += clock.perf_counter() - began
         except StepError as error:
             log.error("%s", error)
-            written = len(error.reached.history) if error.reached else 0  # with the last good substep
+            written = len(error.last_good.history) if error.last_good else 0  # with the last good substep
             rows = [row.as_tuple() for row in error.history[written:]]
             failed = history_of(len(self.steps) + (not written), rows)
             self.on_rank_0(lambda: write_tables(self.folder, [failed]))

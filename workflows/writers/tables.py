@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from geometry.arrays import Array
-from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, HistoryTuple, MeshData, StepResult
+from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
 from solvers.scene.quantities import STRESSES
+from solvers.stepping.history import HistoryTuple
 from workflows.writers.aside import disk_errors, make_folder
 
 STATUS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
