@@ -1,1 +1,1 @@
-"""From a shape's description to a mesh whose bodies and sides have names."""
+"""From the description of a shape to a distributed mesh whose bodies and sides have names."""

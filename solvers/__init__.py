@@ -1,1 +1,1 @@
-"""From nouns (material, support, load, contact) to displacement and contact traction, step by step."""
+"""From a scene to displacement and contact tractions, step by step."""

@@ -1,3 +1,3 @@
-"""What a person runs: the scene file, the command line, the run, its results."""
+"""What a person runs: scene files, commands, runs and their results, verification, studies."""
 
 VERSION = "0.1.0"

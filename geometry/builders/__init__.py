@@ -1,4 +1,4 @@
-"""Ready shapes, one a file: a module here that defines a `Builder` is all it takes to add one."""
+"""Ready shapes, one file each; a module that defines a `Builder` is found by itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rigid obstacles, one kind a file: a module here that defines an `Obstacle` is all it takes to add one."""
+"""Rigid obstacles, one file each; a module that defines an `Obstacle` is found by itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Base of cylinder and sphere: a surface at a constant distance from its core (axis or centre), seen from either side."""
+"""Base of cylinder and sphere: a surface at a constant distance from an axis or centre, seen from either side."""
 
 from __future__ import annotations
 

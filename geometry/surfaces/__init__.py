@@ -1,1 +1,1 @@
-"""Sides of bodies as surfaces: contact search, overlap of two surfaces, their mass and stiffness."""
+"""Sides of bodies as surfaces: contact search, overlap of two surfaces, mass and stiffness."""

@@ -1,1 +1,1 @@
-"""Geometry from a user's own file; gmsh reads it in a process of its own, which a damaged file may bring down."""
+"""Geometry from a user's file; gmsh reads it in a separate process, which a damaged file may crash."""

@@ -1,1 +1,1 @@
-"""Studies of the published methods in small: nothing here is used to solve a scene."""
+"""Small dense models of the published methods, for studies and tests; no scene is solved with them."""

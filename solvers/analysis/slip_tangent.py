@@ -39,8 +39,8 @@ class SlipTangent:
         answer = elements.answer(accepted.state.w - elements.reference)
         indptr, indices, data = system.K_B.getValuesCSR()
         K_B = sparse.csr_matrix((data, indices, indptr), shape=system.K_B.size)
-        c = len(system.contact_dofs)
-        onto = sparse.csr_matrix((np.ones(c), (np.arange(c), system.contact_dofs)), shape=(c, K_B.shape[0]))
+        c = len(system.interface.dofs)
+        onto = sparse.csr_matrix((np.ones(c), (np.arange(c), system.interface.dofs)), shape=(c, K_B.shape[0]))
         N = problem.surface.N[:, :c] @ onto
         force = -np.asarray(N.T @ (problem.surface.W * accepted.state.p))
         return SlipTangent(K_B, N, answer.slope, elements.omega, answer.status, force)

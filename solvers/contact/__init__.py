@@ -1,1 +1,1 @@
-"""Contact operators and rows (nodal displacement to relative displacement), dual multipliers, the admissible set."""
+"""Contact operators: rows from nodal to relative displacement, and the admissible set of tractions."""

@@ -1,4 +1,7 @@
-"""What a scene can switch on, one effect a file: a module here that defines `EFFECT` is all it takes to add one."""
+"""What a scene can switch on, one file each; a module that defines an effect is found by itself.
+
+An effect that is off allocates, assembles, compiles and searches nothing.
+"""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Weak forms in UFL, supports and rigid modes: what finite elements make of bodies."""
+"""Finite elements: weak forms in UFL, constraints, supports, rigid modes."""

@@ -1,1 +1,1 @@
-"""The bodies as contact feels them: Schur complement, Delassus (Steklov-Poincaré) operator, limit analysis."""
+"""The bodies as contact sees them: Schur complement, Delassus (Steklov-Poincaré) operator, limit analysis."""

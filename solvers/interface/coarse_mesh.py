@@ -77,7 +77,7 @@ class CoarseMesh:
 
 def _smooth_forces(system: System) -> Array:
     """Forces (c, k) [N] of tractions that are polynomials on one side and none on the others, by component."""
-    found = [np.zeros((len(system.contact_dofs), 0))]
+    found = [np.zeros((len(system.interface.dofs), 0))]
     for _, side, onto in contact_sides(system):
         low, high = side.points.min(axis=0), side.points.max(axis=0)
         x = (2 * side.points - low - high) / (high - low).max()

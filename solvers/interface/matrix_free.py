@@ -32,8 +32,8 @@ class IterativeVolume:
     def __init__(self, system: System) -> None:
         self.counters, self.K = system.counters, system.K_B
         K = self.K
-        self.contact = Replicated(K.createVecRight(), system.contact_dofs)
-        self.floating = FloatingMotions(system, self.contact, system.rigid_modes)
+        self.contact = Replicated(K.createVecRight(), system.interface.dofs)
+        self.floating = FloatingMotions(system, self.contact, system.interface.rigid_modes)
         diagonal = self.contact.read(K.getDiagonal())
         self.stiffness = float(diagonal.mean()) if len(diagonal) else 1.0
         self.tolerance = system.problem.solver.tolerance

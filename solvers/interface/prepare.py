@@ -6,7 +6,7 @@ floating body.
 
 from __future__ import annotations
 
-from typing import Any, overload
+from typing import Any, Literal, overload
 
 import numpy as np
 from scipy import sparse
@@ -18,15 +18,16 @@ from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from solvers.interface.schur_complement import CondensedSurface
-from solvers.stepping.choice import Form
 from solvers.system.system import System
+
+Form = Literal["condensed", "matrix-free"]  # of the bodies
 
 
 def prepare_volume(system: System, form: Form) -> FactorisedVolume | IterativeVolume:
     """The bodies in that form; collective."""
     if form == "matrix-free":
         return IterativeVolume(system)
-    return FactorisedVolume(system.K_B, system.contact_dofs, system.counters)
+    return FactorisedVolume(system.K_B, system.interface.dofs, system.counters)
 
 
 @overload
@@ -37,8 +38,8 @@ def prepare_surface(system: System, volume: IterativeVolume) -> MatrixFreeSurfac
 def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) -> DelassusOperator: ...
 def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) -> DelassusOperator:
     """Stack all contacts: normal rows first, then tangential rows."""
-    contacts, c = system.contacts, len(system.contact_dofs)
-    traces = [system.trace(rows) for rows in contacts]
+    contacts, c = system.contacts, len(system.interface.dofs)
+    traces = [system.interface.trace(rows) for rows in contacts]
     normal = [rows.N_n @ trace for rows, trace in zip(contacts, traces, strict=True)]
     tangential = [rows.N_t @ trace for rows, trace in zip(contacts, traces, strict=True)]
     count = len(system.obstacles.driven)
@@ -56,7 +57,7 @@ def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) 
             format="csr",
         ),
         W=np.concatenate([np.zeros(0), *weights]),
-        R=block_diag(system.rigid_modes, np.eye(count)),
+        R=block_diag(system.interface.rigid_modes, np.eye(count)),
         driven=count,
         normal_rows=sum(block.shape[0] for block in normal),
     )

@@ -1,4 +1,4 @@
-"""Contact laws, pointwise: a module here that defines a `NormalLaw` or a `FrictionLaw` is all it takes to add one."""
+"""Contact laws at a point, one file each; a module that defines a `NormalLaw` or `FrictionLaw` is found by itself."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ class IncompleteFactor:
         return np.asarray(P_cc @ P_cc.T)
 
 
-def incomplete_cholesky(A: Sparse, drop: float | None = None) -> IncompleteFactor:
+def incomplete_cholesky(A: Array | Sparse, drop: float | None = None) -> IncompleteFactor:
     """Factorise column by column, each from those to its left (left-looking).
 
     Where a pivot is not positive, A's diagonal is raised until all are.

@@ -1,1 +1,68 @@
-"""Solution methods, one file a method; all of them meet the bodies through `SurfaceProblem` only."""
+"""Solution methods, one file a method: a module here whose class has a NAME is all it takes to add one.
+
+`METHODS` has them by name, in the order of README's table: by ROW, then by name. `Solver` is the table [solver] with
+the keys of all of them. Methods meet the bodies through `SurfaceProblem` only.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Mapping
+from dataclasses import field, fields, make_dataclass
+from typing import Any
+
+from geometry.errors import nearest, require
+from solvers.methods.method import Method, keys_of
+from solvers.scene import settings
+
+_modules = [importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__)]
+_found: set[type[Method]] = {
+    kind
+    for module in _modules
+    for kind in vars(module).values()
+    if isinstance(kind, type) and issubclass(kind, Method) and "NAME" in vars(kind)
+}
+
+METHODS: Mapping[str, type[Method]] = {
+    kind.NAME: kind for kind in sorted(_found, key=lambda kind: (kind.ROW, kind.NAME))
+}
+
+
+def method_of(solver: settings.Solver) -> Method:
+    """The method that the settings name, with its keys.
+
+    Raises:
+        SceneError: there is none of that name, or a value is out of range.
+    """
+    require(solver.method in METHODS, "method", solver.method, nearest(solver.method, METHODS))
+    return METHODS[solver.method].of(solver)
+
+
+def _keys() -> list[tuple[str, Any, Any]]:
+    """Name, annotation and default of every key that a method has; one of several methods is the same in all."""
+    known: dict[str, tuple[Any, Any]] = {}
+    for kind in METHODS.values():
+        defaults = {f.name: f.default for f in fields(kind)}
+        for key, hint in keys_of(kind).items():
+            other = known.setdefault(key, (hint, defaults[key]))
+            assert other == (hint, defaults[key]), f"{kind.NAME}: {key} means something else in another method"
+    return [(key, hint, field(default=default)) for key, (hint, default) in known.items()]
+
+
+def _check(solver: settings.Solver) -> None:
+    """Refuse what any method refuses of its keys, whichever is chosen."""
+    settings.Solver.__post_init__(solver)
+    method_of(solver)
+    for kind in METHODS.values():
+        kind.of(solver)
+
+
+Solver = make_dataclass(
+    "Solver",
+    _keys(),
+    bases=(settings.Solver,),
+    namespace={"__module__": __name__, "__doc__": settings.Solver.__doc__, "__post_init__": _check},
+    frozen=True,
+    kw_only=True,
+)

@@ -1,4 +1,4 @@
-"""Bodies with their compliant faces, F(u) = K_B u + j_n'(u): not linear, solved as exactly as asked."""
+"""DelassusOperator with their compliant faces, F(u) = K_B u + j_n'(u): not linear, solved as exactly as asked."""
 
 from __future__ import annotations
 

@@ -145,17 +145,17 @@ def kept(problem: SurfaceProblem, omega: Array, p_old: Array) -> Array:
     return found
 
 
-def penalties(system: System) -> Array:
+def penalties(system: System, omega_factor: float) -> Array:
     """ω_n, then ω_t = ω_τ, by area (rows,) [Pa/m]: omega_factor times E / h and G / h of the facets that touch.
 
     A layer of elements behind the surface is omega_factor times as soft as the springs, at each point those that are
     there: h is that of the facets around its nodes. Two bodies give in series.
     """
-    factor, found = system.problem.solver.omega_factor, [np.zeros(0)]
+    found = [np.zeros(0)]
     for shear in (False, True):
         for c in system.contacts:
             give = _give(system, c, c.N_t if shear else c.N_n, shear)
-            found.append(factor / give)
+            found.append(omega_factor / give)
     return np.concatenate(found)
 
 

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from geometry.arrays import Array
-from solvers.interface.matrix_free import MatrixFreeSurface
 from solvers.interface.problem import SurfaceProblem
-from solvers.methods.inner_tolerance import InnerTolerance, negligible
-from solvers.methods.outer_iteration import FrictionUpdate, Outer, Solved
-from solvers.methods.uzawa import step_size
+from solvers.methods.applicability import Applicability
+from solvers.methods.inner_tolerance import InnerKeys, negligible
+from solvers.methods.method import Ready, Setup, Stateless, matrix_free
+from solvers.methods.outer_iteration import FixedStep, Outer, Solved
 from solvers.newton.solution import OnStep, Solution, ignore
 
 
 @dataclass(frozen=True, kw_only=True)
-class InexactUzawa:
+class InexactUzawa(FixedStep, InnerKeys, Stateless):
     """K_B u_{k+1} = R_B - B^T p_k + delta_k by conjugate gradients from u_k, ||delta_k|| <= tau_k; then as `Uzawa`.
 
     Q = W, alpha = relaxation / lambda_max or given. tau_k = 0 is `Uzawa`; for small tau_k the rate is close to that
@@ -25,17 +26,22 @@ class InexactUzawa:
     (1997), section 4, where the inner iteration need not be linear, as conjugate gradients are not.
     """
 
-    inner: InnerTolerance = InnerTolerance()
-    relaxation: float = 1.5  # [-]
-    alpha: float | None = None  # [Pa/m], in place of relaxation / lambda_max
-    friction_update: FrictionUpdate = "every iteration"
-    rtol: float = 1e-8
-    max_it: int = 10000
+    NAME: ClassVar = "inexact-uzawa"
+    WHEN: ClassVar = (
+        "as published: `uzawa` whose inner solves are a few conjugate gradients, as exact as the outer residual "
+        "asks: on the scenes tried less than one an iteration"
+    )
+    WORKS_WITH: ClassVar = Applicability(floating=False, condensed=False, contends=False)
+    ROW: ClassVar = 5
+
+    def build(self, setup: Setup) -> Ready:
+        # conjugate gradients as published: of earlier solves, their answer alone
+        matrix_free(setup.surface).volume.remember(1)
+        return self
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
-        surface = problem.surface
-        assert isinstance(surface, MatrixFreeSurface)
-        alpha = step_size(problem, self.relaxation, self.alpha)
+        surface = matrix_free(problem.surface)
+        alpha = self.step_size(problem)
         last: Solved | None = None
 
         def solve(p: Array) -> Solved:

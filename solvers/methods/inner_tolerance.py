@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from geometry.arrays import Array
+from geometry.errors import require
+from geometry.keys import Key
 from solvers.interface.problem import SurfaceProblem
+from solvers.methods.method import Keys
 from solvers.methods.outer_iteration import Solved
 
 InnerRule = Literal["elman-golub", "bramble-pasciak-vassilev"]
@@ -39,6 +42,25 @@ class InnerTolerance:
         change = p - last.p
         outer = np.sqrt(change @ (problem.surface.W * change) / last.alpha)
         return constant(problem, self.share * outer)
+
+
+@dataclass(frozen=True, kw_only=True)
+class InnerKeys(Keys):
+    """How exact inner solves are, as a scene says it."""
+
+    inner_rule: Annotated[
+        InnerRule,
+        Key("-", "what inner solves are measured by: the outer residual, or their own where they begin"),
+    ] = "elman-golub"
+    inner_tolerance: Annotated[float, Key("-", "part of that which an inner solve may leave")] = 0.3
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(0 < self.inner_tolerance < 1, "inner_tolerance", self.inner_tolerance, "must lie between 0 and 1")
+
+    @property
+    def inner(self) -> InnerTolerance:
+        return InnerTolerance(rule=self.inner_rule, share=self.inner_tolerance)
 
 
 def negligible(problem: SurfaceProblem, rtol: float) -> Allowed:

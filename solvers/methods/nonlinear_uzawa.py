@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
 from geometry.arrays import Array
+from geometry.errors import require
+from geometry.keys import Key
 from solvers.interface.problem import SurfaceProblem
-from solvers.interface.schur_complement import CondensedSurface
+from solvers.methods.applicability import Applicability
 from solvers.methods.compliant_bodies import CompliantBodies
-from solvers.methods.inner_tolerance import InnerTolerance, negligible
-from solvers.methods.outer_iteration import FrictionUpdate, Outer, Solved, projected
+from solvers.methods.inner_tolerance import InnerKeys, negligible
+from solvers.methods.method import Stateless, condensed
+from solvers.methods.outer_iteration import FrictionUpdates, Outer, Relaxation, Solved, projected
 from solvers.newton.solution import OnStep, Solution, ignore
 from solvers.newton.surface_model import nearest_in_cone
 
@@ -21,7 +24,7 @@ CHANGED = 0.01  # of the largest spring: faces that have changed less keep their
 
 
 @dataclass(frozen=True, kw_only=True)
-class NonlinearUzawa:
+class NonlinearUzawa(Relaxation, FrictionUpdates, InnerKeys, Stateless):
     """F(u_{k+1}) = R_B - B^T p_k + delta_k, then p_{k+1} = argmin over the cone of |q - p_hat|_(Q_k),
     p_hat = p_k + alpha_k Q_k^-1 W (w(u_{k+1}) - gap).
 
@@ -36,17 +39,28 @@ class NonlinearUzawa:
     Source: Chen, SIAM J. Numer. Anal. 35 (1998); Pop (1999), (1.3).
     """
 
-    inner: InnerTolerance = InnerTolerance()
-    outer_metric: OuterMetric = "points"
-    relaxation: float = 1.5  # [-]
-    friction_update: FrictionUpdate = "every iteration"
-    rtol: float = 1e-8
-    max_it: int = 10000
+    NAME: ClassVar = "nonlinear-uzawa"
+    WHEN: ClassVar = (
+        "as published: compliance stays inside the bodies, only what is left is iterated, none without friction. "
+        'By points more than a thousand iterations (`block`); with `outer_metric = "jacobian"`, '
+        "Chen's Q_k, 1–14, "
+        "superlinear where friction is given"
+    )
+    WORKS_WITH: ClassVar = Applicability(floating=False, matrix_free=False, contends=False)
+    ROW: ClassVar = 6
+
+    outer_metric: Annotated[
+        OuterMetric,
+        Key("-", "nonlinear-uzawa: Q_k of its step; jacobian: B V_k^-1 B^T of the bodies with their compliant faces"),
+    ] = "points"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        ignored = self.outer_metric == "jacobian" and self.relaxation != type(self).relaxation
+        require(not ignored, "relaxation", self.relaxation, "changes nothing with outer_metric = jacobian")
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
-        surface = problem.surface
-        assert isinstance(surface, CondensedSurface)
-        bodies = CompliantBodies(problem, surface)
+        bodies = CompliantBodies(problem, condensed(problem.surface))
         last: Solved | None = None
         springs, alpha, V = np.full(len(p), np.inf), 1.0, None
         exact, inner = self.outer_metric == "jacobian", self.inner

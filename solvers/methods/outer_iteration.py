@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from scipy import sparse
 
 from geometry.arrays import Array
+from geometry.errors import require
+from geometry.keys import Key
 from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.interface.problem import SurfaceProblem
+from solvers.methods.method import Keys
 from solvers.newton.solution import OnStep, Solution, Status, Step
 
 
@@ -38,6 +41,48 @@ def with_given_friction(problem: SurfaceProblem, p: Array) -> SurfaceProblem:
 
 
 FrictionUpdate = Literal["every iteration", "outer"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relaxation(Keys):
+    """Of a step alpha = relaxation / lambda_max."""
+
+    relaxation: Annotated[
+        float, Key("-", "step of Uzawa's methods, alpha = relaxation / lambda_max; 2 is the sharp bound")
+    ] = 1.5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(0 < self.relaxation < 2, "relaxation", self.relaxation, "must lie between 0 and 2")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionUpdates(Keys):
+    """When the friction bound follows the pressure."""
+
+    friction_update: Annotated[
+        FrictionUpdate,
+        Key("-", "when Uzawa's methods renew the friction bound; outer: once the problem of given friction is solved"),
+    ] = "every iteration"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixedStep(Relaxation, FrictionUpdates):
+    """alpha is given, or relaxation / lambda_max, lambda_max that of W^-1 B K_B^-1 B^T."""
+
+    alpha: Annotated[float | None, Key("Pa/m", "step of Uzawa's methods itself; absent: from relaxation")] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(self.alpha is None or self.alpha > 0, "alpha", self.alpha, "must be positive, in Pa/m")
+
+    def step_size(self, problem: SurfaceProblem) -> float:
+        """alpha [Pa/m]; without contact any value does."""
+        if self.alpha is not None or not len(problem.gap):
+            return self.alpha or 1.0
+        return self.relaxation / problem.surface.lambda_max
+
+
 STALL_WINDOW = 500  # iterations without a new least residual
 GIVEN = 0.1  # of the residual, how exact a problem of given friction is solved before its bounds are renewed
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from petsc4py import PETSc
@@ -16,11 +16,15 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from geometry.arrays import Array
-from solvers.interface.factorised import METIS, FactorisedVolume
+from geometry.errors import require
+from geometry.keys import Key
+from solvers.interface.factorised import METIS
 from solvers.interface.flexibility import DelassusOperator
-from solvers.interface.matrix_free import IterativeVolume
 from solvers.interface.problem import SurfaceProblem
+from solvers.interface.schur_complement import CondensedSurface
 from solvers.laws.compliance import Compliance
+from solvers.methods.applicability import RIGID, Applicability
+from solvers.methods.method import Before, Method, Ready, Setup, Solve, condensed
 from solvers.methods.smoothed_forces import SmoothedForces
 from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
 from solvers.system.system import System
@@ -42,7 +46,8 @@ def levels(smoothing: float) -> tuple[float, ...]:
     return tuple(smoothing * FACTOR**k for k in range(count, -1, -1))
 
 
-class Regularised:
+@dataclass(frozen=True, kw_only=True)
+class Regularised(Method):
     """t = s Du_T / sqrt(|Du_T|² + eps²), and p_n = (u_n - g)_+ / delta where the normal law is rigid.
 
     eps = level u_ref, delta = level u_ref / p_ref, with the level falling from about 1 to `smoothing` by sqrt(10), each
@@ -58,14 +63,45 @@ class Regularised:
     are added up.
     """
 
-    def __init__(self, system: System, volume: FactorisedVolume | IterativeVolume, surface: DelassusOperator) -> None:
+    NAME: ClassVar = "regularised"
+    WHEN: ClassVar = (
+        "the baseline, what one would write in UFL: penalty, smoothed friction, SNES on the whole volume; states "
+        "its error, which falls like `smoothing`"
+    )
+    WORKS_WITH: ClassVar = Applicability(
+        floating=False,
+        normal=("unilateral", "bilateral", "compliance"),
+        friction=("coulomb", "tresca"),
+        k_T=False,
+        operators=(RIGID,),
+        sliding=False,
+        matrix_free=False,
+    )
+    ROW: ClassVar = 7
+
+    smoothing: Annotated[
+        float,
+        Key("-", "regularised: slip and penetration that its laws are rounded off by, in units of u_ref of a step"),
+    ] = 1e-4
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(0 < self.smoothing <= 1, "smoothing", self.smoothing, "must be above 0 and at most 1, for example 1e-4")
+
+    def build(self, setup: Setup) -> Ready:
+        return OnVolume(self, setup.system, condensed(setup.surface))
+
+
+class OnVolume(Ready):
+    """The smoothed laws of a system, compiled."""
+
+    def __init__(self, method: Regularised, system: System, surface: CondensedSurface) -> None:
         """Compile the forms; collective."""
-        self.system, self.volume = system, volume
+        self.system, self.volume = system, surface.volume
         self.contact = SmoothedForces(system)
         self.rows = _Recovery(system, surface)
-        solver = system.problem.solver
-        self.rtol, self.max_it = solver.tolerance, solver.max_iterations
-        self.levels = levels(solver.smoothing)
+        self.rtol, self.max_it = method.rtol, method.max_it
+        self.levels = levels(method.smoothing)
 
     def free_part(self, u: Any, time: float) -> Any:
         """q with u = T q + u_s(t), but for the prescribed part of u."""
@@ -74,16 +110,15 @@ class Regularised:
         T.multTranspose(u - self.system.prescribed(time), q)
         return q / T.transposeMatMult(T).getDiagonal()
 
-    def after(self, u: Any, motion: Mapping[str, Array]) -> NextStep:
-        """The method for the step that follows an accepted displacement and motion of the obstacles."""
-        return NextStep(self, u, motion)
+    def after(self, state: Before) -> Solve:
+        return NextStep(self, state.u, state.motion)
 
 
 @dataclass(frozen=True)
 class NextStep:
     """The whole-volume problem of one step, with the signature of every method."""
 
-    method: Regularised
+    method: OnVolume
     u: Any  # at the last accepted step [m]
     motion: Mapping[str, Array]  # of each contact's obstacle then, at the surface's nodes [m]
 
@@ -129,7 +164,7 @@ def _predicted(found: list[Any]) -> Any:
 class VolumeNewton:
     """Newton with line search on K_B q + contact(q) = f, one LU factorisation an iteration."""
 
-    def __init__(self, method: Regularised, problem: SurfaceProblem, on_step: OnStep) -> None:
+    def __init__(self, method: OnVolume, problem: SurfaceProblem, on_step: OnStep) -> None:
         system = method.system
         self.method, self.problem, self.on_step = method, problem, on_step
         self.history: list[Step] = []

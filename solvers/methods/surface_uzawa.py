@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from geometry.arrays import Array
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.problem import SurfaceProblem
+from solvers.methods.applicability import Applicability
+from solvers.methods.method import Method, Ready, SameEveryStep, Setup, Turn
 from solvers.metrics.secants import Secants
-from solvers.metrics.surface_metric import SurfaceMetric
+from solvers.metrics.surface_metric import SurfaceMetric, surface_metric
 from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
 from solvers.newton.surface_model import nearest_in_cone
 from solvers.newton.surface_system import Flexibility
@@ -23,7 +25,7 @@ DROP = 0.5  # what one iteration makes of the residual, cautiously
 
 
 @dataclass(frozen=True, kw_only=True)
-class SurfaceUzawa:
+class SurfaceUzawa(Method):
     """p <- argmin over the cone in the metric B F B^T, F a guess of K_B^-1 on the contact dofs that learns.
 
     The number of iterations does not depend on the mesh: F is equivalent to K_B^-1 there. Each iteration solves the
@@ -31,6 +33,28 @@ class SurfaceUzawa:
 
     Source: Uzawa's method with a variable preconditioner: Bramble, Pasciak & Vassilev, SIAM J. Numer. Anal. 34 (1997).
     """
+
+    NAME: ClassVar = "surface-uzawa"
+    WHEN: ClassVar = "few volume solves, as many at every mesh size: bodies too large to condense"
+    WORKS_WITH: ClassVar = Applicability(floating=True)
+    ROW: ClassVar = 2
+    TURNS: ClassVar = (Turn("matrix-free", 1), Turn("matrix-free", 2, safe=True))
+    COARSE_MESH: ClassVar = True
+
+    def build(self, setup: Setup) -> Ready:
+        surface, coarse = setup.surface, setup.coarse
+        return LearningIteration(
+            metric=surface_metric(setup.system),
+            smooth=coarse.smooth_responses(setup.system, surface.R, surface.rho) if coarse else None,
+            rtol=self.rtol,
+            max_it=self.max_it,
+            safety=setup.safety,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearningIteration(SameEveryStep):
+    """The iteration with what it has learnt of the bodies."""
 
     metric: SurfaceMetric
     rtol: float = 1e-8
@@ -83,11 +107,9 @@ class SurfaceUzawa:
         return Solution(p, w, u_c + motion, status, residual, tuple(history))
 
     def snapshot(self) -> dict[str, Any]:
-        """What earlier steps have taught; see `restore`."""
         return {name: secants.snapshot() for name, secants in self.learnt.items()}
 
     def restore(self, snapshot: dict[str, Any], surface: DelassusOperator) -> None:
-        """Know what a `snapshot` holds by one of the same bodies."""
         for known in snapshot.values():
             self._flexibility(surface).restore(known)
 

@@ -1,1 +1,1 @@
-"""Metrics of the contact surface: what bodies give there, guessed, learnt or published."""
+"""Metrics of the contact surface: approximations of the bodies' flexibility, with secant updates."""

@@ -91,7 +91,7 @@ def volume_block(system: System, gram: Gram) -> Array:
     For the complete factor that is the Schur complement, an operator of order 1 like the inverse of the Delassus
     operator B K_B^-1 B^T: the reading of the source that can be independent of the mesh size h.
     """
-    matrix, contact = volume_gram(system, gram.length or system.extent), system.contact_dofs
+    matrix, contact = volume_gram(system, gram.length or system.extent), system.interface.dofs
     if gram.factor == "complete" and len(contact):
         return FactorisedVolume(matrix, contact, Counters()).S
     whole, _ = contact_last(matrix, contact)

@@ -32,7 +32,7 @@ class ContactLayer:
             system: the assembled scene.
             cells: thickness of the layer, in cells.
         """
-        contact = np.asarray(system.contact_dofs, PETSc.IntType)
+        contact = np.asarray(system.interface.dofs, PETSc.IntType)
         layer = PETSc.IS().createGeneral(contact, comm=PETSc.COMM_SELF)
         system.K_B.increaseOverlap(layer, cells)
         layer.sort()
@@ -41,7 +41,7 @@ class ContactLayer:
         self._at = np.searchsorted(layer.getIndices(), contact)
         K = sparse.csr_matrix((data, indices, indptr), shape=cut.getSize())
         springs = np.zeros(K.shape[0])
-        if len(springs) and system.rigid_modes.shape[1]:
+        if len(springs) and system.interface.rigid_modes.shape[1]:
             springs[self._at] = BED * K.diagonal()[self._at]
         self._factor = SparseCholesky(K + sparse.diags(springs))
         self._size = K.shape[0]
@@ -60,11 +60,11 @@ EMPTY = np.zeros(0)
 class SurfaceMetric:
     """F = C^(1/2) M^(-1/2) (M^(-1/2) L M^(-1/2) + H^-2)^(-1/2) M^(-1/2) C^(1/2) on the contact dofs [m/N].
 
-    An approximate Steklov-Poincaré inverse (Neumann-to-Dirichlet map). L and M are the Laplace-Beltrami operator and the
-    lumped mass of all contact sides, as one surface, on each component of displacement; C = 2 (1 - nu^2) / E, the
-    compliance of the half-plane; H the depth of the body below the side. A force of wave length l << H is then
-    resisted over the depth l, as on a half-space, a longer one over H. Dofs that supports hold are left out of L and M:
-    the displacement is zero there.
+    An approximate inverse of the Steklov-Poincaré operator (Neumann-to-Dirichlet map). L and M are the Laplace-
+    Beltrami operator and the lumped mass of all contact sides, as one surface, on each component of displacement; C
+    = 2 (1 - nu^2) / E, the compliance of the half-plane; H the depth of the body below the side. A force of wave
+    length l << H is then resisted over the depth l, as on a half-space, a longer one over H. Dofs that supports
+    hold are left out of L and M: the displacement is zero there.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class SurfaceMetric:
 
 def surface_metric(system: System) -> SurfaceMetric:
     """The metric of a scene's contact sides; collective."""
-    c, d = len(system.contact_dofs), system.mesh.dim
+    c, d = len(system.interface.dofs), system.mesh.dim
     L, sums = sparse.csr_matrix((c, c)), np.zeros((3, c))
     for name, side, onto in contact_sides(system):
         mass, (depth, compliance) = surface_mass(side), _depth_and_compliance(system, name, side)

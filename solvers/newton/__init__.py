@@ -1,1 +1,1 @@
-"""Semismooth Newton: active sets, and the linear systems that they lead to."""
+"""Semismooth Newton: active sets, and the linear systems of its iterations."""

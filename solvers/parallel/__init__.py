@@ -1,1 +1,1 @@
-"""MPI ranks together: gather and scatter, replicated entries, serialisation, counters of work, memory."""
+"""What MPI ranks share: gather, replicate, serialise; counters of work, memory in use."""

@@ -1,1 +1,1 @@
-"""What an accepted step says: fields, contact states, error estimates, audit."""
+"""Results of a step: fields, contact states, error estimates, audit."""

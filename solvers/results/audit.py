@@ -114,7 +114,7 @@ class Auditor:
         for place in self.cone.places:
             force = self._contact_force(place, u, record)
             contact += force
-            obstacles += system.resultant_on_driven(place.rows, force)
+            obstacles += system.interface.resultant_on_driven(place.rows, force)
         values = system.initial.values(system.course, record.time)
         load, inner = system.initial.added(system.load(record.time), values), self._inner(u)
         out = inner - load + contact
@@ -147,12 +147,12 @@ class Auditor:
         system, rows, law = self.system, place.rows, place.rows.normal
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
         if not isinstance(law, Compliance):
-            return system.contact_force(rows, p_n, t)
+            return system.interface.force_of(rows, p_n, t)
         if rows.master is not None or rows.name in record.searched:  # UFL knows one side, where it was at the start
             (index,) = (i for i, c in enumerate(system.contacts) if c.name == rows.name)
             motion = system.obstacles.motions((rows,), record.time, record.driven)[rows.name]
-            w = rows.N_n @ (system.contact_displacement(u)[index] - motion).ravel()
-            return system.contact_force(rows, law.pressure(w - rows.gap), t)
+            w = rows.N_n @ (system.interface.displacement(u)[index] - motion).ravel()
+            return system.interface.force_of(rows, law.pressure(w - rows.gap), t)
         contact = system.problem.pairs[rows.name].contact
         relative = dx.fem.Function(system.space)
         dx.petsc_vector(relative).array[:] = u.array
@@ -160,7 +160,7 @@ class Auditor:
         motion = system.obstacles.motion(rows.name, system.nodes.points, record.time, record.driven)
         relative.x.array[:] -= motion.ravel()
         form = system.weak.normal_compliance(relative, contact, law)
-        return dx.assemble_vector(system.weak.compile(form)) + system.contact_force(rows, np.zeros_like(p_n), t)
+        return dx.assemble_vector(system.weak.compile(form)) + system.interface.force_of(rows, np.zeros_like(p_n), t)
 
     def _normal(self, place: ContactBlock, record: Record) -> tuple[float, float, float]:
         """Penetration, negative pressure and complementarity of one contact, see `Audit` [-]."""

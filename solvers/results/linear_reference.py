@@ -95,7 +95,7 @@ def _fixed(system: System) -> tuple[Mat, Vec]:
     if not f.norm():  # supports that move a body as a whole cause no force
         f.array[:] = near_nullspace(system)[:, 0]
     low, high = K.getOwnershipRange()
-    held = system.contact_dofs[(system.contact_dofs >= low) & (system.contact_dofs < high)]
+    held = system.interface.dofs[(system.interface.dofs >= low) & (system.interface.dofs < high)]
     K.zeroRowsColumns(held.astype(PETSc.IntType), diag=float(K.getDiagonal().sum() / K.size[0]))
     f.array[held - low] = 0.0
     return K, f

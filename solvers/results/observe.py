@@ -182,7 +182,7 @@ class Observer:
         state = accepted.state
         stepper = accepted.stepper
         p_n, t = (parts[index] for parts in stepper.split(state.p))
-        u_n = c.node_motion(stepper.system.contact_displacement(state.u)[index] - state.motion[c.name])[0]
+        u_n = c.node_motion(stepper.system.interface.displacement(state.u)[index] - state.motion[c.name])[0]
         pressure, multiplier, gap = c.node_pressure(p_n), c.node_traction(t), c.node_gap - u_n
         slip, increment = state.slip[c.name], state.slip[c.name] - accepted.substep_start.slip[c.name]
         place = stepper.cone.places[index]

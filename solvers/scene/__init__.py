@@ -1,1 +1,1 @@
-"""What a user says about a scene: frozen data that refuse nonsense."""
+"""The scene: frozen data that refuse invalid values, and what follows from them before any mesh."""

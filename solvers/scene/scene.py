@@ -59,7 +59,7 @@ class Scene(Noun):
     loads: Mapping[str, Load] = field(default_factory=dict)
     probes: Mapping[str, Probe] = field(default_factory=dict)
     steps: Steps = Steps()
-    solver: Solver = Solver()
+    solver: Solver = field(default_factory=Solver.default)
     output: Output = Output()
     exact: Exact = Exact()
     sections: Mapping[str, EffectTable | Mapping[str, EffectTable]] = field(default_factory=dict)

@@ -9,7 +9,6 @@ from typing import Annotated, Literal
 
 from geometry.errors import nearest, require
 from geometry.keys import Key, Noun
-from solvers.scene.gram import Gram
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,42 +56,15 @@ class Solver(Noun):
     ] = "auto"
     tolerance: Annotated[float, Key("-", "on the natural residual, relative to p_ref")] = 1e-8
     max_iterations: Annotated[int, Key("-", "per step")] = 10000
-    gram: Annotated[Gram, Key("-", "preconditioner of gram-uzawa")] = Gram()
-    omega_factor: Annotated[
-        float, Key("-", "perturbed-lagrangian: its penalties, in units of E / h of the facets that touch")
-    ] = 1000.0
-    smoothing: Annotated[
-        float,
-        Key("-", "regularised: slip and penetration that its laws are rounded off by, in units of u_ref of a step"),
-    ] = 1e-4
-    relaxation: Annotated[
-        float, Key("-", "step of Uzawa's methods, alpha = relaxation / lambda_max; 2 is the sharp bound")
-    ] = 1.5
-    alpha: Annotated[float | None, Key("Pa/m", "step of Uzawa's methods itself; absent: from relaxation")] = None
-    friction_update: Annotated[
-        Literal["every iteration", "outer"],
-        Key("-", "when Uzawa's methods renew the friction bound; outer: once the problem of given friction is solved"),
-    ] = "every iteration"
-    outer_metric: Annotated[
-        Literal["points", "jacobian"],
-        Key("-", "nonlinear-uzawa: Q_k of its step; jacobian: B V_k^-1 B^T of the bodies with their compliant faces"),
-    ] = "points"
-    inner_rule: Annotated[
-        Literal["elman-golub", "bramble-pasciak-vassilev"],
-        Key("-", "what inner solves are measured by: the outer residual, or their own where they begin"),
-    ] = "elman-golub"
-    inner_tolerance: Annotated[float, Key("-", "part of that which an inner solve may leave")] = 0.3
 
     def __post_init__(self) -> None:
         require(0 < self.tolerance < 1, "tolerance", self.tolerance, "must lie between 0 and 1, for example 1e-8")
         require(self.max_iterations >= 1, "max_iterations", self.max_iterations, "must be at least 1")
-        require(self.omega_factor > 0, "omega_factor", self.omega_factor, "must be positive, for example 1000")
-        require(0 < self.smoothing <= 1, "smoothing", self.smoothing, "must be above 0 and at most 1, for example 1e-4")
-        require(0 < self.relaxation < 2, "relaxation", self.relaxation, "must lie between 0 and 2")
-        ignored = self.outer_metric == "jacobian" and self.relaxation != type(self).relaxation
-        require(not ignored, "relaxation", self.relaxation, "changes nothing with outer_metric = jacobian")
-        require(self.alpha is None or self.alpha > 0, "alpha", self.alpha, "must be positive, in Pa/m")
-        require(0 < self.inner_tolerance < 1, "inner_tolerance", self.inner_tolerance, "must lie between 0 and 1")
+
+    @classmethod
+    def default(cls) -> Solver:
+        """All defaults, with the keys of every method where `solvers.methods` has declared them."""
+        return (cls.__subclasses__() or [cls])[-1]()
 
 
 @dataclass(frozen=True, kw_only=True)

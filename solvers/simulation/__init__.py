@@ -1,1 +1,1 @@
-"""A scene prepared and marched: plan, simulation, script, checkpoint."""
+"""A scene, prepared and solved: plan, simulation, script, checkpoint."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from geometry.errors import SceneError
-from solvers.scene.applicability import METHODS, RIGID, Applicability
+from solvers.methods import METHODS, Solver, method_of
+from solvers.methods.applicability import RIGID, Applicability
+from solvers.methods.method import Method, Refusal, keys_of
 from solvers.scene.contact import Contact
-from solvers.scene.gram import Gram
 from solvers.scene.problem import Problem
-from solvers.scene.settings import Solver
-
-Reason = tuple[str, object, str]  # key, value, and why not
 
 
 def refuse_method(problem: Problem) -> None:
@@ -26,38 +24,37 @@ def refuse_method(problem: Problem) -> None:
 def refusals(problem: Problem) -> Iterator[str]:
     """What the method cannot do, a sentence each: key, value, and what can."""
     method = f"solver.method = {problem.solver.method}"
-    table = METHODS[problem.solver.method]
-    for key, value, reason in (*_keys(problem.solver, table), *_forms(problem.solver, table)):
+    asked = method_of(problem.solver)
+    table = asked.WORKS_WITH
+    for key, value, reason in (*_keys(problem, type(asked)), *_forms(problem, table), *asked.refusals(problem)):
         yield f"solver.{key} = {value}: {method} {reason}"
     for name, pair in problem.pairs.items():
         contact = pair.contact
         for key, value, reason in _contact(contact, pair.obstacle is not None, table):
             yield f"contacts.{name}.{key} = {value}: {method} {reason}; use condensed-newton"
-        if "gram" in table.keys and contact.normal.at_quadrature:
-            for key, value, other in _without_basis(problem.solver.gram):
-                reason = f"has no basis in H1 for tractions at the quadrature points of contacts.{name}"
-                yield f"solver.gram.{key} = {value}: {method} {reason}; use {other}"
     for reason in _floating(problem) if not table.floating else ():
         yield f"{method}: {reason}; use condensed-newton"
 
 
-def _keys(solver: Solver, table: Applicability) -> Iterator[Reason]:
+def _keys(problem: Problem, asked: type[Method]) -> Iterator[Refusal]:
     """Keys that would change nothing."""
-    for key in dict.fromkeys(key for other in METHODS.values() for key in other.keys):
-        value = getattr(solver, key)
-        if key not in table.keys and value != getattr(Solver(), key):
-            knowing = [name for name, other in METHODS.items() if key in other.keys]
+    default = Solver()
+    for key in dict.fromkeys(key for other in METHODS.values() for key in keys_of(other)):
+        value = getattr(problem.solver, key, getattr(default, key))
+        if key not in keys_of(asked) and value != getattr(default, key):
+            knowing = [name for name, other in METHODS.items() if key in keys_of(other)]
             yield key, value, f"does not know it; use {' or '.join(knowing)}"
 
 
-def _forms(solver: Solver, table: Applicability) -> Iterator[Reason]:
+def _forms(problem: Problem, table: Applicability) -> Iterator[Refusal]:
+    solver = problem.solver
     if solver.surface == "matrix-free" and not table.matrix_free:
         yield "surface", solver.surface, "needs the condensed form of the bodies; use surface-uzawa"
     if solver.surface == "condensed" and not table.condensed:
         yield "surface", solver.surface, "solves the bodies iteratively; use uzawa"
 
 
-def _contact(contact: Contact, rigid: bool, table: Applicability) -> Iterator[Reason]:
+def _contact(contact: Contact, rigid: bool, table: Applicability) -> Iterator[Refusal]:
     operator = RIGID if rigid else contact.operator or "mortar"
     if not table.knows("operators", operator):
         key = "operator" if contact.operator else "against"
@@ -71,14 +68,6 @@ def _contact(contact: Contact, rigid: bool, table: Applicability) -> Iterator[Re
         chosen = getattr(law, "law", None)  # absent: no friction
         if chosen is not None and not table.knows(key, chosen):
             yield f"{key}.law", chosen, f"works with {', '.join(getattr(table, key))}"
-
-
-def _without_basis(gram: Gram) -> Iterator[Reason]:
-    """Readings that want one of the tractions themselves, not of the nodal forces that they make; and the other."""
-    if gram.space == "multiplier":
-        yield "space", gram.space, "volume"
-    if gram.unknown == "tractions":
-        yield "unknown", gram.unknown, "forces"
 
 
 def _floating(problem: Problem) -> Iterator[str]:

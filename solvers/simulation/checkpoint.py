@@ -61,11 +61,11 @@ class Checkpoints:
         It can be large, and a resumed run can do without it. Nothing is copied: it is valid until the next step begins.
         """
         attempts = self.stepper.attempts
-        volume, method = attempts.volume, attempts.learning.get(attempts.stage)
+        volume = attempts.volume
         known = {
             "surface": self.stepper.surface.snapshot(),
             "volume": volume.snapshot() if isinstance(volume, IterativeVolume) else None,
-            "method": method.snapshot() if method else None,
+            "method": attempts.snapshot(),
         }
         return {"layout": self._layout(), **serialise(known, lambda own: own.values)}
 
@@ -96,8 +96,7 @@ class Checkpoints:
         surface.restore(known["surface"])
         if isinstance(attempts.volume, IterativeVolume):
             attempts.volume.restore(known["volume"])
-        if attempts.stage in attempts.learning:
-            attempts.learning[attempts.stage].restore(known["method"], surface)
+        attempts.restore(known["method"], surface)
 
     def _layout(self) -> str:
         """Number of ranks, and a hash of the numbering of nodes: learnt data fit only the same layout."""

@@ -1,1 +1,1 @@
-"""Load steps: which method, from which state, and what happens when one fails."""
+"""Load steps: choice of the method, state, substeps, and what happens when a step fails."""

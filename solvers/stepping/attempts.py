@@ -7,32 +7,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from geometry.arrays import Array
 from solvers.interface.coarse_mesh import CoarseMesh
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.matrix_free import IterativeVolume
 from solvers.interface.prepare import prepare_volume
-from solvers.interface.problem import SurfaceProblem
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.methods.condensed_newton import CondensedNewton
-from solvers.methods.contact_element import penalties
-from solvers.methods.gram_uzawa import GramUzawa
-from solvers.methods.inexact_uzawa import InexactUzawa
-from solvers.methods.inner_tolerance import InnerTolerance
-from solvers.methods.nonlinear_uzawa import NonlinearUzawa
-from solvers.methods.perturbed_lagrangian import PerturbedLagrangian
-from solvers.methods.regularised import Regularised
-from solvers.methods.surface_uzawa import SurfaceUzawa
-from solvers.methods.uzawa import Uzawa
-from solvers.metrics.gram import GramMetric
-from solvers.metrics.surface_metric import surface_metric
-from solvers.newton.solution import OnStep, Solution
-from solvers.scene.settings import Solver
+from solvers.methods import METHODS
+from solvers.methods.method import Ready, Setup, Solve
+from solvers.newton.solution import Solution
 from solvers.stepping.choice import Choice, Stage, choose, fits
 from solvers.stepping.state import State
 from solvers.system.system import System
 
-Method = Callable[[SurfaceProblem, Array, OnStep], Solution]
 SAFE = 4.0  # how much a safe metric gives way more than bodies do
 log = logging.getLogger(__name__)
 
@@ -70,8 +55,7 @@ class Attempts:
         self.choice, self.at, self.switches = reached.choice, reached.at, list(reached.switches)
         self.volume = prepare_volume(system, self.stage.surface)
         self.coarse = CoarseMesh.beside(system) if self.choice.coarse else None
-        self._methods: dict[Stage, Callable[[State], Method]] = {}
-        self.learning: dict[Stage, SurfaceUzawa] = {}  # methods that are better for what earlier steps taught them
+        self._ready: dict[Stage, Ready] = {}
 
     @property
     def stage(self) -> Stage:
@@ -99,51 +83,21 @@ class Attempts:
             self.volume = prepare_volume(system, self.stage.surface)
         return True
 
-    def method(self, system: System, surface: DelassusOperator) -> Callable[[State], Method]:
-        """The method for the step that follows a state. What it has learnt of the bodies, it keeps."""
-        if self.stage.method == "perturbed-lagrangian":  # its springs belong to the rows, not to the bodies
-            return self._make(system, surface)
-        if self.stage not in self._methods:
-            self._methods[self.stage] = self._make(system, surface)
-        return self._methods[self.stage]
+    def method(self, system: System, surface: DelassusOperator) -> Callable[[State], Solve]:
+        """The solver of the step that follows a state. What the method has learnt of the bodies, it keeps."""
+        setup = Setup(system=system, surface=surface, coarse=self.coarse, safety=SAFE if self.stage.safe else 1.0)
+        before = self._ready.get(self.stage)
+        if before is None:
+            ready = METHODS[self.stage.method].of(system.problem.solver).build(setup)
+        else:
+            ready = before.renewed(setup)
+        self._ready[self.stage] = ready
+        return ready.after
 
-    def _make(self, system: System, surface: DelassusOperator) -> Callable[[State], Method]:
-        solver = system.problem.solver
-        if self.stage.method == "regularised":
-            assert isinstance(surface, CondensedSurface)
-            regularised = Regularised(system, self.volume, surface)
-            return lambda state: regularised.after(state.u, state.motion)
-        if self.stage.method == "surface-uzawa":
-            learning = SurfaceUzawa(
-                metric=surface_metric(system),
-                smooth=self.coarse.smooth_responses(system, surface.R, surface.rho) if self.coarse else None,
-                rtol=solver.tolerance,
-                max_it=solver.max_iterations,
-                safety=SAFE if self.stage.safe else 1.0,
-            )
-            self.learning[self.stage] = learning
-            return lambda state: learning
-        if self.stage.method == "gram-uzawa":
-            metric = GramMetric(system, solver.gram)
-            gram = GramUzawa(metric, relaxation=solver.relaxation, rtol=solver.tolerance, max_it=solver.max_iterations)
-            return lambda state: gram
-        if self.stage.method == "perturbed-lagrangian":
-            springs = PerturbedLagrangian(omega=penalties(system), rtol=solver.tolerance, max_it=solver.max_iterations)
-            return lambda state: springs
-        method = self._stateless(solver)
-        return lambda state: method
+    def snapshot(self) -> dict[str, Any]:
+        """What the method in turn has learnt; see `restore`."""
+        return self._ready[self.stage].snapshot()
 
-    def _stateless(self, solver: Solver) -> Method:
-        """Methods that remember nothing."""
-        stop: Any = {"rtol": solver.tolerance, "max_it": solver.max_iterations}
-        if self.stage.method == "condensed-newton":
-            return CondensedNewton(**stop)
-        steps: Any = {"relaxation": solver.relaxation, "friction_update": solver.friction_update}
-        inner = InnerTolerance(rule=solver.inner_rule, share=solver.inner_tolerance)
-        if self.stage.method == "nonlinear-uzawa":
-            return NonlinearUzawa(inner=inner, outer_metric=solver.outer_metric, **steps, **stop)
-        if self.stage.method == "inexact-uzawa":
-            assert isinstance(self.volume, IterativeVolume)
-            self.volume.remember(1)  # conjugate gradients as published: of earlier solves, their answer alone
-            return InexactUzawa(inner=inner, alpha=solver.alpha, **steps, **stop)
-        return Uzawa(alpha=solver.alpha, **steps, **stop)
+    def restore(self, snapshot: dict[str, Any], surface: DelassusOperator) -> None:
+        """Go on with what a `snapshot` of the same method holds of the same bodies."""
+        self._ready[self.stage].restore(snapshot, surface)

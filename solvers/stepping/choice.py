@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from mpi4py import MPI
@@ -12,12 +11,12 @@ from geometry.errors import MachineError
 from geometry.mesh.mesh import Mesh
 from solvers.contact.rows import ContactRows
 from solvers.fem.constraints import Constraints
+from solvers.interface.prepare import Form
+from solvers.methods import METHODS
 from solvers.parallel.memory import available
-from solvers.scene.applicability import METHODS
 from solvers.scene.settings import Solver
 from solvers.system.system import System
 
-Form = Literal["condensed", "matrix-free"]
 ENTRIES = {  # of a row of K_B, inside a regular mesh
     ("triangle", 1): 14, ("triangle", 2): 23, ("quadrilateral", 1): 18, ("quadrilateral", 2): 32,
     ("tetrahedron", 1): 44, ("tetrahedron", 2): 84, ("hexahedron", 1): 81, ("hexahedron", 2): 192,
@@ -89,8 +88,8 @@ class Choice:
 
     @property
     def coarse(self) -> bool:
-        """Whether a coarse mesh beside has a use: it improves the metric of surface-uzawa."""
-        return self.stages[0].method == "surface-uzawa"
+        """Whether a coarse mesh beside has a use."""
+        return METHODS[self.stages[0].method].COARSE_MESH
 
 
 def choose(system: System) -> Choice:
@@ -120,15 +119,24 @@ def chosen(size: Size, solver: Solver, memory: float) -> Choice:
     form, because = _form(size, solver, size.dense_bytes < SHARE * memory)
     if solver.method != "auto":
         return Choice((Stage(solver.method, form),), because)
-    uzawa = (Stage("surface-uzawa", "matrix-free"), Stage("surface-uzawa", "matrix-free", safe=True))
-    newton = Stage("condensed-newton", "condensed")
-    if form == "condensed":
-        return Choice((newton,), because)
-    return Choice((*uzawa, newton) if size.dense_bytes < SHARE * memory else uzawa, because)
+    forms: tuple[Form, ...] = ("condensed",)
+    if form == "matrix-free":
+        forms = ("matrix-free", "condensed") if size.dense_bytes < SHARE * memory else ("matrix-free",)
+    return Choice(tuple(stage for each in forms for stage in chain(each)), because)
+
+
+def chain(form: Form) -> tuple[Stage, ...]:
+    """What `auto` tries on one form of the bodies: the methods in the order of their turns.
+
+    >>> [str(stage) for stage in chain("matrix-free")]
+    ['surface-uzawa (matrix-free)', 'surface-uzawa (matrix-free, safer metric)']
+    """
+    turns = [(turn, name) for name, method in METHODS.items() for turn in method.TURNS if turn.form == form]
+    return tuple(Stage(name, form, turn.safe) for turn, name in sorted(turns, key=lambda each: each[0].place))
 
 
 def _form(size: Size, solver: Solver, fits: bool) -> tuple[Form, str]:
-    table = METHODS[solver.method]
+    table = METHODS[solver.method].WORKS_WITH
     wanted = "condensed" if not table.matrix_free else "matrix-free" if not table.condensed else solver.surface
     if wanted == "matrix-free":
         because = "surface = matrix-free" if solver.surface == wanted else f"method = {solver.method}"

@@ -31,7 +31,7 @@ def _motions(system: System, motion: Array) -> Iterator[tuple[float, str]]:
     for (name, axis), size in zip(system.obstacles.driven, driven, strict=True):
         yield abs(float(size)), f"obstacles.{name} moves along {_sign(size)}{'xyz'[axis]}"
     for c in system.contacts:
-        moved = (system.trace(c) @ own).reshape(c.points.shape)
+        moved = (system.interface.trace(c) @ own).reshape(c.points.shape)
         sides = np.split(moved, [len(c.surface.points)])
         for body, u in zip(system.problem.pairs[c.name].bodies, sides, strict=False):
             yield float(np.linalg.norm(u, axis=1).max()), f"bodies.{body} {_verb(u)}"

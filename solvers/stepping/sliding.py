@@ -22,7 +22,7 @@ def relative_positions(system: System, state: State, names: Iterable[str]) -> di
     Returns:
         By contact, displacement (n_all, d) [m] of the nodes of both sides, minus that of a rigid obstacle.
     """
-    pairs = zip(system.contacts, system.contact_displacement(state.u), strict=True)
+    pairs = zip(system.contacts, system.interface.displacement(state.u), strict=True)
     return {c.name: v - state.motion[c.name] for c, v in pairs if c.name in names}
 
 

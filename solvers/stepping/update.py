@@ -40,7 +40,7 @@ def relative_displacement(system: System, u: Vec, time: float, driven: Array) ->
         driven: displacement (o,) of the obstacles that forces drive [m].
     """
     motion = system.obstacles.motions(system.contacts, time, driven)
-    surfaces = system.contact_displacement(u)
+    surfaces = system.interface.displacement(u)
     return flat_rows(system.contacts, [v - motion[c.name] for c, v in zip(system.contacts, surfaces, strict=True)])
 
 
@@ -87,13 +87,13 @@ def new_state(
     inner = system.K * u_strained
     initial = system.initial.values(system.course, time)
     initial_work = system.initial.stress_work(initial, u_strained)
-    residual = inner - system.initial.added(load, initial) + system.contact_forces(*split(cone, p))
+    residual = inner - system.initial.added(load, initial) + system.interface.forces(*split(cone, p))
     w, motion = relative_displacement(system, u, time, driven), system.obstacles.motions(system.contacts, time, driven)
     external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
     external += system.initial.external(old.initial, initial, old.initial_work, initial_work)
     contact, slip = 0.0, {}
     forces = {c.name: c.nodal_forces(*parts) for c, *parts in zip(contacts, *split(cone, p), strict=True)}
-    here, there = system.contact_displacement(u), system.contact_displacement(old.u)
+    here, there = system.interface.displacement(u), system.interface.displacement(old.u)
     for c, v, v_old in zip(contacts, here, there, strict=True):
         # forces at both ends of the substep, each by its own rows: so the energy balance is exact
         mean, pushed = (forces[c.name] + old.forces[c.name]) / 2, motion[c.name] - old.motion[c.name]

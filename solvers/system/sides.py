@@ -13,7 +13,7 @@ def contact_sides(system: System) -> Iterator[tuple[str, Surface, Sparse]]:
     """Name, surface, and a sparse matrix: contact dofs (c,) to the displacement of its nodes (n d,)."""
     seen = set[str]()
     for rows in system.contacts:
-        pair, trace, first = system.problem.pairs[rows.name], system.trace(rows), 0
+        pair, trace, first = system.problem.pairs[rows.name], system.interface.trace(rows), 0
         for name, side in ((pair.slave, rows.surface), (pair.master, rows.master)):
             if side is not None and name is not None:
                 last = first + side.dim * len(side.nodes)

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from itertools import pairwise
 
 import numpy as np
 from petsc4py import PETSc
-from scipy import sparse
 
 from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Ints
+from geometry.arrays import Array
 from geometry.errors import SceneError
 from geometry.mesh.mesh import Mesh
 from geometry.mesh.nodes import Nodes
-from geometry.protocols import FunctionSpace, Mat, Sparse, UflExpr, UflForm, Vec
+from geometry.protocols import FunctionSpace, Mat, UflExpr, UflForm, Vec
 from geometry.surfaces.surface import gather_surface
 from solvers.contact.pairing import pair_up
 from solvers.contact.rows import ContactRows
@@ -29,6 +27,7 @@ from solvers.parallel.counters import Counters
 from solvers.parallel.replicated import Replicated
 from solvers.scene.problem import Problem
 from solvers.scene.timeline import Course, Drive
+from solvers.system.contact_interface import ContactInterface, components
 from solvers.system.initial_strain import InitialStrains
 from solvers.system.obstacles import Obstacles
 
@@ -122,28 +121,21 @@ class System:
         return RigidModes(self.constraints, *self.mesh.box())
 
     @cached_property
+    def interface(self) -> ContactInterface:
+        """Contact dofs, and displacement and forces at the contacts."""
+        return ContactInterface(
+            mesh=self.mesh,
+            constraints=self.constraints,
+            contacts=self.contacts,
+            motions=self.lifting,
+            obstacles=self.obstacles,
+            T=self.T,
+        )
+
+    @cached_property
     def obstacles(self) -> Obstacles:
         """How the rigid obstacles move."""
         return Obstacles(self.problem, self.course)
-
-    def contact_displacement(self, u: Vec) -> list[Array]:
-        """Displacement (n_all, d) [m] of each contact's nodes, on every rank."""
-        values = self._surface.read(u).reshape(-1, self.mesh.dim)
-        ends = np.cumsum([0, *(len(c.nodes) for c in self.contacts)])
-        return [values[i:j] for i, j in pairwise(ends)]
-
-    def contact_forces(self, p_n: list[Array], t: list[Array]) -> Vec:
-        """B^T p over all displacements [N]."""
-        total, parts = self.vector(), zip(self.contacts, p_n, t, strict=True)
-        self._surface.add(total, np.concatenate([np.zeros(0), *(c.nodal_forces(*p).ravel() for c, *p in parts)]))
-        return total
-
-    def contact_force(self, c: ContactRows, p_n: Array, t: Array) -> Vec:
-        """B^T p of one contact over all displacements [N]."""
-        total = self.vector()
-        scatter = Replicated(total, _components(c.nodes, self.mesh.dim))
-        scatter.add(total, c.nodal_forces(p_n, t).ravel())
-        return total
 
     def searched(self, moved: Mapping[str, Array]) -> System:
         """The same system with the pairs of sliding contacts found where `moved` (n_all, d) [m] has brought them."""
@@ -158,45 +150,9 @@ class System:
             self, contacts=tuple(replace(c, surface=known[c.name].surface, master=known[c.name].master) for c in fresh)
         )
 
-    def resultant_on_driven(self, c: ContactRows, force: Vec) -> Array:
-        """What B^T p of a contact does to the driven obstacles (o,) [N]; collective."""
-        by_axis = self.mesh.comm.allreduce(force.array.reshape(-1, self.mesh.dim).sum(axis=0))
-        return self.obstacles.resultants(c.name, by_axis)
-
     def reactions(self, residual: Vec) -> dict[str, tuple[Array, Array]]:
         """Force (d,) [N] and moment about the origin [N m] that each support exerts; residual: see `State` [N]."""
         return self.constraints.reactions(self._prescribed.read(residual).reshape(-1, self.mesh.dim))
-
-    @cached_property
-    def contact_dofs(self) -> Ints:
-        """Free numbers (c,) that the contact rows touch, increasing; the same on every rank."""
-        found: list[Ints] = [np.zeros(0, np.int64)]
-        found += [self.constraints.numbers(c.nodes)[self.constraints.bases(c.nodes)[1]] for c in self.contacts]
-        return np.unique(np.concatenate(found))
-
-    def trace(self, c: ContactRows) -> Sparse:
-        """Contact dofs (c,) to the displacement of a contact's nodes (n_all d,), sparse."""
-        bases, numbers = self.constraints.bases(c.nodes)[0], self.constraints.numbers(c.nodes)
-        node, i, j = np.nonzero(bases)
-        columns = np.searchsorted(self.contact_dofs, numbers[node, j])
-        shape = (self.mesh.dim * len(c.nodes), len(self.contact_dofs))
-        found: Sparse = sparse.csr_matrix((bases[node, i, j], (self.mesh.dim * node + i, columns)), shape=shape)
-        return found
-
-    @cached_property
-    def rigid_modes(self) -> Array:
-        """Rigid motions that no support resists, on the contact dofs (c, r), orthonormal."""
-        motions, count = self.lifting.unresisted, self.mesh.part_count
-        of_part = motions.reshape(count, len(motions) // count, motions.shape[1])
-        values = np.zeros((len(self.contact_dofs), motions.shape[1]))
-        for c in self.contacts if motions.shape[1] else ():
-            fields = self.lifting.fields(c.points) @ of_part[self.mesh.parts[c.input]]
-            bases, free = self.constraints.bases(c.nodes)
-            at = np.searchsorted(self.contact_dofs, self.constraints.numbers(c.nodes)[free])
-            values[at] = (np.swapaxes(bases, 1, 2) @ fields)[free]
-        if motions.shape[1] and np.linalg.matrix_rank(values) < motions.shape[1]:
-            raise SceneError("supports: a part of the mesh that no contact touches can move as a whole; hold it")
-        return np.asarray(np.linalg.qr(values)[0])
 
     @cached_property
     def extent(self) -> float:
@@ -207,16 +163,7 @@ class System:
     @cached_property
     def _prescribed(self) -> Replicated:
         nodes = self.constraints.prescribed_nodes
-        return Replicated(self.vector(), _components(nodes, self.mesh.dim))
-
-    @cached_property
-    def _surface(self) -> Replicated:
-        nodes = np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in self.contacts)])
-        return Replicated(self.vector(), _components(nodes, self.mesh.dim))
-
-
-def _components(nodes: Ints, dim: int) -> Ints:
-    return (nodes[:, None] * dim + np.arange(dim)).ravel()
+        return Replicated(self.vector(), components(nodes, self.mesh.dim))
 
 
 def contact_rows(

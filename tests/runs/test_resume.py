@@ -17,7 +17,7 @@ import pytest
 
 from shared.command import Call, result
 from shared.histories import LEARNS, SMALL, Stop, assert_same, names_in, rows
-from solvers.methods.surface_uzawa import SurfaceUzawa
+from solvers.methods.surface_uzawa import LearningIteration
 from workflows.run.folder import ResultsFolder
 from workflows.run.resume import BEGUN, VERSIONS
 from workflows.run.run import run
@@ -94,8 +94,8 @@ def test_every_method_goes_on_to_the_same_bits(name: str, tmp_path: Path) -> Non
 @pytest.mark.parametrize("name", ["cube", pytest.param("sliding", marks=pytest.mark.slow)])
 def test_methods_that_were_given_up_stay_so(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever would be chosen with the memory that is free when the run goes on."""
-    solve, few = SurfaceUzawa.__call__, 2
-    monkeypatch.setattr(SurfaceUzawa, "__call__", lambda self, *rest: solve(replace(self, max_it=few), *rest))
+    solve, few = LearningIteration.__call__, 2
+    monkeypatch.setattr(LearningIteration, "__call__", lambda self, *rest: solve(replace(self, max_it=few), *rest))
     scene = read(name, [*(CUBE if name == "cube" else SLIDING), "solver.surface=matrix-free"])
     run(scene, tmp_path / "whole")
     run(scene, tmp_path / "out", Watch(on_step=Stop(2)))

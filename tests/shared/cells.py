@@ -11,8 +11,8 @@ from mpi4py import MPI
 from geometry.errors import SceneError
 from solvers.contact.operators import OPERATORS
 from solvers.laws.law import FrictionLaw, NormalLaw
+from solvers.methods.applicability import RIGID
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import RIGID
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import make_plan
 from solvers.simulation.simulation import Simulation, prepare

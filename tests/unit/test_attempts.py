@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose
 
 from geometry.errors import MachineError
 from solvers.interface.coarse_mesh import CoarseMesh
-from solvers.methods.surface_uzawa import SurfaceUzawa
+from solvers.methods import Solver
+from solvers.methods.surface_uzawa import LearningIteration
 from solvers.newton.solution import Solution, Status
 from solvers.scene.scene import Scene
-from solvers.scene.settings import Solver
 from solvers.simulation.simulation import Simulation
 from solvers.stepping.choice import Size, Stage, chosen
 from solvers.stepping.stepper import StepError
@@ -45,12 +45,12 @@ def forces(simulation: Simulation) -> list[Any]:
 
 def hasten(monkeypatch: pytest.MonkeyPatch) -> None:
     """surface-uzawa gives up soon."""
-    whole = SurfaceUzawa.__call__
+    whole = LearningIteration.__call__
 
-    def short(self: SurfaceUzawa, *arguments: Any) -> Solution:
+    def short(self: LearningIteration, *arguments: Any) -> Solution:
         return whole(replace(self, max_it=FEW), *arguments)
 
-    monkeypatch.setattr(SurfaceUzawa, "__call__", short)
+    monkeypatch.setattr(LearningIteration, "__call__", short)
 
 
 def test_methods_that_fail_hand_the_step_on(
@@ -133,7 +133,7 @@ def test_the_size_is_that_of_what_is_assembled(scene_of: SceneOf, system_of: Cal
     system = system_of(scene_of(2, {"cells": "tensor", "mesh_size": 0.05}, contacts=BASE))
     size = Size.of(system.mesh, system.constraints, system.contacts)
     assert (size.dim, size.dofs, size.ranks) == (2, system.K_B.size[0], 1)
-    assert size.contact_dofs == len(system.contact_dofs)
+    assert size.contact_dofs == len(system.interface.dofs)
     assert size.entries == pytest.approx(system.K_B.getInfo()["nz_used"], rel=0.1)  # fewer at the boundary
 
 
@@ -142,7 +142,7 @@ def test_the_coarse_mesh_has_fewer_dofs(system_of: Callable[[Scene], System]) ->
     coarse = CoarseMesh.beside(fine)
     assert coarse is not None
     assert coarse.system.constraints.free_total < fine.constraints.free_total / 2
-    forces, displacements = coarse.smooth_responses(fine, np.zeros((len(fine.contact_dofs), 0)), 1.0)
+    forces, displacements = coarse.smooth_responses(fine, np.zeros((len(fine.interface.dofs), 0)), 1.0)
     assert forces.shape == displacements.shape
     acting = forces.any(axis=0)  # a flat surface has nothing across
     assert acting.any()

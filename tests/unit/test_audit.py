@@ -56,7 +56,7 @@ class Case:
         system, stepper = self.simulation.system, self.simulation.stepper
         u_s, load = system.prescribed(self.record.time), system.load(self.record.time)
         f_q = system.T.createVecRight()
-        system.T.multTranspose(load - system.K * u_s - system.contact_forces(*stepper.split(p)), f_q)
+        system.T.multTranspose(load - system.K * u_s - system.interface.forces(*stepper.split(p)), f_q)
         u_c = stepper.surface.displacement(stepper.attempts.volume.condense(f_q))
         u = system.T * stepper.attempts.volume.expand(f_q, u_c) + u_s
         return replace(self.record, p=p, displacement=nodes_of(system.mesh, system.nodes)(u.array.reshape(-1, 2)))

@@ -74,7 +74,7 @@ def test_weights_are_positive_and_make_the_disc(
 
 def test_only_the_shift_along_the_axis_is_rigid(scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(scene_of(model="axisymmetric", contacts=BASE))
-    assert system.rigid_modes.shape[1] == 1
+    assert system.interface.rigid_modes.shape[1] == 1
     free = scene_of(model="axisymmetric", geometry={"mesh_size": 0.5})
     with pytest.raises(SceneError, match="nothing resists the translation along y of the body"):
         make_plan(free)

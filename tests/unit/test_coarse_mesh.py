@@ -13,7 +13,7 @@ from solvers.interface.coarse_mesh import LEAST, CoarseMesh
 from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.prepare import prepare_surface
 from solvers.interface.schur_complement import CondensedSurface
-from solvers.methods.surface_uzawa import SurfaceUzawa
+from solvers.methods.surface_uzawa import LearningIteration
 from solvers.metrics.surface_metric import surface_metric
 from solvers.parallel.counters import Counters
 from solvers.scene.scene import Scene
@@ -33,7 +33,7 @@ def block(scene_of: SceneOf, dim: int, n: int, floating: bool = False) -> Scene:
 
 
 def condensed(system: System) -> CondensedSurface:
-    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.contact_dofs, Counters()))
+    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.interface.dofs, Counters()))
     assert isinstance(surface, CondensedSurface)
     return surface
 
@@ -84,7 +84,7 @@ def test_the_method_begins_with_what_it_says(scene_of: SceneOf, system_of: Syste
     coarse, exact, metric = CoarseMesh.beside(fine), condensed(fine), surface_metric(fine)
     assert coarse is not None
     smooth = coarse.smooth_responses(fine, exact.R, exact.rho)
-    primed = SurfaceUzawa(metric=metric, smooth=smooth)._primed()
+    primed = LearningIteration(metric=metric, smooth=smooth)._primed()
     press = smooth[0][:, 2]  # of a constant normal traction
     true = press @ exact.flexibility @ press
     assert abs(press @ primed(press) / true - 1) < 0.1

@@ -33,14 +33,14 @@ def block(scene_of: SceneOf, dim: int, order: int = 1, cells: str = "tensor", fl
 
 def bodies(system: System) -> tuple[Array, Array]:
     """(K_B + rho R R^T)^-1 on the contact dofs, and R."""
-    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.contact_dofs, Counters()))
+    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.interface.dofs, Counters()))
     assert isinstance(surface, CondensedSurface)
     return surface.flexibility, surface.R
 
 
 def given(system: System, cells: int) -> Array:
     layer = ContactLayer(system, cells)
-    F = layer(np.eye(len(system.contact_dofs)))
+    F = layer(np.eye(len(system.interface.dofs)))
     assert_allclose(F[:, 0], layer(np.eye(len(F))[0]), rtol=0, atol=1e-14 * np.abs(F).max())
     assert_allclose(F, F.T, rtol=0, atol=1e-12 * np.abs(F).max())
     return F

@@ -13,7 +13,7 @@ from geometry.errors import MachineError, SceneError
 from solvers.interface.problem import SurfaceProblem
 from solvers.laws.compliance import Compliance
 from solvers.linear.incomplete_cholesky import incomplete_cholesky
-from solvers.methods.gram_uzawa import GramUzawa
+from solvers.methods.gram_uzawa import GramIteration
 from solvers.metrics.gram import GramMetric, contact_last, volume_block, volume_gram
 from solvers.newton.solution import Solution
 from solvers.scene.gram import Gram
@@ -94,7 +94,7 @@ def test_the_diagonal_is_raised_where_a_pivot_fails() -> None:
 def test_the_complete_block_is_the_schur_complement_of_the_gram_matrix(dim: int) -> None:
     """By MUMPS, by our own factor in the order that puts contact last, and by definition: S^-1 = (Gamma^-1)_cc."""
     system = study.block(4, dim=dim)
-    matrix, contact = volume_gram(system, 1.0), system.contact_dofs
+    matrix, contact = volume_gram(system, 1.0), system.interface.dofs
     whole, order = contact_last(matrix, contact)
     assert (order[-len(contact) :] == contact).all()
     found = volume_block(system, study.METRE)
@@ -193,19 +193,19 @@ def test_a_step_contracts_below_twice_the_inverse_of_lambda_max_and_not_beyond(
 ) -> None:
     """Tresca, so that bounds are fixed. The error's norm in the metric Q never grows."""
     simulation = simulation_of(with_gram(pressed(scene_of, friction={"law": "tresca", "bound": 0.01}), Gram()))
-    whole, problems = GramUzawa.__call__, list[SurfaceProblem]()
+    whole, problems = GramIteration.__call__, list[SurfaceProblem]()
 
-    def listening(self: GramUzawa, problem: SurfaceProblem, *arguments: Any) -> Solution:
+    def listening(self: GramIteration, problem: SurfaceProblem, *arguments: Any) -> Solution:
         problems.append(problem)
         return whole(self, problem, *arguments)
 
-    monkeypatch.setattr(GramUzawa, "__call__", listening)
+    monkeypatch.setattr(GramIteration, "__call__", listening)
     accepted = list(simulation.steps())[-1].p
     problem, metric = problems[-1], GramMetric(simulation.system, Gram())
     Q = metric.on_tractions(problem.surface, problem.cone)
     ends = {}
     for relaxation in (0.5, 1.0, 1.9, 4.0):
-        method = GramUzawa(metric, relaxation=relaxation, max_it=1)
+        method = GramIteration(metric, relaxation=relaxation, max_it=1)
         p, errors = np.zeros_like(accepted), []
         for _ in range(40):
             errors.append(float((p - accepted) @ Q @ (p - accepted)) ** 0.5)
@@ -234,7 +234,7 @@ def test_the_multipliers_own_gram_matrix_is_of_the_wrong_order(scene_of: SceneOf
     problem = stepper.reach(stepper.start(), 1.0, lambda row: None).problem
     residuals = {}
     for gram in (Gram(), Gram(space="multiplier")):
-        method = GramUzawa(GramMetric(simulation.system, gram), max_it=20)
+        method = GramIteration(GramMetric(simulation.system, gram), max_it=20)
         residuals[gram.space] = method(problem, np.zeros(problem.cone.size)).residual
     assert residuals["multiplier"] > 10 * residuals["volume"]
 

@@ -61,7 +61,7 @@ SCENES: dict[str, Callable[[SceneOf], Scene]] = {
 def both(request: pytest.FixtureRequest, scene_of: SceneOf, system_of: SystemOf) -> tuple[Any, Any, System]:
     """The same bodies condensed and not, with the same augmentation."""
     system = system_of(SCENES[request.param](scene_of))
-    exact = prepare_surface(system, FactorisedVolume(system.K_B, system.contact_dofs, Counters()))
+    exact = prepare_surface(system, FactorisedVolume(system.K_B, system.interface.dofs, Counters()))
     free = prepare_surface(replace(system, counters=Counters()), IterativeVolume(system))
     exact.rho = free.rho
     return exact, free, system
@@ -132,9 +132,9 @@ def test_recovered_displacement_balances_forces_and_moves_along_with_its_contact
     q = free.recover(load, p, u_c)
     own = free.size - free.driven
     f_c = free.forces(p)[:own]
-    assert_allclose(q.array[system.contact_dofs], u_c[:own], rtol=0, atol=1e-8 * np.abs(u_c).max())
+    assert_allclose(q.array[system.interface.dofs], u_c[:own], rtol=0, atol=1e-8 * np.abs(u_c).max())
     left = system.K_B * q - load.f_q
-    left.array[system.contact_dofs] += f_c
+    left.array[system.interface.dofs] += f_c
     assert left.norm() <= 1e-7 * (load.f_q.norm() + np.linalg.norm(f_c))  # the scene's tolerance is 1e-8
     assert 0 < free.linear_error <= 0.1 * system.problem.solver.tolerance
     assert exact.linear_error == 0

@@ -204,7 +204,7 @@ def test_uzawa_converges_up_to_two_over_lambda_max_and_no_further(
 ) -> None:
     """All points closed and sticking: Richardson's iteration, whose bound is sharp."""
     problem = problem_of(simulation_of(pressed(scene_of, 2, "bilateral", "stick")))
-    method = Uzawa(relaxation=relaxation, rtol=1e-8, max_it=20000)
+    method = Uzawa(alpha=relaxation / problem.surface.lambda_max, rtol=1e-8, max_it=20000)
     solution = method(problem, np.zeros(problem.cone.size))
     residuals = [step.residual for step in solution.history]
     if converges:

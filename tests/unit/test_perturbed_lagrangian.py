@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from geometry.errors import SceneError
 from solvers.interface.problem import SurfaceProblem
+from solvers.methods import Solver
 from solvers.methods import perturbed_lagrangian as module
 from solvers.methods.contact_element import OPEN, SLIP, STICK, ContactElements, penalties
 from solvers.methods.perturbed_lagrangian import Newton, least_energy, newton_step, residual
 from solvers.newton.solution import Status, ignore
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
-from solvers.scene.settings import Solver
 from solvers.simulation.plan import make_plan
 from solvers.simulation.simulation import Simulation
 from solvers.stepping.stepper import StepError
@@ -325,7 +325,7 @@ def test_the_error_stated_is_that_of_springs_where_nothing_changes_status(
 def test_the_line_search_shortens_a_step_that_leads_away(simulation_of: SimulationOf) -> None:
     """The block pushed sideways, from where it is pressed, with stiff springs at once."""
     simulation = simulation_of(coarse("block"))
-    stepper, omega = simulation.stepper, penalties(simulation.system)
+    stepper, omega = simulation.stepper, penalties(simulation.system, 1000.0)
     pushed = stepper.reach(stepper.reach(stepper.start(), 1.0, lambda row: None).state, 2.0, lambda row: None)
     problem, p = pushed.problem, pushed.substep_start.p
     newton = Newton(problem, 100, ignore, problem.contact_displacement(p), problem.surface.W * p)
@@ -342,13 +342,12 @@ def test_penalties_follow_the_stiffness_and_the_mesh(scene_of: SceneOf, simulati
     """E/h and G/h, 1000 times: of 0.25 m and nu = 0.3."""
     system = simulation_of(pressed(scene_of)).system
     n = len(system.contacts[0].W_n)
-    omega = penalties(system)
+    omega = penalties(system, 1000.0)
     assert_allclose(omega[:n], 1000 / 0.25)
     assert_allclose(omega[n:], 1000 / 2.6 / 0.25)
     twice = two_blocks(2)  # two bodies give in series, cells of 0.2 and about 0.16
-    assert_allclose(penalties(simulation_of(twice).system)[0], 1000 / 0.36, rtol=0.05)
-    scene = replace(twice, solver=replace(twice.solver, omega_factor=10.0))
-    assert_allclose(100 * penalties(simulation_of(scene).system), penalties(simulation_of(twice).system))
+    assert_allclose(penalties(simulation_of(twice).system, 1000.0)[0], 1000 / 0.36, rtol=0.05)
+    assert_allclose(100 * penalties(simulation_of(twice).system, 10.0), penalties(simulation_of(twice).system, 1000.0))
 
 
 def test_penalties_are_those_of_the_facets_at_each_point(simulation_of: SimulationOf) -> None:
@@ -356,7 +355,10 @@ def test_penalties_are_those_of_the_facets_at_each_point(simulation_of: Simulati
     scene = read("sphere")
     simulation = simulation_of(replace(scene, solver=Solver(method="perturbed-lagrangian")))
     (c,) = simulation.system.contacts
-    omega_n, pole = penalties(simulation.system)[: len(c.W_n)], np.argmin(c.surface.points[:, 0])
+    omega_n, pole = (
+        penalties(simulation.system, 1000.0)[: len(c.W_n)],
+        np.argmin(c.surface.points[:, 0]),
+    )
     first = np.sort(np.linalg.norm(c.surface.points - c.surface.points[pole], axis=1))
     cell = first[2]  # of order 2: the node at its middle lies between
     assert omega_n.max() == pytest.approx(1000 * scene.bodies["disc"].E / cell, rel=0.2)

@@ -10,12 +10,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from geometry.errors import SceneError
+from solvers.methods import METHODS, Solver
 from solvers.methods import regularised as module
 from solvers.methods.regularised import NextStep
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.scene import Scene
-from solvers.scene.settings import Solver
 from solvers.simulation.plan import make_plan
 from solvers.simulation.simulation import Simulation
 from solvers.stepping.stepper import StepError
@@ -214,7 +213,7 @@ def test_only_what_the_table_knows_is_accepted(scene_of: SceneOf) -> None:
     for method, normal, friction in product(METHODS, NORMAL, FRICTION):
         scene = pressed(scene_of, 2, normal, friction, solver={"method": method})
         laws = {"normal": NORMAL[normal]["law"], "friction": friction}
-        known = {"normal": METHODS[method].normal, "friction": METHODS[method].friction}
+        known = {"normal": METHODS[method].WORKS_WITH.normal, "friction": METHODS[method].WORKS_WITH.friction}
         unknown = [key for key, law in laws.items() if known[key] is not None and law not in known[key]]
         if not unknown:
             make_plan(scene)

@@ -229,9 +229,9 @@ def test_rows_on_the_contact_dofs_measure_what_rows_on_the_nodes_do(
     surface = prepare_surface(system, simulation_of(scene).stepper.attempts.volume)
     q = system.T.createVecRight()
     q.array[:] = np.random.default_rng(2).normal(size=q.getSize())
-    (u,) = system.contact_displacement(system.T * q)
+    (u,) = system.interface.displacement(system.T * q)
     expected = np.concatenate([rows.N_n @ u.ravel(), rows.N_t @ u.ravel()])
-    assert_allclose(surface.N @ q.array[system.contact_dofs], expected, atol=1e-13)
+    assert_allclose(surface.N @ q.array[system.interface.dofs], expected, atol=1e-13)
 
 
 def test_rounding_does_not_choose_the_frame() -> None:

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from solvers.contact.admissible_set import ContactBlock
-from solvers.scene.applicability import METHODS
+from solvers.methods import METHODS, Solver
 from solvers.scene.scene import Scene
-from solvers.scene.settings import Solver
 from solvers.simulation.simulation import Simulation, prepare
 from solvers.stepping.stepper import Accepted
 from solvers.stepping.update import relative_displacement
@@ -93,7 +92,7 @@ class Saddle:
     @cached_property
     def lift(self) -> Any:
         """Free numbers (n_free,) that undo a penetration (m_n,): N_n times this is 1."""
-        N_n = self.place.rows.N_n @ self.system.trace(self.place.rows)
+        N_n = self.place.rows.N_n @ self.system.interface.trace(self.place.rows)
         return N_n.T @ sparse.linalg.inv((N_n @ N_n.T).tocsc())
 
     def trial(self, random: np.random.Generator, size: float, sliding: bool) -> Any:
@@ -109,7 +108,7 @@ class Saddle:
         z.array[:] = 0
         excess = self.relative(v)[0]
         excess = excess - self.relative(self.accepted.state.u)[0] if sliding else np.maximum(excess, 0.0)
-        z.array[system.contact_dofs] = -self.lift @ excess
+        z.array[system.interface.dofs] = -self.lift @ excess
         return v + system.T * z
 
     def multiplier(self, random: np.random.Generator) -> Array:
@@ -220,7 +219,7 @@ def test_the_weak_form_holds_with_the_sign_of_theorem_2_1(saddle: Saddle) -> Non
     for _ in range(20):
         free.array[:] = random.normal(size=free.getLocalSize())
         v = system.T * free
-        moved = system.contact_displacement(v)[0].ravel()
+        moved = system.interface.displacement(v)[0].ravel()
         v_n, v_T = rows.N_n @ moved, (rows.N_t @ moved).reshape(saddle.lam.shape)
         b = K_u.dot(v) + float((rows.W_n * state.p[saddle.place.normal]) @ v_n)
         integral = saddle.friction(saddle.lam, v_T)

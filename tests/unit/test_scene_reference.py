@@ -1,4 +1,4 @@
-"""What is written about the scene file is true."""
+"""The pages that are generated from the code are up to date."""
 
 import re
 import tomllib
@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 import workflows
-from solvers.scene.applicability import METHODS
-from workflows.reference.method_table import ROW, renewed
+from solvers.methods import METHODS
+from workflows.reference import folder_map
+from workflows.reference.method_table import renewed
 from workflows.reference.scene_page import FILE, reference
 from workflows.scene_file.read import READY, from_dict, read
 
@@ -39,14 +40,14 @@ def test_the_readme_says_of_every_method_what_the_code_says() -> None:
     """Renew it with `python -m workflows.reference.method_table`."""
     text = README.read_text(encoding="utf-8")
     assert text == renewed(text)
-    assert [line.split("`")[1] for line in text.splitlines() if ROW.match(line)][-len(METHODS) :] == list(METHODS)
+    assert [row.split("`")[1] for row in text.splitlines() if row.startswith("| `")][-len(METHODS) :] == list(METHODS)
 
 
-def test_a_method_without_a_row_is_missed() -> None:
+def test_a_method_without_a_row_gets_one() -> None:
     text = README.read_text(encoding="utf-8")
     without = "\n".join(line for line in text.split("\n") if not line.startswith("| `uzawa` |"))
-    with pytest.raises(ValueError, match="no row for uzawa"):
-        renewed(without)
+    assert without != text
+    assert renewed(without) == text
     other = text.replace("| held by supports | matrix-free |", "| held or floating | any |")
     assert other != text
     assert renewed(other) == text
@@ -56,3 +57,34 @@ def test_tables_in_tables_name_their_keys() -> None:
     text = reference()
     assert "{ angle = value in time [rad], point = list of number [m], axis = list of number [-] }" in text
     assert "<class" not in text
+
+
+def test_the_readme_says_of_every_folder_what_its_docstring_says() -> None:
+    """Renew it with `python -m workflows.reference.folder_map`."""
+    text = README.read_text(encoding="utf-8")
+    assert text == folder_map.renewed(text), "stale: python -m workflows.reference.folder_map"
+    stale = text.replace("| `solvers/laws/` |", "| `solvers/law/` |")
+    assert stale != text
+    assert folder_map.renewed(stale) == text
+
+
+def test_the_map_of_the_folders_has_every_package() -> None:
+    root = README.parent
+    packages = {
+        path.parent.relative_to(root).as_posix()
+        for name in folder_map.PACKAGES
+        for path in (root / name).rglob("__init__.py")
+    }
+    assert {folder.rstrip("/") for folder, _ in folder_map.rows()} == packages | {"stickslip.py"}
+
+
+def test_a_package_whose_first_line_is_no_sentence_is_refused(tmp_path: Path) -> None:
+    for text in ("", '"""Half a sentence that\ngoes on."""\n'):
+        (tmp_path / "__init__.py").write_text(text, encoding="utf-8")
+        with pytest.raises(ValueError, match="must be one sentence with a full stop"):
+            folder_map.first_line(tmp_path / "__init__.py")
+
+
+def test_a_readme_without_the_marker_lines_is_refused() -> None:
+    with pytest.raises(ValueError, match="README lacks the lines"):
+        folder_map.renewed("# stickslip\n")

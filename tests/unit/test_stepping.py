@@ -17,7 +17,7 @@ from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import Simulation
 from solvers.stepping import failure
-from solvers.stepping.state import ENOUGH, HALVINGS, StepControl, State
+from solvers.stepping.state import ENOUGH, HALVINGS, State, StepControl
 from solvers.stepping.stepper import Accepted, StepError, Stepper
 
 SceneOf = Callable[..., Scene]

@@ -35,7 +35,7 @@ def block(scene_of: SceneOf, dim: int, n: int, order: int = 1) -> Scene:
 
 def spectrum(system: System, layer: bool = True) -> Array:
     """Eigenvalues of K_B^-1 on the contact dofs beside the metric, or beside its formula alone."""
-    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.contact_dofs, Counters()))
+    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.interface.dofs, Counters()))
     assert isinstance(surface, CondensedSurface)
     metric = surface_metric(system)
     if not layer:

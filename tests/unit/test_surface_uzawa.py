@@ -13,7 +13,7 @@ import solvers.newton.surface_system as surface_system
 from solvers.interface.problem import SurfaceProblem
 from solvers.interface.schur_complement import CondensedSurface
 from solvers.linear.gmres import gmres
-from solvers.methods.surface_uzawa import SurfaceUzawa
+from solvers.methods.surface_uzawa import LearningIteration
 from solvers.metrics.surface_metric import surface_metric
 from solvers.newton.solution import Status
 from solvers.newton.surface_model import SurfaceModel
@@ -211,7 +211,7 @@ def test_what_one_step_learnt_serves_the_next(scene_of: SceneOf, simulation_of: 
     simulation = simulation_of(scene)
     first, _ = solved(simulation)
     accepted = simulation.stepper.reach(simulation.stepper.start(), 1.0, lambda row: None)
-    method = SurfaceUzawa(metric=surface_metric(simulation.system), rtol=1e-8)
+    method = LearningIteration(metric=surface_metric(simulation.system), rtol=1e-8)
     fresh = method(accepted.problem, np.zeros_like(first.p))
     again = method(accepted.problem, np.zeros_like(first.p))
     safe = replace(method, safety=4.0)(accepted.problem, np.zeros_like(first.p))
@@ -224,7 +224,7 @@ def test_what_one_step_learnt_serves_the_next(scene_of: SceneOf, simulation_of: 
 def test_it_says_when_it_ran_out_of_iterations(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     simulation = simulation_of(pressed(scene_of, 2, 8, 0.3))
     problem = simulation.stepper.reach(simulation.stepper.start(), 1.0, lambda row: None).problem
-    method = SurfaceUzawa(metric=surface_metric(simulation.system), max_it=3)
+    method = LearningIteration(metric=surface_metric(simulation.system), max_it=3)
     solution = method(problem, np.zeros(problem.cone.size))
     assert (solution.status, solution.iterations, len(solution.history)) == (Status.MAX_IT, 3, 4)
     solves = [step.volume_solves for step in solution.history]
@@ -236,7 +236,11 @@ def test_a_residual_that_is_no_number_is_never_the_best(
 ) -> None:
     simulation = simulation_of(pressed(scene_of, 2, 8, 0.3))
     problem = simulation.stepper.reach(simulation.stepper.start(), 1.0, lambda row: None).problem
-    method, p, w = SurfaceUzawa(metric=surface_metric(simulation.system)), np.zeros(problem.cone.size), problem.offset
+    method, p, w = (
+        LearningIteration(metric=surface_metric(simulation.system)),
+        np.zeros(problem.cone.size),
+        problem.offset,
+    )
     flexibility = surface_system.Flexibility(problem.surface, method._flexibility(problem.surface), method.metric)
     model = SurfaceModel(problem, flexibility, p, w + problem.surface.N @ problem.load.free)
     measure, asked = SurfaceProblem.natural_residual, []
@@ -256,10 +260,10 @@ def test_exact_bodies_may_use_all_of_the_tolerance(scene_of: SceneOf, simulation
     simulation = simulation_of(pressed(scene_of, 2, 8, 0.3))
     problem = simulation.stepper.reach(simulation.stepper.start(), 1.0, lambda row: None).problem
     metric, p = surface_metric(simulation.system), np.zeros(problem.cone.size)
-    residuals = [step.residual for step in SurfaceUzawa(metric=metric, rtol=1e-12)(problem, p).history]
+    residuals = [step.residual for step in LearningIteration(metric=metric, rtol=1e-12)(problem, p).history]
     rtol = 1.0001 * residuals[3]
     assert residuals[3] < min(residuals[:3])
-    assert SurfaceUzawa(metric=metric, rtol=rtol)(problem, p).iterations == 3
+    assert LearningIteration(metric=metric, rtol=rtol)(problem, p).iterations == 3
 
 
 def test_a_singular_block_of_springs_is_said_as_that(
@@ -273,7 +277,7 @@ def test_a_singular_block_of_springs_is_said_as_that(
     stepper = simulation.stepper
     problem = stepper.reach(stepper.reach(stepper.start(), 1.0, print).state, 2.0, print).problem  # it slips
     monkeypatch.setattr(surface_system, "splu", singular)
-    solution = SurfaceUzawa(metric=surface_metric(simulation.system))(problem, np.zeros(problem.cone.size))
+    solution = LearningIteration(metric=surface_metric(simulation.system))(problem, np.zeros(problem.cone.size))
     assert solution.status in (Status.STALLED, Status.NO_HOLD)  # not a traceback
 
 

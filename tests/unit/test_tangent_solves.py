@@ -27,7 +27,7 @@ def solved() -> tuple[SlipTangent, CondensedSurface]:
     assert status == "converged"
     surface = accepted[-1].problem.surface
     assert isinstance(surface, CondensedSurface)
-    return SlipTangent.at(simulation.system, accepted[-1], penalties(simulation.system)), surface
+    return SlipTangent.at(simulation.system, accepted[-1], penalties(simulation.system, 1000.0)), surface
 
 
 def upwind(n: int) -> Any:

@@ -54,7 +54,7 @@ def blocks(system: System) -> tuple[Array, Array, NDArray[np.bool_]]:
     """K_B, its Schur complement on the contact dofs, and where these stand."""
     K = dense(system.K_B)
     c = np.zeros(len(K), bool)
-    c[system.contact_dofs] = True
+    c[system.interface.dofs] = True
     return K, K[c][:, c] - K[c][:, ~c] @ np.linalg.solve(K[~c][:, ~c], K[~c][:, c]), c
 
 
@@ -66,9 +66,9 @@ def test_schur_complement_condense_and_expand_are_exact(
 ) -> None:
     system = system_of(scene_in(dim, scene_of, floating))
     K, S, c = blocks(system)
-    volume = FactorisedVolume(system.K_B, system.contact_dofs, Counters())
+    volume = FactorisedVolume(system.K_B, system.interface.dofs, Counters())
     if by_blocks:  # what several ranks do, on one
-        volume._factor_interior(system.contact_dofs)
+        volume._factor_interior(system.interface.dofs)
     assert_allclose(volume.S, S, atol=1e-13 * np.abs(K).max())
     assert_allclose(volume.S, volume.S.T, atol=1e-14 * np.abs(K).max())
     random = np.random.default_rng(0)
@@ -91,7 +91,7 @@ def test_a_factorisation_that_mumps_gave_too_little_memory_is_repeated_with_more
     by_blocks: bool, scene_of: SceneOf, system_of: SystemOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     system = system_of(scene_in(3, scene_of))
-    contact_dofs = system.contact_dofs
+    contact_dofs = system.interface.dofs
 
     def schur_complement() -> Array:
         volume = FactorisedVolume(system.K_B, contact_dofs, Counters())
@@ -128,7 +128,7 @@ def test_a_body_without_contact_is_solved_directly(
 def test_surface_displacement_is_that_of_the_bodies(dim: int, scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(scene_in(dim, scene_of))
     K, _, c = blocks(system)
-    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.contact_dofs, Counters()))
+    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.interface.dofs, Counters()))
     p = np.random.default_rng(1).normal(size=len(surface.W))
     f = np.zeros(len(K))
     f[c] = surface.forces(p)
@@ -148,7 +148,7 @@ def test_lambda_max_bounds_the_largest_eigenvalue_closely(
     normal = {"law": law} | ({"c_n": 2.0} if law == "compliance" else {})
     scene = scene_of(dim, contacts={"base": STICKING["base"] | {"normal": normal}}, supports=held(dim))
     system = system_of(scene)
-    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.contact_dofs, Counters()))
+    surface = prepare_surface(system, FactorisedVolume(system.K_B, system.interface.dofs, Counters()))
     root = np.sqrt(surface.W)[:, None]
     B = root * surface.N.toarray()
     exact = float(np.linalg.eigvalsh(B @ np.linalg.solve(surface.S, B.T)).max())
@@ -192,7 +192,7 @@ def test_a_floating_body_does_not_feel_its_augmentation(
 
 def test_loads_in_the_span_of_earlier_ones_are_condensed_for_nothing(scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(scene_in(2, scene_of))
-    volume = FactorisedVolume(system.K_B, system.contact_dofs, Counters())
+    volume = FactorisedVolume(system.K_B, system.interface.dofs, Counters())
     condense = MemoisedMap(volume.condense, len(volume.S))
     one, other = system.K_B.createVecRight(), system.K_B.createVecRight()
     random = np.random.default_rng(0)

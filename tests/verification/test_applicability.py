@@ -9,7 +9,8 @@ import pytest
 from shared.cells import FORMS, MODELS, REFERENCE, Cell, largest, reference, refused, solved, whole
 from solvers.contact.operators import OPERATORS
 from solvers.laws.law import FrictionLaw, NormalLaw
-from solvers.scene.applicability import METHODS, RIGID
+from solvers.methods import METHODS
+from solvers.methods.applicability import RIGID
 from solvers.stepping import stepper as stepping
 from workflows.verification.cases.agreement import Answer
 
@@ -40,10 +41,10 @@ def wrong(cell: Cell, limit: int = 10000) -> str | None:
 @contextmanager
 def opened(cell: Cell, patch: pytest.MonkeyPatch) -> Iterator[None]:
     """The table without what refuses the cell."""
-    table = METHODS[cell.method]
+    method = METHODS[cell.method]
     fields = {"matrix_free": True, "condensed": True} if cell.more in FORMS else OPEN
     with patch.context() as now:
-        now.setitem(METHODS, cell.method, replace(table, **fields))
+        now.setattr(method, "WORKS_WITH", replace(method.WORKS_WITH, **fields))
         now.setattr(stepping, "HALVINGS", 0)
         yield
 

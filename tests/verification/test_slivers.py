@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.scene.applicability import METHODS
+from solvers.methods import METHODS
 from workflows.verification.cases import slivers as slivers_case
 from workflows.verification.cases.slivers import ASPECT, CELLS, SCENES, squeezed
 from workflows.verification.check import failures
@@ -20,7 +20,7 @@ def test_closed_forms_hold_on_thin_cells(name: str) -> None:
 
 @pytest.mark.parametrize("name", HELD)
 def test_uzawa_does_not_mind_thin_cells_either(name: str) -> None:
-    assert not METHODS["uzawa"].floating
+    assert not METHODS["uzawa"].WORKS_WITH.floating
     assert not failures(slivers_case.thin(name, "uzawa"))
 
 

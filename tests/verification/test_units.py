@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 import stickslip
 from geometry.keys import Choice, Key, Noun
-from solvers.scene.applicability import METHODS
+from solvers.methods import METHODS
 from workflows.scene_file.read import from_dict, read, to_dict
 from workflows.verification.cases import units as units_case
 from workflows.verification.check import failures
@@ -32,8 +32,8 @@ def test_millimetres_change_nothing_for_uzawa_either(name: str) -> None:
 
 
 def test_scenes_are_in_the_case_of_each_method_that_can_solve_them() -> None:
-    assert METHODS["condensed-newton"].floating
-    assert not METHODS["uzawa"].floating
+    assert METHODS["condensed-newton"].WORKS_WITH.floating
+    assert not METHODS["uzawa"].WORKS_WITH.floating
     assert set(units_case.FLOATING + units_case.GRADED) < set(units_case.SCENES)
 
 

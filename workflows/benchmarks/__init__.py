@@ -1,1 +1,1 @@
-"""How long the parts take that have to be fast."""
+"""Timed runs: contact search, long histories, the price of every method."""

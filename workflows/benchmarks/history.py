@@ -1,6 +1,6 @@
-"""What each phase of a long history costs: `python -m workflows.benchmarks.history --steps 1000` prints it.
+"""Time of each phase of a long history: `python -m workflows.benchmarks.history --steps 1000` prints it.
 
-A heavy strip is drawn to and fro at its end; one core, threads fixed. Steps by the hundred show whether
+A heavy strip is pulled back and forth at its end; one core, one thread. Averages over hundreds of steps show whether
 a step costs the same at the end as at the beginning.
 """
 
@@ -41,7 +41,7 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 CYCLES = 5
 LENGTH = 2.0  # [m] of the strip
 AMPLITUDE = 0.004  # [m] of its end: slip travels over two thirds of the strip, and back again, in every cycle
-PHASES: Mapping[str, tuple[Any, str]] = {  # of output: what is called
+PHASES: Mapping[str, tuple[Any, str]] = {  # phases of output, by the functions that are called
     "observe": (Observer, "__call__"),
     "checkpoint": (Checkpoints, "take"),
     "learnt": (LearntFiles, "write"),
@@ -62,7 +62,7 @@ class Stopwatch:
 
     @contextmanager
     def on(self, phase: str, owner: Any, name: str) -> Iterator[None]:
-        """Time all calls of `owner.name` meanwhile."""
+        """Time all calls of `owner.name` while the context lasts."""
         called = getattr(owner, name)
 
         def timed(*args: Any, **keys: Any) -> Any:
@@ -77,9 +77,9 @@ class Stopwatch:
 
 
 def scene(steps: int, points: int, method: str = "auto") -> Scene:
-    """The ready scene `strip`, laid down in the first step and drawn `CYCLES` times in the others."""
+    """The ready scene `strip`: weight in the first step, then `CYCLES` cycles of pulling."""
     turn = (steps - 1) / (4 * CYCLES)  # steps from one turn to the next, about
-    times = [1 + round(turn * k) for k in range(4 * CYCLES + 1)]  # a table's times are steps, without any between
+    times = [1 + round(turn * k) for k in range(4 * CYCLES + 1)]  # every time of the table is a step
     draw = [[0.0, 0.0], *([float(t), AMPLITUDE * (0, 1, 0, -1)[k % 4]] for k, t in enumerate(times))]
     return read(
         "strip",
@@ -95,16 +95,14 @@ def scene(steps: int, points: int, method: str = "auto") -> Scene:
 
 @dataclass(frozen=True)
 class Cost:
-    """What a history took."""
+    """Time and work of a history."""
 
     dofs: int
     points: int
     method: str
     seconds: Mapping[str, float]  # by phase
-    cpu: float  # of all phases [s]: less than their sum where others use the machine or the disk is slow
-    blocks: tuple[
-        tuple[float, float, float], ...
-    ]  # seconds, iterations and volume solves a step, of `BLOCK` steps each
+    cpu: float  # CPU time of all phases [s]; less than `seconds` if the machine is shared or waits for the disk
+    blocks: tuple[tuple[float, float, float], ...]  # seconds, iterations, volume solves a step, mean of `BLOCK` steps
 
     def lines(self) -> Iterator[str]:
         """The report."""
@@ -159,7 +157,7 @@ def main(
     method: Annotated[str, typer.Option(help="solver.method")] = "auto",
     output: Annotated[Path | None, typer.Option("-o", "--output", help="where the results stay")] = None,
 ) -> None:
-    """Run the history and print what it took."""
+    """Run the history and print its cost."""
     for name in LOGGERS:
         logging.getLogger(name).propagate = False  # FFCx has given the root logger a handler
     with tempfile.TemporaryDirectory() as folder:

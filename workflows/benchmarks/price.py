@@ -1,7 +1,7 @@
-"""What friction costs beside one linear solve: `python -m workflows.benchmarks.price [-o DIR]` writes DIR/price.html.
+"""Cost of friction in units of one linear solve: `python -m workflows.benchmarks.price [-o DIR]` writes DIR/price.html.
 
 One core, threads fixed. Every measurement is a process of its own, which also measures the linear reference: prices
-are ratios within one process. A measurement that is there already is not repeated; remove DIR to begin anew.
+are ratios within one process. A measurement that exists is not repeated; remove DIR to begin anew.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from workflows.writers.aside import write_aside
 PLANE = (16, 32, 64, 128, 256, 512)
 SPACE = (8, 12, 16, 24, 32, 48, 64)
 TOLERANCES = (1e-4, 1e-8)
-METHODS = (  # the last column: how its seconds grow with n in 2D and 3D, to tell what will not fit
+METHODS = (  # last column: growth of the time with n in 2D and 3D, to predict what does not fit
     ("auto", "auto", 2.5, 4.0),
     ("condensed-newton", "condensed", 2.5, 6.0),
     ("surface-uzawa", "matrix-free", 2.2, 3.3),
@@ -45,7 +45,7 @@ def cases(plane: tuple[int, ...], space: tuple[int, ...]) -> Iterator[Case]:
 
 
 def expected(case: Case, known: list[dict[str, Any]]) -> float:
-    """Seconds that a case will take, from the largest one of its kind that is known; 0 if none is.
+    """Expected time of a case [s], from the largest measured one of its kind; 0 if there is none.
 
     >>> done = {"case": asdict(Case(2, 16)), "status": "converged", "two_steps": 1.0, "further": 0.5}
     >>> expected(Case(2, 32), [done]) == 1.5 * 2**2.5
@@ -65,7 +65,7 @@ def expected(case: Case, known: list[dict[str, Any]]) -> float:
 
 
 def run(case: Case, limit: float) -> dict[str, Any]:
-    """Measure in a child process; a run that fails or takes more than ten times the limit says so.
+    """Measure in a child process; the result of a run that fails or takes ten times the limit says why.
 
     The memory of the linear reference is that of another child, which knows the fastest solver and tries no other.
     """
@@ -95,7 +95,7 @@ def main(
     plane: Annotated[str, typer.Option(help="cells over the height of the block")] = ",".join(map(str, PLANE)),
     space: Annotated[str, typer.Option(help="cells over the height of the cube")] = ",".join(map(str, SPACE)),
 ) -> None:
-    """Measure whatever is missing, then write the page."""
+    """Measure what is missing, then write the page."""
     folder, known = output / "runs", list[dict[str, Any]]()
     folder.mkdir(parents=True, exist_ok=True)
     sizes = [tuple(int(n) for n in text.split(",") if n) for text in (plane, space)]

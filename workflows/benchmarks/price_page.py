@@ -26,7 +26,7 @@ COLOURS = {
     "regularised": "tab:green",
 }  # fmt: skip
 LINES = {1e-4: "--", 1e-8: "-"}
-BARS = {(2, 1e-8): ((64, 256), 1.5), (3, 1e-4): ((24, 64), 3.0), (3, 1e-8): ((24, 64), 6.0)}  # what is aimed at
+BARS = {(2, 1e-8): ((64, 256), 1.5), (3, 1e-4): ((24, 64), 3.0), (3, 1e-8): ((24, 64), 6.0)}  # targets
 STYLE = "body{font:15px sans-serif;max-width:75em;margin:2em auto} img{max-width:100%} table{border-collapse:collapse} "
 STYLE += "td,th{border:1px solid #bbb;padding:.2em .6em;text-align:right}"
 INTRODUCTION = """
@@ -83,7 +83,7 @@ def _section(rows: list[Run]) -> str:
 
 
 def _table(rows: list[Run]) -> str:
-    """Rows without a price say why."""
+    """All runs as a table; rows without a price give the reason."""
     lines = ["<tr>" + "".join(f"<th>{key.replace('_', ' ')}" for key in COLUMNS) + "</tr>"]
     for row in rows:
         known = {key: row.get(key) for key in COLUMNS}
@@ -94,7 +94,7 @@ def _table(rows: list[Run]) -> str:
 
 
 def _row(run: Run, runs: list[Run]) -> Run:
-    """A line of the table; without a price if the run has none."""
+    """One row of the table."""
     case = run["case"]
     row = dict(case) | {"status": run["status"], "dofs": run.get("dofs", ""), "price": None}
     if run.get("price") is None:

@@ -1,6 +1,6 @@
 """One measurement of the price of friction: `python -m workflows.benchmarks.price_run CASE [SOLVER]`, CASE in JSON.
 
-With a SOLVER the linear reference is solved by that one alone, so that the process's memory is that of its fastest.
+With SOLVER only this solver is tried for the linear reference, so that the memory is that of the fastest one.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class Case:
 def measure(case: Case, only: str = "") -> dict[str, Any]:
     """Seconds by phase and step, counters, residuals, peak memory; the linear reference in the same process.
 
-    Short ones are repeated, each beside a reference of its own: the first of both is the cold one.
+    Short runs are repeated, each with its own reference; the first pair runs with cold caches.
     """
     found = _solve(case, only)
     if case.method == REFERENCE or found["status"] != "converged":
@@ -118,7 +118,7 @@ def _solve(case: Case, only: str = "") -> dict[str, Any]:
         "case": asdict(case),
         "status": status,
         "dofs": system.constraints.free_total,
-        "contact_dofs": len(system.contact_dofs),
+        "contact_dofs": len(system.interface.dofs),
         "prepare": prepared,
         "steps": steps,
         "memory": memory,
@@ -128,7 +128,7 @@ def _solve(case: Case, only: str = "") -> dict[str, Any]:
 
 
 def _march(simulation: Simulation) -> tuple[list[dict[str, Any]], str]:
-    """What each step took, and how the march ended; without results, for the price is that of the solution alone."""
+    """Seconds of each step, and how the run ended; no results: the price is that of the solution alone."""
     found: list[dict[str, Any]] = []
     state, counters = simulation.stepper.start(), simulation.counters
     for time in simulation.scene.requested_times():

@@ -1,4 +1,4 @@
-"""CPU seconds that the search for contact takes, one thread: `python -m workflows.benchmarks.search`.
+"""CPU time of the contact search on one thread: `python -m workflows.benchmarks.search` prints it.
 
 Two wavy surfaces in the shape of a body's side, the points off the nodes, most of them open, some overlapping.
 """
@@ -25,7 +25,7 @@ WAVE = 0.05  # [m] height of the master's waves, on a side of 1 m
 
 
 def height(x: Array) -> Array:
-    """Of the master, over (m, d-1)."""
+    """Height of the master over points (m, d-1) [m]."""
     return np.asarray(WAVE * np.cos(4 * np.pi * x).prod(axis=1))
 
 
@@ -57,7 +57,7 @@ def master(shape: str, degree: int, facets: int) -> Surface:
 
 
 def slave(dim: int, gap: float) -> tuple[Array, Array]:
-    """Points `gap` above the master with overlaps as large, and directions down but for a slope of up to a half."""
+    """Points from -`gap` to 3 `gap` [m] above the master, and search directions down, tilted at random."""
     random = np.random.default_rng(1)
     x = random.random((POINTS, dim - 1))
     points = np.column_stack([x, height(x) + gap * (1 + 2 * np.sin(7 * x[:, 0]))])

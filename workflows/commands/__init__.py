@@ -1,1 +1,1 @@
-"""The command line."""
+"""The command line `stickslip`, and what it prints."""

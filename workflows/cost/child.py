@@ -1,4 +1,4 @@
-"""The process that solves one rung: it reads the scene, and writes what it found where it was told."""
+"""The process that solves one rung: it reads the scene, and writes its results to the given file."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DIE_WITH_PARENT = 1  # prctl's PR_SET_PDEATHSIG
 
 
 def solve(scene: Scene) -> dict[str, Any]:
-    """The fields of a Run that the process itself can know."""
+    """The fields of a `Run` that this process can measure itself."""
     before, began = _forms(), clock.process_time()
     try:
         found = _figures(scene)
@@ -62,20 +62,20 @@ def _figures(scene: Scene) -> dict[str, Any]:
 
 
 def peak_memory() -> float:
-    """Of this program [bytes]; ru_maxrss would count what its parent held when it was started."""
+    """Peak memory of this process [bytes]; ru_maxrss would include what its parent held when it was started."""
     lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     return 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 
 
 def _forms() -> int:
-    """How many compiled forms there are."""
+    """Number of compiled forms in the cache."""
     return sum(1 for _ in form_cache().glob("*.so"))
 
 
 def main() -> None:
-    """`python -m workflows.cost.child SCENE.json ANSWER.json PARENT`, the last one a process number."""
+    """`python -m workflows.cost.child SCENE.json ANSWER.json PARENT`, PARENT being a process number."""
     ctypes.CDLL(None).prctl(DIE_WITH_PARENT, signal.SIGKILL)
-    if os.getppid() != int(sys.argv[3]):  # it died before we asked
+    if os.getppid() != int(sys.argv[3]):  # the parent died before this call
         sys.exit("the study has ended")
     task, answer = map(Path, sys.argv[1:3])
     found = solve(from_dict(json.loads(task.read_text(encoding="utf-8"))))

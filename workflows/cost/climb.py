@@ -1,4 +1,4 @@
-"""Climb the ladder within the budget: always the cheapest run that is left, as long as it fits."""
+"""Climb the ladder within the budget: the cheapest remaining run comes next, as long as it fits."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from workflows.cost.run_record import Run
 from workflows.cost.rung import Rung
 from workflows.cost.sentence import seconds
 
-MORE = 1.1  # times the time that was not enough, for another try
+MORE = 1.1  # factor on a time limit that was too short, for another try
 Measure = Callable[[Rung, float], Run | None]
 
 
 @dataclass(frozen=True)
 class Budget:
-    """What the runs may use together."""
+    """What all runs together may use."""
 
     seconds: float  # [s]
     memory: float  # of one process [bytes]
-    dim: int  # of the scene: how fast work grows
+    dim: int  # of the scene: it decides how fast work grows with the mesh
 
     def left(self, runs: Sequence[Run]) -> float:
         """Seconds [s]."""
@@ -34,12 +34,12 @@ def climb(
     """Add runs until none fits any more.
 
     Args:
-        runs: those done so far; grows.
+        runs: those done so far; new ones are appended.
         measure: solves a rung within so many seconds; None: the user wants to stop.
-        keep: told of every run when it is done.
+        keep: called with every run when it is done.
 
     Returns:
-        Whether the user let it come to its end, and which rungs did not fit, in words.
+        False if the user stopped it; and the rungs that did not fit, in words.
     """
     while True:
         waiting = list(ladder.candidates(runs))
@@ -57,7 +57,7 @@ def climb(
 
 
 def retry(runs: Sequence[Run], budget: Budget) -> list[Run]:
-    """The runs without those that ran out of time and would have more of it now."""
+    """The runs, without those that ran out of time and would get more time now."""
     others = [run for run in runs if run.status != "out_of_time"]
     late = [run for run in runs if run.status == "out_of_time"]
     return others + [run for run in late if budget.left(others) <= MORE * run.spent]

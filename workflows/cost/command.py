@@ -1,4 +1,4 @@
-"""`stickslip cost`: climb the ladder, judge the runs, leave tables and pictures."""
+"""The command `stickslip cost`: climb the ladder, evaluate the runs, write tables and pictures."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from workflows.cost.truth import truth_of
 from workflows.run.interrupt import Interrupt
 
 BUSY = 0.9  # share of a core below which seconds are not those of the runs alone
-OF_MEMORY = 0.8  # of what is available, for one run
-MESHES = 2  # of one order and method, that a comparison needs at least
+OF_MEMORY = 0.8  # of the available memory, for one run
+MESHES = 2  # fewest runs of one order and method that a comparison needs
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class Answer:
 
     exit_code: int
     sentence: str  # the price of the first quantity
-    complaint: str = ""  # what there is to say on standard error
+    complaint: str = ""  # notes for standard error
 
 
 def cost(scene: Scene, target: Path, budget: float, asked: Sequence[str], resume: bool, teller: Teller) -> Answer:
-    """Study the scene and leave the results in `target`.
+    """Study the scene and write the results to `target`.
 
     Raises:
         SceneError: known before the first run; nothing is written.
@@ -98,7 +98,7 @@ def cost(scene: Scene, target: Path, budget: float, asked: Sequence[str], resume
 
 
 def judge(scene: Scene, runs: Sequence[Run], asked: Sequence[str], tolerance: float) -> list[Study]:
-    """A study of every quantity that has a truth."""
+    """A study of every quantity that has a reference value."""
     converged = tuple(run for run in runs if run.converged)
     if not converged:
         return []
@@ -107,7 +107,7 @@ def judge(scene: Scene, runs: Sequence[Run], asked: Sequence[str], tolerance: fl
 
 
 def core_share(runs: Sequence[Run]) -> float:
-    """Computing time over elapsed time; one if nothing else ran."""
+    """CPU time over elapsed time: 1 if nothing else ran on the core."""
     elapsed = sum(run.seconds for run in runs)
     return sum(run.cpu for run in runs if run.phases) / elapsed if elapsed else 1.0
 

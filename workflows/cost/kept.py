@@ -1,4 +1,4 @@
-"""The folder of a cost study: every finished run stands in it at once, and an interrupted study goes on from there."""
+"""The folder of a cost study: every finished run is written at once; an interrupted study is resumed from it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SCENE, RUNS = "scene.json", "runs"
 
 
 class Kept:
-    """Grows beside its place, and is put there whole."""
+    """The folder is filled beside its final place and renamed when the study is finished."""
 
     def __init__(self, target: Path, scene: Scene, resume: bool) -> None:
         """
@@ -43,7 +43,7 @@ class Kept:
 
     @property
     def path(self) -> Path:
-        """Where it grows."""
+        """Folder in which the study is working."""
         return self._folder.work
 
     def keep(self, run: Run) -> None:
@@ -55,5 +55,5 @@ class Kept:
         return self._folder.finish()
 
     def abandon(self) -> None:
-        """Leave no trace of a study without runs."""
+        """Remove the folder of a study without runs."""
         self._folder.abandon()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
 from geometry.errors import SceneError
-from solvers.scene.applicability import METHODS
+from solvers.methods import METHODS
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import make_plan
 from workflows.cost.predict import overhead
@@ -17,7 +17,7 @@ from workflows.cost.rung import Rung
 COARSEST, FINEST = -4, 12  # levels: four times as coarse as the scene, 64 times as fine
 ORDERS: tuple[Literal[1, 2], ...] = (1, 2)
 LOOSE = (1e-2, 1e-4)  # tolerances besides the scene's own
-WORTH = 0.2  # share of the iteration in the seconds beyond which a looser tolerance can save some
+WORTH = 0.2  # share of the iteration in the total time above which a looser tolerance can save time
 FAILURES = 2  # in a row, after which a chain ends
 
 
@@ -51,9 +51,9 @@ class Ladder:
 
 
 def ladder_of(scene: Scene) -> tuple[Ladder, list[str]]:
-    """The ladder of a scene, and which methods and orders it goes without, in words.
+    """The ladder of a scene; and the methods and orders that it leaves out, in words.
 
-    A scene that names its method keeps to it; with `auto` all compete that contend for the best price and can solve it.
+    A scene that names its method uses this one; with `auto` all methods that may be cheapest and can solve it compete.
 
     Raises:
         SceneError: no method can solve the scene, or its mesh cannot be refined.
@@ -63,7 +63,7 @@ def ladder_of(scene: Scene) -> tuple[Ladder, list[str]]:
     def planned(method: str) -> None:
         make_plan(replace(scene, solver=replace(scene.solver, method=method)))
 
-    contenders = [name for name, method in METHODS.items() if name != "auto" and method.contends]
+    contenders = [name for name, method in METHODS.items() if name != "auto" and method.WORKS_WITH.contends]
     methods, without_method = _possible(contenders if wanted == "auto" else [wanted], planned)
     orders, without_order = _possible(ORDERS, lambda order: Rung(order, methods[0], 0, tolerance).scene(scene))
     left_out = [f"without {method}: {error}" for method, error in without_method.items()]
@@ -72,7 +72,7 @@ def ladder_of(scene: Scene) -> tuple[Ladder, list[str]]:
 
 
 def _possible(all_of: Sequence[T], attempt: Callable[[T], object]) -> tuple[list[T], dict[T, SceneError]]:
-    """Those whose attempt is not refused, and why the others are.
+    """Those that are not refused, and why the others are.
 
     Raises:
         SceneError: all of them are.
@@ -100,13 +100,13 @@ def _worth(run: Run) -> bool:
 
 
 def _in_vain(runs: Sequence[Run], tight: float) -> bool:
-    """A loose tolerance was tried, and missed by as much as the tight one: the last iteration jumps over both."""
+    """A looser tolerance was tried, and its last residual met the tight one too: it saved nothing."""
     loose = [run.residual for run in runs if run.converged and run.rung.tolerance > tight]
     return any(residual is not None and residual <= tight for residual in loose)
 
 
 def _ended(tight: Sequence[Run]) -> bool:
-    """Time or memory ran out, or nothing came of the last runs; a mesh that is too coarse to exist does not count."""
+    """Time or memory ran out, or the last runs gave no answer; a mesh too coarse to be made does not count."""
     if tight and tight[-1].status in ("out_of_time", "out_of_memory"):
         return True
     counted = [run for run in tight if run.rung.level >= 0 or run.status != "refused"]

@@ -1,4 +1,4 @@
-"""The limit of a sequence that a power of the mesh size leads to, and how sure it is (Richardson's extrapolation)."""
+"""Richardson extrapolation: the limit of a sequence for mesh size h -> 0, and its uncertainty."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from geometry.arrays import Array
 
-WINDOW = 4  # meshes, the finest: coarse ones do not follow the power yet; fewer do not prove growth without end
+WINDOW = 4  # finest meshes used: coarser ones do not follow the power yet; fewer cannot show divergence
 SLOWEST, FASTEST = 0.25, 6.0  # powers
 SETTLED = 0.01  # relative spread of a sequence that is as good as constant
 STRAY = 100.0  # median distances from the median
@@ -82,7 +82,7 @@ def rate_of(h: Sequence[float], error: Sequence[float]) -> float | None:
 
 
 def _without_strays(x: Array, y: Array, floor: float) -> tuple[Array, Array]:
-    """Drop meshes on which something went wrong: no power scatters so far about the median."""
+    """Drop outliers: meshes whose value is farther from the median than any power of h explains."""
     off = np.abs(y - np.median(y))
     keep = off <= max(floor, STRAY * float(np.median(off)))
     return (x[keep], y[keep]) if len(x) > 3 else (x, y)

@@ -1,4 +1,4 @@
-"""Run one rung in a process of its own, on one thread, so that its seconds and its memory are its own."""
+"""Run one rung in a separate process on one thread, so that its time and memory are measured alone."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ Stop = Callable[[], bool]
 
 
 def measure(scene: Scene, rung: Rung, seconds: float, stop: Stop) -> Run | None:
-    """Solve the rung, twice if forms were compiled the first time; None if `stop` said so.
+    """Solve the rung, a second time if the first one compiled forms; None if `stop` asked for the end.
 
     Args:
-        seconds: that are left [s]; the process is ended then.
-        stop: asked again and again, whether to end it now.
+        seconds: time limit [s], after which the process is ended.
+        stop: called repeatedly; True ends the process.
     """
     run = _once(scene, rung, seconds, stop)
     if run is None or not run.compiled or not run.converged or run.spent >= seconds:
         return run
     again = _once(scene, rung, seconds - run.spent, stop)
-    if again is None or not again.converged:  # slow seconds are better than none
+    if again is None or not again.converged:  # a time that includes compilation is better than no time
         return again and replace(run, spent=run.spent + again.spent)
     return replace(again, spent=run.spent + again.spent)
 
@@ -51,7 +51,7 @@ def _once(scene: Scene, rung: Rung, seconds: float, stop: Stop) -> Run | None:
         task, answer, errors = (Path(place) / name for name in ("scene.json", "answer.json", "errors"))
         task.write_text(json.dumps(to_dict(mine)), encoding="utf-8")
         words = [sys.executable, "-P", "-m", "workflows.cost.child", str(task), str(answer), str(os.getpid())]
-        with errors.open("wb") as said:  # a session of its own: Ctrl-C is for the parent to hear
+        with errors.open("wb") as said:  # a new session, so that only the parent receives Ctrl-C
             process = subprocess.Popen(
                 words, env={**os.environ, **ONE_THREAD}, stdout=said, stderr=said, start_new_session=True
             )
@@ -82,7 +82,7 @@ def _wait(process: subprocess.Popen[bytes], until: float, stop: Stop) -> str:
 
 
 def _broken(code: int, said: str) -> dict[str, Any]:
-    """How a process ended that left no answer."""
+    """How a process without an answer ended, in words."""
     lines = said.strip().splitlines() or [f"ended with code {code}"]
     memory = code == -signal.SIGKILL or "MemoryError" in said or "Out of memory" in said
     return {"status": "out_of_memory" if memory else "failed", "sentence": lines[-1]}

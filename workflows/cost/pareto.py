@@ -1,4 +1,4 @@
-"""The Pareto front: runs that no other beats in both seconds and error."""
+"""The Pareto front: runs for which no other run is both faster and more accurate."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ LINES: dict[int, Any] = {1: (0, (4, 2)), 2: "-"}
 
 
 def draw(folder: Path, title: str, study: Study) -> Path:
-    """Work and precision on the left, convergence on the right; no error is shown below the uncertainty.
+    """Work-precision diagram on the left, convergence on the right; errors below the uncertainty are not shown.
 
     Raises:
         MachineError: the disk is full.
@@ -85,7 +85,7 @@ def _chain(axes: Any, runs: Sequence[Run], study: Study, colour: str, place: Any
 
 
 def _front(axes: Any, study: Study) -> None:
-    """A staircase: what error is to be had for so many seconds."""
+    """The smallest error for a given time, as a staircase."""
     if study.front:
         x = [run.seconds for run in study.front]
         y = [study.sturdy[run.rung] for run in study.front]
@@ -93,7 +93,7 @@ def _front(axes: Any, study: Study) -> None:
 
 
 def _slopes(axes: Any, study: Study) -> None:
-    """Beside the finest runs of each order a triangle with the observed power of h: outside of the others."""
+    """A triangle with the observed power of h beside the finest runs of each order, clear of the others."""
     finest: dict[int, tuple[Run, float]] = {}
     for chain, rate in study.rates.items():
         known = [r for r in study.runs if study.known(r.rung)]
@@ -115,7 +115,7 @@ def _slopes(axes: Any, study: Study) -> None:
 
 
 def _limits(work: Any, mesh: Any, study: Study, shown: Sequence[Run]) -> None:
-    """Room around the points, and the band in which errors are not known."""
+    """Axis limits around the points, and the band of errors below the uncertainty."""
     errors = [max(study.errors[run.rung], study.truth.uncertainty) for run in shown]
     if not errors:
         work.text(0.5, 0.5, "does not settle", transform=work.transAxes, ha="center", fontsize=9, color=PALE)

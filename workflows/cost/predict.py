@@ -1,4 +1,4 @@
-"""How long a run will take and how much memory it needs: a log-log fit of those of the same order and method."""
+"""Time and memory that a run will need: a log-log fit of earlier runs of the same order and method."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from workflows.cost.rung import RATIO, Rung
 WINDOW = 3  # of the finest runs
 UNTRIED = 1.0  # seconds of the first run of all
 START = 2.0  # seconds in which a process starts and compiles nothing
-ANOTHER = 1.5  # times as long as the same mesh with another method or a lower order, at a guess
+ANOTHER = 1.5  # assumed factor on the time of the same mesh with another method or a lower order
 
 
 def power_law(values: Mapping[int, float], at: int, least: float, most: float) -> float:
     """The value at a level, by a power of the cell size between `least` and `most` through the finest of all.
 
-    A single value says nothing of the power: it is the least, for the coarsest mesh is all overhead.
+    A single value gives no power: the least one is taken, because the coarsest mesh is all overhead.
 
     >>> round(power_law({0: 1.0, 2: 4.0, 4: 16.0}, 6, 1.0, 9.0), 9)  # twice as fine every two levels: power 2
     64.0
@@ -32,18 +32,18 @@ def power_law(values: Mapping[int, float], at: int, least: float, most: float) -
 
 
 def overhead(runs: Sequence[Run]) -> float:
-    """Seconds that a process takes besides its phases."""
+    """Time of a process outside its phases [s]."""
     found = [run.spent - run.seconds for run in runs if run.converged and not run.compiled]
     return float(np.median(found)) if found else START
 
 
 def seconds(rung: Rung, runs: Sequence[Run], dim: int) -> float:
-    """Of the budget, that this rung will take [s]: the coarse ones are all overhead, so that a small power may fit."""
+    """Part of the budget that this rung will take [s]; coarse meshes are all overhead, so a small power may fit."""
     return overhead(runs) + _phases(rung, [run for run in runs if run.phases], dim)
 
 
 def memory(rung: Rung, runs: Sequence[Run], dim: int) -> float:
-    """Peak [bytes]; nothing is known of a chain before its first run."""
+    """Peak memory [bytes]; unknown for a chain without a run."""
     mine = [run for run in runs if run.rung.chain == rung.chain and run.memory]
     if not mine:
         return 0.0

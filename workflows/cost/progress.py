@@ -16,7 +16,7 @@ from workflows.cost.study import Study
 
 
 class Teller:
-    """A bar of the budget on a terminal, a line a run elsewhere; silent if quiet."""
+    """A progress bar of the budget on a terminal, one line for each run elsewhere; silent if quiet."""
 
     def __init__(self, budget: float, quiet: bool) -> None:
         self.budget, self.quiet = budget, quiet
@@ -45,12 +45,12 @@ class Teller:
             self.console.print(text, soft_wrap=True)
 
     def next(self, what: str, spent: float, runs: int) -> None:
-        """What is being solved now, and what is used of the budget."""
+        """Show what is being solved and how much of the budget is used."""
         left = seconds(max(0.0, self.budget - spent))
         self.progress.update(self.task, description=f"run {runs + 1}: {what}", completed=spent, left=left)
 
     def done(self, run: Run) -> None:
-        """A run has ended, well or not."""
+        """Report a run that has ended, with or without an answer."""
         rung = run.rung
         what = f"order {rung.order}, {rung.method}, h = {run.h:.3g}, tolerance {rung.tolerance:.0e}"
         took = f"{seconds(run.seconds)}, {seconds(run.spent)} with the start of its process"
@@ -59,7 +59,7 @@ class Teller:
             self.note(f"{what}: {' '.join(how.split())}")
 
     def table(self, studies: Sequence[Study]) -> None:
-        """A row a quantity."""
+        """One row for each quantity."""
         if self.quiet or not studies:
             return
         table = Table()
@@ -79,7 +79,7 @@ class Teller:
 
 
 def _orders(study: Study) -> str:
-    """Observed powers of h by order: those of the methods lie close together, the lowest is told."""
+    """Observed powers of h by order; of all methods the lowest, as they lie close together."""
     orders = sorted({order for order, _ in study.rates})
     lowest = {order: min(rate for (o, _), rate in study.rates.items() if o == order) for order in orders}
     return ", ".join(f"P{order}: {rate:.1f}" for order, rate in lowest.items())

@@ -1,4 +1,4 @@
-"""Which numbers of the last step are looked at: those asked for, else what every contact is asked about."""
+"""Which numbers of the last step are studied: those asked for, else the usual ones of every contact."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from solvers.scene.scene import Scene
 from workflows.cost.run_record import Run
 
 USUAL = ("max_pressure", "normal_force", "tangential_force")
-ZERO = 1e-9  # of the largest of its kind: a number that the scene does not have
+ZERO = 1e-9  # relative to the largest of its kind: smaller numbers count as zero
 
 
 def check(asked: Sequence[str], scene: Scene) -> None:
@@ -27,7 +27,7 @@ def check(asked: Sequence[str], scene: Scene) -> None:
 
 
 def chosen(asked: Sequence[str], scene: Scene, runs: Sequence[Run]) -> tuple[str, ...]:
-    """Names to look at, first those that the scene knows exactly; the usual ones only where they are not zero."""
+    """Names to study: first those with an exact value in the scene; of the usual ones those that are not zero."""
     if asked:
         return tuple(dict.fromkeys(asked))
     usual = [f"{contact}.{key}" for contact in scene.contacts for key in USUAL]

@@ -1,4 +1,4 @@
-"""What one run of a rung left: numbers, seconds, work, memory, and how it ended; a file each, so that none is lost."""
+"""The record of one run: numbers, seconds, work, memory, and how it ended; each in its own file."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ PHASES = ("mesh", "assemble", "prepare", "iterate", "output")
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """Only a run whose status is `converged` has quantities."""
+    """Record of one run; only a run with status `converged` has quantities."""
 
     rung: Rung
     status: str  # converged, not_converged, no_equilibrium, refused, out_of_memory, out_of_time, failed
-    number: int = 0  # by the order in which they were made
+    number: int = 0  # position in the order of the runs
     sentence: str = ""  # what went wrong
     spent: float = 0.0  # of the budget: start of the process and compiling of forms included [s]
     h: float = 0.0  # edge length where bodies touch [m]
@@ -33,7 +33,7 @@ class Run:
     linear_iterations: int = 0
     residual: float | None = None  # the largest of the steps
     law_error: float | None = None  # what the method's approximation of the laws leaves, relative, energy norm
-    compiled: bool = False  # forms were compiled meanwhile: its seconds are no measure
+    compiled: bool = False  # forms were compiled during the run: its seconds do not count
     quantities: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -42,16 +42,16 @@ class Run:
 
     @property
     def seconds(self) -> float:
-        """What the run costs: all phases."""
+        """Wall time of all phases [s]."""
         return sum(self.phases.values())
 
     def plain(self) -> dict[str, Any]:
-        """As JSON takes it."""
+        """As plain data for JSON."""
         return asdict(self)
 
 
 def store(run: Run, folder: Path) -> None:
-    """Write the run's file, whole or not at all.
+    """Write the run's file atomically.
 
     Raises:
         MachineError: the disk is full.

@@ -1,4 +1,4 @@
-"""One rung of the ladder: how fine, of which order, by which method, how exact; and the scene that it stands for."""
+"""One rung of the ladder: mesh level, order, method and tolerance; and its scene."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RATIO = sqrt(2)  # between the cells of neighbouring levels
 
 @dataclass(frozen=True, order=True)
 class Rung:
-    """Level 0 has the cells of the scene, every level above it cells smaller by RATIO."""
+    """Level 0 has the mesh sizes of the scene; each further level divides them by RATIO."""
 
     order: Literal[1, 2]
     method: str
@@ -24,17 +24,17 @@ class Rung:
 
     @property
     def factor(self) -> float:
-        """Cells over those of the scene."""
+        """Mesh size over that of the scene."""
         return float(RATIO**-self.level)
 
     @property
     def chain(self) -> tuple[int, str]:
-        """What stays the same while the mesh is refined."""
+        """What stays fixed while the mesh is refined: order, method."""
         return self.order, self.method
 
     @property
     def name(self) -> str:
-        """Of its file: no two rungs share one."""
+        """Name of its file, different for each rung."""
         return f"order{self.order}_{self.method}_level{self.level:+03d}_{self.tolerance:.0e}"
 
     def scene(self, scene: Scene) -> Scene:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from workflows.cost.run_record import Run
 from workflows.cost.study import Study
 
-FIRST = 1e-2  # the accuracy that is asked for first; each next digit is ten times as exact
+FIRST = 1e-2  # first relative error; each next digit divides it by ten
 
 
 def headline(studies: Sequence[Study]) -> str:
@@ -54,7 +54,7 @@ def seconds(value: float) -> str:
 
 
 def percent(value: float) -> str:
-    """Two digits of a share.
+    """A share in per cent, two digits.
 
     >>> percent(1.234), percent(0.0123), percent(2e-6)
     ('123 %', '1.2 %', '0.0002 %')
@@ -74,7 +74,7 @@ def _changes(run: Run, following: Run) -> str:
 
 
 def _least(study: Study, best: Run) -> str:
-    """The smallest error, and what keeps it from being smaller."""
+    """The smallest error, and what limits it."""
     if study.worst[best.rung] <= study.truth.uncertainty:
         return f"the reference itself is sure to {percent(study.truth.uncertainty)} only"
     return f"the best is {percent(study.sure[best.rung])} for {seconds(best.seconds)} with {choice(best, study)}"

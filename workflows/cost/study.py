@@ -12,12 +12,12 @@ from workflows.cost.run_record import Run
 from workflows.cost.rung import Rung
 from workflows.cost.truth import Truth
 
-LEAST = 1e-16  # so that an exact answer has a logarithm
+LEAST = 1e-16  # smallest error, so that an exact answer has a logarithm
 
 
 @dataclass(frozen=True)
 class Study:
-    """What the runs say about one quantity."""
+    """Errors and orders of one quantity over all runs."""
 
     truth: Truth
     runs: tuple[Run, ...]  # converged
@@ -25,7 +25,7 @@ class Study:
 
     @cached_property
     def errors(self) -> Mapping[Rung, float]:
-        """Relative, of every run."""
+        """Relative error of every run."""
         truth = self.truth
         return {run.rung: max(LEAST, abs(run.quantities[truth.name] - truth.value) / truth.scale) for run in self.runs}
 
@@ -35,7 +35,7 @@ class Study:
 
     @cached_property
     def worst(self) -> Mapping[Rung, float]:
-        """Error that no finer mesh or tighter tolerance of the same chain exceeds: a lucky crossing is no accuracy."""
+        """Largest error of a run and of all finer or tighter ones of its chain: a lucky crossing is no accuracy."""
         return {
             a: max(
                 error
@@ -52,28 +52,28 @@ class Study:
 
     @cached_property
     def sure(self) -> Mapping[Rung, float]:
-        """What the error is at most, wherever in its uncertainty the truth lies."""
+        """Upper bound of the error: the worst error plus the uncertainty of the reference."""
         return {rung: error + self.truth.uncertainty for rung, error in self.worst.items()}
 
     @cached_property
     def timed(self) -> tuple[Run, ...]:
-        """Runs whose seconds are a measure."""
+        """Runs whose time counts: no forms were compiled."""
         return tuple(run for run in self.runs if not run.compiled)
 
     @cached_property
     def front(self) -> tuple[Run, ...]:
-        """Runs that no other beats in both seconds and error, by rising cost; below the uncertainty all are equal."""
+        """The Pareto front by rising cost; errors below the uncertainty count as equal."""
         runs = self.timed if self.truth.converges else ()
         return tuple(runs[i] for i in front([(run.seconds, self.sturdy[run.rung]) for run in runs]))
 
     def cheapest(self, level: float) -> Run | None:
-        """The run that surely costs least among those with at most this error."""
+        """The cheapest run among those whose error is surely at most this."""
         good = [run for run in self.timed if self.truth.converges and self.sure[run.rung] <= level]
         return min(good, key=lambda run: run.seconds, default=None)
 
     @cached_property
     def most_exact(self) -> Run | None:
-        """Of the smallest error, the cheapest; of known price, if any is."""
+        """The cheapest of the runs with the smallest error; one whose time counts, if there is one."""
         if not self.runs or not self.truth.converges:
             return None
         return min(self.timed or self.runs, key=lambda run: (self.sturdy[run.rung], run.seconds))

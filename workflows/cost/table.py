@@ -1,4 +1,4 @@
-"""cost.csv and cost.json: every run, and what the runs say about every quantity."""
+"""The files cost.csv and cost.json: every run, and the study of every quantity."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ COUNTS = ("dofs", "contact_points", "volume_solves", "linear_iterations")
 
 
 def write_csv(path: Path, runs: Sequence[Run], studies: Sequence[Study]) -> None:
-    """One row a run, in the order in which they were made; empty where there is no number.
+    """One row for each run, in the order of the runs; a cell without a number is empty.
 
     Raises:
         MachineError: the disk is full.

@@ -1,4 +1,4 @@
-"""What a quantity ought to be: what the scene knows to be exact, else the limit of the surest sequence of meshes."""
+"""The reference value of a quantity: the scene's exact one, else the most certain limit of a sequence of meshes."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from solvers.scene.settings import Exact
 from workflows.cost.limit import Limit, limit
 from workflows.cost.run_record import Run
 
-LAW_ERROR = 1e-6  # relative, energy norm, beyond which a method solves other laws than the scene's
+LAW_ERROR = 1e-6  # relative law error (energy norm) above which a method solves other laws than the scene's
 SEQUENCE = 3  # meshes of one order that say more than two of another
-NOISE = 10.0  # times the tolerance: differences that the iteration alone may leave
+NOISE = 10.0  # times the tolerance: differences that the iteration alone can leave
 
 
 @dataclass(frozen=True)
 class Truth:
-    """The number that errors are measured by, relative to its size."""
+    """The reference value that errors are measured against."""
 
     name: str
     value: float
@@ -24,12 +24,12 @@ class Truth:
     source: str
     scale: float  # what errors are relative to
     converges: bool = True
-    meshes: int = 2  # that it rests on, at most; of one alone nothing follows
-    warning: str = ""  # what the runs have against it
+    meshes: int = 2  # number of meshes it rests on; one alone proves nothing
+    warning: str = ""  # how the runs contradict it, in words
 
 
 def truth_of(name: str, runs: Sequence[Run], exact: Exact, tolerance: float) -> Truth | None:
-    """The truth about a quantity; None if no run has it, or if it is zero in all."""
+    """The reference value of a quantity; None if no run has it, or if it is zero in all runs."""
     found = [abs(run.quantities[name]) for run in runs if run.converged]
     if name in exact.values:
         value = exact.values[name]
@@ -46,7 +46,7 @@ def truth_of(name: str, runs: Sequence[Run], exact: Exact, tolerance: float) -> 
         return None
     order = min(sure, key=lambda k: sure[k].uncertainty)
     best = sure[order]
-    # the orders must agree: what they differ by, beyond what the other one admits, is uncertain too
+    # the orders must agree: a difference beyond the other one's uncertainty is uncertainty too
     doubt = max([best.uncertainty, *(abs(best.value - o.value) - o.uncertainty for o in sure.values() if o.converges)])
     scale = abs(best.value) or max(found)
     if best.rate is None or not best.converges:
@@ -58,7 +58,7 @@ def truth_of(name: str, runs: Sequence[Run], exact: Exact, tolerance: float) -> 
 
 
 def _limits(name: str, runs: Sequence[Run], tolerance: float) -> tuple[dict[int, Limit], int]:
-    """The limit of each order that has about as many meshes as any; and how many that are."""
+    """The limit of each order with about as many meshes as the best one; and that number."""
     points = {order: _sequence(name, order, runs, tolerance) for order in sorted({run.rung.order for run in runs})}
     most = max((len(sequence) for sequence in points.values()), default=0)
     enough = max(1, min(SEQUENCE, most))
@@ -66,7 +66,7 @@ def _limits(name: str, runs: Sequence[Run], tolerance: float) -> tuple[dict[int,
 
 
 def _against(name: str, value: float, accuracy: float, runs: Sequence[Run], tolerance: float) -> str:
-    """Whether the runs settle elsewhere than at the value that the scene calls exact."""
+    """Whether the runs converge to another value than the scene's exact one, in words."""
     limits, meshes = _limits(name, runs, tolerance)
     settled = [limit for limit in limits.values() if limit.converges and meshes >= SEQUENCE]
     best = min(settled, key=lambda limit: limit.uncertainty, default=None)

@@ -1,1 +1,1 @@
-"""Pictures of bodies, contacts and histories."""
+"""Pictures and animations of bodies, contacts and histories."""

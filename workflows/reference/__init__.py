@@ -1,1 +1,1 @@
-"""Pages written from the code: scene keys, methods, folders."""
+"""Pages and tables generated from the code: scene keys, methods, folders."""

@@ -1,39 +1,30 @@
-"""README's table of methods, written from the code: `python -m workflows.reference.method_table` renews it.
-
-The column `when` is written by hand.
-"""
+"""README's table of methods, written from their classes: `python -m workflows.reference.method_table` renews it."""
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
-from solvers.scene.applicability import METHODS, Applicability
+from solvers.methods import METHODS
+from solvers.methods.applicability import Applicability
 
 README = Path(__file__).parents[2] / "README.md"
 COLUMNS = ("normal laws", "friction", "operators", "bodies", "`solver.surface`")
 HEAD = f"| `solver.method` | when | {' | '.join(COLUMNS)} |"
-ROW = re.compile(r"^\| `([a-z-]+)` \| ([^|]*) \|.*$")
 
 
 def renewed(text: str) -> str:
-    """README with every method's row as the code has it; what stands in `when` is kept.
-
-    Raises:
-        ValueError: a method has no row.
-    """
-    before, table, after = _split(text)
-    when = {found[1]: found[2] for line in table if (found := ROW.match(line))}
-    if missing := [name for name in METHODS if name not in when]:
-        raise ValueError(f"README's table of methods has no row for {', '.join(missing)}")
-    rows = [f"| `{name}` | {when[name]} | {' | '.join(columns(method))} |" for name, method in METHODS.items()]
+    """README with every method's row as its class has it."""
+    before, after = _split(text)
+    rows = [
+        f"| `{name}` | {method.WHEN} | {' | '.join(columns(method.WORKS_WITH))} |" for name, method in METHODS.items()
+    ]
     return "\n".join([*before, HEAD, "|" + "---|" * (2 + len(COLUMNS)), *rows, *after])
 
 
 def columns(method: Applicability) -> tuple[str, ...]:
     """What the method can do, a cell for each of `COLUMNS`.
 
-    >>> columns(METHODS["regularised"])
+    >>> columns(METHODS["regularised"].WORKS_WITH)
     ('unilateral, bilateral, compliance', 'coulomb, tresca; no k_T', 'rigid; no sliding', 'held by supports',
      'condensed')
     """
@@ -50,12 +41,12 @@ def _known(names: tuple[str, ...] | None) -> str:
     return "all" if names is None else ", ".join(names)
 
 
-def _split(text: str) -> tuple[list[str], list[str], list[str]]:
-    """Lines before the table, of it, and after it."""
+def _split(text: str) -> tuple[list[str], list[str]]:
+    """Lines before the table, and after it."""
     lines = text.split("\n")
     first = next(k for k, line in enumerate(lines) if line.startswith("| `solver.method` |"))
     last = next(k for k in range(first, len(lines)) if not lines[k].startswith("|"))
-    return lines[:first], lines[first:last], lines[last:]
+    return lines[:first], lines[last:]
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from geometry.keys import Choice, Key, Noun
 from geometry.user_files.user_file import Box, UserFile
 from solvers.effects import EFFECTS
 from solvers.scene.scene import Scene
+from workflows.scene_file.read import kinds_of_keys
 
 FILE = Path(__file__).parents[1] / "SCENE.md"
 HEAD = """# Scene file, version 1
@@ -28,7 +29,7 @@ TABLES = ("bodies", "obstacles", "contacts", "supports", "loads", "probes", "ste
 
 def reference() -> str:
     """The whole page."""
-    hints = get_type_hints(Scene, include_extras=True)
+    hints = kinds_of_keys()
     parts = [HEAD, "## Top level\n", *_table(_top_level(hints))]
     parts += _section("geometry", Builder)
     parts += ["### file\n", UserFile.__doc__ or "", "", *_table(_rows(UserFile)), ""]

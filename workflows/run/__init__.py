@@ -1,1 +1,1 @@
-"""One run: solve, write, resume, report doubts."""
+"""One run: solve, write, resume, warn."""

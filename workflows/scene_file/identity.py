@@ -12,15 +12,17 @@ from geometry.user_files.user_file import UserFile
 from solvers.scene.scene import Scene
 from workflows.scene_file.read import to_dict
 
-# of a scene: how it is told, what it is compared with, and when a step is given up
+# keys of a scene that change no answer: titles, output, references, and when a step is given up
 DECIDES_NOTHING = ("title", "output", "exact", "solver.max_iterations")
 
 
 def identity(scene: Scene, without: Collection[str]) -> dict[str, Any]:
-    """What decides the answers, as JSON reads it back; a geometry file counts by its content.
+    """The part of a scene that decides the answers, as plain JSON data; a geometry file counts by its content.
+
+    Changes of what `without` names are ignored.
 
     Args:
-        without: tables of the scene that decide nothing, and keys of its tables, as "table.key".
+        without: tables of the scene that change no answer, and keys of its tables, as "table.key".
     """
     plain = {key: value for key, value in to_dict(scene).items() if key not in without}
     for table, _, key in (name.partition(".") for name in without):
@@ -32,9 +34,15 @@ def identity(scene: Scene, without: Collection[str]) -> dict[str, Any]:
 
 
 def refuse_changes(before: Mapping[str, Any], now: Mapping[str, Any], target: Path) -> None:
-    """
+    """Refuse to go on in a folder that was begun with another scene.
+
+    Args:
+        before: identity of the scene that the results in `target` were begun with.
+        now: identity of the scene to go on with.
+        target: folder of results, for the message.
+
     Raises:
-        SceneError: the scene in `target` was another one; the first difference is named.
+        SceneError: the scenes differ; the first difference is named.
     """
     for key, old, new in _changes(before, now, ()):
         raise SceneError(
@@ -44,7 +52,7 @@ def refuse_changes(before: Mapping[str, Any], now: Mapping[str, Any], target: Pa
 
 
 def _changes(before: Any, now: Any, at: tuple[str, ...]) -> Iterator[tuple[str, Any, Any]]:
-    """Keys whose values differ, and both values; None where there is none."""
+    """Keys whose values differ, and both values; None where a key is absent."""
     if isinstance(before, Mapping) and isinstance(now, Mapping):
         for key in dict.fromkeys([*before, *now]):
             yield from _changes(before.get(key), now.get(key), (*at, key))

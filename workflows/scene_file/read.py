@@ -21,6 +21,7 @@ from geometry.shape import Model
 from geometry.user_files.opening import kind_of
 from geometry.user_files.user_file import WITH_PARAMETERS, UserFile
 from solvers.effects import EFFECTS
+from solvers.methods import Solver
 from solvers.scene.scene import Scene
 
 READY = Path(__file__).parents[1] / "scenes"
@@ -43,8 +44,12 @@ def read(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
         source: path of a TOML file, or the name of a ready scene.
         overrides: `KEY=VALUE` with a dotted key and a TOML value, as `--set` takes them.
 
+    Returns:
+        The scene: frozen, checked, with every default filled in; nothing is meshed.
+
     Raises:
-        SceneError: anything that the file or its values get wrong, in one line.
+        SceneError: the file, a key or a value is wrong; one line names it and what is expected.
+        GeometryError: the geometry's file is wrong.
     """
     path, data = _load(source, overrides)
     with named(path):
@@ -64,7 +69,7 @@ def read_geometry(source: str | Path, overrides: Sequence[str] = ()) -> tuple[Mo
             if key not in data:
                 raise SceneError(f"{key}: missing, every scene needs it")
         kind, table = _geometry(data["geometry"], path.parent)
-        model: Model = _parse(get_type_hints(Scene, include_extras=True)["model"], data["model"], ("model",))
+        model: Model = _parse(kinds_of_keys()["model"], data["model"], ("model",))
         return model, _parse(kind, table, ("geometry",))
 
 
@@ -112,6 +117,11 @@ def title_of(path: Path) -> str:
     return str(tomllib.loads(path.read_text(encoding="utf-8")).get("title", ""))
 
 
+def kinds_of_keys() -> dict[str, Any]:
+    """Type of every key of a scene: in [solver] stand the keys of all methods."""
+    return get_type_hints(Scene, include_extras=True) | {"solver": Solver}
+
+
 def from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Scene:
     """Validate parsed TOML; `folder` is where a relative `geometry.file` begins, by default the working folder.
 
@@ -125,7 +135,7 @@ def from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Scene:
     for key in core:
         if key not in known:
             raise SceneError(f"{key}: unknown key; {nearest(key, known | set(sections))}")
-    kinds = get_type_hints(Scene, include_extras=True)
+    kinds = kinds_of_keys()
     if "geometry" in core:
         kinds["geometry"], core["geometry"] = _geometry(core["geometry"], folder or Path())
     values = {"sections": {}} | {key: _parse(kinds[key], value, (key,)) for key, value in core.items()}
@@ -158,7 +168,7 @@ def _geometry(table: Any, folder: Path) -> tuple[Any, Any]:
 
 def to_dict(scene: Scene) -> dict[str, Any]:
     """The scene as plain data, every default filled in; `from_dict` reads it back."""
-    hints = get_type_hints(Scene, include_extras=True) | {"geometry": type(scene.geometry)}
+    hints = kinds_of_keys() | {"geometry": type(scene.geometry)}
     plain = {
         f.name: TypeAdapter(hints[f.name]).dump_python(
             getattr(scene, f.name), mode="json", by_alias=True, exclude_none=True

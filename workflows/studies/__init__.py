@@ -1,1 +1,1 @@
-"""Scripts that a person starts from and changes."""
+"""Short scripts to copy and change, and studies of the methods."""

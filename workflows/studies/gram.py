@@ -1,4 +1,4 @@
-"""What the Gram matrix does to condition numbers: `python -m workflows.studies.gram [N ...]` prints a table.
+"""Condition numbers with Gram preconditioners: `python -m workflows.studies.gram [N ...]` prints a table.
 
 The block of the ready scene, 4 x 2 m, n cells high, all of its base closed and sticking: condition number of
 Q^-1 B K_B^-1 B^T on forces, and the entries of the factor P beside those of the matrix's own lower triangle.
@@ -49,16 +49,16 @@ class Row:
     n: int
     reading: str
     spectrum: Array  # increasing
-    fill: float | None  # nothing is factorised, or the surface alone
+    fill: float | None  # None: nothing is factorised, or only the surface
 
     @property
     def condition(self) -> float:
-        """Largest beside smallest eigenvalue."""
+        """Largest over smallest eigenvalue."""
         return float(self.spectrum[-1] / self.spectrum[0])
 
 
 def scene(n: int, held: bool = True, dim: int = 2) -> Scene:
-    """The block, n cells high; in space 4 x 2 x 2 m."""
+    """The block, n cells high; 4 x 2 x 2 m in 3D."""
     last, zero = "xyz"[dim - 1], [0.0] * dim
     size = {"length": 4.0, "height": 2.0, "mesh_size": 2.0 / n} | ({"width": 2.0} if dim == 3 else {})
     top = {"boundary": "block.top", "displacement": dict.fromkeys("xyz"[:dim], 0.0)}
@@ -83,18 +83,18 @@ def block(n: int, held: bool = True, dim: int = 2) -> System:
 
 def surface_of(system: System) -> tuple[CondensedSurface, AdmissibleSet]:
     """K_B^-1 on the contact dofs, and the laws that say which rows carry tractions."""
-    volume = FactorisedVolume(system.K_B, system.contact_dofs, system.counters)
+    volume = FactorisedVolume(system.K_B, system.interface.dofs, system.counters)
     return prepare_surface(system, volume), AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
 
 
 def fill(system: System, gram: Gram) -> float:
-    """Entries of P beside those of an IC(0)."""
-    matrix, _ = contact_last(volume_gram(system, gram.length or system.extent), system.contact_dofs)
+    """Number of entries of P over that of IC(0)."""
+    matrix, _ = contact_last(volume_gram(system, gram.length or system.extent), system.interface.dofs)
     return float(incomplete_cholesky(matrix, drop_of(gram)).P.nnz / sparse.tril(matrix).nnz)
 
 
 def rows(n: int, dim: int = 2) -> Iterator[Row]:
-    """All readings at one size."""
+    """All choices of Q at one mesh size."""
     system = block(n, dim=dim)
     surface, cone = surface_of(system)
     carried = surface.N @ surface.flexibility @ surface.N.T
@@ -107,7 +107,7 @@ def rows(n: int, dim: int = 2) -> Iterator[Row]:
 
 
 def table(sizes: tuple[int, ...] = SIZES) -> Table:
-    """A column of condition numbers for each size, the fill in brackets."""
+    """One column of condition numbers for each mesh size, with the fill in brackets."""
     found = {n: list(rows(n)) for n in sizes}
     drawn = Table("Q", *(f"n = {n}" for n in sizes), title="condition number of Q^-1 B K_B^-1 B^T (fill)")
     for line in zip(*found.values(), strict=True):

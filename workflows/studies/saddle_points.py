@@ -1,4 +1,4 @@
-"""Uzawa's iteration on a linear saddle point: its factor by theory and as measured, exact and inexact, C = 0 or not."""
+"""Uzawa's iteration on a linear saddle point: contraction factor in theory and measured, exact and inexact solves."""
 
 from collections.abc import Iterator
 
@@ -34,7 +34,7 @@ WIDTHS = (9, 33, 9, 9, 9, 12)
 
 
 def factors(problem: SaddlePoint, Q: Array, inner: Inner, part: float) -> tuple[float, float, int]:
-    """Factor of theory, measured factor towards the end, iterations made."""
+    """Contraction factor in theory, measured factor of the last iterations, number of iterations."""
     bounds = Bounds.of(problem, Q)
     alpha = part * bounds.limit
     rate, weight = inner.rate(bounds, alpha)

@@ -1,4 +1,4 @@
-"""A history decided on the way: a pressed block is pushed until all of it slips, then back until it slips again."""
+"""A history that depends on the results: a pressed block is pushed until all of it slips, then back until it slips."""
 
 import stickslip
 

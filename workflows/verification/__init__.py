@@ -1,1 +1,1 @@
-"""Verification problems with closed forms or published figures, each run by the tests and by `stickslip verify`."""
+"""Problems with closed forms or published figures, for the tests and `stickslip verify`."""

@@ -1,4 +1,4 @@
-"""One figure of a verification problem: what was computed, what it must be, how far it may be off."""
+"""One number of a verification problem: computed value, reference, tolerance."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from geometry.arrays import Array
 
 @dataclass(frozen=True)
 class Check:
-    """Passes while the deviation does not exceed the tolerance; a value that is not a number never passes.
+    """A number and its reference; it passes if the deviation is at most the tolerance. NaN never passes.
 
     >>> Check("pressure [Pa]", 9.9, 10.0, 0.02, relative=True).passed
     True
@@ -20,7 +20,7 @@ class Check:
     False
     """
 
-    name: str  # quantity and unit, and where it was taken
+    name: str  # quantity, unit and place
     computed: float
     reference: float
     tolerance: float
@@ -59,7 +59,7 @@ def close(name: str, computed: float, reference: float, tolerance: float, scale:
 
 
 def within(name: str, computed: float, low: float, high: float) -> Check:
-    """A figure of which only the limits are known.
+    """A number of which only a lower and an upper limit are known.
 
     >>> within("iterations", 11, 0, 10).passed
     False
@@ -82,7 +82,7 @@ def failures(checks: Iterable[Check]) -> list[str]:
 
 
 def worst(checks: Iterable[Check]) -> list[Check]:
-    """Of each quantity, which is what a name ends with, the check that is nearest to failing, or has failed.
+    """For each quantity (the end of a check's name) the check that failed or is nearest to failing.
 
     >>> pressures = [Check(f"step {k}: pressure [Pa]", 10.0 + k, 10.0, 5.0, relative=False) for k in range(4)]
     >>> [check.name for check in worst([*pressures, Check("step 1: gap [m]", 0.0, 0.0, 0.1, relative=False)])]

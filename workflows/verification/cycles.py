@@ -1,4 +1,4 @@
-"""Histories that repeat: each cycle after the second is the second one again, and no work is lost on the way."""
+"""Cyclic histories: every cycle after the second repeats the second one, and the energy balance closes."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from solvers.results.step_result import ContactState, StepResult
 from workflows.verification.check import Check, close
 
 CYCLES = 5
-SAME = 1e-8  # beside the largest value of the same kind
+SAME = 1e-8  # relative to the largest value of the same kind
 BALANCE = 1e-9  # the trapezoid rule makes it exact: what is left is the solver's 1e-11 over the steps
-GAIN = 1e-10  # beside the work of the largest term: friction makes none
+GAIN = 1e-10  # relative to the largest energy: friction never gives energy back
 OF_A_NODE: Mapping[str, Callable[[ContactState], Array]] = {
     "tractions": lambda face: np.column_stack([face.pressure, face.traction]),
     "slip increments": lambda face: face.slip_increment,
@@ -23,10 +23,10 @@ OF_A_NODE: Mapping[str, Callable[[ContactState], Array]] = {
 
 
 def repeats(name: str, steps: Sequence[StepResult], per_cycle: int, same: float = SAME) -> list[Check]:
-    """Cycles 3, 4, ... against cycle 2: step by step at every node, and what they dissipate.
+    """Cycles 3, 4, ... against cycle 2: states of every node in every step, and the dissipation of each cycle.
 
     Args:
-        steps: whole cycles, without what leads up to the first.
+        steps: whole cycles, without the steps before the first one.
     """
     cycles = [steps[k : k + per_cycle] for k in range(0, len(steps), per_cycle)]
     second, loss = cycles[1], [_loss(cycle) for cycle in cycles]
@@ -41,7 +41,7 @@ def repeats(name: str, steps: Sequence[StepResult], per_cycle: int, same: float 
 
 
 def accounted(name: str, steps: Sequence[StepResult]) -> list[Check]:
-    """After every step the work done is what is stored and what the contacts took; none of them gives back friction."""
+    """After every step external work = stored energy + contact work, and no contact's dissipation decreases."""
     terms = np.array([[s.energy.external, s.energy.stored, s.energy.contact] for s in steps])
     scale = np.maximum.accumulate(np.abs(terms).max(axis=1))
     missing = np.abs(terms @ [1.0, -1.0, -1.0])
@@ -54,7 +54,7 @@ def accounted(name: str, steps: Sequence[StepResult]) -> list[Check]:
 
 
 def _apart(one: Sequence[StepResult], other: Sequence[StepResult], of: Callable[[ContactState], Array]) -> float:
-    """Largest difference over all steps, contacts and nodes, beside the largest value."""
+    """Largest difference over all steps, contacts and nodes, relative to the largest value."""
     pairs = [
         (of(face), of(b.contacts[key])) for a, b in zip(one, other, strict=True) for key, face in a.contacts.items()
     ]

@@ -1,4 +1,4 @@
-"""A system that no scene can say, solved: nodes that were moved, loads that vary in space."""
+"""Systems that no scene file can describe: moved nodes, loads that vary in space."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from solvers.simulation.resolve import resolve
 from solvers.stepping.stepper import Accepted, Stepper
 from solvers.system.system import System, assemble
 
-Move = Callable[[Array], Array]  # points (n, 3) [m] to where they shall be; a plane model's third coordinate stays 0
+Move = Callable[[Array], Array]  # maps points (n, 3) [m] to their new places; a plane model's third coordinate stays 0
 
 
 def system_of(scene: Scene, move: Move = lambda points: points) -> System:
-    """The scene assembled, on nodes that were moved."""
+    """The scene, assembled on a mesh whose nodes were moved."""
     from mpi4py import MPI
 
     mesh = build_mesh(scene.geometry, scene.request(), MPI.COMM_WORLD)
@@ -27,12 +27,12 @@ def system_of(scene: Scene, move: Move = lambda points: points) -> System:
 
 
 def accepted(system: System) -> Iterator[Accepted]:
-    """The requested times, one after the other."""
+    """Solve the requested times, one after the other."""
     yield from _march(Stepper(system))
 
 
 def observed(system: System) -> Iterator[StepResult]:
-    """What the requested times leave behind."""
+    """Results of the requested times."""
     stepper = Stepper(system)
     observe = Observer.of(stepper)
     yield from map(observe, _march(stepper))

@@ -28,7 +28,7 @@ from workflows.verification.cases import zeros as zeros_case
 from workflows.verification.check import Check
 
 TWO = ("condensed-newton", "uzawa")
-METHODS = (*TWO, "surface-uzawa")  # this one where it does not take minutes
+METHODS = (*TWO, "surface-uzawa")  # surface-uzawa where it does not take minutes
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,10 +1,13 @@
-"""How verification problems are solved: by a method's name; surface-uzawa as it is meant, without a dense matrix."""
+"""Solver settings of the verification problems: surface-uzawa runs matrix-free, as intended for large bodies."""
 
 from __future__ import annotations
 
+from solvers import methods
 from solvers.scene.settings import Solver
 
 
 def solver(method: str, tolerance: float) -> Solver:
     """`auto` would condense bodies as small as these."""
-    return Solver(method=method, tolerance=tolerance, surface="matrix-free" if method == "surface-uzawa" else "auto")
+    surface = "matrix-free" if method == "surface-uzawa" else "auto"
+    chosen: Solver = methods.Solver(method=method, tolerance=tolerance, surface=surface)
+    return chosen

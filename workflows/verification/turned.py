@@ -1,4 +1,4 @@
-"""A scene turned as a whole about any axis: nodes, obstacles and drives. Nothing that has no direction may change."""
+"""A scene rotated as a whole about any axis: nodes, obstacles and drives; scalar results must not change."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from workflows.verification.prepared import system_of
 
 
 def rotation(axis: tuple[float, float, float], angle: float) -> Array:
-    """Q (3, 3) of a right-handed turn.
+    """Rotation matrix (3, 3) of a right-handed turn.
 
     >>> rotation((0.0, 0.0, 2.0), np.pi / 2).round(12)[0]
     array([ 0., -1.,  0.])
@@ -30,7 +30,7 @@ def rotation(axis: tuple[float, float, float], angle: float) -> Array:
 
 
 def turned_system(scene: Scene, Q: Array) -> System:
-    """A scene with planes for obstacles, whose supports prescribe all components; a plane one turns about z."""
+    """A rotated scene; its obstacles are planes, its supports prescribe all components; a 2D scene turns about z."""
     turn = Q[: scene.dim, : scene.dim]
     planes = {name: _plane(obstacle, turn) for name, obstacle in scene.obstacles.items()}
     end = scene.steps.end

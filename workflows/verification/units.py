@@ -1,4 +1,4 @@
-"""A scene said in other units: each number is converted as the unit in its key demands."""
+"""A scene in other units: each number is converted by the unit of its key."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ EXPONENT = {"²": 2, "³": 3}
 
 @dataclass(frozen=True, kw_only=True)
 class Units:
-    """How many of the new units a metre and a newton are; seconds stay seconds.
+    """One metre and one newton in the new units; seconds stay seconds.
 
     In plane models forces and energies are per length of thickness, whatever their unit says.
     """
@@ -27,7 +27,7 @@ class Units:
     plane: bool
 
     def factor(self, unit: str, noun: Any = None) -> float:
-        """What a number of this unit is multiplied by; an exponent may be named by another field of its noun.
+        """Factor for a number of this unit; an exponent may be the name of another field of the same table.
 
         >>> mm = Units(length=1000.0, force=1.0, plane=False)
         >>> mm.factor("m/s²"), mm.factor("Pa"), mm.factor("-")
@@ -53,7 +53,7 @@ def in_millimetres(scene: Scene) -> Scene:
 
 
 def millimetres(scene: Scene) -> Units:
-    """The units of that."""
+    """The units mm, N, MPa, t of a scene."""
     return Units(length=1000.0, force=1.0, plane=scene.model in ("plane strain", "plane stress"))
 
 

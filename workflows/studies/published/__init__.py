@@ -1,1 +1,1 @@
-"""The published methods, measured: what the source claims, and whether it holds."""
+"""The published methods, measured: what the paper claims, and whether it holds."""

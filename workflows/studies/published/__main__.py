@@ -1,6 +1,6 @@
 """Claims and measurements: `python -m workflows.studies.published [-o DIR] [--small]` writes DIR/published.md.
 
-Every measurement is kept as it ends; one that is there already is not repeated. Remove DIR to begin anew.
+Every measurement is saved when it ends; one that exists is not repeated. Remove DIR to begin anew.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from workflows.writers.aside import make_folder
 
 
 def measured(output: Path, sizes: Sizes) -> Rows:
-    """All rows, those of an earlier run among them; whatever is missing is measured."""
+    """All rows: those of an earlier run are read, the missing ones are measured."""
     make_folder(output)
     make_folder(output / "rows")
     todo = list(measurements(sizes))

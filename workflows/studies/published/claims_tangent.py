@@ -1,4 +1,4 @@
-"""Section 1 and 4 of the source: Newton-Raphson on contact elements, and the linear systems that it leads to."""
+"""Claims of sections 1 and 4 of the source: Newton-Raphson on contact elements, and its linear systems."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from workflows.studies.published.finding import (
 )
 from workflows.studies.published.tangent import CLASSICAL, DIRECT, PLAIN, RELAXED, STABILISED
 
-SYMMETRIC = 1e-12  # unsymmetry that is rounding
-GROWS = 0.5  # slope from which something grows
-OFF = 1e-6  # relative error of a solution that computation has spoilt
-FIRST_ORDER = 0.1  # by which a slope may miss -1
-SQUARABLE = 1e-7  # residual whose square rounding does not hide
+SYMMETRIC = 1e-12  # asymmetry due to rounding
+GROWS = 0.5  # log-log slope above which a quantity counts as growing
+OFF = 1e-6  # relative error above which rounding has spoilt a solution
+FIRST_ORDER = 0.1  # tolerance of a slope of -1
+SQUARABLE = 1e-7  # smallest residual whose square is above rounding
 CONSTANT = 100.0  # of quadratic convergence, residuals relative to p_ref
-SPOILT = 1e-3  # relative error of a solution that is of no use
+SPOILT = 1e-3  # relative error above which a solution is useless
 FEW = 100  # iterations
 
 
 def quadratic(rows: Rows) -> Finding:
-    """The last step of Newton's iteration whose square is no rounding squares the residual, to a constant."""
+    """Newton converges quadratically: the last step above rounding squares the residual, up to a constant."""
     cases, steps = {}, list[str]()
     for row in chosen(rows["newton"], status="converged"):
         steps_of = [pair for pair in pairwise(row["history"]) if pair[0] >= SQUARABLE]
@@ -51,7 +51,7 @@ def first_order(rows: Rows) -> Finding:
 
 
 def stated(rows: Rows) -> Finding:
-    """What it states is no less than what it is."""
+    """The stated error is not less than the true one."""
     done = chosen(rows["omega"], status="converged")
     cases = {f"ω h/E = {row['omega_factor']:g}": row["stated"] >= row["error"] for row in done}
     times = {f"{row['omega_factor']:g}": row["stated"] / row["error"] for row in done}
@@ -59,14 +59,14 @@ def stated(rows: Rows) -> Finding:
 
 
 def unsymmetric(rows: Rows) -> Finding:
-    """Wherever something slides."""
+    """The tangent is unsymmetric wherever a point slips."""
     direct = sorted(chosen(_direct(rows), form="displacements"), key=lambda row: float(row["mu"]))
     found = {f"mu = {row['mu']:g}": row["unsymmetry"] for row in direct}
     return Finding({mu: value > SYMMETRIC for mu, value in found.items()}, f"|K - Kᵀ|/|K|: {said(found)}")
 
 
 def ill_conditioned(rows: Rows) -> Finding:
-    """Its condition number grows."""
+    """The condition number of the tangent grows."""
     found = {}
     for form in different(_direct(rows), "form"):
         direct = chosen(_direct(rows), form=form)
@@ -78,7 +78,7 @@ def ill_conditioned(rows: Rows) -> Finding:
 
 
 def direct_is_slow(rows: Rows) -> Finding:
-    """Some incomplete factorisation beats MUMPS on the finest mesh."""
+    """An incomplete factorisation is faster than MUMPS on the finest mesh."""
     cases, figures = {}, list[str]()
     for name, found in _finest(rows).items():
         fill = chosen(found, solver=DIRECT)[0]["fill"]
@@ -93,7 +93,7 @@ def direct_is_slow(rows: Rows) -> Finding:
 
 
 def direct_is_wrong(rows: Rows) -> Finding:
-    """Rounding spoils what it finds."""
+    """Rounding spoils the solution of the direct solver."""
     done = [row for row in _direct(rows) if row.get("error") is not None]
     cases = {_where(row): row["error"] > OFF for row in done}
     worst = max((row["error"] for row in done), default=0.0)
@@ -102,7 +102,7 @@ def direct_is_wrong(rows: Rows) -> Finding:
 
 
 def classical_is_slow(rows: Rows) -> Finding:
-    """More than a hundred iterations, or none that converge, on the finest mesh."""
+    """More than a hundred iterations on the finest mesh, or no convergence."""
     cases, figures = {}, list[str]()
     for name, found in _finest(rows).items():
         (row,) = chosen(found, solver=CLASSICAL)
@@ -121,7 +121,7 @@ def stabilised(rows: Rows) -> Finding:
 
 
 def ilu_is_free_of_h(rows: Rows) -> Finding:
-    """Iterations of every preconditioned GMRES, unknowns the displacements."""
+    """Iterations of every preconditioned GMRES, displacements as unknowns."""
     tangents = chosen(rows["tangent"], form="displacements")
     found = {}
     for solver in different(tangents, "solver"):
@@ -133,7 +133,7 @@ def ilu_is_free_of_h(rows: Rows) -> Finding:
 
 
 def ilu_stands_penalties(rows: Rows) -> Finding:
-    """No more iterations for large omega than for small ones, and a solution that a residual of 1e-8 vouches for."""
+    """No more iterations for large omega than for small ones, and a solution as exact as its residual of 1e-8."""
     cases, figures = {}, list[str]()
     for form in different(rows["tangent"], "form"):
         found = _alike(chosen(rows["tangent"], form=form, solver=PLAIN), "omega_factor")
@@ -171,7 +171,7 @@ def _where(row: Row) -> str:
 
 
 def _alike(rows: list[Row], key: str) -> list[Row]:
-    """Rows that differ by one key alone: those whose other parameters are the most frequent; increasing."""
+    """Rows that differ in one key only (the other parameters have their most frequent values), by rising key."""
     others = [k for k in ("dim", "n", "mu", "omega_factor") if k != key]
     kinds: dict[tuple[float, ...], dict[float, Row]] = {}
     for row in rows:

@@ -1,4 +1,4 @@
-"""Section 1 and 5 of the source: the bound on alpha, inexact inner solves, and the Gram matrix as a preconditioner."""
+"""Claims of sections 1 and 5 of the source: bound on alpha, inexact inner solves, Gram matrix as preconditioner."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from workflows.studies.published.finding import (
 )
 from workflows.studies.published.spectrum import PLAIN
 
-SAME = 0.01  # difference of two factors that is none
-GROWS = 0.5  # slope from which something grows with 1/h
-AS_MANY = 1.1  # times as many iterations are as many
+SAME = 0.01  # difference below which two factors count as equal
+GROWS = 0.5  # log-log slope above which a quantity counts as growing with 1/h
+AS_MANY = 1.1  # ratio up to which two numbers of iterations count as equal
 
 
 def bound(rows: Rows) -> Finding:
-    """Without projection it is sharp: below it all converges, above it nothing."""
+    """Without projection the bound is sharp: all runs below it converge, none above it."""
     cases, figures = {}, dict[str, float]()
     for C in different(rows["linear"], "C"):
         exact = chosen(rows["linear"], C=C, exact=True)
@@ -35,7 +35,7 @@ def bound(rows: Rows) -> Finding:
 
 
 def bound_with_friction(rows: Rows) -> Finding:
-    """With the cone of Coulomb's law the source proves nothing; below the bound it is asked to converge."""
+    """With Coulomb friction the source proves nothing; runs below the bound should converge."""
     coulomb = chosen(rows["step"], friction="coulomb")
     cases = {f"αλ₁/2 = {row['part']:g}": row["status"] == "converged" for row in coulomb if row["part"] < 1}
     beyond = [f"{row['part']:g}" for row in coulomb if row["part"] > 1 and row["status"] == "converged"]
@@ -53,7 +53,7 @@ def richardson(rows: Rows) -> Finding:
 
 
 def inexact_bound(rows: Rows) -> Finding:
-    """The same bound with delta_k: every rule is asked to converge at every part below 1."""
+    """The same bound with inexact solves delta_k: every rule should converge at every fraction below 1."""
     inexact = [row for row in rows["linear"] if not row["exact"] and row["part"] < 1]
     cases = {
         rule: all(row["measured"] < 1 for row in chosen(inexact, inner=rule)) for rule in different(inexact, "inner")
@@ -84,7 +84,7 @@ def condition_grows(rows: Rows) -> Finding:
 
 
 def gram_is_free_of_h(rows: Rows) -> Finding:
-    """Every reading and every factor."""
+    """The condition number does not depend on h: every choice of the Gram matrix, every factor."""
     found = {
         f"{reading}, {dim}": value
         for reading in READINGS
@@ -113,7 +113,7 @@ def gram_saves(rows: Rows) -> Finding:
 
 
 def superlinear(rows: Rows) -> Finding:
-    """Its contraction falls: the last tenth of the iterations contracts better than half the second one."""
+    """Superlinear: the contraction in the last tenth of the iterations is below half of that in the second tenth."""
     cases, figures = {}, dict[str, float]()
     for row in chosen(rows["chen"], status="converged"):
         r = row["history"]
@@ -134,7 +134,7 @@ def given_friction(rows: Rows) -> Finding:
 
 
 def any_friction(rows: Rows) -> Finding:
-    """Method by method, every coefficient of friction tried."""
+    """Every coefficient of friction, method by method."""
     cases, failed = {}, list[str]()
     for method in different(rows["mu"], "method"):
         bad = [f"{r['mu']:g}" for r in chosen(rows["mu"], method=method) if r["status"] != "converged"]

@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from geometry.errors import StickslipError
 from solvers.interface.schur_complement import CondensedSurface
-from solvers.methods.contact_element import penalties
+from solvers.methods.perturbed_lagrangian import PerturbedLagrangian
 from solvers.methods.uzawa import Uzawa
 from solvers.results.observe import law_error
 from solvers.scene.scene import Scene
@@ -20,11 +20,11 @@ from workflows.studies.published.scenes import scene
 from workflows.studies.published.spectrum import plain
 
 EXACT = 1e-10  # tolerance of a reference
-TRIED = 3000  # iterations in which a step size shows what it does
+TRIED = 3000  # iterations after which a step size has shown whether it converges
 
 
 def march(found: Scene) -> tuple[Simulation, list[Accepted], str]:
-    """All steps, without results; how far they came, and how they ended."""
+    """Solve all steps without results; how many were solved, and how the run ended."""
     simulation, accepted = prepare(found, MPI.COMM_SELF), list[Accepted]()
     state = simulation.stepper.start()
     for time in found.requested_times():
@@ -46,7 +46,7 @@ def solved(
     given: float | None = None,
     **solver: Any,
 ) -> list[Row]:
-    """One row: both steps together, so that a method that fails has no counts."""
+    """One row for both steps together; a method that fails has no counts."""
     simulation, accepted, status = march(scene(dim, n, mu, normal, drag, given=given, method=method, **solver))
     row: Row = {"dim": dim, "n": n, "method": method, "mu": mu, "normal": normal, "drag": drag} | solver
     row |= {"status": status, "dofs": simulation.system.constraints.free_total}
@@ -59,7 +59,7 @@ def solved(
 
 
 def springs(dim: int, n: int, omega_factor: float) -> list[Row]:
-    """The perturbed Lagrangian beside condensed-newton: its error in energy norm, true and stated.
+    """The perturbed Lagrangian against condensed-newton: true and stated error in the energy norm.
 
     Its condition number is that of B K_B^-1 B^T - K_C, K_C = -W/ω.
     """
@@ -73,7 +73,8 @@ def springs(dim: int, n: int, omega_factor: float) -> list[Row]:
     K, u = exact[0].system.K, exact[1][-1].state.u
     off, problem = accepted[-1].state.u - u, accepted[-1].problem
     assert isinstance(problem.surface, CondensedSurface)
-    values = plain(problem.surface, problem.cone, 1 / penalties(simulation.system))
+    omega = PerturbedLagrangian.of(simulation.system.problem.solver).penalties(simulation.system)
+    values = plain(problem.surface, problem.cone, 1 / omega)
     return [
         row
         | {"condition": values[-1] / values[0]}

@@ -1,4 +1,4 @@
-"""What the rows say of a claim: in which cases it holds, and by what figure."""
+"""The verdict on a claim: in which cases it holds, and the numbers behind it."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 Row = dict[str, Any]
 Rows = Mapping[str, list[Row]]  # by study
 HOLDS, HOLDS_NOT, UNKNOWN = "holds", "does not hold", "not measured"
-FREE_OF_H = 0.1  # slope of log-log below which something does not depend on h
+FREE_OF_H = 0.1  # log-log slope below which a quantity counts as independent of h
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Cases in which a claim was tried, each true or false, and the figures behind."""
+    """Cases in which a claim was tested, each true or false, and the numbers behind it."""
 
     cases: Mapping[str, bool]
     figure: str
@@ -37,7 +37,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Claim:
-    """Where it stands, what it says, and who decides."""
+    """A claim: where the source makes it, what it says, and the function that tests it."""
 
     source: str
     says: str
@@ -50,7 +50,7 @@ def chosen(rows: Iterable[Row], **keys: Any) -> list[Row]:
 
 
 def different(rows: Iterable[Row], key: str) -> list[Any]:
-    """Values of a key, each once, in the order of the rows."""
+    """Different values of a key, in the order of the rows."""
     return list(dict.fromkeys(row[key] for row in rows))
 
 
@@ -88,7 +88,7 @@ def between(values: Iterable[float], form: str = ".2g") -> str:
 
 
 def said(figures: Mapping[str, float], form: str = ".2g") -> str:
-    """One behind the other.
+    """Join the cases in one sentence.
 
     >>> said({"2D": 1.04, "3D": 0.5})
     '2D 1; 3D 0.5'

@@ -1,4 +1,4 @@
-"""What is measured: every study of the page with its parameters, cheapest first."""
+"""The measurements: every study of the page with its parameters, cheapest first."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from solvers.scene.applicability import METHODS
+from solvers.methods import METHODS
 from workflows.studies.published.contact import solved, springs, stepped
 from workflows.studies.published.finding import Row
 from workflows.studies.published.linear import linear
@@ -32,20 +32,20 @@ MEASURED: Mapping[str, Callable[..., list[Row]]] = {
     "tangent": tangent,
 }
 Mesh = tuple[int, int]
-TIGHT = 1e-11  # tolerance by which the order of convergence is seen
-GIVEN = 0.006  # bound of friction [Pa] with which a part slips
+TIGHT = 1e-11  # tolerance tight enough to show the order of convergence
+GIVEN = 0.006  # friction bound [Pa] at which a part of the base slips
 MU, OMEGA = 0.3, 1e3  # of the ready scenes, and by default
 INNER_RULES = ("elman-golub", "bramble-pasciak-vassilev")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sizes:
-    """How far each study goes; meshes are dimension and n, cells over the height."""
+    """Meshes and parameters of each study; a mesh is the dimension and n, the number of cells over the height."""
 
     meshes: tuple[Mesh, ...] = ((2, 4), (2, 8), (2, 16), (2, 32), (3, 2), (3, 4), (3, 8))
     spectra: tuple[Mesh, ...] = ((2, 4), (2, 8), (2, 16), (2, 32), (3, 4), (3, 8), (3, 10))
     tangents: tuple[Mesh, ...] = ((2, 8), (2, 16), (2, 32), (2, 64), (3, 4), (3, 8), (3, 12))
-    at: Mesh = (2, 16)  # of the studies against anything but h
+    at: Mesh = (2, 16)  # for all studies that do not vary h
     mu: tuple[float, ...] = (0.0, 0.1, 0.3, 1.0, 3.0)
     omega: tuple[float, ...] = (1e1, 1e2, 1e3, 1e4, 1e5, 1e6)
     inner: tuple[float, ...] = (0.01, 0.1, 0.3, 0.6, 0.9)
@@ -75,12 +75,12 @@ class Measurement:
 
     @property
     def name(self) -> str:
-        """Of its file."""
+        """Name of its file."""
         parts = [self.study, *(f"{key}-{value}" for key, value in self.keys.items())]
         return "_".join(parts).replace(" ", "-").replace("/", "-")
 
     def rows(self, folder: Path) -> list[Row]:
-        """Measured, or read if it was measured before."""
+        """The rows: read if they were measured before, else measured."""
         path = folder / f"{self.name}.json"
         if not path.exists():
             found = MEASURED[self.study](**self.keys)
@@ -125,7 +125,7 @@ def measurements(sizes: Sizes) -> Iterator[Measurement]:
 
 
 def _tangents(sizes: Sizes) -> Iterator[Measurement]:
-    """Against h, then omega and mu on one mesh."""
+    """The slip tangent against h; then against omega and mu on one mesh."""
     cases = [(mesh, MU, OMEGA) for mesh in sizes.tangents]
     cases += [(sizes.at, MU, omega) for omega in sizes.omega]
     cases += [(sizes.at, mu, OMEGA) for mu in sizes.mu]

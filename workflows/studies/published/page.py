@@ -1,4 +1,4 @@
-"""The page: claims and verdicts, then every study as a table with its picture."""
+"""The page: claims with verdicts, then a table and a picture for every study."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ def methods(rows: list[Row]) -> bytes:
 
 
 def friction(rows: list[Row]) -> bytes:
-    """Iterations against mu, on a scale that has a zero."""
+    """Iterations against mu, on a scale that includes zero."""
     figure = Figure(figsize=(9, 5), layout="constrained")
     axes = figure.subplots(1, 1, squeeze=False)
     _lines(axes[0, 0], rows, "method", "mu", "iterations", "symlog")
@@ -88,7 +88,7 @@ def tangents(rows: list[Row]) -> bytes:
 
 
 def _varying(rows: list[Row], key: str) -> list[Row]:
-    """Those of one mesh, mu and omega but for the key: the values that are the most frequent."""
+    """Rows in which only the key varies; mesh, mu and omega have their most frequent values."""
     others = [k for k in ("n", "mu", "omega_factor") if k != key]
     kinds: dict[tuple[float, ...], list[Row]] = {}
     for row in rows:
@@ -98,7 +98,7 @@ def _varying(rows: list[Row], key: str) -> list[Row]:
 
 
 def _lines(axis: Any, rows: list[Row], kind: str, x: str, y: str, scale: str = "log") -> None:
-    """A line for each kind; rows without a value are left out. "symlog" has a zero."""
+    """One line for each kind; rows without a value are left out. The scale "symlog" includes zero."""
     kinds = different(rows, kind)
     axis.set_yscale("log")
     axis.set_xscale(scale, **({"linthresh": 0.1} if scale == "symlog" else {}))
@@ -125,7 +125,7 @@ def _colours(kinds: list[Any]) -> list[Any]:
 
 
 def _png(figure: Figure, axes: Any) -> bytes:
-    """With one legend for all."""
+    """Save as PNG, with one legend for all axes."""
     known = {
         label: line for axis in axes.ravel() for line, label in zip(*axis.get_legend_handles_labels(), strict=True)
     }

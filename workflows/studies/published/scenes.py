@@ -1,4 +1,4 @@
-"""The ready scenes `block` and `cube` with n cells over the height, any friction, dragged as far as that asks for."""
+"""The ready scenes `block` and `cube` with n cells over the height, any friction, sheared far enough to slip."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from workflows.scene_file.read import read
 
 PRESSED = {2: 0.1, 3: 0.05}  # m, in the first step
 DRAGGED = {2: 0.05, 3: 0.02}  # m, in the second
-PULL = 2.0  # dragged that many times mu as far as pressed, a part of the base slips whatever mu
+PULL = 2.0  # shear over (mu times indentation) at which a part of the base slips, for any mu
 
 
 def slipping(dim: int, mu: float) -> float:
-    """Drag [m] for that."""
+    """Shear displacement [m] at which a part of the base slips."""
     return round(PULL * mu * PRESSED[dim], 9)
 
 

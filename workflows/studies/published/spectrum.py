@@ -1,4 +1,4 @@
-"""Spectra of Q^-1 B K_B^-1 B^T for every metric Q that a method takes, all of the base closed and sticking."""
+"""Spectra of Q^-1 B K_B^-1 B^T for the metric Q of every method, with the whole base closed and sticking."""
 
 from __future__ import annotations
 

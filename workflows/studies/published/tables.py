@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from workflows.studies.published.finding import Row
 
-LONG = ("history", "values")  # lists: in the rows' own files, not in the CSV
+LONG = ("history", "values")  # lists: kept in the rows' own files, not in the CSV
 
 
 def markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
@@ -30,7 +30,7 @@ def pivot(
     cell: Callable[[Row], str],
     heads: Sequence[str],
 ) -> str:
-    """A line for each of `line`'s values, a column for each of `column`'s, both in the order of the rows."""
+    """One line for each value of `line`, one column for each value of `column`, in the order of the rows."""
     cells: dict[tuple[str, ...], dict[str, str]] = {}
     columns: dict[str, None] = {}
     for row in rows:

@@ -1,4 +1,4 @@
-"""The slip tangent of the perturbed Lagrangian by GMRES with incomplete LU, side by side with MUMPS."""
+"""The slip tangent of the perturbed Lagrangian, solved by GMRES with incomplete LU and by MUMPS."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 
 from solvers.analysis.slip_tangent import SlipTangent, unsymmetry
 from solvers.analysis.tangent_solves import ILU, Solve, condition, gauss_seidel, gmres, mumps
-from solvers.methods.contact_element import SLIP, penalties
+from solvers.methods.contact_element import SLIP
+from solvers.methods.perturbed_lagrangian import PerturbedLagrangian
 from workflows.studies.published.contact import march
 from workflows.studies.published.finding import Row
 from workflows.studies.published.scenes import scene, slipping
@@ -42,16 +43,17 @@ def tangent(dim: int, n: int, mu: float, omega_factor: float) -> list[Row]:
     if status != "converged":
         names = [(form, solver) for form in FORMS for solver in (DIRECT, *SOLVERS)]
         return [row | {"form": form, "solver": solver, "status": f"no tangent: {status}"} for form, solver in names]
-    matrix = SlipTangent.at(simulation.system, accepted[-1], penalties(simulation.system))
+    omega = PerturbedLagrangian.of(simulation.system.problem.solver).penalties(simulation.system)
+    matrix = SlipTangent.at(simulation.system, accepted[-1], omega)
     row["sliding"] = matrix.share(SLIP)
     systems = dict(zip(FORMS, (matrix.of_displacements, matrix.of_both), strict=True))
     return [solve for form, (K, f) in systems.items() for solve in _solved(row | {"form": form}, K, f)]
 
 
 def _solved(row: Row, K: Any, force: Any) -> Iterator[Row]:
-    """A row for each solver; the first one, MUMPS, tells of the matrix too."""
+    """One row for each solver; the first one, MUMPS, also has the data of the matrix."""
     x = mumps(K, force).x
-    b = K @ x  # so that x is known
+    b = K @ x  # the exact x is known
     direct = mumps(K, b)
     matrix = {"dofs": K.shape[0], "unsymmetry": unsymmetry(K), "condition": condition(K)}
     yield row | matrix | _told(DIRECT, direct, x, direct)
@@ -60,7 +62,7 @@ def _solved(row: Row, K: Any, force: Any) -> Iterator[Row]:
 
 
 def _told(name: str, solve: Solve, x: Any, direct: Solve) -> Row:
-    """Its error is that of the solution; seconds are those of MUMPS in the same process, times `ratio`."""
+    """One row: error of the solution; seconds are those of MUMPS in the same process, times `ratio`."""
     done = solve.ended == "converged"
     off = float(np.linalg.norm(solve.x - x) / np.linalg.norm(x)) if done or name == DIRECT else None
     return {

@@ -1,1 +1,1 @@
-"""Verification problems as scenes."""
+"""The verification problems, each a scene, its check and its source."""

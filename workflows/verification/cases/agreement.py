@@ -1,4 +1,4 @@
-"""Every method on the ready scenes `block`, `cube`, `cylinders`, `shrink_fit`: one answer, each found in its own way.
+"""All methods give one answer on the ready scenes `block`, `cube`, `cylinders`, `shrink_fit`.
 
 Forces B^T p, resultants and displacements are compared. A method that approximates the laws runs at three levels of its
 approximation: each states an error that holds, and the limit is the answer of the others.
@@ -15,10 +15,9 @@ import numpy as np
 
 from geometry.arrays import Array
 from geometry.errors import SceneError
+from solvers.methods import METHODS, Solver
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.scene import Scene
-from solvers.scene.settings import Solver
 from solvers.simulation.plan import make_plan
 from solvers.simulation.simulation import Simulation, prepare
 from workflows.scene_file.read import read
@@ -29,7 +28,7 @@ ALL = tuple(method for method in METHODS if method != "auto")
 TOLERANCE = 1e-11  # of the residual
 AGREEMENT = 1e-8  # of what is compared, relative: that tolerance times the condition of these scenes
 BLOCK = ("geometry.mesh_size=0.4", "geometry.contact_mesh_size=0.2")
-# half of an arc may never touch: were it a candidate, Uzawa's methods would take steps 5 times as small
+# half of an arc never touches: as a candidate it would make the steps of Uzawa's methods 5 times smaller
 CYLINDERS = (
     "geometry.mesh_size=2.0",
     "geometry.lower_mesh_size=2.7",
@@ -68,7 +67,7 @@ def scene(name: str, method: str, **solver: Any) -> Scene:
 
 
 def fits(name: str, method: str) -> bool:
-    """Whether the method can do what the scene asks."""
+    """Whether the method can solve the scene."""
     try:
         make_plan(scene(name, method))
     except SceneError:
@@ -78,7 +77,7 @@ def fits(name: str, method: str) -> bool:
 
 @dataclass(frozen=True)
 class Answer:
-    """All steps, and what is compared: a row for each of them."""
+    """All steps, and the compared quantities: one row for each step."""
 
     simulation: Simulation
     steps: tuple[StepResult, ...]
@@ -93,7 +92,7 @@ class Answer:
         }
 
     def energy_norm(self, other: Answer) -> Iterator[float]:
-        """Of the difference of each step from another answer's, relative to the largest so far; on one rank."""
+        """Energy norm of the difference from another answer, by step, relative to the largest so far; one rank only."""
         system = self.simulation.system
         apart, own = system.K.createVecRight(), system.nodes.input[: system.nodes.owned]
         peak = 0.0
@@ -104,7 +103,7 @@ class Answer:
 
 
 def _resultants(step: StepResult) -> Array:
-    """On contacts and supports; the force that presses tells what is large where the sum of all is 0."""
+    """Resultants on contacts and supports; the pressing force is the scale where their sum is 0."""
     found = [np.append(c.force, c.normal_force) for c in step.contacts.values()]
     found += [force for force, _ in step.supports.values()]
     return np.concatenate(found)
@@ -112,13 +111,13 @@ def _resultants(step: StepResult) -> Array:
 
 @lru_cache
 def solve(name: str, method: str, **solver: Any) -> Answer:
-    """A scene by a method, with these keys of it."""
+    """Solve a scene by a method with the given keys."""
     simulation = prepare(scene(name, method, **solver))
     return Answer(simulation, tuple(simulation.steps()))
 
 
 def apart(found: Mapping[str, Array], expected: Mapping[str, Array]) -> dict[str, float]:
-    """The largest difference of each quantity in any step, beside the largest of it in that step."""
+    """Largest difference of each quantity over all steps, relative to its largest value in that step."""
     return {
         key: float(np.max(np.abs(found[key] - values).max(axis=1) / np.abs(values).max(axis=1)))
         for key, values in expected.items()
@@ -126,13 +125,13 @@ def apart(found: Mapping[str, Array], expected: Mapping[str, Array]) -> dict[str
 
 
 def limit(levels: Array, found: list[dict[str, Array]]) -> dict[str, Array]:
-    """Where quantities tend to as their level does to 0: by the polynomial through them (Richardson)."""
+    """Limit of the quantities for level -> 0: the polynomial through them at 0 (Richardson)."""
     weights = [np.prod([other / (other - own) for other in levels if other != own]) for own in levels]
     return {key: np.asarray(sum(w * f[key] for w, f in zip(weights, found, strict=True))) for key in found[0]}
 
 
 def mixed(name: str) -> list[Check]:
-    """Part of the surface sticks and part slips in the end, or the methods would agree on something simple."""
+    """Part of the surface sticks and part slips at the end: the answer on which the methods agree is not trivial."""
     contacts = solve(name, REFERENCE).steps[-1].contacts.values()
     return [
         within(f"{name}: share that sticks", c.stick_area / (c.stick_area + c.slip_area), 0.1, 0.9) for c in contacts
@@ -147,7 +146,7 @@ def agree(name: str, method: str, **solver: Any) -> list[Check]:
 
 
 def approach(name: str, method: str) -> list[Check]:
-    """A method that approximates them: within what it states at each level, and in the limit the same."""
+    """A method that approximates the laws: within its stated error at each level, and the reference in the limit."""
     reference, (key, values) = solve(name, REFERENCE), LEVELS[method]
     expected = reference.quantities()
     answers = [solve(name, method, **{key: value}) for value in values]
@@ -155,7 +154,7 @@ def approach(name: str, method: str) -> list[Check]:
     for value, answer in zip(values, answers, strict=True):
         stated = [step.law_error for step in answer.steps]
         share = max(np.divide(list(answer.energy_norm(reference)), stated))
-        # .15: a hundred times too much would be no statement
+        # .15: a bound a hundred times too large would be useless
         found.append(within(f"{name}, {key} = {value:g}: energy norm of its error over that stated", share, 0.15, 1.0))
     levels = np.array(values) if values[-1] < values[0] else 1 / np.array(values)
     single = apart(answers[-1].quantities(), expected)

@@ -1,7 +1,7 @@
-"""Two cylinders pressed and sheared as scenes: either side as slave, meshes that do not match, stiff on soft.
+"""Two cylinders pressed, then sheared: either side as slave, non-matching meshes, stiff on soft.
 
 The flat sides are where a round cylinder has its middle, a / R = .085: as for one body, tractions are compared at the
-forces that are there. The upper flat side is driven and does not turn, or a force presses it and contact alone holds
+computed forces. The upper flat side is driven and does not turn, or a force presses it and contact alone holds
 the body.
 """
 
@@ -44,7 +44,7 @@ STIFF = 1e6  # over E
 
 @dataclass(frozen=True, kw_only=True)
 class Two:
-    """Which cells, which side is the slave, how much stiffer the upper cylinder is than the lower."""
+    """A pair of cylinders: cells, slave side, ratio of the stiffnesses."""
 
     cells: float = CELLS  # of the upper body, in a
     ratio: float = 1.0  # of the lower body's cells to the upper ones
@@ -69,7 +69,7 @@ def scene(pair: Two, path: Sequence[tuple[float, float]]) -> Scene:
 
 
 def floating(pair: Two) -> Scene:
-    """The right halves of both, without friction; a force presses the upper one, which nothing else holds up."""
+    """The right halves of both, without friction; a force presses the upper one, which only contact holds."""
     axes = {f"{body}_axis": Support(boundary=f"{body}.axis", displacement={"x": 0.0}) for body in ("upper", "lower")}
     load = Load(boundary="upper.top", force=(0.0, -P / 2))
     return _scene(pair, axes, loads={"weight": load}, probes={"middle": Probe(point=(0.0, R))})
@@ -99,7 +99,7 @@ def _scene(pair: Two, supports: dict[str, Support], friction: Coulomb | None = N
 
 @dataclass(frozen=True)
 class Answer:
-    """Tractions at the slave's nodes, as they act on the upper body, with the closed form at their resultants."""
+    """Tractions at the slave's nodes, acting on the upper body, and the closed form for their resultants."""
 
     x: Array  # [m]
     face: ContactState
@@ -158,7 +158,7 @@ def rest(pair: Two) -> tuple[Answer, float]:
 
 
 def figures(name: str, pair: Two) -> list[Check]:
-    """Against Hertz, Cattaneo and Mindlin at the forces that are there.
+    """Against Hertz, Cattaneo and Mindlin at the computed forces.
 
     Quadratic cells, matching or not, either side as slave: p0 is off by .27, a by .2, pressures by .95 %, shear by
     1.7 % of mu p0; linear ones: .5, .2, 1.2, 11 %. The finite bodies' part of that in p0 is .25 %.
@@ -180,7 +180,7 @@ def figures(name: str, pair: Two) -> list[Check]:
 
 
 def swapped() -> list[Check]:
-    """Slave and master change places; 24 cells in a, for the area that sticks is a sum of nodes: half a cell an end.
+    """Slave and master change places; 24 cells in a: the sticking area, a sum over nodes, is exact to a cell.
 
     p0 changes by .01, a by .02, c by 1.4, the approach by .01 %.
     """
@@ -196,7 +196,7 @@ def swapped() -> list[Check]:
 
 
 def floats() -> list[Check]:
-    """Pressed by a force and held up by contact alone; equally stiff, and stiff on soft: Hertz' rigid cylinder.
+    """Pressed by a force and held by contact alone: equal stiffness, and stiff on soft (Hertz' rigid cylinder).
 
     p0 is off by .3, a by .8 %. A stiff slave needs cells as large as those of a soft master, or larger: finer ones
     say more about the gap than the master can follow, and the pressures oscillate. Here it has cells as large.
@@ -227,7 +227,7 @@ def floats() -> list[Check]:
 
 
 def nodes_to_segments() -> list[Check]:
-    """Nodes against segments do not pass the patch test: on other cells pressures are wrong however fine they are.
+    """Node-to-segment fails the patch test: on non-matching meshes its pressure error does not vanish with h.
 
     7.4 % of p0 with 12 cells in a, 10 % with 24; 31 and 30 % with the coarser side as slave. Mortar: 1 and .6 %.
     """
@@ -243,7 +243,7 @@ def nodes_to_segments() -> list[Check]:
 
 
 def reversals(pair: Two = Two(order=1, ratio=RATIO)) -> list[Check]:
-    """Sheared to and fro: every turn after the first is the one before again, and turning points mirror each other."""
+    """Sheared back and forth: every cycle after the first repeats it, and the turning points are mirror images."""
     turn = [(0.5 * ASIDE, -DOWN), (ASIDE, -DOWN), (0.0, -DOWN), (-ASIDE, -DOWN), (0.0, -DOWN)]
     simulation = prepare(scene(pair, [(0.0, -DOWN), *turn * CYCLES]))
     steps, name = list(simulation.steps()), f"{pair.method}, {pair.cells:g} cells in a"
@@ -257,7 +257,7 @@ def reversals(pair: Two = Two(order=1, ratio=RATIO)) -> list[Check]:
     ]
 
 
-COARSE = Two(cells=3.0, order=1, ratio=RATIO, tolerance=1e-11)  # for histories, which repeat on any mesh
+COARSE = Two(cells=3.0, order=1, ratio=RATIO, tolerance=1e-11)  # for histories: they repeat on any mesh
 PAIRS: dict[str, Two] = {
     "cells that match": Two(),
     "cells that match, lower slave": Two(slave="lower"),
@@ -270,7 +270,7 @@ PAIRS: dict[str, Two] = {
 
 
 def loosely(method: str) -> list[Check]:
-    """By a method that takes its time; histories on a coarser mesh."""
+    """By a slow method: histories on a coarser mesh."""
     name, pair = "linear cells that do not match", Two(order=1, ratio=RATIO, method=method)
     return figures(name, replace(pair, tolerance=1e-7)) + reversals(replace(COARSE, method=method))
 

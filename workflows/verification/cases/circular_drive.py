@@ -1,6 +1,6 @@
-"""The column whose top is driven on a circle, as a scene in 3D.
+"""The column whose top is driven on a circle, in 3D.
 
-Three turns: the transient dies out by 1e-6 in dissipation a turn, so that the third is steady to 1e-11.
+Three turns: each reduces the transient part of the dissipation by 1e-6, so the third is steady to 1e-11.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from workflows.verification.turned import rotation, turned_system
 
 E = 1000.0  # [Pa]
 TURNS = 3
-COUNTS = (16, 32, 64, 128)  # steps a turn
+COUNTS = (16, 32, 64, 128)  # steps per turn
 TOLERANCE = 1e-9  # the solver's 1e-12 per step, carried over the steps of a turn, and a digit to spare
 FRAME_TOLERANCE = 1e-10
 FIGURES = {"face_radius": "face radius [m]", "lag": "lag [rad]", "dissipation": "dissipation a turn [J]"}
@@ -42,7 +42,7 @@ def turns(method: str, n: int, start: float = 0.0, mu: float = MU, tilt: float =
 
 
 def last_turn(method: str, n: int, start: float = 0.0, mu: float = MU, tilt: float = 0.0) -> SteadyTurn:
-    """The last turn's figures."""
+    """Numbers of the last turn."""
     states = [step.contacts["base"] for step in turns(method, n, start, mu, tilt)]
     w, V = states[-1].slip.mean(axis=0) @ rotation(SKEW, tilt)[:, :2], _path(n, start)[-1]
     return SteadyTurn(
@@ -59,7 +59,7 @@ def _path(n: int, start: float) -> Array:
 
 
 def steady(method: str, n: int, start: float = 0.0, mu: float = MU) -> list[Check]:
-    """Against the polygon that n implicit Euler steps a turn must run on, and against the circle."""
+    """Against the polygon that n implicit Euler steps per turn must run on, and against the circle."""
     found, exact = last_turn(method, n, start, mu), circular_drive.steady_polygon(DRIVE, n)
     circle = circular_drive.steady(DRIVE)
     name = f"{n} steps a turn from {np.degrees(start):g} degrees"
@@ -75,7 +75,7 @@ def steady(method: str, n: int, start: float = 0.0, mu: float = MU) -> list[Chec
 
 
 def first_order(method: str, counts: tuple[int, ...] = COUNTS) -> list[Check]:
-    """The dissipation's error falls as the step: the slope of a line through all of them."""
+    """The error of the dissipation is first order in the step: the log-log slope is 1."""
     exact = circular_drive.steady(DRIVE).dissipation
     errors = [abs(last_turn(method, n).dissipation - exact) for n in counts]
     slope = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
@@ -84,7 +84,7 @@ def first_order(method: str, counts: tuple[int, ...] = COUNTS) -> list[Check]:
 
 
 def turned(method: str, n: int, by: float = TURNED) -> list[Check]:
-    """Turned by an angle that is no symmetry of the mesh, drive or scene: the scalars must not feel it."""
+    """Turned by an angle that is no symmetry of mesh, drive or scene: scalar results must not change."""
     straight = last_turn(method, n)
     oblique = {"drive": last_turn(method, n, start=by), "scene": last_turn(method, n, tilt=by)}
     return [
@@ -99,6 +99,6 @@ def turned(method: str, n: int, by: float = TURNED) -> list[Check]:
 
 def checks(method: str, mu: float = MU) -> list[Check]:
     """All of them; with another mu than 0.3 they must fail."""
-    counts = COUNTS[:2] if method == "surface-uzawa" else COUNTS  # it takes its time
+    counts = COUNTS[:2] if method == "surface-uzawa" else COUNTS  # this method is slow
     found = [check for n in counts for check in steady(method, n, mu=mu)]
     return found + first_order(method, counts) + turned(method, 16)

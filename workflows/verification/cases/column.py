@@ -1,6 +1,6 @@
-"""The column on a compliant foundation as a scene: pressed, overlapping at the start, force-driven, grazing.
+"""The column on a compliant foundation: pressed, overlapping at the start, force-driven, grazing.
 
-The state is uniform, so any mesh is exact, and two cells a side show that it is the same everywhere.
+The state is uniform, so any mesh is exact, and two cells on each side show that it is the same everywhere.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from typing import Literal
 from geometry.builders.block import Block
 from geometry.obstacles.plane import Plane
 from solvers.laws.compliance import Compliance
+from solvers.methods import METHODS
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
@@ -85,7 +85,7 @@ def solve(scene: Scene) -> StepResult:
 
 
 def compare(name: str, step: StepResult, exact: ColumnState, g: float, tolerance: float = TOLERANCE) -> list[Check]:
-    """Pressure and displacement at the node of the base that is worst, and the resultant over the area of 1."""
+    """Pressure and displacement at the worst node of the base, and the resultant over the area of 1 m²."""
     base = step.contacts["base"]
     pressure, displacement = farthest(base.pressure, exact.pressure), farthest(g - base.gap, exact.displacement)
     return [
@@ -122,7 +122,7 @@ def incompressible(method: str, dim: int) -> list[Check]:
 
 
 def force_driven(method: str, dim: int, m: float, order: Literal[1, 2] = 1) -> list[Check]:
-    """p = 7 Pa on top: nothing but the foundation holds the column up, and its tangent is 0 at first touch."""
+    """p = 7 Pa on top: only the foundation holds the column, and its tangent stiffness is 0 at first touch."""
     p, c_n = 7.0, C_N[m]
     step = solve(scene(dim=dim, method=method, c_n=c_n, m=m, g=GAP, pressure=p, order=order))
     exact = column.driven_by_force(p=p, g=GAP, c_n=c_n, m=m)
@@ -130,7 +130,7 @@ def force_driven(method: str, dim: int, m: float, order: Literal[1, 2] = 1) -> l
 
 
 def offset(method: str, dim: int, g: float, share: float) -> list[Check]:
-    """A share of the gap, or of the overlap at the start, is gap_offset: the column does not know."""
+    """A share of the gap or of the initial overlap is given as gap_offset: the answer does not change."""
     c_n, m, top = C_N[2], 2, 0.005
     step = solve(scene(dim=dim, method=method, c_n=c_n, m=m, g=g, top=top, offset=share * g))
     exact = column.driven_by_displacement(M=M, U=top, g=g, c_n=c_n, m=m)
@@ -164,7 +164,7 @@ def checks(method: str) -> list[Check]:
         found += incompressible(method, dim)
         for g, share in OFFSETS:
             found += offset(method, dim, g, share)
-    if METHODS[method].floating:
+    if METHODS[method].WORKS_WITH.floating:
         for dim, order in FORCED:
             for m in EXPONENTS:
                 found += force_driven(method, dim, m, order)

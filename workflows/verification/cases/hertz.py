@@ -1,7 +1,7 @@
-"""Hertz contact as scenes: round bodies on planes and in bores, round obstacles on half-spaces, 2D and 3D.
+"""Hertz contact: round bodies on planes and in bores, round obstacles on half-spaces, 2D and 3D.
 
-The other side of a body is never far enough for the approach, which loses a part of about a / distance, but its
-influence on the pressure falls as the cube of that: pressures are compared at the force that is there.
+A body's far side is never far enough for the approach, whose error is about a / distance, but its
+influence on the pressure falls as the cube of that: pressures are compared at the computed force.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from geometry.obstacles.cylinder import Cylinder
 from geometry.obstacles.plane import Plane
 from geometry.obstacles.sphere import Sphere
 from geometry.shape import Model
-from solvers.scene.applicability import METHODS
+from solvers.methods import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Support
 from solvers.scene.material import Material
@@ -55,7 +55,7 @@ class Touch:
 
     @cached_property
     def radius(self) -> float:
-        """Of a round body on a plane that has as much room between [m]."""
+        """Radius of a round body on a plane; in a bore, that of the body with the same gap on a plane [m]."""
         return self.bore * R / (self.bore - R) if self.against == "bore" else R
 
     def exact(self, load: float) -> Hertz:
@@ -135,7 +135,7 @@ def _obstacle(touch: Touch, up: str) -> Obstacle:
 
 @dataclass(frozen=True)
 class Answer:
-    """What came out, on the scale of the whole body."""
+    """The computed numbers, of the whole body."""
 
     load: float  # [N], in the plane [N/m]
     fitted: Hertz
@@ -193,7 +193,7 @@ TOUCHES = {
 
 
 def figures(name: str, touch: Touch, tolerance: float | None = None) -> list[Check]:
-    """Load, p0, a and pressures, of the half-ellipse at the load that is there.
+    """Load, p0, a and pressures, of the half-ellipse at the computed load.
 
     12 cells in a: p0 and a are off by .3 and .35 % at most, nodal pressures by .42 %; with 24 by .25, .3, .22 %, with 6
     by .4, .85, .76 %. Linear cells of the ball: .5, .05, .47 %, then .2, .1, .3 % and 1.5, 2.5, .8 %.
@@ -208,7 +208,7 @@ def figures(name: str, touch: Touch, tolerance: float | None = None) -> list[Che
         Check(f"{name}: p0 [Pa]", found.fitted.p0, exact.p0, tolerance, relative=True),
         Check(f"{name}: a [m]", found.fitted.a, exact.a, tolerance, relative=True),
         Check(f"{name}: pressures over p0, root mean square", found.scatter, 0.0, tolerance, relative=False),
-        # a sum of nodes: half a cell
+        # a sum over nodes: exact to half a cell
         Check(f"{name}: a by the area that touches [m]", found.edge, exact.a, 0.5 / touch.cells, relative=True),
     ]
 
@@ -223,7 +223,7 @@ def ball_3d(cells: float = 6.0) -> list[Check]:
 
 
 def approaches() -> list[Check]:
-    """How far a ball goes into a half-space, under a light load and under the tabulated one.
+    """Approach of a ball and a half-space under a light load and under the tabulated one.
 
     Normals of the ball lean by a / R, which Hertz neglects: at a / R = .126, .063, .013 the approach is 1.25, .73,
     .19 % too small, .1 % of it for the mesh. A base 40, 400, 4000 a away takes 1.3, .12, .01 % more.
@@ -238,15 +238,15 @@ def approaches() -> list[Check]:
 
 
 def by_displacement(method: str) -> list[Check]:
-    """Driven to Hertz' approach, which takes 11 % too much load, the base of a half ball being 8 a away."""
+    """Driven to Hertz' approach: the load is 11 % too large, because the base of the half ball is only 8 a away."""
     touch = Touch(order=1, method=method, driven_by="displacement")
     return figures("ball on a plane, linear cells, driven by displacement", touch)
 
 
 def checks(method: str) -> list[Check]:
-    """All of them; an obstacle that a force drives needs a method for what floats."""
+    """All of them; an obstacle driven by a force needs a method for floating bodies."""
     found = by_displacement(method)
-    if METHODS[method].floating:
+    if METHODS[method].WORKS_WITH.floating:
         for name, touch in TOUCHES.items():
             found += figures(name, touch)
         found += approaches() + ball_3d()

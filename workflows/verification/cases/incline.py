@@ -1,4 +1,4 @@
-"""The layer on an incline as a scene: periodic sides, gravity, held by friction alone.
+"""The layer on an incline: periodic sides, gravity, held by friction alone.
 
 A displacement that varies with the height only is exact at the nodes, on any mesh of rectangles.
 """
@@ -13,8 +13,8 @@ from geometry.obstacles.plane import Plane
 from solvers.effects.gravity import Gravity
 from solvers.effects.periodic import Periodic
 from solvers.laws.friction import Coulomb
+from solvers.methods import METHODS
 from solvers.results.step_result import STICK, StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
@@ -23,7 +23,7 @@ from workflows.verification.closed_forms.incline import HOLDS, LAYER, SLIDES
 from workflows.verification.prepared import observed, system_of
 from workflows.verification.solver import solver
 
-G = 9.81  # any: the layer's weight is what counts [m/s²]
+G = 9.81  # any value: only the weight of the layer matters [m/s²]
 CELLS = 4  # a side
 TOLERANCE = 1e-9  # the solver's 1e-12, the condition of the mesh, about 100, and a digit to spare
 
@@ -46,7 +46,7 @@ def scene(method: str, mu: float) -> Scene:
 
 
 def resting(step: StepResult, name: str, tolerance: float = TOLERANCE) -> list[Check]:
-    """Base and top at their worst nodes."""
+    """Checks at the worst nodes of base and top."""
     base, (u_t, u_n) = step.contacts["base"], LAYER.top
     top = step.displacement[np.argsort(step.displacement[:, 1])[: CELLS + 1]]  # the lowest settlement is the top's
     return [
@@ -65,7 +65,7 @@ def holds(method: str, mu: float = HOLDS) -> list[Check]:
 
 
 def slides(method: str, mu: float = SLIDES) -> list[Check]:
-    """The slope is a little steeper: no time is reached, for in proportion every smaller load is as steep."""
+    """The slope is a little steeper: no step is solved, because every smaller load has the same ratio."""
     reached = 0
     try:
         for _ in observed(system_of(scene(method, mu))):
@@ -77,4 +77,4 @@ def slides(method: str, mu: float = SLIDES) -> list[Check]:
 
 def checks(method: str) -> list[Check]:
     """Both sides of the threshold, with a method that can solve bodies held by contact alone."""
-    return holds(method) + slides(method) if METHODS[method].floating else []
+    return holds(method) + slides(method) if METHODS[method].WORKS_WITH.floating else []

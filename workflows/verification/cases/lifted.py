@@ -1,4 +1,4 @@
-"""The column lifted off and set down again as a scene: grazing, pressed, dragged, lost, moved aside, regained."""
+"""The column lifted off and set down again: grazing, pressed, sheared, contact lost, moved aside, regained."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def scene(method: str, dim: int, mu: float = MU, normal: NormalLaw = RIGID) -> S
 
 
 def moves(dim: int) -> Array:
-    """Displacements of the top (moves, dim) [m], upward last; in 2D what is along y is left out."""
+    """Displacements of the top (moves, dim) [m], upward last; in 2D the components along y are left out."""
     U, along = np.array([move[1] for move in MOVES]), np.array([move[2:] for move in MOVES])
     return np.column_stack([along[:, : dim - 1], -U])
 
@@ -116,7 +116,7 @@ def _near(name: str, computed: float, reference: float, tolerance: float) -> Che
 
 
 def _unchanged(at: str, before: StepResult, now: StepResult) -> list[Check]:
-    """A step without an increment: one iteration at most, and nothing but rounding."""
+    """A step without an increment takes at most one iteration and changes nothing but rounding."""
     return [
         Check(f"{at}: iterations", now.iterations, 0, 1, relative=False),
         # rounding of one solve with the bodies
@@ -126,6 +126,6 @@ def _unchanged(at: str, before: StepResult, now: StepResult) -> list[Check]:
 
 
 def checks(method: str) -> list[Check]:
-    """In 2D, and in 3D on oblique ways; on foundations whose tangent at first touch is steep, and none."""
+    """In 2D, and in 3D along oblique paths; on rigid ground and on foundations of steep and of zero initial tangent."""
     kinds: list[tuple[int, NormalLaw]] = [(2, RIGID), (3, RIGID), *((2, law) for law in FOUNDATIONS)]
     return [check for dim, law in kinds for check in worst(checks_of(method, dim, normal=law))]

@@ -1,4 +1,4 @@
-"""Blocks that friction holds up to a known time, as scenes: every step before it is solved, and none beyond it."""
+"""Blocks that friction holds up to a known time: every step before it is solved, no step after it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from geometry.builders.block import Block
 from geometry.obstacles.plane import Plane
 from solvers.laws.friction import Coulomb
+from solvers.methods import METHODS
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Load
 from solvers.scene.material import Material
@@ -28,7 +28,7 @@ TOLERANCE = 1e-9  # of the forces, and the solver's 1e-11 of the pressure
 
 
 def scene(method: str, limit: Limit) -> Scene:
-    """A block that nothing but the ground holds."""
+    """A block that only the ground holds."""
     L, H = limit.length, limit.height
     return Scene(
         title="Block held by friction alone",
@@ -47,7 +47,7 @@ def scene(method: str, limit: Limit) -> Scene:
 
 
 def reached(scene: Scene) -> tuple[list[StepResult], bool]:
-    """What was solved, and whether it is proved that the rest cannot be."""
+    """The solved steps, and whether it is proved that the next one has no equilibrium."""
     steps: list[StepResult] = []
     try:
         for step in prepare(scene).steps():
@@ -58,7 +58,7 @@ def reached(scene: Scene) -> tuple[list[StepResult], bool]:
 
 
 def held(method: str, name: str, limit: Limit) -> list[Check]:
-    """The last good substep lies just before the limit, and there the ground bears what is put on it."""
+    """The last good substep lies just before the limit, and the ground carries the loads there."""
     steps, proved = reached(scene(method, limit))
     last, base = steps[-1], steps[-1].contacts["base"]
     bears = [-limit.pushed(last.time), limit.pressed(last.time)]
@@ -75,6 +75,6 @@ def held(method: str, name: str, limit: Limit) -> list[Check]:
 
 def checks(method: str) -> list[Check]:
     """All of them, with a method that can solve bodies held by contact alone."""
-    if not METHODS[method].floating:
+    if not METHODS[method].WORKS_WITH.floating:
         return []
     return [check for name, limit in LIMITS.items() for check in held(method, name, limit)]

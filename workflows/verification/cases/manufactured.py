@@ -1,4 +1,4 @@
-"""The manufactured field as a system: body force and side tractions vary in space, which no scene can say."""
+"""The manufactured solution: body force and side tractions vary in space, which no scene file can describe."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from workflows.verification.prepared import accepted, system_of
 from workflows.verification.solver import solver
 
 MESHES = (4, 8, 16, 32)
-DEGREE = 10  # of all quadrature here: exact where the field's own degree allows, else far below any error
+DEGREE = 10  # quadrature degree: exact for polynomial fields, else far below the discretisation error
 NORMS = ("L2(u)", "L2(stress)", "L2(p)")
-SLACK = 0.25  # of a rate: with coarse meshes in the fit up to .23 off; on the last two meshes .15
+SLACK = 0.25  # tolerance of a rate: with coarse meshes in the fit it is off by up to .23, on the last two meshes by .15
 Held = Literal["away from the base", "beside the base"]
 AWAY, BESIDE = get_args(Held)
 TOP = Support(boundary="block.top", displacement={"x": SLIP, "y": 0.0})
@@ -68,7 +68,7 @@ def scene(exact: Manufactured, method: str, order: int, n: int, mu: float, held:
 
 
 def loaded(scene: Scene, exact: Manufactured) -> tuple[System, Any]:
-    """The scene's system under the loads that call for the field, and the field."""
+    """The scene's system under the loads of the manufactured field, and the field."""
     system = system_of(scene)
     field = system.weak.field(exact.displacement)
     form = system.weak.balance(field, "block", ("block.left", "block.right"), DEGREE)

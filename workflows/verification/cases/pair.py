@@ -1,4 +1,4 @@
-"""Pairs of bodies with friction, turned as a whole by any angle about any axis: nothing without a direction changes."""
+"""Pairs of bodies with friction, turned as a whole by any angle about any axis: scalar results do not change."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def pressed(
     depth: float,
     way: tuple[float, ...],
 ) -> Scene:
-    """The upper body pressed `depth` [m] down, then taken aside along `way` [m], and halfway back.
+    """The upper body pressed `depth` [m] down, then moved sideways along `way` [m], and halfway back.
 
     Args:
         sides: where the upper and the lower body are held, then slave and master.
@@ -100,7 +100,7 @@ def steps_of(scene: Scene, Q: Array) -> list[StepResult]:
 
 
 def scalars(step: StepResult, Q: Array) -> dict[str, Array]:
-    """What a turn must leave alone, the displacement turned back."""
+    """Quantities that a turn must not change; the displacement is turned back."""
     joint = step.contacts["joint"]
     d = joint.traction.shape[1]
     return {

@@ -1,4 +1,4 @@
-"""Two stacked blocks whose meshes do not match: a uniform pressure goes over, from either side, at any ratio of cells.
+"""Patch test: two blocks with non-matching meshes transmit a uniform pressure, either side as slave, at any mesh ratio.
 
 Each block is 1 m high. Driven, the top is pushed by .1 m at nu = 0: p = .1 / (1 / E_upper + 1 / E_lower), 1e5 Pa for
 blocks alike, and the interface goes down by p / E_lower = .05 m. Loaded, p is what is applied, whatever nu is.
@@ -14,8 +14,8 @@ import numpy as np
 
 from geometry.arrays import Array
 from geometry.builders.two_blocks import TwoBlocks
+from solvers.methods import METHODS
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
@@ -56,7 +56,7 @@ class Patch:
 
     @property
     def pressure(self) -> float:
-        """What must be there [Pa]."""
+        """The exact pressure [Pa]."""
         return P if self.loaded else (self.overlap or PUSH) / (1 / (E * self.contrast) + 1 / E)
 
 
@@ -121,7 +121,7 @@ def _blocks(patch: Patch) -> TwoBlocks:
 
 @dataclass(frozen=True)
 class Joint:
-    """What the blocks do to each other."""
+    """State of the interface."""
 
     pressure: Array  # (n,) at the slave's nodes [Pa]
     axial: Array  # (cells,) normal stress along the last axis [Pa]
@@ -144,7 +144,7 @@ def solve(patch: Patch) -> Joint:
 
 
 def unbalance(simulation: Simulation, step: StepResult) -> float:
-    """How far the nodal forces on slave and master are from their own opposites, over all contacts of bodies."""
+    """How far the nodal forces on slave and master are from action = reaction, over all contacts between bodies."""
     worst = 0.0
     for c, p_n, t in zip(simulation.system.contacts, *simulation.stepper.split(step.p), strict=True):
         slave, master = np.split(c.nodal_forces(p_n, t), [len(c.surface.nodes)])
@@ -154,7 +154,7 @@ def unbalance(simulation: Simulation, step: StepResult) -> float:
 
 
 def figures(patch: Patch) -> list[Check]:
-    """Uniform to 1e-8 by mortar; node by node it is not, and how far off is said."""
+    """Mortar: uniform to 1e-8. Node-to-facet operators: not uniform; the error is reported."""
     found, p = solve(patch), patch.pressure
     balance = Check(f"{patch}: forces on both blocks", found.unbalance, 0.0, BALANCE, relative=False)
     worst = farthest(found.pressure, p)
@@ -173,7 +173,7 @@ def figures(patch: Patch) -> list[Check]:
 
 
 def nodal_error(patch: Patch) -> tuple[float, float] | None:
-    """How far the worst pressure may be off, as measured over orders and cells; nothing where it is uniform.
+    """Allowed error of the worst pressure, as measured over orders and cells; 0 where it must be uniform.
 
     A slave node's force goes to the corners of the one facet that it meets, as if its share of the area lay there. That
     is right where the nodes of the coarser side are nodes of the finer slave; tetrahedra are no grid in space.
@@ -207,7 +207,7 @@ OVERLAPS = [
 
 
 def checks(method: str) -> list[Check]:
-    """All of them; a block that nothing but the other one holds needs a method for what floats.
+    """All of them; a block that only the other one holds needs a method for floating bodies.
 
     Uzawa's tolerance is on p: at a contrast of 1e6 what is left of it moves the soft block by 1e-6 of its way.
     """
@@ -215,6 +215,6 @@ def checks(method: str) -> list[Check]:
     return [
         check
         for patch in patches
-        if METHODS[method].floating or not (patch.loaded or patch.contrast != 1)
+        if METHODS[method].WORKS_WITH.floating or not (patch.loaded or patch.contrast != 1)
         for check in figures(replace(patch, method=method))
     ]

@@ -1,4 +1,4 @@
-"""The rigid flat punch as a scene: quadratic triangles, so large a block that its far sides do not matter.
+"""The rigid flat punch: quadratic triangles, and a block so large that its far sides do not matter.
 
 In the plane the influence of the far sides falls no faster than a / size (they hold back the stretch of the surface,
 which a bonded punch feels): at .5 a the bonded shear is 9.2, 4.6, .3, .2 % too small at size = 40, 80, 2000, 4000 a,
@@ -55,7 +55,7 @@ class Cut:
 
 
 def scene(cut: Cut) -> Scene:
-    """Block held at its bottom, the punch driven down: its load is what comes out."""
+    """Block held at its bottom, the punch driven down; its load is a result."""
     half = {"axis": Support(boundary="half_space.axis", displacement={"x": 0.0})} if cut.symmetric else {}
     return Scene(
         title="Rigid flat punch on a half-plane",
@@ -126,7 +126,7 @@ def tractions(method: str, order: Literal[1, 2] = 2) -> list[Check]:
 
 
 def far(method: str) -> list[Check]:
-    """A block of half the size gives the same, so that the far sides do not matter."""
+    """A block of half the size gives the same: the far sides do not matter."""
     here, near = (solve(Cut(method=method, normal=BONDED, size=size)) for size in (FAR, FAR / 2))
     scale = punch.bonded(np.zeros(1), punch.NU)[0][0]
     # the influence falls as 1 / size: what is left is as large as this change, an eighth of the mesh error allowed
@@ -152,7 +152,7 @@ def stick(method: str, fine: float = 0.005, mus: tuple[float, ...] = tuple(punch
 
 
 def incompressible(method: str, order: Literal[1, 2] = 2) -> list[Check]:
-    """nu = .4999: a bonded punch presses as if there were no friction; linear triangles lock."""
+    """nu = .4999: a bonded punch has the pressure of a frictionless one; linear triangles lock."""
     face = solve(Cut(method=method, normal=BONDED, nu=0.4999, order=order))
     p = face.at(punch.X)[0]
     # 5 % is asked for; at 4, 2 and 1 times FINE the largest error is .5, .8 and .15 %

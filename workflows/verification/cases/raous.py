@@ -1,4 +1,4 @@
-"""The block of Raous, Chabrand and Lebon as a scene: linear triangles, 32 x 32 x 2."""
+"""The block of Raous, Chabrand and Lebon: linear triangles, 32 x 32 x 2."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def march(method: str, steps: int = 1, mu: float = raous.MU, n: int = N) -> tupl
 
 
 def solve(method: str, steps: int = 1, mu: float = raous.MU, n: int = N) -> tuple[StepResult, Array]:
-    """The last of them."""
+    """The last step."""
     done, x = march(method, steps, mu, n)
     return done[-1], x
 
@@ -85,7 +85,7 @@ def displacements(method: str, steps: int = 1, mu: float = raous.MU) -> list[Che
 
 
 def forces(method: str, mu: float = raous.MU) -> list[Check]:
-    """Balance, and friction.
+    """Equilibrium of forces, and the friction force.
 
     How the corner shares F_n with its neighbour is a matter of the discretisation: with multipliers at nodes a node
     that a support holds carries none, its neighbour takes over, and CORNER_SHARE_P1_32 does not apply.
@@ -101,7 +101,7 @@ def forces(method: str, mu: float = raous.MU) -> list[Check]:
 
 
 def zones(method: str, mu: float = raous.MU) -> list[Check]:
-    """Open, then slip, then stick, as far as cells of 1.25 mm can tell."""
+    """Open, slip and stick zones, to the resolution of cells of 1.25 mm."""
     last, x = solve(method, mu=mu)
     status = last.contacts["base"].status[np.argsort(x)]
     x = np.sort(x)
@@ -137,7 +137,7 @@ def ramped(method: str, mu: float = raous.MU, counts: tuple[int, ...] = RAMPS, n
 
 
 def once(method: str, mu: float = raous.MU) -> list[Check]:
-    """What one step shows; with another mu than 1 they must fail."""
+    """The checks of a single step; with another mu than 1 they must fail."""
     return displacements(method, mu=mu) + forces(method, mu) + zones(method, mu)
 
 

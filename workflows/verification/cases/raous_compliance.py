@@ -1,4 +1,4 @@
-"""The block of Raous on a compliant face: c_n = k_T = k E / SIDE moves its corner less the larger k is."""
+"""The block of Raous on a compliant face, c_n = k_T = k E / SIDE: the larger k, the smaller the shift of its corner."""
 
 from __future__ import annotations
 

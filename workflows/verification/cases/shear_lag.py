@@ -1,4 +1,4 @@
-"""The shear-lag strip as a scene: 100 x 2 cells, pulled, let go, pushed and pulled again."""
+"""The shear-lag strip: 100 x 2 cells, pulled, released, pushed and pulled again."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from solvers.laws.bilateral import Bilateral
 from solvers.laws.friction import Coulomb, Tresca
 from solvers.laws.law import FrictionLaw, NormalLaw
 from solvers.laws.unilateral import Unilateral
+from solvers.methods import METHODS, Solver
 from solvers.results.step_result import SLIP, ContactState, StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
-from solvers.scene.settings import Solver, Steps
+from solvers.scene.settings import Steps
 from solvers.simulation.simulation import prepare
 from workflows.verification.check import Check, within
 from workflows.verification.closed_forms import shear_lag
@@ -28,7 +28,7 @@ from workflows.verification.closed_forms.shear_lag import FORCE, HEIGHT, STRIP
 from workflows.verification.cycles import CYCLES, accounted, repeats
 
 N = 100  # cells along the strip
-COARSE = 25  # for methods that take their time: a thin strip on its bed is a hard case for what is not Newton's
+COARSE = 25  # for slow methods: a thin strip on its bed is a hard case for all but Newton's method
 PULLS = (FORCE, 0.0, -FORCE, FORCE)
 HELD = Bilateral()
 TRESCA = Tresca(bound=((0.0, shear_lag.BOUND),))  # a bare number would be ramped over the history
@@ -64,7 +64,7 @@ def scene(
 
 @dataclass(frozen=True)
 class Answer:
-    """What the strip did after each pull."""
+    """State of the strip after each pull."""
 
     steps: tuple[StepResult, ...]
     tips: Array  # (pulls,) outward displacement of the end, mean over its height [m]
@@ -103,7 +103,7 @@ def solve(
 
 
 def figures(method: str, friction: FrictionLaw = TRESCA) -> list[Check]:
-    """Pulled, let go, pushed and pulled again: against the bar, and against other finite elements."""
+    """Pulled, released, pushed and pulled again: against the bar, and against another finite element program."""
     answer = solve(method, friction=friction)
     out, unloaded, pushed, again = answer.tips
     loop = answer.losses[3] - answer.losses[0]
@@ -135,7 +135,7 @@ def figures(method: str, friction: FrictionLaw = TRESCA) -> list[Check]:
 
 
 def cycled(method: str, friction: FrictionLaw = TRESCA, normal: NormalLaw = HELD, n: int = N) -> list[Check]:
-    """Many reversals, half unloaded on each way: the same states in each cycle, and the bar's loss."""
+    """Many reversals, with a stop halfway on each path: the same states in each cycle, and the bar's dissipation."""
     turn = (0.0, -FORCE, 0.0, FORCE)
     answer = solve(method, (FORCE, *turn * CYCLES), normal, friction, n)
     name = f"{n} cells, {type(friction).__name__}"
@@ -144,7 +144,7 @@ def cycled(method: str, friction: FrictionLaw = TRESCA, normal: NormalLaw = HELD
         return found
     loop = 2 * shear_lag.let_go(STRIP, 2 * FORCE).dissipation
     for k, loss in enumerate(np.diff(answer.losses[:: len(turn)]), start=1):
-        # as in `figures`: a way that is monotone may be gone in any number of steps
+        # as in `figures`: a monotone path may be taken in any number of steps
         found.append(Check(f"{name}, cycle {k}: loop area [J]", loss, loop, 3e-3, relative=True))
         if n == N:
             at = f"{name}, cycle {k}: loop area, other program [J]"
@@ -172,7 +172,7 @@ def coulomb(method: str, normal: NormalLaw = Unilateral()) -> list[Check]:  # no
 
 def checks(method: str) -> list[Check]:
     """All of them; nothing but the bed holds the strip up, which a method must be able to solve."""
-    if not METHODS[method].floating:
+    if not METHODS[method].WORKS_WITH.floating:
         return []
     if method != "condensed-newton":
         return cycled(method, n=COARSE)

@@ -1,4 +1,4 @@
-"""The sheared column as a scene: periodic lateral faces, pressed first, then its top driven to and fro.
+"""The sheared column: periodic lateral faces; pressed first, then its top driven back and forth.
 
 The state is uniform, so any mesh is exact, and a step of any size is.
 """
@@ -104,7 +104,7 @@ def driven(method: str, name: str, friction: FrictionLaw, top: Array = sheared_c
 
 
 def penetrating(method: str, c_T: float, m_T: float, k_T: float | None = None) -> list[Check]:
-    """On a foundation that is entered by delta, whose bound is c_T delta^m_T."""
+    """On a compliant foundation with penetration delta, whose friction bound is c_T delta^m_T."""
     friction = TangentialCompliance(c_T=c_T, m_T=m_T, k_T=k_T)
     exact = column.driven_by_displacement(M=M, U=PRESSURE / M, g=0.0, c_n=SOFT.c_n, m=SOFT.m_n)
     sheared = replace(_softened(friction), bound=c_T * exact.penetration**m_T)
@@ -114,7 +114,7 @@ def penetrating(method: str, c_T: float, m_T: float, k_T: float | None = None) -
 
 
 def threshold(method: str, c_T: float, m_T: float) -> list[Check]:
-    """A millionth below the bound that delta gives, and a millionth beyond: the base sticks, and slips."""
+    """The base sticks a millionth below the bound and slips a millionth above it."""
     depth = column.driven_by_displacement(M=M, U=PRESSURE / M, g=0.0, c_n=SOFT.c_n, m=SOFT.m_n).penetration
     limit = c_T * depth**m_T / sheared_column.COLUMN.G
     found = []

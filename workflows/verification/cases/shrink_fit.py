@@ -1,4 +1,4 @@
-"""The shrink fit as a scene: a quarter of both rings, too large an inner one or a gap that is off by as much."""
+"""The shrink fit: a quarter of both rings; interference by geometry or by gap_offset."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ FINE, MATCHING, APART = 0.0625, 1e-5, 5e-5
 
 
 def fits() -> list[Check]:
-    """Order 2: one mesh continued in the other, and 3:2; either side the slave; drawn, and by gap_offset."""
+    """Order 2: matching meshes and 3:2, either side as slave, interference by geometry and by gap_offset."""
     found = figures(Press(cells=FINE), MATCHING)
     for slave in ("inner", "outer"):
         for drawn in (False, True):
@@ -137,7 +137,7 @@ def fits() -> list[Check]:
 
 
 def compliant() -> list[Check]:
-    """The interface gives way as well; drawn, circles of 2 and 2.001 m are taken for one, a thousandth."""
+    """Compliant interface as well; by geometry the circles of 2 and 2.001 m count as one, an error of a thousandth."""
     return [
         check
         for c_n, m in shrink_fit.COMPLIANT
@@ -147,7 +147,7 @@ def compliant() -> list[Check]:
 
 
 def facets(cells: float = FINE) -> list[Check]:
-    """Straight facets h on a circle R lie up to h^2/8R within it, h^2/12R on average: so much of the overlap is lost.
+    """Straight facets h on a circle R lie up to h^2/8R within it, h^2/12R on average: this part of the overlap is lost.
 
     An overlap of 10 mm keeps all facets touching. Between the two polygons the gap is not the same everywhere, and what
     counts is its average by how the slave's nodes weigh it: measured .8 to 12 % from the plain one.
@@ -168,7 +168,7 @@ def facets(cells: float = FINE) -> list[Check]:
 
 
 def overlaps(cells: float = 0.008) -> list[Check]:
-    """Ten times the interference: ten times the pressure, and the rings' sides more than a cell inside each other."""
+    """Ten times the interference gives ten times the pressure; the sides overlap by more than a cell."""
     offset = Press(cells=FINE, ratio=1.5, interference=10 * INTERFERENCE)
     once, tenfold = solve(Press(cells=FINE, ratio=1.5)), solve(offset)
     found = [Check("ten times the interference: p over p", tenfold.p / once.p, 10.0, MATCHING, relative=True)]
@@ -180,7 +180,7 @@ def overlaps(cells: float = 0.008) -> list[Check]:
 
 
 def checks(method: str) -> list[Check]:
-    """All of them by the default; others by one mesh, for their rings are as they are."""
+    """All of them by the default method; the others on one mesh only."""
     if method != "condensed-newton":
         return figures(Press(cells=0.125, ratio=1.5, method=method), 1e-3)
     return fits() + compliant() + facets() + overlaps()

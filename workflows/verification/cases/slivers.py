@@ -1,4 +1,4 @@
-"""Elements a thousand times longer than wide: the closed forms still hold, in about as many iterations.
+"""Cells of aspect ratio 1000: the closed forms still hold, with about as many iterations.
 
 The first row and the first column of cells of a regular mesh are squeezed, so that cells of both shapes, and of all
 sizes between 1 and 1e-6 of the area, touch the obstacle.
@@ -14,8 +14,8 @@ import numpy as np
 from geometry.arrays import Array
 from geometry.builders.block import Block
 from geometry.obstacles.plane import Plane
+from solvers.methods import METHODS
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
@@ -38,7 +38,7 @@ E, NU = 1000.0, 0.3  # of the block
 
 @dataclass(frozen=True)
 class Thin:
-    """A scene, and its answers as on any mesh."""
+    """A scene, and its exact answers, which hold on any mesh."""
 
     scene: Callable[[str], Scene]
     answers: Callable[[StepResult], list[Check]]
@@ -46,7 +46,7 @@ class Thin:
 
 
 def squeezed(points: Array) -> Array:
-    """The first cell of each axis made thin."""
+    """Squeeze the first cell along each axis."""
     planes = np.linspace(0.0, 1.0, CELLS + 1)
     moved = planes.copy()
     moved[1] /= ASPECT
@@ -54,7 +54,7 @@ def squeezed(points: Array) -> Array:
 
 
 def block(method: str) -> Scene:
-    """Laterally free on a smooth floor, under a uniform pressure: uniform, and as wide as it likes."""
+    """Laterally free on a frictionless floor, under a uniform pressure: the state is uniform."""
     return Scene(
         title="Block under uniform pressure",
         model="plane strain",
@@ -112,4 +112,9 @@ def thin(name: str, method: str) -> list[Check]:
 
 def checks(method: str) -> list[Check]:
     """All that the method can solve."""
-    return [c for name, s in SCENES.items() if METHODS[method].floating or not s.floating for c in thin(name, method)]
+    return [
+        c
+        for name, s in SCENES.items()
+        if METHODS[method].WORKS_WITH.floating or not s.floating
+        for c in thin(name, method)
+    ]

@@ -1,4 +1,4 @@
-"""Every scene in m, N, Pa and in mm, N, MPa: the same iterations and the same answers, for no constant is absolute."""
+"""Every scene in m, N, Pa and in mm, N, MPa: same iterations, same answers; no constant of the program has a unit."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 
 from geometry.arrays import Array
 from solvers.laws.friction import Coulomb
+from solvers.methods import METHODS
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import prepare
 from workflows.scene_file.read import read
@@ -109,7 +109,7 @@ def shrunk(method: str, rings: Press) -> Scene:
 
 
 def quadratic(scene: Callable[[str], Scene], method: str) -> Scene:
-    """The scene with displacements of order 2."""
+    """The scene at order 2."""
     linear = scene(method)
     return replace(linear, geometry=replace(linear.geometry, order=2))
 
@@ -153,7 +153,7 @@ UNEVEN = {"shear-lag strip": 0.05}  # part of the iterations
 
 
 def answers(step: StepResult) -> dict[str, Answer]:
-    """What a step says, by name."""
+    """Numbers of a step, by name."""
     found: dict[str, tuple[str, Any]] = {key: (unit, getattr(step, key)) for key, unit in OF_A_STEP.items()}
     for name, contact in step.contacts.items():
         found |= {f"{name}.{key}": (unit, getattr(contact, key)) for key, unit in OF_A_CONTACT.items()}
@@ -163,7 +163,7 @@ def answers(step: StepResult) -> dict[str, Answer]:
 
 
 def compared(name: str, method: str) -> list[Check]:
-    """One scene both ways: iterations of all steps, and the worst number of each unit."""
+    """One scene in both units: iterations of all steps, and the worst number of each unit."""
     metres = SCENES[name](method)
     there, here = (list(prepare(scene).steps()) for scene in (in_millimetres(metres), metres))
     units, worst = millimetres(metres), defaultdict[str, float](float)
@@ -183,5 +183,5 @@ def compared(name: str, method: str) -> list[Check]:
 
 def checks(method: str) -> list[Check]:
     """All of them."""
-    names = [name for name in SCENES if METHODS[method].floating or name not in FLOATING + GRADED]
+    names = [name for name in SCENES if METHODS[method].WORKS_WITH.floating or name not in FLOATING + GRADED]
     return [check for name in names for check in compared(name, method)]

@@ -1,4 +1,4 @@
-"""Zeros: no force, no friction, no increment, no bound, no touch. Nothing changes, at once, and nothing is 0/0.
+"""Zeros: no force, friction, increment, bound or touch. Nothing changes, in at most one iteration; 0/0 does not occur.
 
 A block of 4 x 4 x 2 triangles whose top is held, so that pressing and shearing leave a state that is not uniform.
 """
@@ -14,8 +14,8 @@ from geometry.builders.block import Block
 from geometry.obstacles.plane import Plane
 from solvers.laws.friction import Coulomb, Tresca
 from solvers.laws.law import FrictionLaw
+from solvers.methods import METHODS
 from solvers.results.step_result import StepResult
-from solvers.scene.applicability import METHODS
 from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
@@ -60,7 +60,7 @@ def solve(scene: Scene) -> list[StepResult]:
 
 
 def not_finite(step: StepResult) -> int:
-    """How many of the step's numbers are no numbers."""
+    """How many numbers of the step are NaN or infinite."""
     found = [step.displacement, step.stress, step.p, step.w, step.residual, step.p_ref, step.u_ref]
     found += [getattr(contact, f.name) for contact in step.contacts.values() for f in fields(contact)]
     found += [part for support in step.supports.values() for part in support]
@@ -112,13 +112,13 @@ def no_increment(method: str, mu: float = MU) -> list[Check]:
     return [
         *found,
         Check("no increment: change of the dissipation [J]", total, 0.0, 1e-16, relative=False),
-        # it would be no test of friction if the step before did not both stick and slip
+        # a test of friction only if the step before both sticks and slips
         within("no increment: slip area of the step before [m]", then.slip_area, 0.1, 0.9),
     ]
 
 
 def no_friction(method: str, mu: float = 0.0) -> list[Check]:
-    """mu = 0 and a bound of 0 are the frictionless block; with another mu they must not be."""
+    """mu = 0 and a bound of 0 give the answer of the frictionless block; another mu must not."""
     smooth = solve(scene(method, top=PRESS_THEN_SHEAR))[-1]
     laws = {"mu = 0": Coulomb(mu=mu), "bound = 0": Tresca(bound=((1.0, mu * DOWN * E),))}
     found = []
@@ -138,5 +138,5 @@ def no_friction(method: str, mu: float = 0.0) -> list[Check]:
 
 def checks(method: str) -> list[Check]:
     """All of them."""
-    floating = no_force(method, held=False) if METHODS[method].floating else []
+    floating = no_force(method, held=False) if METHODS[method].WORKS_WITH.floating else []
     return no_force(method) + floating + no_touch(method) + no_increment(method) + no_friction(method)

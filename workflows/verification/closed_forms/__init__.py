@@ -1,1 +1,1 @@
-"""Closed forms and published figures as functions."""
+"""Closed forms and published figures as functions, with their sources."""

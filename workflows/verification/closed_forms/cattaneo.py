@@ -1,6 +1,6 @@
 """Two like cylinders pressed together, then sheared: partial slip from the edges inwards.
 
-Both half-planes are of one material, so that pressure and shear do not meet; lengths of the contact are small against
+Both half-planes are of one material, so that pressure and shear do not interact; the contact is small against
 the radii.
 
 Source: Johnson, Contact Mechanics (1985), section 7.2; Cattaneo (1938), Mindlin (1949).

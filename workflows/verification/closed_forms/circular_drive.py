@@ -11,7 +11,7 @@ w_k - w_(k-1), which is not perpendicular to w_k but turned by half a step h / 2
 V = (r + a sin(h/2), a cos(h/2)) in the frame of w_k, so that
 r = sqrt(A^2 - a^2 cos^2(h/2)) - a sin(h/2), sin(lag) = a cos(h/2) / A, dissipation = n s 2 r sin(h/2).
 To first order in h the radius and the dissipation are both too small by a h / (2 r); the lag has no first-order error.
-Clipping each component of tau on its own (a square instead of a disc) depends on the frame, and gives neither.
+Clipping each component of tau alone (a square instead of a disc) depends on the frame and gives another answer.
 
 Source: derived here; `march` is the independent check.
 """
@@ -40,7 +40,7 @@ class CircularDrive:
 
     @property
     def shear_reach(self) -> float:
-        """How far the top gets ahead of a slipping base, a = s H / G [m]."""
+        """Distance of the top from a slipping base, a = s H / G [m]."""
         return self.bound * self.height / self.G
 
 
@@ -84,10 +84,10 @@ def march(drive: CircularDrive, n: int, *, start: float = 0.0, max_turns: int = 
         drive: what is driven.
         n: steps a turn.
         start: angle of the top at the start of a turn [rad]; turning the frame must change nothing.
-        max_turns: refuse to go on longer.
+        max_turns: largest number of turns.
 
     Raises:
-        RuntimeError: when no steady state has come after max_turns.
+        RuntimeError: no steady state within max_turns.
     """
     angles = start + 2 * np.pi * np.arange(1, n + 1) / n
     path = drive.radius * np.column_stack([np.cos(angles), np.sin(angles)])

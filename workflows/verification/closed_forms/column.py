@@ -40,7 +40,7 @@ def penetration(*, stiffness: float, excess: float, c_n: float, m: float) -> flo
 
     Args:
         stiffness: M / H [Pa/m].
-        excess: U - g, the penetration of a base that would not resist [m].
+        excess: U - g, penetration without resistance of the base [m].
         c_n: compliance coefficient [Pa/m^m], > 0.
         m: compliance exponent, >= 1.
 

@@ -1,4 +1,4 @@
-"""Layer on an incline: a slab of height H under its own weight, endless along a slope of tan(alpha).
+"""Layer on an incline: a slab of height H under its own weight, infinite along a slope of tan(alpha).
 
 Nothing varies along the slope, so that sigma_nn and sigma_tn balance the weight above each height y:
 sigma_nn = -rho g cos(alpha) (H - y), sigma_tn = rho g sin(alpha) (H - y). The base rests, so that at the top

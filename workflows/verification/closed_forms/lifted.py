@@ -1,8 +1,8 @@
-"""Column lifted off its base and set down again: where nothing touches nothing rubs, and nothing is remembered.
+"""Column lifted off its base and set down again: an open contact carries no friction and keeps no memory.
 
 A column of constrained modulus M, shear modulus G and height H with periodic lateral faces, its top at (V, -U), its
 base at w and at first a gap g above a rigid plane: p = M (U - g)+ / H, tau = G (V - w) / H, |tau| <= mu p, V, w and tau
-vectors along the plane. Compression and shear do not feel each other. While the base hangs free it hangs below its
+vectors along the plane. Compression and shear do not interact. While the base hangs free it is below its
 top, w = V: that is the clip to a bound of 0. On a foundation that gives way p is that of `column` instead. A step's
 answer is the bound at its end, on the trial traction from w at its start; work is that at the end too, so what the base
 rubs while p falls to 0 within a step is not seen.
@@ -22,7 +22,7 @@ from workflows.verification.closed_forms.column import driven_by_displacement
 
 @dataclass(frozen=True, kw_only=True)
 class LiftedColumn:
-    """What is pressed and dragged."""
+    """The column, its gap and its friction."""
 
     M: float  # [Pa]
     G: float  # [Pa]

@@ -1,4 +1,4 @@
-"""A block on the ground that friction and weight hold up to a known time: pushed, lifted, tipped, let go, shaken.
+"""A block on the ground that friction and weight hold up to a known time: pushed, lifted, tipped, unloaded, shaken.
 
 A rigid block of length L and height H presses on the ground with N and is pushed at mid-height with F: it rests while
 F <= mu N and F H / 2 <= N L / 2. An elastic one, small displacements, rests as long: of its shape only L and H enter.
@@ -21,7 +21,7 @@ END = 4.0  # [s]
 
 @dataclass(frozen=True, kw_only=True)
 class Limit:
-    """Forces on a block by time, and when they are too much for it."""
+    """Forces on a block by time, and the time at which equilibrium ends."""
 
     length: float  # [m]
     height: float  # [m]

@@ -12,7 +12,7 @@ solve both: PV∫ cos(o s) / sinh(t - s) ds = pi tanh(pi o / 2) sin(o t), and th
 tanh(pi eps) = beta, or eps = ln(3 - 4 nu) / (2 pi). Tractions change sign infinitely often at the edge, from about
 1e-7 a on.
 
-With friction the stick width does not depend on the load: whatever the punch does, its contact is the same.
+With friction the stick width does not depend on the load, because the contact width is fixed.
 
 Source: Muskhelishvili (1953), derived here as above. For friction: Spence, Proc. Camb. Phil. Soc. 73 (1973); STICK was
 computed for this project by an independent half-plane program, and is data.
@@ -27,7 +27,7 @@ from geometry.arrays import Array
 NU = 0.3
 X = np.array([0.0, 0.5, 0.9])  # samples, over a
 STICK = {0.1: 0.038, 0.2: 0.362, 0.3: 0.690, 0.5: 0.941}  # half-width of the sticking part over a, by mu; nu = 0.3
-STICK_DIGITS = 0.004  # what STICK is good for
+STICK_DIGITS = 0.004  # accuracy of STICK
 
 
 def frictionless(x: Array, a: float = 1.0, P: float = 1.0) -> Array:

@@ -66,7 +66,7 @@ def dissipation(n: int) -> float:
 
 
 def state(x: float) -> Literal["open", "slip", "stick"]:
-    """What the contact face does at abscissa x [m]; the two limits are given to 0.1 mm.
+    """State (open, slip, stick) of the contact face at abscissa x [m]; the two limits are given to 0.1 mm.
 
     >>> state(0.0), state(0.01), state(0.035)
     ('open', 'slip', 'stick')

@@ -1,4 +1,4 @@
-"""Shear-lag strip: a bar pulled along a frictional bed slips from its end inwards, and keeps slip when let go.
+"""Shear-lag strip: a bar pulled along a frictional bed slips from its end inwards; slip remains after unloading.
 
 A bar of stiffness E A lies on a bed that carries a shear force of at most q per length. Its end is pulled with F, less
 than q times its length. The bar force falls by q per length where it slips, so it slips over F / q, and the end moves
@@ -32,7 +32,7 @@ STRIP = Strip(EA=E * HEIGHT, q=BOUND)
 
 @dataclass(frozen=True, kw_only=True)
 class Pull:
-    """What a monotone change of the end's force does."""
+    """Result of a monotone change of the end's force."""
 
     displacement: float  # of the end, in the direction of the change [m]
     slip_length: float  # [m]

@@ -1,9 +1,9 @@
-"""Sheared column on a frictional base: stick, slip, reversal and what they dissipate.
+"""Sheared column on a frictional base: stick, slip, reversal, dissipation.
 
 A column of shear modulus G and height H with periodic lateral faces is in uniform shear: tau = G (V - w) / H, V the
 displacement of its top and w that of its base [m]. The base carries |tau| <= s, and slips along tau where
 |tau| = s. So the exact answer to a step of V is to clip the trial traction, and w follows from the shear.
-A base of tangential stiffness k_T gives by tau / k_T before it slips: a spring in series, w = slip + tau / k_T.
+A base of tangential stiffness k_T moves by tau / k_T before it slips: a spring in series, w = slip + tau / k_T.
 
 Signs: tau [Pa] is t of the friction law, t dv = s |dv|: it has the sign of the slip v it makes.
 
@@ -41,7 +41,7 @@ class ShearHistory:
     """The states after each step, (steps,) each."""
 
     tau: Array  # tangential traction on the base [Pa]
-    slip: Array  # displacement of the base, its elastic give included [m]
+    slip: Array  # displacement of the base, elastic part included [m]
     dissipation: Array  # cumulative, per area of the base [J/m²]
 
 

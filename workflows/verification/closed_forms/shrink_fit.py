@@ -44,9 +44,9 @@ def give(material: RingMaterial, at: float, free: float) -> float:
 
 
 def fit(interference: float = INTERFERENCE, c_n: float = inf, m: float = 1.0) -> Fit:
-    """Pressure at which rings and interface together give way by the interference.
+    """Pressure at which rings and interface together deform by the interference.
 
-    p = c_n d^m on the overlap d that is left; without compliance none is left.
+    p = c_n d^m on the remaining overlap d; without compliance d = 0.
     """
     inner, outer = give(SHAFT, JOINT, INNER), give(HUB, JOINT, OUTER)
     rigid = interference / (inner + outer)
@@ -57,9 +57,9 @@ def fit(interference: float = INTERFERENCE, c_n: float = inf, m: float = 1.0) ->
 
 
 def drawn_too_large(interference: float = INTERFERENCE) -> tuple[float, Fit]:
-    """Pressure on the outer ring, and the state of the inner one, whose outside was drawn at 2 m + interference.
+    """Pressure on the outer ring, and the state of the inner one, whose outer radius is 2 m + interference.
 
-    Both rings feel the same force on a sector, on circles that are not the same.
+    Both rings carry the same force on a sector, on circles of different radius.
     """
     at = JOINT + interference
     inner, outer = give(SHAFT, at, INNER), give(HUB, JOINT, OUTER) * at / JOINT

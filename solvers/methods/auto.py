@@ -1,0 +1,25 @@
+"""Auto: the methods of a chain, one after the other until one solves the step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from solvers.methods.applicability import Applicability
+from solvers.methods.method import Method, Ready, Setup
+
+
+@dataclass(frozen=True, kw_only=True)
+class Auto(Method):
+    """A name for the chain that `solvers.stepping.choice` makes of every method's TURNS; it solves nothing itself."""
+
+    NAME: ClassVar = "auto"
+    WHEN: ClassVar = (
+        "the default: by size, condensed-newton, or surface-uzawa without a dense matrix; "
+        "goes on with a safer method when one stalls"
+    )
+    WORKS_WITH: ClassVar = Applicability(floating=True)
+    ROW: ClassVar = 0
+
+    def build(self, setup: Setup) -> Ready:
+        raise NotImplementedError("auto is replaced by the methods of its chain")

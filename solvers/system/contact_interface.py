@@ -1,0 +1,101 @@
+"""Where the volume meets its contacts: contact dofs among the free ones, and displacement and forces there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from scipy import sparse
+
+from geometry.arrays import Array, Ints
+from geometry.errors import SceneError
+from geometry.mesh.mesh import Mesh
+from geometry.protocols import Mat, Sparse, Vec
+from solvers.contact.rows import ContactRows
+from solvers.fem.constraints import Constraints
+from solvers.fem.rigid_modes import RigidModes
+from solvers.parallel.replicated import Replicated
+from solvers.system.obstacles import Obstacles
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactInterface:
+    """The surfaces of all contacts, replicated on every rank, and the c contact dofs that their rows touch."""
+
+    mesh: Mesh
+    constraints: Constraints
+    contacts: tuple[ContactRows, ...]
+    motions: RigidModes
+    obstacles: Obstacles
+    T: Mat  # (all, all), free numbers to displacements
+
+    @cached_property
+    def dofs(self) -> Ints:
+        """Free numbers (c,) that the contact rows touch, increasing; the same on every rank."""
+        found: list[Ints] = [np.zeros(0, np.int64)]
+        found += [self.constraints.numbers(c.nodes)[self.constraints.bases(c.nodes)[1]] for c in self.contacts]
+        return np.unique(np.concatenate(found))
+
+    def trace(self, c: ContactRows) -> Sparse:
+        """Contact dofs (c,) to the displacement of a contact's nodes (n_all d,), sparse."""
+        bases, numbers = self.constraints.bases(c.nodes)[0], self.constraints.numbers(c.nodes)
+        node, i, j = np.nonzero(bases)
+        columns = np.searchsorted(self.dofs, numbers[node, j])
+        shape = (self.mesh.dim * len(c.nodes), len(self.dofs))
+        found: Sparse = sparse.csr_matrix((bases[node, i, j], (self.mesh.dim * node + i, columns)), shape=shape)
+        return found
+
+    @cached_property
+    def rigid_modes(self) -> Array:
+        """Rigid modes that no support resists, on the contact dofs (c, r), orthonormal.
+
+        Raises:
+            SceneError: one of them moves no contact dof.
+        """
+        modes, count = self.motions.unresisted, self.mesh.part_count
+        of_part = modes.reshape(count, len(modes) // count, modes.shape[1])
+        values = np.zeros((len(self.dofs), modes.shape[1]))
+        for c in self.contacts if modes.shape[1] else ():
+            fields = self.motions.fields(c.points) @ of_part[self.mesh.parts[c.input]]
+            bases, free = self.constraints.bases(c.nodes)
+            at = np.searchsorted(self.dofs, self.constraints.numbers(c.nodes)[free])
+            values[at] = (np.swapaxes(bases, 1, 2) @ fields)[free]
+        if modes.shape[1] and np.linalg.matrix_rank(values) < modes.shape[1]:
+            raise SceneError("supports: a part of the mesh that no contact touches can move as a whole; hold it")
+        return np.asarray(np.linalg.qr(values)[0])
+
+    def displacement(self, u: Vec) -> list[Array]:
+        """Displacement (n_all, d) [m] of each contact's nodes, on every rank; u over all displacements."""
+        values = self._nodes.read(u).reshape(-1, self.mesh.dim)
+        ends = np.cumsum([0, *(len(c.nodes) for c in self.contacts)])
+        return [values[i:j] for i, j in pairwise(ends)]
+
+    def forces(self, p_n: list[Array], t: list[Array]) -> Vec:
+        """B^T p over all displacements [N]."""
+        total, parts = self.T.createVecLeft(), zip(self.contacts, p_n, t, strict=True)
+        self._nodes.add(total, np.concatenate([np.zeros(0), *(c.nodal_forces(*p).ravel() for c, *p in parts)]))
+        return total
+
+    def force_of(self, c: ContactRows, p_n: Array, t: Array) -> Vec:
+        """B^T p of one contact over all displacements [N]."""
+        total = self.T.createVecLeft()
+        scatter = Replicated(total, components(c.nodes, self.mesh.dim))
+        scatter.add(total, c.nodal_forces(p_n, t).ravel())
+        return total
+
+    def resultant_on_driven(self, c: ContactRows, force: Vec) -> Array:
+        """What B^T p of a contact does to the obstacles that forces drive (o,) [N]; collective."""
+        by_axis = self.mesh.comm.allreduce(force.array.reshape(-1, self.mesh.dim).sum(axis=0))
+        return self.obstacles.resultants(c.name, by_axis)
+
+    @cached_property
+    def _nodes(self) -> Replicated:
+        nodes = np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in self.contacts)])
+        return Replicated(self.T.createVecLeft(), components(nodes, self.mesh.dim))
+
+
+def components(nodes: Ints, dim: int) -> Ints:
+    """Numbers (n d,) of all displacement components of nodes (n,)."""
+    return (nodes[:, None] * dim + np.arange(dim)).ravel()
