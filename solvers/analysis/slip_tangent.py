@@ -38,7 +38,7 @@ class SlipTangent:
             omega: penalties (rows,) [Pa/m].
         """
         problem = accepted.problem
-        elements = ContactElements.of(problem, omega, accepted.last.p)
+        elements = ContactElements.of(problem, omega, accepted.substep_start.p)
         answer = elements.answer(accepted.state.w - elements.reference)
         indptr, indices, data = system.K_B.getValuesCSR()
         K_B = sparse.csr_matrix((data, indices, indptr), shape=system.K_B.size)

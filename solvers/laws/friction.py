@@ -30,7 +30,7 @@ class Coulomb(FrictionLaw):
     def resists(self) -> bool:
         return self.mu > 0
 
-    def limit(self, p: Array, average: Sparse, normal: NormalLaw, time: float, end: float) -> Array:
+    def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
         return np.asarray(self.mu * np.maximum(average @ p, 0.0))
 
     def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
@@ -56,7 +56,7 @@ class Tresca(FrictionLaw):
     def resists(self) -> bool:
         return any(value for _, value in ([(0.0, self.bound)] if isinstance(self.bound, float | int) else self.bound))
 
-    def limit(self, p: Array, average: Sparse, normal: NormalLaw, time: float, end: float) -> Array:
+    def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
         return np.where(touching(p, average, normal), value_at(self.bound, time, end), 0.0)
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
@@ -72,7 +72,7 @@ class Stick(FrictionLaw):
 
     law: Annotated[Literal["stick"], Key("-", "the law's name")] = "stick"
 
-    def limit(self, p: Array, average: Sparse, normal: NormalLaw, time: float, end: float) -> Array:
+    def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
         return np.where(touching(p, average, normal), np.inf, 0.0)
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:

@@ -81,7 +81,7 @@ class FrictionLaw(Choice):
         """Why this law cannot go with that normal law, or None."""
         return None
 
-    def limit(self, p: Array, average: Sparse, normal: NormalLaw, time: float, end: float) -> Array:
+    def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
         """Bound s (m_t,) [Pa] >= 0 from normal pressures p (m_n,) [Pa]."""
         raise NotImplementedError
 
@@ -99,6 +99,6 @@ class FrictionLaw(Choice):
         return {}
 
 
-def touching(p: Array, average: Sparse, normal: NormalLaw) -> Bools:
+def touching(p: Array, average: Sparse | Array, normal: NormalLaw) -> Bools:
     """Which tangential points (m_t,) a given bound holds at: where they press, or everywhere if they cannot part."""
     return np.asarray((average @ p > 0) | (normal.sides == 2))

@@ -41,7 +41,7 @@ class TangentialCompliance(FrictionLaw):
             return None
         return 'law = "compliance" bounds friction by the penetration, and needs normal = { law = "compliance", ... }'
 
-    def limit(self, p: Array, average: Sparse, normal: NormalLaw, time: float, end: float) -> Array:
+    def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
         return np.asarray(np.maximum(average @ self._pointwise(p, normal), 0.0))
 
     def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:

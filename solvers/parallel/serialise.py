@@ -77,7 +77,7 @@ def deserialise(kind: Any, plain: Plain, vector: Callable[[ByNode], Any] | None 
         given: fields of a dataclass that the plain data leave out.
 
     Raises:
-        KeyError: a field of a dataclass is missing.
+        KeyError: a field of a dataclass or of a NamedTuple is missing.
 
     >>> deserialise(dict[str, float], {"a": 1.0})
     {'a': 1.0}
@@ -96,6 +96,11 @@ def deserialise(kind: Any, plain: Plain, vector: Callable[[ByNode], Any] | None 
     if isinstance(plain, dict):
         of = inner[1] if inner else Any
         return {key: deserialise(of, item, vector) for key, item in plain.items()}
+    if isinstance(plain, list) and isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields"):
+        hints = get_type_hints(kind)
+        if len(plain) != len(hints):
+            raise KeyError(f"{kind.__name__} has {len(hints)} fields, not {len(plain)}")
+        return kind(*(deserialise(hint, item, vector) for hint, item in zip(hints.values(), plain, strict=True)))
     if isinstance(plain, list):
         each = repeat(inner[0] if inner else Any) if not inner or inner[-1] is Ellipsis or origin is list else inner
         found = [deserialise(k, item, vector) for k, item in zip(each, plain, strict=False)]

@@ -1,8 +1,8 @@
-"""The audit: displacement and tractions, as the files hold them, against equilibrium and the contact laws.
+"""The audit: checks displacement and tractions, as the step files hold them, against equilibrium and contact laws.
 
-Inner forces are integrated over the cells, without a stiffness matrix: none need fit beside the solver's. The contact
-rows are built anew. Nothing here imports a method: none can vouch for itself.
-Gap and slip are those that the step file holds, not recomputed from its displacement.
+It is independent of the solver: inner forces are integrated over the cells without a stiffness matrix, which also saves
+its memory; contact rows are built anew; no method is imported. Gap and slip are those of the step file, not recomputed
+from its displacement.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -25,60 +24,69 @@ from solvers.parallel.counters import Counters
 from solvers.scene.problem import Problem
 from solvers.system.system import System, assemble, inner_forces
 
-ROUNDED = 1e-9  # of p_ref: less is no traction
-ROUNDING = 1e3  # forces below this multiple of the rounding of K u are none
+ROUNDED = 1e-9  # of p_ref; smaller bounds count as zero
+ROUNDING = 1e3  # times the rounding error of K u; smaller forces count as zero
 
 
 @dataclass(frozen=True)
 class Audit:
-    """Relative defects; all zero for an exact answer."""
+    """Relative defects of a step [-], all >= 0, and zero for an exact solution of the discrete problem.
+
+    p_ref [Pa] and u_ref [m] are the step's scales of traction and displacement. ()_+ is the positive part.
+    """
 
     equilibrium: float  # sum |nodal force out of balance| / sum |nodal force|
-    penetration: float  # max (u_n - g)_+ / u_ref; with compliance |u_n - g - law's inverse|
+    penetration: float  # max (u_n - g)_+ / u_ref; with compliance, u_n - g minus what the law gives
     negative_pressure: float  # max (-p_n)_+ / p_ref
-    cone: float  # max (|t| - s)_+ / s_max
+    cone: float  # max (|t| - s)_+ / s_max, s the friction bound
     complementarity: float  # max of min(p/p_ref, open gap/u_ref), and of |t.du - s|du|| / (s_max u_ref)
     dissipation: float  # max(-friction work, 0) / |external work|
 
     @staticmethod
     def worst(audits: Iterable[Audit]) -> dict[str, float | None]:
-        """Maximum of each defect over the steps; None where nothing was audited."""
+        """Maximum of each defect over several steps, by its name; None if there is no step."""
         rows = [asdict(audit) for audit in audits]
         return {f.name: max((row[f.name] for row in rows), default=None) for f in fields(Audit)}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
-    """What is audited: one step as the files hold it."""
+    """One step as its file holds it: what is audited."""
 
-    time: float
+    time: float  # [s]
     displacement: Array  # (nodes, d) in the order of the gmsh model [m]
-    p: Array  # (rows,) flat tractions [Pa]
-    w: Array  # (rows,) flat relative displacement [m]
-    reference: Array  # (rows,) what slip is counted from [m]; the gap is recomputed
-    driven: Array  # displacement of the obstacles that forces move, by `Obstacles.driven` [m]
-    searched: Mapping[str, Array]  # where sliding contacts were paired
-    p_ref: float
-    u_ref: float
-    external_work: float  # in this run so far [J]
+    p: Array  # (rows,) tractions, flat [Pa]
+    w: Array  # (rows,) relative displacement, flat [m]
+    reference: Array  # (rows,) w at the start of the last substep [m]: slip counts from it; gaps are recomputed
+    driven: Array  # (o,) displacement of the obstacles that forces drive, by `Problem.driven` [m]
+    searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) [m] that its pairs were searched at
+    p_ref: float  # [Pa]
+    u_ref: float  # [m]
+    external_work: float  # since t = 0 [J]
 
 
 class Auditor:
-    """A system of its own, for as many records as there are."""
+    """Audits steps with a system of its own; called with one `Record` after the other."""
 
     def __init__(self, problem: Problem, mesh: Mesh) -> None:
-        """Assemble without the solver's own system; collective."""
+        """Assemble all but the stiffness matrix; collective.
+
+        Args:
+            problem: the resolved scene.
+            mesh: the same mesh that was solved on.
+        """
         self.start: System = assemble(problem, mesh, Counters())
         self._u = dx.fem.Function(self.start.space)
         self._inner_forces = self.start.weak.compile(inner_forces(problem, self.start.weak, self._u))
-        self._tell(self.start)
+        self._set_system(self.start)
 
-    def _tell(self, system: System) -> None:
+    def _set_system(self, system: System) -> None:
+        """Use the contact rows of `system`."""
         self.system, self.cone = system, AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
 
     def __call__(self, record: Record) -> Audit:
         """Audit one step; collective, `displacement` is read on every rank."""
-        self._tell(self.start.searched(record.searched) if record.searched else self.start)
+        self._set_system(self.start.searched(record.searched) if record.searched else self.start)
         tangential = [self._tangential(place, record) for place in self.cone.places]
         normal = [self._normal(place, record) for place in self.cone.places]
         return Audit(
@@ -93,7 +101,10 @@ class Auditor:
         )
 
     def _equilibrium(self, record: Record) -> float:
-        """K u - f + contact forces, where nothing is prescribed; compliance pressures from the UFL form j_n."""
+        """Defect of K u - f + B^T p at free dofs and of forces on driven obstacles, relative to all forces [-].
+
+        Where a contact with compliance against a rigid obstacle does not slide, its forces are those of the form j_n.
+        """
         system = self.system
         own = system.nodes.input[: system.nodes.owned]
         u = system.vector()
@@ -113,25 +124,26 @@ class Auditor:
         rounding = np.finfo(float).eps * self._largest_stiffness * u.norm(0)
         if (
             load.norm(0) == 0 and scale <= ROUNDING * rounding
-        ):  # a body that moves as a whole: there is no force to speak of
+        ):  # a body that moves as a whole: its forces are rounding errors
             return 0.0
         return float((free.norm(0) + np.abs(obstacles).sum()) / scale) if scale else 0.0
 
-    def _inner(self, u: Any) -> Any:
-        """∫ sigma(u) : eps(v) dx over all displacements [N]."""
+    def _inner(self, u: Vec) -> Vec:
+        """Inner forces ∫ sigma(u) : eps(v) dx over all displacement dofs [N]; u: displacement of all dofs [m]."""
         dx.petsc_vector(self._u).array[:] = u.array
         self._u.x.scatter_forward()
         return dx.assemble_vector(self._inner_forces)
 
     @cached_property
     def _largest_stiffness(self) -> float:
-        """About the largest row sum of |K| [N/m], from below: the inner forces of signs without a pattern."""
+        """Estimate from below of the largest row sum of |K| [N/m]: the inner forces of pseudo-random signs."""
         nodes, signs = self.start.nodes, self.start.vector()
         numbers = nodes.input[: nodes.owned, None] * self.start.mesh.dim + np.arange(self.start.mesh.dim)
         signs.array[:] = np.sign(np.sin(numbers.astype(float) ** 2)).ravel()
         return float(self._inner(signs).norm(PETSc.NormType.INFINITY))
 
     def _contact_force(self, place: ContactBlock, u: Vec, record: Record) -> Vec:
+        """Nodal forces B^T p of one contact over all displacement dofs [N]; with compliance p_n is that of u."""
         system, rows, law = self.system, place.rows, place.rows.normal
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
         if not isinstance(law, Compliance):
@@ -151,7 +163,7 @@ class Auditor:
         return dx.assemble_vector(system.weak.compile(form)) + system.interface.force_of(rows, np.zeros_like(p_n), t)
 
     def _normal(self, place: ContactBlock, record: Record) -> tuple[float, float, float]:
-        """Penetration, negative pressure and complementarity of one contact."""
+        """Penetration, negative pressure and complementarity of one contact, see `Audit` [-]."""
         law, p = place.rows.normal, record.p[place.normal]
         opening = place.rows.gap - record.w[place.normal] + law.penetration(p)
         p_ref, u_ref = record.p_ref or 1.0, record.u_ref or 1.0
@@ -162,7 +174,7 @@ class Auditor:
         return float(np.maximum(-opening, 0.0).max(initial=0.0)) / u_ref, float(negative), float(both.max(initial=0.0))
 
     def _tangential(self, place: ContactBlock, record: Record) -> tuple[float, float, float]:
-        """AdmissibleSet, slip direction and friction work of one contact."""
+        """Excess over the friction bound, slip direction and negative friction work of one contact, see `Audit` [-]."""
         if place.rows.friction is None:
             return 0.0, 0.0, 0.0
         t = record.p[place.tangential].reshape(-1, place.components)
@@ -171,7 +183,7 @@ class Auditor:
         s = self.cone.at(record.time).bound(place, record.p[place.normal])
         finite = np.isfinite(s)
         s_max = float(s[finite].max(initial=0.0))
-        if s_max <= ROUNDED * record.p_ref:  # nothing presses: what there is of a bound is rounding
+        if s_max <= ROUNDED * record.p_ref:  # nothing presses: the bound is a rounding error
             s_max = record.p_ref or 1.0
         length, slip = np.linalg.norm(t, axis=1), np.linalg.norm(du, axis=1)
         work = np.einsum("mi,mi->m", t, du)

@@ -1,4 +1,4 @@
-"""The unit of our costs: one linear elastic solve of the same mesh with its contact surfaces fixed."""
+"""The unit of cost: one linear elastic solve on the same mesh, its contact surfaces fixed."""
 
 from __future__ import annotations
 
@@ -6,63 +6,69 @@ import logging
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from geometry.protocols import KSP, Mat, Vec
 from solvers.interface.factorised import METIS
 from solvers.linear.multigrid import boomeramg, gamg
 from solvers.system.floating_modes import near_nullspace
 from solvers.system.system import System
 
-RTOL = 1e-8  # true residual over load
+RTOL = 1e-8  # true residual, relative to the load
 MOST_ITERATIONS = 1000
 PREFIX = "linear_reference_"
-WORKSPACE = 100  # percent that MUMPS adds to what it believes it needs
-QUADRATIC = 1.2e-9  # s per squared unknown that a factorisation in 3D takes on one core: 108 k unknowns, 14 s
-HOPELESS = 3.0  # a solver that is predicted to take so many times the best is not tried
+WORKSPACE = 100  # percent that MUMPS adds to its estimate of memory
+QUADRATIC = 1.2e-9  # [s] of a factorisation in 3D on one core, times unknowns squared; 108 k unknowns: 14 s
+HOPELESS = 3.0  # times the fastest solver; one that is predicted to take longer is not tried
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """One solver's wall time; numbers are null where it was not tried, or failed, and `note` says why."""
+    """Wall time of one solver; its numbers are None if it was not tried or failed, and `note` says why."""
 
     setup: float | None = None  # [s]
     solve: float | None = None  # [s]
-    iterations: int | None = None
-    residual: float | None = None  # |f - K u| / |f|
+    iterations: int | None = None  # 1: direct solver
+    residual: float | None = None  # |f - K u| / |f| [-]
     note: str = ""
 
     @property
     def seconds(self) -> float:
-        """Both; infinite if the answer is none."""
+        """Set-up and solve together [s]; inf if it has no solution that is accurate enough."""
         if self.setup is None or self.solve is None or self.residual is None or not self.residual <= 2 * RTOL:
             return np.inf
         return self.setup + self.solve
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LinearReference:
-    """Wall times by solver, and the least of them."""
+    """Wall times by solver, and the shortest of them."""
 
-    fastest: str
-    seconds: float
-    solvers: dict[str, Timing]
+    fastest: str  # name of the solver
+    seconds: float  # its wall time [s]
+    solvers: dict[str, Timing]  # by name: cg+boomeramg, cg+gamg, mumps
 
     @staticmethod
     def of(solvers: dict[str, Timing]) -> LinearReference:
+        """Find the fastest one."""
         fastest = min(solvers, key=lambda name: solvers[name].seconds)
-        return LinearReference(fastest, solvers[fastest].seconds, solvers)
+        return LinearReference(fastest=fastest, seconds=solvers[fastest].seconds, solvers=solvers)
 
 
 def linear_reference(system: System, only: str = "") -> LinearReference:
-    """Solve the bodies under the last step's loads and supports with each solver, or with one only; collective."""
+    """Time one linear solve of the bodies under the last step's loads and supports; collective.
+
+    Args:
+        system: the bodies; its contact dofs are fixed.
+        only: name of the one solver to try; empty: all that can be the fastest.
+    """
     K, f = _fixed(system)
     motions = near_nullspace(system)
-    solvers: dict[str, Callable[[Any], None]] = {
+    solvers: dict[str, Callable[[KSP], None]] = {
         "cg+boomeramg": lambda ksp: ksp.setPC(boomeramg(K, PREFIX)),
         "cg+gamg": lambda ksp: ksp.setPC(gamg(K, motions, PREFIX)),
         "mumps": _cholesky,
@@ -82,11 +88,11 @@ def linear_reference(system: System, only: str = "") -> LinearReference:
     return LinearReference.of(found)
 
 
-def _fixed(system: System) -> tuple[Any, Any]:
-    """Stiffness and load with the contact dofs held; a load that is none is replaced by one everywhere."""
+def _fixed(system: System) -> tuple[Mat, Vec]:
+    """Stiffness and load with the contact dofs fixed; a load that is zero is replaced by one that pulls everywhere."""
     K, time = system.K_B.copy(), system.problem.timeline.times[-1]
     f = system.pull(time, system.load(time), system.prescribed(time))
-    if not f.norm():  # supports that move a body as a whole pull at nothing
+    if not f.norm():  # supports that move a body as a whole cause no force
         f.array[:] = near_nullspace(system)[:, 0]
     low, high = K.getOwnershipRange()
     held = system.interface.dofs[(system.interface.dofs >= low) & (system.interface.dofs < high)]
@@ -95,8 +101,14 @@ def _fixed(system: System) -> tuple[Any, Any]:
     return K, f
 
 
-def _timed(K: Any, f: Any, prepare: Callable[[Any], None]) -> Timing:
-    """Conjugate gradients to the tolerance, or one direct solve; set-up and solve apart, each of the slowest rank."""
+def _timed(K: Mat, f: Vec, prepare: Callable[[KSP], None]) -> Timing:
+    """Time conjugate gradients to the tolerance, or one direct solve; times are those of the slowest rank; collective.
+
+    Args:
+        K: stiffness [N/m].
+        f: load [N].
+        prepare: sets the preconditioner, or makes it a direct solver.
+    """
     u, began = f.duplicate(), clock.perf_counter()
     ksp = PETSc.KSP().create(K.comm)
     try:
@@ -113,14 +125,15 @@ def _timed(K: Any, f: Any, prepare: Callable[[Any], None]) -> Timing:
     except PETSc.Error as error:
         return Timing(note=f"failed: PETSc error {error.ierr}")
     residual = float((f - K * u).norm() / f.norm())
-    # the same on all ranks: what is tried next hangs on it
+    # the same on all ranks: they decide by it what to try next
     setup, solve = (K.comm.tompi4py().allreduce(seconds, op=MPI.MAX) for seconds in (ready - began, solved - ready))
     found = Timing(setup=setup, solve=solve, iterations=ksp.getIterationNumber(), residual=residual)
     ksp.destroy()
     return found
 
 
-def _cholesky(ksp: Any) -> None:
+def _cholesky(ksp: KSP) -> None:
+    """Make it a direct solver: Cholesky factors by MUMPS, ordered by METIS."""
     ksp.setType("preonly")
     ksp.setNormType(PETSc.KSP.NormType.NONE)
     ksp.getOperators()[0].setOption(PETSc.Mat.Option.SPD, True)

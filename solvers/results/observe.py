@@ -1,10 +1,9 @@
-"""From an accepted step to its result: what the unknowns mean at the surface's nodes, the supports and the probes."""
+"""From an accepted step to its `StepResult`: contact states, reactions, stress, probes and error estimates."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,21 +12,34 @@ from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Ints
 from geometry.errors import SceneError
 from geometry.mesh.mesh import Mesh
+from geometry.protocols import Vec
 from solvers.contact.rows import ContactRows
 from solvers.effects import active
 from solvers.parallel.gather import Gather, cells_of, nodes_of
-from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
+from solvers.results.step_result import (
+    OPEN,
+    SLIP,
+    STICK,
+    ContactState,
+    MeshData,
+    ObstacleState,
+    ProbeValue,
+    Reaction,
+    StepResult,
+    SurfaceMesh,
+)
 from solvers.stepping.state import State
 from solvers.stepping.stepper import Accepted, Stepper
 from solvers.system.system import System
 
-ROUGH = 0.1  # error of the displacement beside its size, as a share of the defect's
+ROUGH = 0.1  # accuracy of the volume solve that the error estimate needs, relative to the defect
 
 
 def iteration_error(accepted: Accepted) -> float:
-    """Energy norm of the displacement that the tractions' defect would cause, relative to the largest one so far.
+    """Error of the displacement that the iteration leaves, energy norm, relative to the largest so far [-]; collective.
 
-    The defect is p - P_C(p + gamma r), gamma = p_ref / u_ref: what the contact laws would still change.
+    It is the displacement that the natural residual p - P_C(p + gamma r), gamma = p_ref / u_ref, would cause if it were
+    a traction: what the contact laws would still change.
     """
     problem, state = accepted.problem, accepted.state
     if problem.p_ref == 0 or state.peak <= 0:
@@ -40,22 +52,24 @@ def iteration_error(accepted: Accepted) -> float:
 
 
 def law_error(accepted: Accepted) -> float:
-    """What the method's approximation of the laws leaves, relative to the largest energy norm so far.
+    """Error left by the method's approximation of the contact laws, energy norm, relative to the largest so far [-].
 
-    Steps add up: each starts from the slip of the one before, and a slip that is off changes the answer by no more
-    than that (Tresca's law: the steps are a non-expansive map in the energy norm).
+    The errors of all steps add up: each step starts from the slip of the one before, and an error of that slip changes
+    the displacement by no more than itself (with Tresca's law a step is a non-expansive map in the energy norm).
     """
     state = accepted.state
     return state.law_error / float(np.sqrt(2 * state.peak)) if state.law_error else 0.0
 
 
 class CellStress:
-    """sigma (own cells, 3, 3) [Pa] of the strain beyond the initial one; u is left in `displacement`.
+    """Stress at the midpoints of this rank's own cells, of the strain minus the initial strain; compiled once.
 
-    The strain is compiled once.
+    Attributes:
+        displacement: dolfinx Function that the last call has set to its u, ghosts included [m].
     """
 
     def __init__(self, system: System) -> None:
+        """Compile the strain; collective."""
         self._system = system
         self.displacement = dx.fem.Function(system.space)
         mesh = system.mesh
@@ -70,10 +84,11 @@ class CellStress:
             self._members[name] = members[members < count]
             self._lame[self._members[name]] = material.lame_lambda, material.lame_mu
 
-    def __call__(self, u: Any, initial: Array) -> Array:
-        """
+    def __call__(self, u: Vec, initial: Array) -> Array:
+        """Stress (own cells, 3, 3) [Pa], tension positive; collective.
+
         Args:
-            u: displacement, PETSc [m].
+            u: displacement of all dofs [m].
             initial: values (k,) of the initial strains.
         """
         dx.petsc_vector(self.displacement).array[:] = u.array
@@ -93,17 +108,20 @@ class CellStress:
 
 @dataclass(frozen=True, kw_only=True)
 class Observer:
-    """Reads results off accepted steps; collective."""
+    """Makes the `StepResult` of an accepted step; made once for a simulation with `of`, then called."""
 
     stepper: Stepper
     stress: CellStress
-    by_node: Gather
-    by_cell: Gather
-    probes: Mapping[str, tuple[int, Array] | None]  # cell and reference basis, where this rank has it
+    by_node: Gather  # own nodes to all nodes, on rank 0
+    by_cell: Gather  # own cells to all cells, on rank 0
+    probes: Mapping[str, tuple[int, Array] | None]  # cell, and its basis at the point (k,); None on other ranks
 
     @classmethod
     def of(cls, stepper: Stepper) -> Observer:
-        """Compile the strain and locate the probes; collective.
+        """Compile the strain and find the cells of the probes; collective.
+
+        Args:
+            stepper: whose steps it will observe.
 
         Raises:
             SceneError: a probe lies outside the bodies.
@@ -119,6 +137,7 @@ class Observer:
         )
 
     def __call__(self, accepted: Accepted) -> StepResult:
+        """The result of a step; collective. Displacement and stress are on rank 0 only."""
         system, state = accepted.stepper.system, accepted.state
         cell_stress, nodal = self.stress(state.u, state.initial), self.stress.displacement.x.array
         contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
@@ -132,7 +151,10 @@ class Observer:
             stress=self.by_cell(cell_stress),
             contacts=contacts,
             obstacles=self._obstacles(accepted.state, contacts),
-            supports=system.reactions(state.residual),
+            supports={
+                name: Reaction(force=force, moment=moment)
+                for name, (force, moment) in system.reactions(state.residual).items()
+            },
             probes={name: self._probe(where, nodal, cell_stress) for name, where in self.probes.items()},
             energy=state.energy,
             iteration_error=iteration_error(accepted),
@@ -150,21 +172,22 @@ class Observer:
         )
 
     def _columns(self, time: float) -> dict[str, float]:
-        """What active effects have for steps.csv, by name."""
+        """Numbers that active effects add to steps.csv at a time [s], by column."""
         system = self.stepper.system
         found = [effect.columns(system.problem, system.course.timeline, time) for effect in active(system.problem)]
         return {name: value for columns in found for name, value in columns.items()}
 
     def _contact(self, index: int, c: ContactRows, accepted: Accepted) -> ContactState:
+        """State of one contact, number `index` of the system's."""
         state = accepted.state
         stepper = accepted.stepper
         p_n, t = (parts[index] for parts in stepper.split(state.p))
         u_n = c.node_motion(stepper.system.interface.displacement(state.u)[index] - state.motion[c.name])[0]
         pressure, multiplier, gap = c.node_pressure(p_n), c.node_traction(t), c.node_gap - u_n
-        slip, increment = state.slip[c.name], state.slip[c.name] - accepted.last.slip[c.name]
+        slip, increment = state.slip[c.name], state.slip[c.name] - accepted.substep_start.slip[c.name]
         place = stepper.cone.places[index]
         bound = np.zeros_like(pressure)
-        if c.friction is not None:  # at the points that carry the multipliers, then at the nodes that each stands for
+        if c.friction is not None:  # at the points that carry the multipliers, then distributed to nodes
             bound = c.share_t.T @ accepted.problem.cone.bound(place, p_n)
         lam = np.divide(multiplier, bound[:, None], out=np.zeros_like(multiplier), where=bound[:, None] > 0)
         status = _status(c, pressure, multiplier, bound, increment, accepted)
@@ -194,12 +217,12 @@ class Observer:
             slip_area=float(weight[status == SLIP].sum()),
             max_penetration=float(np.max(state.w[place.normal] - c.gap, initial=0.0)),
             max_slip=float(np.linalg.norm(slip[status != OPEN], axis=1).max(initial=0.0)),
-            dissipation=float(state.energy.dissipation[index] - accepted.before.energy.dissipation[index]),
+            dissipation=float(state.energy.dissipation[index] - accepted.start.energy.dissipation[index]),
             dissipation_total=float(state.energy.dissipation[index]),
         )
 
-    def _obstacles(self, state: State, contacts: Mapping[str, ContactState]) -> dict[str, tuple[Array, Array, Array]]:
-        """Translation of each obstacle, force and moment that it exerts on the bodies."""
+    def _obstacles(self, state: State, contacts: Mapping[str, ContactState]) -> dict[str, ObstacleState]:
+        """Each obstacle, by the contacts that it is part of."""
         system = self.stepper.system
         found = {}
         for name, obstacle in system.problem.obstacles.items():
@@ -208,26 +231,39 @@ class Observer:
             force = sum((c.force for c in touching), np.zeros(system.mesh.dim))
             moment = sum((c.moment for c in touching), np.zeros(1 if system.mesh.dim == 2 else 3))
             axis_point = np.array(obstacle.rotation.point) if obstacle.rotation else np.zeros(system.mesh.dim)
-            found[name] = (moved, force, moment - np.cross(axis_point, force))
+            found[name] = ObstacleState(displacement=moved, force=force, moment=moment - np.cross(axis_point, force))
         return found
 
-    def _probe(self, where: tuple[int, Array] | None, nodal: Array, cell_stress: Array) -> tuple[Array, Array]:
-        """Displacement and stress; nodal: all displacements that this rank knows, those of its neighbours too [m]."""
+    def _probe(self, where: tuple[int, Array] | None, nodal: Array, cell_stress: Array) -> ProbeValue:
+        """Fields at one probe, on every rank; collective.
+
+        Args:
+            where: cell and basis (k,) at the point, on the rank that owns it; None elsewhere.
+            nodal: displacement of all dofs that this rank knows, ghosts included [m].
+            cell_stress: of the own cells (cells, 3, 3) [Pa].
+        """
         system = self.stepper.system
         found = None
         if where is not None:
             cell, basis = where
             values = nodal.reshape(-1, system.mesh.dim)[dx.cell_dofs(system.space)[cell]]
-            found = (basis @ values, cell_stress[cell])
-        offers = [offer for offer in system.mesh.comm.allgather(found) if offer is not None]
-        found_first: tuple[Array, Array] = offers[0]
-        return found_first
+            found = ProbeValue(displacement=basis @ values, stress=cell_stress[cell])
+        return next(offer for offer in system.mesh.comm.allgather(found) if offer is not None)
 
 
 def _status(
     c: ContactRows, pressure: Array, multiplier: Array, bound: Array, increment: Array, accepted: Accepted
 ) -> NDArray[np.int8]:
-    """OPEN, SLIP or STICK of each node, as the result files define them."""
+    """OPEN, SLIP or STICK of each slave node (n,); a bilateral contact is never open.
+
+    Args:
+        c: the contact's rows.
+        pressure: (n,) [Pa].
+        multiplier: (n, d) tangential [Pa].
+        bound: (n,) friction bound [Pa].
+        increment: (n, d) slip in the last substep [m].
+        accepted: the step, for its scales and its method's slack.
+    """
     touching = (pressure > 1e-9 * accepted.problem.p_ref) | (c.normal.sides == 2)
     at_bound = np.linalg.norm(multiplier, axis=1) >= bound * (1 - accepted.slack)
     moving = np.linalg.norm(increment, axis=1) > 1e-9 * accepted.problem.u_ref
@@ -236,7 +272,10 @@ def _status(
 
 
 def _locate(mesh: Mesh, point: Array, name: str) -> tuple[int, Array] | None:
-    """Cell that holds the point, and its basis there: on one rank, that of the gmsh model's first such cell."""
+    """Cell of a probe and its basis (k,) at the point (d,) [m], on the rank that owns it, else None; collective.
+
+    Of several cells it is the first one of the gmsh model.
+    """
     size = float(np.max(np.diff(mesh.box(), axis=0)))
     found = dx.find_cell(mesh.domain, mesh.degree, point, 1e-9 * size)
     mine = (int(mesh.domain.topology.original_cell_index[found[0]]), mesh.comm.rank) if found else (np.inf, -1)
@@ -247,7 +286,7 @@ def _locate(mesh: Mesh, point: Array, name: str) -> tuple[int, Array] | None:
 
 
 def mesh_data(system: System) -> MeshData:
-    """The mesh and its contact surfaces as plain arrays; collective."""
+    """The mesh and its contact surfaces as plain arrays, volume arrays on rank 0 only; collective."""
     mesh, nodes = system.mesh, system.nodes
     by_node, by_cell = nodes_of(mesh, nodes), cells_of(mesh)
     own = mesh.domain.topology.index_map(mesh.dim).size_local
@@ -262,6 +301,9 @@ def mesh_data(system: System) -> MeshData:
         shape=mesh.domain.topology.cell_type.name,
         body=by_cell(body),
         bodies=tuple(mesh.bodies),
-        surfaces={c.name: (c.surface.points, c.surface.facets, c.surface.shape) for c in system.contacts},
+        surfaces={
+            c.name: SurfaceMesh(points=c.surface.points, facets=c.surface.facets, shape=c.surface.shape)
+            for c in system.contacts
+        },
         gaps={c.name: c.node_gap for c in system.contacts if c.master},
     )

@@ -8,7 +8,10 @@ from solvers.scene.quantities import CONTACT_NUMBERS, ENERGIES, STRESSES
 
 
 def values(step: StepResult) -> dict[str, float]:
-    """All of them at a step, by the same names."""
+    """All numbers of a step by name, in SI units: base.normal_force, probe.tip.stress.xx, energy.stored.
+
+    `solvers.scene.quantities.names` gives the same names before anything is solved.
+    """
     found: dict[str, float] = {}
     for name, contact in step.contacts.items():
         found |= {f"{name}.{key}": getattr(contact, key) for key in CONTACT_NUMBERS}

@@ -1,9 +1,10 @@
-"""What a reported step leaves behind: fields, contact states, reactions, probes, energy. Plain arrays, no PETSc."""
+"""Results of a solved step: fields, contact states, reactions, probes, energy; plain arrays, nothing of PETSc."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,91 +13,126 @@ from geometry.arrays import Array, Ints
 from solvers.stepping.history import HistoryTuple
 from solvers.stepping.state import Energy
 
-OPEN, SLIP, STICK = 0, 1, 2
+OPEN, SLIP, STICK = 0, 1, 2  # values of `ContactState.status`
+
+
+class Reaction(NamedTuple):
+    """What a support exerts on the body."""
+
+    force: Array  # (d,) [N]
+    moment: Array  # (1,) in 2D, about z; (3,) in 3D; about the origin [N m]
+
+
+class ObstacleState(NamedTuple):
+    """Where a rigid obstacle is, and what it exerts on the bodies through all its contacts."""
+
+    displacement: Array  # (d,) translation since t = 0 [m], without the part of a rotation
+    force: Array  # (d,) [N]
+    moment: Array  # (1,) or (3,) about the point of the rotation, or about the origin without one [N m]
+
+
+class ProbeValue(NamedTuple):
+    """Fields at a point that a probe names."""
+
+    displacement: Array  # (d,) interpolated [m]
+    stress: Array  # (3, 3) of the cell that contains the point [Pa], tension positive
+
+
+class SurfaceMesh(NamedTuple):
+    """The slave side of a contact as a mesh; its nodes are in the order of `ContactState`."""
+
+    points: Array  # (n, d) [m], undeformed
+    facets: Ints  # (f, k) nodes of each facet, in dolfinx's order
+    shape: str  # interval, triangle or quadrilateral
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactState:
-    """One contact surface: n nodes, d dimensions, Cartesian components; resultants act on the slave side."""
+    """One contact at the end of a step, at the n nodes of its slave side and as resultants.
 
-    weight: Array  # (n,) [m^(d-1)]
-    gap: Array  # (n,) current gap g - u_n [m], negative: penetration
-    pressure: Array  # (n,) [Pa]
-    traction: Array  # (n, d) sigma_T [Pa]
-    slip: Array  # (n, d) tangential relative displacement since t = 0 [m]
-    slip_increment: Array  # (n, d) since the last accepted step [m]
-    bound: Array  # (n,) friction bound s [Pa], infinite for stick
-    lam: Array  # (n, d) lambda = t/s, 0 where s = 0 [-]
+    Vectors have d Cartesian components. Forces and tractions act on the slave side. Pressure is positive where it
+    presses, a gap is positive where it is open. In plane models resultants and areas are per metre of thickness, in
+    axisymmetric ones of the full circle.
+    """
+
+    weight: Array  # (n,) area that each node stands for [m^(d-1)]; its sum is the area of the side
+    gap: Array  # (n,) current gap g - u_n [m]; negative: penetration
+    pressure: Array  # (n,) p_n [Pa]
+    traction: Array  # (n, d) tangential traction sigma_T [Pa]
+    slip: Array  # (n, d) tangential displacement relative to the other side, since t = 0 [m]
+    slip_increment: Array  # (n, d) the same, since the last accepted substep [m]
+    bound: Array  # (n,) friction bound s on |sigma_T| [Pa]; inf: never slips, 0: no friction
+    lam: Array  # (n, d) lambda = -sigma_T / s [-]; its length is 1 where the node slips; 0 where s = 0
     status: NDArray[np.int8]  # (n,) OPEN, SLIP or STICK
-    force: Array  # (d,) [N]
-    moment: Array  # (1,) or (3,) about the origin [N m]
-    normal_force: float
-    tangential_force: float
-    max_pressure: float
-    contact_area: float
-    stick_area: float
-    slip_area: float
-    max_penetration: float
-    max_slip: float
-    dissipation: float  # in this step [J]
-    dissipation_total: float
+    force: Array  # (d,) resultant of pressure and traction [N]
+    moment: Array  # (1,) in 2D, about z; (3,) in 3D; about the origin [N m]
+    normal_force: float  # integral of the pressure [N]
+    tangential_force: float  # length of the resultant of the traction [N]
+    max_pressure: float  # largest pressure at contact points [Pa]; nodes have averages of these
+    contact_area: float  # of nodes that stick or slip [m^(d-1)]
+    stick_area: float  # [m^(d-1)]
+    slip_area: float  # [m^(d-1)]
+    max_penetration: float  # largest penetration at contact points, >= 0 [m]
+    max_slip: float  # largest length of `slip` where the contact is closed [m]
+    dissipation: float  # work of friction in this step, >= 0 [J]
+    dissipation_total: float  # the same, since t = 0 [J]
 
 
 @dataclass(frozen=True, kw_only=True)
 class StepResult:
-    """A requested time, reached. Nodes and cells in the order of the gmsh model, whatever the number of ranks.
+    """The solution at a requested time.
 
-    `displacement` and `stress` are on rank 0 only (empty elsewhere), all else is on every rank.
+    Nodes and cells are in the order of the gmsh model, whatever the number of ranks. `displacement` and `stress` are
+    on rank 0 (empty elsewhere), all else is on every rank. Mappings have the names of the scene as keys. d is 2 or 3.
     """
 
-    time: float
-    substeps: int
-    iterations: int
-    volume_solves: int
-    residual: float
+    time: float  # [s]
+    substeps: int  # number of substeps that the step was solved in; 1 if it succeeded as a whole
+    iterations: int  # of all substeps, failed attempts included
+    volume_solves: int  # applications of K_B^-1 in this step
+    residual: float  # natural residual of the contact laws at the end, relative to p_ref [-]
     displacement: Array  # (nodes, d) [m]
-    stress: Array  # (cells, 3, 3) [Pa]
+    stress: Array  # (cells, 3, 3) at the midpoints [Pa], tension positive
     contacts: Mapping[str, ContactState]
-    supports: Mapping[str, tuple[Array, Array]]  # force (d,) [N], moment [N m] about the origin
-    # of each obstacle: displacement (d,) [m]; force (d,) [N] on the bodies, and its moment [N m] about the axis of
-    # rotation, or the origin without one
-    obstacles: Mapping[str, tuple[Array, Array, Array]]
-    probes: Mapping[str, tuple[Array, Array]]  # displacement (d,) [m], stress (3, 3) [Pa]
-    energy: Energy
-    iteration_error: float  # relative to the largest energy norm so far
-    law_error: (
-        float  # relative, energy norm: what the method's approximation of the laws leaves, earlier steps included
-    )
-    p: Array  # (rows,) flat tractions [Pa], for the audit and the next step
-    w: Array  # (rows,) flat relative displacement [m]
-    reference: Array  # (rows,) what the laws count w from [m]: the gap, and where this step's slip begins
-    driven: Array  # (o,) motion of the obstacles that forces drive [m], for the audit
-    searched: Mapping[str, Array]  # where sliding contacts were paired, (n_all, d) [m] by contact; empty if none slides
-    p_ref: float  # [Pa]
-    u_ref: float  # [m]
-    history: tuple[HistoryTuple, ...]
-    linear_error: float = 0.0  # relative, energy norm: what an iterative volume solve leaves
-    columns: Mapping[str, float] = field(default_factory=dict)  # what effects add to steps.csv
+    supports: Mapping[str, Reaction]
+    obstacles: Mapping[str, ObstacleState]
+    probes: Mapping[str, ProbeValue]
+    energy: Energy  # totals since t = 0 [J]
+    iteration_error: float  # error of the displacement left by the iteration, energy norm, relative to the largest [-]
+    law_error: float  # the same by the method's approximation of the contact laws, earlier steps included [-]
+    p: Array  # (rows,) tractions, flat [Pa]; for the audit and the next step
+    w: Array  # (rows,) relative displacement, flat [m]
+    reference: Array  # (rows,) that the contact laws subtract from w [m]: the gap, and the slip at the substep's start
+    driven: Array  # (o,) displacement of the obstacles that forces drive [m], for the audit
+    searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) that its pairs were searched at [m]
+    p_ref: float  # scale of tractions in the residual [Pa]
+    u_ref: float  # scale of relative displacements in the residual [m]
+    history: tuple[HistoryTuple, ...]  # each iteration: time, iteration, residual, volume solves, seconds, method
+    linear_error: float = 0.0  # error left by an iterative volume solve, energy norm, relative [-]; 0: direct solver
+    columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 
     def without_fields(self) -> StepResult:
-        """What is known besides displacement and stress: they take memory that grows with the mesh."""
+        """The same, displacement and stress empty: their memory grows with the mesh."""
         return replace(self, displacement=np.zeros((0, 0)), stress=np.zeros((0, 3, 3)))
 
     @property
     def von_mises(self) -> Array:
-        """(cells,) [Pa]."""
+        """Equivalent stress (cells,) [Pa], >= 0; on rank 0 (empty elsewhere)."""
         deviator = self.stress - np.trace(self.stress, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
         return np.asarray(np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshData:
-    """The mesh as plain arrays in the order of the gmsh model, on rank 0 (empty elsewhere)."""
+    """The mesh as plain arrays in the order of the gmsh model.
 
-    points: Array  # (nodes, d) [m]
-    cells: Ints  # (cells, k) in dolfinx's order of nodes
-    shape: str  # triangle, quadrilateral, tetrahedron, hexahedron
+    `points`, `cells` and `body` are on rank 0 (empty elsewhere), all else is on every rank.
+    """
+
+    points: Array  # (nodes, d) [m], undeformed
+    cells: Ints  # (cells, k) rows of `points`, in dolfinx's order of a cell's nodes
+    shape: str  # of the cells: triangle, quadrilateral, tetrahedron or hexahedron
     body: Ints  # (cells,) index into `bodies`
     bodies: tuple[str, ...]
-    surfaces: Mapping[str, tuple[Array, Ints, str]]  # contact: points (n, d), facets (f, k), shape
-    gaps: Mapping[str, Array] = field(default_factory=dict)  # contact between bodies: (n,) before anything moves [m]
+    surfaces: Mapping[str, SurfaceMesh]  # by contact
+    gaps: Mapping[str, Array] = field(default_factory=dict)  # by contact between bodies, (n,) initial gap [m]

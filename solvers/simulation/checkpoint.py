@@ -1,7 +1,7 @@
-"""What a run goes on from, as plain data: the state, how far its methods are, the work so far, what was learnt.
+"""Checkpoints as plain data: the state, the method in use, the work so far, and what methods have learnt.
 
-Values over the volume are by node of the gmsh model, so that any number of ranks can read them. What methods have
-learnt is for the same ranks only: it makes no answer better, but it decides the last bits.
+Values over the volume are by node of the gmsh model: any number of ranks can read them. What methods have learnt needs
+the same ranks; without it the answer is as accurate, but differs in the last bits.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from geometry.arrays import Array
+from geometry.protocols import Vec
 from solvers.interface.matrix_free import IterativeVolume
 from solvers.parallel.counters import Counters
 from solvers.parallel.gather import Gather, nodes_of
@@ -20,30 +21,31 @@ from solvers.stepping.attempts import Reached
 from solvers.stepping.state import State
 from solvers.stepping.stepper import Accepted, Stepper
 
-ROWS = "rows"  # the field of State that is built anew, from where sliding contacts were paired
+ROWS = "rows"  # field of State that is not stored: it is built again from the pairs of sliding contacts
 
 
 @dataclass(frozen=True, kw_only=True)
 class Checkpoint:
-    """A reported step, as seen by the next one."""
+    """Everything of a solved step that the next one needs, but for what methods have learnt."""
 
-    state: Plain
-    searched: Mapping[str, Array]  # where sliding contacts were paired, for the rows of the state
-    reached: Reached
-    counters: Counters
-    coarse: Counters | None  # of the coarse mesh beside
+    state: Plain  # of `State`, without its rows
+    searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) [m] that its pairs were searched at
+    reached: Reached  # methods that were tried and left, and the one in use
+    counters: Counters  # work so far
+    coarse: Counters | None  # work on the coarse mesh that helps the method, if there is one
 
 
 class Checkpoints:
-    """Takes them from a stepper, and puts it back; all collective."""
+    """Takes checkpoints from a stepper, and puts them back into another one of the same scene; all collective."""
 
     def __init__(self, stepper: Stepper) -> None:
+        """Prepare to gather values over the volume on rank 0."""
         system = stepper.system
         self.stepper, self.dim = stepper, system.mesh.dim
         self._by_node: Gather = nodes_of(system.mesh, system.nodes)
 
     def take(self, accepted: Accepted) -> Checkpoint:
-        """Right after a step was reported."""
+        """The checkpoint of a step; call it before the next step begins."""
         attempts = self.stepper.attempts
         return Checkpoint(
             state=serialise(accepted.state, self._whole, without=(ROWS,)),
@@ -54,9 +56,9 @@ class Checkpoints:
         )
 
     def learnt(self) -> Plain:
-        """What later steps use beside the state, this rank's part: it can be large, and may be missing on a resume.
+        """What methods have learnt, this rank's part, with the layout of nodes and ranks that it belongs to.
 
-        Nothing is copied: it is valid until the next step begins.
+        It can be large, and a resumed run can do without it. Nothing is copied: it is valid until the next step begins.
         """
         attempts = self.stepper.attempts
         volume = attempts.volume
@@ -68,7 +70,15 @@ class Checkpoints:
         return {"layout": self._layout(), **serialise(known, lambda own: own.values)}
 
     def put_back(self, checkpoint: Checkpoint, learnt: Plain | None) -> tuple[State, bool]:
-        """The state to go on from, and whether what was learnt could be used."""
+        """Continue from a checkpoint: counters are added to the stepper's own.
+
+        Args:
+            checkpoint: of a run of the same scene; its values by node are on rank 0.
+            learnt: what `learnt` returned on this rank; None: lost.
+
+        Returns:
+            The state that the next step starts from, and whether `learnt` could be used: not on other ranks.
+        """
         system, attempts = self.stepper.system, self.stepper.attempts
         rows = system.searched(checkpoint.searched).contacts if checkpoint.searched else system.contacts
         state: State = deserialise(State, checkpoint.state, self._vector, rows=rows)
@@ -81,6 +91,7 @@ class Checkpoints:
         return state, True
 
     def _teach(self, known: Mapping[str, Any]) -> None:
+        """Give the bodies and the method what they had learnt."""
         attempts, surface = self.stepper.attempts, self.stepper.surface
         surface.restore(known["surface"])
         if isinstance(attempts.volume, IterativeVolume):
@@ -88,19 +99,22 @@ class Checkpoints:
         attempts.restore(known["method"], surface)
 
     def _layout(self) -> str:
-        """The same if the nodes are numbered and shared out the same."""
+        """Number of ranks, and a hash of the numbering of nodes: learnt data fit only the same layout."""
         comm = self.stepper.system.mesh.comm
         numbers = hashlib.sha256(self._by_node.numbers.tobytes()).hexdigest()
         return f"{comm.size} {comm.bcast(numbers)}"
 
     def _whole(self, own: Own) -> ByNode:
+        """Gather this rank's part of a vector on rank 0; collective."""
         return ByNode(self._by_node(own.values.reshape(-1, self.dim, *own.values.shape[1:])))
 
     def _own(self, whole: ByNode) -> Array:
+        """Scatter a vector of rank 0: this rank's part; collective."""
         values = self._by_node.scatter(whole.values)
         return values.reshape(-1, *values.shape[2:])
 
-    def _vector(self, whole: ByNode) -> Any:
+    def _vector(self, whole: ByNode) -> Vec:
+        """The same as a PETSc vector; collective."""
         vector = self.stepper.system.vector()
         vector.array[:] = self._own(whole)
         return vector

@@ -1,4 +1,4 @@
-"""The plan: which effects a scene calls for and why; what is off costs nothing."""
+"""Checks before any mesh: the plan of active effects, refusals of what cannot be solved, warnings."""
 
 from __future__ import annotations
 
@@ -11,20 +11,26 @@ from solvers.simulation.applicable import refuse_method
 from solvers.simulation.resolve import resolve
 
 FACING = 1e-6  # cosine of the angle below which two surfaces do not face each other
-AXIS = 1e-9  # distance from the axis of symmetry that is none, as part of the scene's size
+AXIS = 1e-9  # of the scene's size; points that are closer to the axis of symmetry lie on it
 LOCKING = 0.49  # Poisson's ratio beyond which linear elements lock
 
 
 def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
-    """All effects with the scene key that calls for them; see `planned`."""
+    """The rows of `stickslip plan`: every effect, whether it is on, and the scene key that asks for it.
+
+    Raises:
+        SceneError, GeometryError: see `planned`.
+    """
     return planned(scene).plan
 
 
 def planned(scene: Scene) -> Problem:
-    """The scene, resolved, if it can be solved.
+    """Resolve a scene, and refuse one that cannot be solved; nothing is meshed.
 
     Raises:
-        SceneError: a motion that nothing resists, or a method that cannot do what the scene asks.
+        SceneError: nothing resists a rigid motion, a contact side lies on the axis of symmetry, an obstacle faces the
+            wrong way, or the method cannot do what the scene asks.
+        GeometryError: the geometry does not have a side that the scene names.
     """
     _refuse_on_axis(scene)
     _refuse_reversed(scene)
@@ -36,7 +42,7 @@ def planned(scene: Scene) -> Problem:
 
 
 def warnings(scene: Scene) -> tuple[str, ...]:
-    """What can be solved, but answers badly."""
+    """Warnings (one line each) about a scene that can be solved, but only with a large error."""
     if scene.geometry.degree > 1 or scene.model == "plane stress":  # there the thickness gives way
         return ()
     return tuple(
@@ -48,7 +54,11 @@ def warnings(scene: Scene) -> tuple[str, ...]:
 
 
 def _refuse_on_axis(scene: Scene) -> None:
-    """A side on the axis of symmetry has no area: nothing touches it, no force spreads over it."""
+    """Refuse contacts and loads of a side on the axis of symmetry: it has no area.
+
+    Raises:
+        SceneError: the key, and the side.
+    """
     if not scene.axisymmetric:
         return
     small = AXIS * float(np.max(np.ptp(scene.geometry.box(scene.dim), axis=0)))
@@ -60,6 +70,11 @@ def _refuse_on_axis(scene: Scene) -> None:
 
 
 def _refuse_reversed(scene: Scene) -> None:
+    """Refuse an obstacle whose normal points away from the contact side everywhere.
+
+    Raises:
+        SceneError: the obstacle, the side, and the side's normal.
+    """
     for name, contact in scene.contacts.items():
         if contact.against not in scene.obstacles:
             continue

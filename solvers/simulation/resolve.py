@@ -1,20 +1,23 @@
-"""A scene is resolved once, into the problem that everything below works on."""
+"""From a scene to the frozen `Problem` that everything below the simulation works on."""
 
 from __future__ import annotations
 
 from solvers.effects import EFFECTS
 from solvers.scene.problem import Pair, PlanRow, Problem
 from solvers.scene.scene import Scene
-from solvers.simulation.held import what_holds
+from solvers.simulation.unresisted_modes import unresisted_modes
 
 
 def resolve(scene: Scene) -> Problem:
-    """Sides, pairs, timeline, active effects, rigid modes and scales of a scene; nothing is meshed.
+    """Find out sides, contact pairs, values in time, active effects and rigid modes of a scene; nothing is meshed.
+
+    Args:
+        scene: valid in itself; whether it can be solved is not asked here, see `planned`.
 
     Raises:
         SceneError, GeometryError: the geometry does not have what the scene asks for.
     """
-    held, plan = what_holds(scene), plan_rows(scene)
+    modes, plan = unresisted_modes(scene), plan_rows(scene)
     pairs = {}
     for name, contact in scene.contacts.items():
         rigid = contact.against in scene.obstacles
@@ -38,13 +41,13 @@ def resolve(scene: Scene) -> Problem:
         tables={row.effect: scene.sections[row.effect] for row in plan if row.on and row.effect in scene.sections},
         plan=plan,
         timeline=scene.timeline(),
-        rigid_modes=held.rigid_modes,
-        unheld=held.unheld,
+        rigid_modes=modes.rigid_modes,
+        unheld=modes.unheld,
         solver=scene.solver,
     )
 
 
 def plan_rows(scene: Scene) -> tuple[PlanRow, ...]:
-    """Every effect, whether it is active, and the scene key that calls for it."""
+    """One row for each effect that there is: whether it is on, and the scene key that asks for it."""
     because = [(effect.name, effect.because(scene)) for effect in EFFECTS]
     return tuple(PlanRow(effect=name, on=bool(key), because=key or "not in the scene") for name, key in because)

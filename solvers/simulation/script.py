@@ -1,4 +1,4 @@
-"""A history that is made up on the way: each step is told where supports, loads and obstacles go."""
+"""A history that a script decides step by step: each step names the values that change."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from solvers.stepping.history import HistoryRow
 from solvers.stepping.stepper import ROUNDING, Accepted, Stepper
 
 Values = Mapping[str, Mapping[str, float]]  # by name and component
-NOTHING: Values = {}
+UNCHANGED: Values = {}
 CHANGEABLE = {
     "supports": "displacement",
     "loads": "traction, force or pressure, other than a bare 0,",
@@ -29,12 +29,28 @@ CHANGEABLE = {
 
 
 class Script:
-    """Begins at rest at t = 0. The bodies stay prepared; memory and energy go on from step to step.
+    """A history of supports, loads and obstacles that is decided step by step; `Simulation.script` makes one.
 
-    What no step has named goes as the scene says; what one has named stays there until it is named again.
+    It starts at rest at t = 0. Slip, energy and all else that depends on the path continue from step to step; the
+    bodies are prepared only once.
+
+    A value that no step has named follows the scene. A value that a step has named keeps what it was given until a
+    later step names it again.
+
+        script = stickslip.prepare(scene).script()
+        step = script.step(to=1.0, supports={"top": {"y": -0.1}})
+        while step.contacts["base"].stick_area > 0:  # draw it aside until all of it slips
+            step = script.step(to=script.time + 0.1, supports={"top": {"x": 0.05 * script.time}})
     """
 
     def __init__(self, scene: Scene, stepper: Stepper, observer: Observer) -> None:
+        """Start at rest; collective.
+
+        Args:
+            scene: which values there are, and what they are until a step names them.
+            stepper: solves the steps.
+            observer: makes their results.
+        """
         self._stepper, self._observer = stepper, observer
         self._scene, self._named = scene, frozenset[Place]()
         self._state = stepper.start()
@@ -42,43 +58,52 @@ class Script:
 
     @property
     def time(self) -> float:
-        """Of the last step [s]."""
+        """Time at the end of the last step [s]; 0 before the first."""
         return self._state.time
 
     def step(
         self,
         *,
         to: float,
-        supports: Values = NOTHING,
-        loads: Values = NOTHING,
-        obstacles: Values = NOTHING,
+        supports: Values = UNCHANGED,
+        loads: Values = UNCHANGED,
+        obstacles: Values = UNCHANGED,
         on_iteration: Callable[[HistoryRow], None] = lambda row: None,
     ) -> StepResult:
-        """Go on to a time [s], while the values named go to those given, linearly; collective.
+        """Solve one step, up to a time, in which the named values change linearly to those given; collective.
 
-        Times on the way that the scene lists for what is not named are hit; the result is of all the way to `to`.
+        Times in between that the scene's tables list are hit exactly. The result covers the whole step.
 
         Args:
-            supports: x, y, z or normal of supports by name: displacement [m].
-            loads: x, y, z of loads by name: traction [Pa] or force [N], as the scene has it; or pressure [Pa].
-            obstacles: x, y, z of obstacles by name: displacement [m] or force [N], as the scene has it; or angle [rad].
+            to: time at the end [s], after the last one; the first step may be at 0, where values jump.
+            supports: {name: {component: displacement [m]}}; components x, y, z, normal.
+            loads: {name: {component: value}}; x, y, z: traction [Pa] or force [N], whichever the scene has;
+                pressure [Pa], positive when pressing.
+            obstacles: {name: {component: value}}; x, y, z: displacement [m] or force [N], whichever the scene has;
+                angle [rad].
+            on_iteration: called with a `HistoryRow` after each iteration of each attempt, on every rank.
+
+        Returns:
+            The result at the time `to`; counts, history and dissipation are of the whole step.
 
         Raises:
-            SceneError: the scene prescribes no such component; what was free when the bodies were prepared stays free.
-            StepError: the step could not be solved. All is as it was before: a script may try another one.
+            SceneError: a value is not a number, or the scene does not prescribe that component: a displacement that
+                was free when the bodies were prepared stays free.
+            StepError: the step could not be solved. The script is as it was before: you may try another step.
+            NoEquilibriumError: so, and it is proved that contact and friction cannot balance the loads.
         """
         require(_is_number(to), "to", _in_words(to), "expected a number")
         begins = not self._times and to == 0
         require(to > self.time or begins, "to", to, f"expected a time after {self.time:g}")
         wanted = self._places(supports=supports, loads=loads, obstacles=obstacles)
         scene = over(
-            self._scene, lambda place, now: self._on(place, now, to, wanted[place]) if place in wanted else now
+            self._scene, lambda place, now: self._continued(place, now, to, wanted[place]) if place in wanted else now
         )
-        times = self._on_the_way(scene, float(to))
+        times = self._times_to_hit(scene, float(to))
         system = self._stepper.system
         with system.course.following(scene.timeline()):
             for time in times:
-                system.constraints.prescribed(time)  # supports that contradict each other show before any solve
+                system.constraints.prescribed(time)  # raises here if supports contradict each other, before any solve
             accepted = self._reach(times, on_iteration)
             result = self._observer(accepted)
         self._scene, self._named = scene, self._named | wanted.keys()
@@ -87,12 +112,18 @@ class Script:
 
     @property
     def scene(self) -> Scene:
-        """What has happened so far, for `run` or `steps` to repeat."""
+        """The history so far as a scene, for `run` or `steps` to repeat.
+
+        Every value in time is a table with a row for each time that was solved.
+
+        Raises:
+            SceneError: no step has been solved yet.
+        """
         require(len(self._times) > 0, "script", "no step yet", "there is nothing to repeat")
         return replace(over(self._scene, lambda place, now: self._so_far(now)), steps=Steps(end=self.time))
 
-    def _on_the_way(self, scene: Scene, to: float) -> tuple[float, ...]:
-        """Times to hit up to `to`; where the ramp of a bare number ends counts as listed."""
+    def _times_to_hit(self, scene: Scene, to: float) -> tuple[float, ...]:
+        """Times [s] of the scene's tables after the last step, then `to`; where the ramp of a number ends is one."""
         if to == 0:
             return (to,)
         end = scene.steps.end
@@ -101,14 +132,14 @@ class Script:
         return (*(t for t in listed if t - self.time > ROUNDING * to or not self._times), last)
 
     def _reach(self, times: tuple[float, ...], on_iteration: Callable[[HistoryRow], None]) -> Accepted:
-        """One time after the other, as one step."""
+        """Solve up to each of the times [s]; all together count as one step."""
         state, parts = self._state, list[Accepted]()
         for time in times:
             parts.append(self._stepper.reach(state, time, on_iteration))
             state = parts[-1].state
         return replace(
             parts[-1],
-            before=self._state,
+            start=self._state,
             substeps=sum(part.substeps for part in parts),
             iterations=sum(part.iterations for part in parts),
             volume_solves=sum(part.volume_solves for part in parts),
@@ -116,10 +147,11 @@ class Script:
         )
 
     def _so_far(self, amplitude: Amplitude) -> tuple[tuple[float, float], ...]:
+        """Time [s] and value at each time that was solved."""
         return tuple((time, value_at(amplitude, time, self._scene.steps.end)) for time in self._times)
 
-    def _on(self, place: Place, amplitude: Amplitude, to: float, value: float) -> Amplitude:
-        """What it was so far, and from now on to the value."""
+    def _continued(self, place: Place, amplitude: Amplitude, to: float, value: float) -> Amplitude:
+        """A value in time as it was so far, then linear to `value` at the time `to` [s]."""
         if place in self._named and not isinstance(amplitude, float | int):
             held = amplitude[-1][1]
             so_far = amplitude if amplitude[-1][0] == self.time else (*amplitude, (self.time, held))
@@ -128,10 +160,14 @@ class Script:
         return (*so_far, (to, float(value)))
 
     def _places(self, **given: Values) -> dict[Place, float]:
-        """Values by their place in the scene; refuses what the scene does not prescribe, and what is no number."""
+        """The given values by their place in the scene.
+
+        Raises:
+            SceneError: the scene does not prescribe it, or it is not a finite number.
+        """
         known: dict[tuple[str, str], dict[str, Place]] = {}
         for place, amplitude in self._scene.drives().items():
-            if place.table != "loads" or amplitude != 0:  # a load that is plainly 0 was not prepared
+            if place.table != "loads" or amplitude != 0:  # a load of constant 0 is not assembled
                 of_name = known.setdefault((place.table, place.name), {})
                 of_name[place.component or place.quantity] = place
         found: dict[Place, float] = {}
@@ -153,17 +189,18 @@ class Script:
         return found
 
 
-def _is_number(value: Any) -> TypeGuard[float]:
-    """A finite one; Python counts True as 1."""
+def _is_number(value: object) -> TypeGuard[float]:
+    """Whether a value is a finite number; True and False are none."""
     real = isinstance(value, Real) and not isinstance(value, bool)
-    return real and bool(abs(value) <= sys.float_info.max)
+    return real and bool(abs(value) <= sys.float_info.max)  # type: ignore[arg-type]
 
 
 def _items(key: str, values: Any, expected: str) -> Any:
+    """Items of a mapping; anything else is refused."""
     require(isinstance(values, Mapping), key, _in_words(values), f"expected {expected}")
     return values.items()
 
 
-def _in_words(value: Any) -> str:
-    """Whatever it is, in one short line."""
+def _in_words(value: object) -> str:
+    """Any value as one short line."""
     return " ".join(shortly(value).split())

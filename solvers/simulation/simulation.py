@@ -1,13 +1,13 @@
-"""A scene solved step by step: plan, mesh, system, surface problem, steps."""
+"""A scene, meshed and prepared once, then solved step by step."""
 
 from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
-from typing import Any
 
 from geometry.mesh.mesh import Mesh, build_mesh
+from geometry.protocols import Comm
 from solvers.parallel.counters import Counters
 from solvers.results.observe import Observer, mesh_data
 from solvers.results.step_result import MeshData, StepResult
@@ -24,23 +24,44 @@ from solvers.system.system import System, assemble
 
 @dataclass
 class Seconds:
-    """Wall time by phase [s]."""
+    """Wall time by phase [s]; it grows while the simulation runs."""
 
-    mesh: float = 0.0
-    assemble: float = 0.0
-    prepare: float = 0.0
-    iterate: float = 0.0
-    output: float = 0.0
+    mesh: float = 0.0  # gmsh, and distributing the mesh
+    assemble: float = 0.0  # forms, stiffness, loads, contact rows
+    prepare: float = 0.0  # factor or multigrid of the bodies, and what the method prepares
+    iterate: float = 0.0  # all steps, failed ones included
+    output: float = 0.0  # reading results off the steps, and writing files
 
     def add(self, earlier: Seconds) -> None:
-        """Take in those of a process before this one."""
+        """Add the times of an earlier process that this one resumes."""
         for f in fields(self):
             setattr(self, f.name, getattr(self, f.name) + getattr(earlier, f.name))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Simulation:
-    """Everything prepared; `steps` marches. Collective: every rank of the communicator takes part."""
+    """A scene that is meshed, assembled and factorised: what `prepare` returns.
+
+    Solve the scene's own history with `steps`, or a history that is decided from step to step with `script`. Both may
+    be called several times: each starts at rest at t = 0, and the bodies are not prepared again.
+
+    Collective: every rank of the communicator calls the same methods in the same order.
+
+        simulation = stickslip.prepare(stickslip.read("block"))
+        for step in simulation.steps():
+            print(step.time, step.contacts["base"].normal_force)
+
+    Attributes:
+        scene: what is solved, as it was given to `prepare`.
+        problem: the scene, resolved: sides, contact pairs, values in time, active effects.
+        data: the mesh as plain arrays, on rank 0.
+        counters: work done so far: volume solves, factorisations, linear iterations.
+        seconds: wall time so far, by phase.
+        mesh: the distributed mesh with its named parts.
+        system: stiffness, loads, constraints and contact rows.
+        stepper: solves one step; its `reported` is the step that the last result was read from.
+        observer: makes the `StepResult` of a solved step.
+    """
 
     scene: Scene
     problem: Problem
@@ -54,7 +75,7 @@ class Simulation:
 
     @property
     def plan(self) -> tuple[PlanRow, ...]:
-        """Every effect, whether it is active, and the scene key that calls for it."""
+        """Every effect: its name, whether it is on, and the scene key that asks for it."""
         return self.problem.plan
 
     def steps(
@@ -63,13 +84,22 @@ class Simulation:
         done: int = 0,
         state: State | None = None,
     ) -> Iterator[StepResult]:
-        """Results of the requested times, one after the other; `stepper.reported` is what the last one was read off.
+        """Solve the scene's history, one requested time after the other; collective.
+
+        A step is solved when the iterator is asked for it. Results stay valid when later steps are solved.
 
         Args:
-            done: how many of them were reported before, and the state that the last of these left.
+            on_iteration: called with a `HistoryRow` after each iteration of each attempt, on every rank.
+            done: to resume: how many of the requested times are solved already.
+            state: to resume: the state at the last of these; None: at rest at t = 0.
+
+        Returns:
+            An iterator over `StepResult`, one for each of `scene.requested_times()` after the first `done`.
 
         Raises:
-            StepError: a step could not be solved; its last good substep was yielded before.
+            StepError: a step could not be solved. If some of its substeps succeeded, the result of the last one was
+                yielded before; its time is not a requested one.
+            NoEquilibriumError: so, and it is proved that contact and friction cannot balance the loads.
         """
         observe = self.observer
         state = state or self.stepper.start()
@@ -81,9 +111,9 @@ class Simulation:
                 finally:  # a step that was given up or interrupted has its cost too
                     self.seconds.iterate += clock.perf_counter() - began
             except StepError as failure:
-                if failure.reached is not None:
-                    self.stepper.reported = failure.reached
-                    yield observe(failure.reached)
+                if failure.last_good is not None:
+                    self.stepper.reported = failure.last_good
+                    yield observe(failure.last_good)
                 raise
             self.stepper.reported = accepted
             solved = clock.perf_counter()
@@ -93,19 +123,29 @@ class Simulation:
             state = accepted.state
 
     def script(self) -> Script:
-        """A history of its own, from rest, whose steps are told one by one; nothing is prepared again."""
+        """A history whose steps are decided one by one, from rest at t = 0; nothing is prepared again.
+
+        Each script has a history of its own, apart from that of `steps`.
+        """
         return Script(self.scene, self.stepper, self.observer)
 
 
-def prepare(scene: Scene, comm: Any = None, reached: Reached | None = None) -> Simulation:
-    """Plan, mesh, assemble, factorise; collective.
+def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = None) -> Simulation:
+    """Mesh a scene, assemble it and factorise it, or set up multigrid; collective. No step is solved.
 
     Args:
-        reached: how far down its chain of methods a run has come that is to be resumed.
+        scene: what to solve, from `read` or built from its parts.
+        comm: mpi4py communicator whose ranks share the mesh; None: MPI.COMM_WORLD.
+        reached: to resume a run: the methods that it had tried and left. None: the scene's method, or the chain that
+            `auto` chooses for the size of the problem.
+
+    Returns:
+        The simulation; `steps` solves the scene's history, `script` one of your own.
 
     Raises:
-        SceneError: the scene cannot be solved, known before solving.
+        SceneError: the scene cannot be solved, for example because nothing holds a body.
         GeometryError: the shape cannot be meshed.
+        MachineError: the method that the scene asks for does not fit in memory.
     """
     from mpi4py import MPI
 

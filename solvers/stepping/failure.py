@@ -1,4 +1,4 @@
-"""A step that could not be solved, in words: which contact is farthest from its laws, by how much, what to try."""
+"""The message of a step that could not be solved: largest contact residual, how the iteration ended, what to try."""
 
 from __future__ import annotations
 
@@ -15,13 +15,18 @@ from solvers.newton.solution import Solution, Status
 from solvers.system.system import System
 
 
-def motion_in_words(system: System, motion: Array) -> str:
-    """A rigid motion of the contact dofs and driven obstacles (c,)."""
+def describe_motion(system: System, motion: Array) -> str:
+    """A rigid motion in words, by the body or driven obstacle that moves farthest: "bodies.block moves along x".
+
+    Args:
+        system: whose bodies and obstacles move.
+        motion: displacement (c,) [m] of the contact dofs, then of the driven obstacles.
+    """
     return max(_motions(system, motion), key=lambda found: found[0])[1]
 
 
 def _motions(system: System, motion: Array) -> Iterator[tuple[float, str]]:
-    """How far each body moves, and how."""
+    """Distance [m] that each body and driven obstacle moves, and the sentence about it."""
     own, driven = np.split(motion, [len(motion) - len(system.obstacles.driven)])
     for (name, axis), size in zip(system.obstacles.driven, driven, strict=True):
         yield abs(float(size)), f"obstacles.{name} moves along {_sign(size)}{'xyz'[axis]}"
@@ -29,11 +34,11 @@ def _motions(system: System, motion: Array) -> Iterator[tuple[float, str]]:
         moved = (system.interface.trace(c) @ own).reshape(c.points.shape)
         sides = np.split(moved, [len(c.surface.points)])
         for body, u in zip(system.problem.pairs[c.name].bodies, sides, strict=False):
-            yield float(np.linalg.norm(u, axis=1).max()), f"bodies.{body} {_how(u)}"
+            yield float(np.linalg.norm(u, axis=1).max()), f"bodies.{body} {_verb(u)}"
 
 
-def _how(u: Array) -> str:
-    """Displacement (m, d) of a side, which moves as a rigid body does."""
+def _verb(u: Array) -> str:
+    """What a rigid body does: "turns", or "moves along -x"; u: displacement (m, d) of one of its sides [m]."""
     mean = u.mean(axis=0)
     if np.linalg.norm(u - mean, axis=1).max() > np.linalg.norm(mean):
         return "turns"
@@ -45,23 +50,29 @@ def _sign(size: float) -> str:
     return "-" if size < 0 else ""
 
 
-def in_words(problem: SurfaceProblem | None, solution: Solution, tolerance: float, tried: float) -> str:
-    """Why the smallest step, `tried` [s] long, was given up."""
-    known = ""
+def explain(problem: SurfaceProblem | None, solution: Solution, tolerance: float, size: float) -> str:
+    """Why the smallest substep failed, in one line.
+
+    Args:
+        problem: what was to be solved; None: it could not be set up.
+        solution: how the iteration ended.
+        tolerance: `solver.tolerance`, that the residual does not meet [-].
+        size: size of the substep [s].
+    """
+    rigid_bodies = ""
     if problem is not None and problem.surface.floating:
-        known = f" ({decide(problem).value})"
+        rigid_bodies = f" ({decide(problem).value})"
     residual = "no residual"
     if np.isfinite(solution.residual):
-        broken = solution.status is Status.BROKEN  # it carries the tractions of the step before
-        where = "" if broken or problem is None else worst(problem, solution)
+        broken = solution.status is Status.BROKEN  # its tractions are those of the substep before
+        where = "" if broken or problem is None else largest_residual(problem, solution)
         residual = f"{where}residual {solution.residual:.1e}, not {tolerance:g},"
-    return (
-        f"{residual} in a step of {tried:.3g} s after {solution.iterations} iterations; {solution.status.value}{known}"
-    )
+    ending = f"after {solution.iterations} iterations; {solution.status.value}{rigid_bodies}"
+    return f"{residual} in a step of {size:.3g} s {ending}"
 
 
-def worst(problem: SurfaceProblem, solution: Solution) -> str:
-    """Contact, point and part of the law that the residual is largest at; empty where it is not known of any."""
+def largest_residual(problem: SurfaceProblem, solution: Solution) -> str:
+    """Where the residual is largest: "contacts.base at (1, 0): normal "; empty if the problem has no tractions."""
     if not len(solution.p) or problem.p_ref == 0:
         return ""
     residual = problem.cone.natural_residual(solution.p, solution.w - problem.gap, problem.p_ref / problem.u_ref)
@@ -74,8 +85,8 @@ def worst(problem: SurfaceProblem, solution: Solution) -> str:
     raise AssertionError("a row of no contact")
 
 
-def _point(place: ContactBlock, part: str, row: int) -> np.ndarray:  # type: ignore[type-arg]
-    """The slave's node that counts most in that row."""
+def _point(place: ContactBlock, part: str, row: int) -> Array:
+    """The slave node (d,) [m] that has the largest weight in a row of the block."""
     rows = place.rows
     share = rows.psi[:, row] if part == "normal" else rows.share_t[row // place.components].T
     return np.asarray(rows.surface.points[int(np.argmax(np.abs(share.toarray().ravel())))])

@@ -1,23 +1,43 @@
-"""What is kept of an iteration."""
+"""The record of one iteration."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from solvers.newton.solution import Step
 
-HistoryTuple = tuple[float, int, float, int, float, str]  # see `HistoryRow.as_tuple`
+
+class HistoryTuple(NamedTuple):
+    """One iteration as step files and history.csv hold it, without the solver's own types."""
+
+    time: float  # that the attempted substep leads to [s]
+    iteration: int  # number within the attempt; 0 is the start
+    residual: float  # relative natural residual before the iteration's update [-]
+    volume_solves: int  # applications of K_B^-1 so far in the run
+    seconds: float  # wall time since the attempt began [s]
+    method: str  # name of the method, as `solver.method` spells it
 
 
 @dataclass(frozen=True)
 class HistoryRow:
-    """One iteration of one attempt at a step."""
+    """One iteration of one attempt at a substep; `on_iteration` callbacks receive it.
 
-    time: float
-    step: Step
-    seconds: float
-    method: str
+    Several attempts may lead to the same time: by other methods, or for other pairs of a sliding contact.
+    """
+
+    time: float  # that the attempted substep leads to [s]
+    step: Step  # the iteration: its number, residual [-] and count of volume solves
+    seconds: float  # wall time since the attempt began [s]
+    method: str  # name of the method, as `solver.method` spells it
 
     def as_tuple(self) -> HistoryTuple:
-        """Time, iteration, residual, volume solves, seconds, method."""
-        return self.time, self.step.iteration, self.step.residual, self.step.volume_solves, self.seconds, self.method
+        """The same as plain values."""
+        return HistoryTuple(
+            time=self.time,
+            iteration=self.step.iteration,
+            residual=self.step.residual,
+            volume_solves=self.step.volume_solves,
+            seconds=self.seconds,
+            method=self.method,
+        )

@@ -1,4 +1,4 @@
-"""Contacts that slide: where their surfaces are, what a state is in other rows, and whether its pairs still hold."""
+"""Sliding contacts: a state is carried over to other contact rows, and a test tells whether the pairs still hold."""
 
 from __future__ import annotations
 
@@ -10,23 +10,30 @@ import numpy as np
 from geometry.arrays import Array
 from solvers.contact.admissible_set import AdmissibleSet
 from solvers.stepping.state import State
-from solvers.stepping.update import stack
+from solvers.stepping.update import flat_rows
 from solvers.system.system import System
 
-LEFT = 0.5  # of the smallest facet: points that slide farther are paired again
+SLID_OFF = 0.5  # part of the smallest facet; if a point slides farther, the pairs are searched again
 
 
-def positions(system: System, state: State, names: Iterable[str]) -> dict[str, Array]:
-    """Displacement (n_all, d) [m] of contacts' nodes, relative to a rigid obstacle."""
+def relative_positions(system: System, state: State, names: Iterable[str]) -> dict[str, Array]:
+    """Where the surfaces of some contacts are: what the search for pairs starts from; collective.
+
+    Returns:
+        By contact, displacement (n_all, d) [m] of the nodes of both sides, minus that of a rigid obstacle.
+    """
     pairs = zip(system.contacts, system.interface.displacement(state.u), strict=True)
     return {c.name: v - state.motion[c.name] for c, v in pairs if c.name in names}
 
 
-def told_in(state: State, system: System) -> State:
-    """The state in the rows of `system`: tractions are carried by the slave's nodes and turned with their frames."""
+def carried_over(state: State, system: System) -> State:
+    """The same state, its tractions and relative displacement by the contact rows of `system`; collective.
+
+    Tractions are averaged to the slave nodes and turned with the local frames there.
+    """
     places = AdmissibleSet(state.rows, state.time, 1.0).places
 
-    def told(p: Array) -> Array:
+    def by_new_rows(p: Array) -> Array:
         normal, tangential = [np.zeros(0)], []
         for old, place, c in zip(state.rows, places, system.contacts, strict=True):
             p_n, t = p[place.normal], p[place.tangential].reshape(-1, place.components)
@@ -34,19 +41,25 @@ def told_in(state: State, system: System) -> State:
             tangential.append(c.tangential_of_nodes(old.node_traction(t)).ravel())
         return np.concatenate([*normal, *tangential])
 
-    moved = positions(system, state, [c.name for c in system.contacts])
-    w = stack(system.contacts, [moved[c.name] for c in system.contacts])
-    before = state.before and replace(state.before, p=told(state.before.p))
-    return replace(state, p=told(state.p), w=w, before=before, rows=system.contacts)
+    positions = relative_positions(system, state, [c.name for c in system.contacts])
+    w = flat_rows(system.contacts, [positions[c.name] for c in system.contacts])
+    previous = state.previous and replace(state.previous, p=by_new_rows(state.previous.p))
+    return replace(state, p=by_new_rows(state.p), w=w, previous=previous, rows=system.contacts)
 
 
-def stay(system: System, before: Mapping[str, Array], after: Mapping[str, Array]) -> bool:
-    """Whether no point has slid off its facet since the pairs were found."""
+def pairs_hold(system: System, searched: Mapping[str, Array], now: Mapping[str, Array]) -> bool:
+    """Whether no point has slid off its facet since the pairs were searched.
+
+    Args:
+        system: its contact rows are those of the pairs.
+        searched: by sliding contact, `relative_positions` (n_all, d) [m] that the pairs were searched at.
+        now: the present ones.
+    """
     for c in system.contacts:
-        if c.name in before:
-            slid = np.linalg.norm(c.node_motion(after[c.name] - before[c.name])[1][c.node_weights > 0], axis=1)
+        if c.name in searched:
+            slid = np.linalg.norm(c.node_motion(now[c.name] - searched[c.name])[1][c.node_weights > 0], axis=1)
             corners = c.surface.points[c.surface.facets]
             smallest = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).min())
-            if slid.max(initial=0.0) > LEFT * smallest:
+            if slid.max(initial=0.0) > SLID_OFF * smallest:
                 return False
     return True

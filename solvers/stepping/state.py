@@ -1,106 +1,129 @@
-"""An equilibrium: everything the next step needs of the past."""
+"""The state of equilibrium at one time: everything the next step needs of the past."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from geometry.arrays import Array
+from geometry.protocols import Vec
 from solvers.contact.rows import ContactRows
 
 
 @dataclass(frozen=True)
 class Energy:
-    """Totals since t = 0 [J], per metre of thickness in plane models."""
+    """Works and energies, totals since t = 0 [J].
 
-    external: float  # loads, supports and obstacle motion
-    stored: float  # elastic energy of the bodies
-    contact: float  # work of the contact tractions on the relative displacement
-    compliance: float  # energy stored in the contacts' laws: normal compliance, and k_T
-    dissipation: Array  # (contacts,) by friction, end-of-step rule
+    In plane models they are per metre of thickness, in axisymmetric ones of the full circle. The balance is
+    external = stored + contact, and contact = compliance + dissipated + time_remainder.
+    """
+
+    external: float  # work that loads, supports and moving obstacles do on the bodies [J]
+    stored: float  # elastic energy of the bodies [J]
+    contact: float  # work that the bodies do on the contacts [J]
+    compliance: float  # energy stored in the contact laws: normal compliance, and tangential by k_T [J]
+    dissipation: Array  # (contacts,) by friction, in the scene's order of contacts, >= 0 [J]; end-of-step rule
 
     @property
     def dissipated(self) -> float:
+        """Dissipation of all contacts together [J]."""
         return float(self.dissipation.sum())
 
     @property
     def time_remainder(self) -> float:
-        """Contact work that neither compliance nor dissipation explains.
+        """Work of the contacts that is neither stored in their laws nor dissipated [J]: the error of time stepping.
 
-        First order in the step, but for the work of closing an initial interference, which no step size removes.
+        It vanishes with the first power of the step size. The work of closing an initial interference is part of it,
+        and does not vanish.
         """
         return self.contact - self.compliance - self.dissipated
 
 
-HALVINGS = 8  # a step is cut to 1/256 before it is given up
-ROUNDING = 1e-9
-ENOUGH = 3  # easy substeps in a row: where each second one is hard, twice the size would fail again at once
+HALVINGS = 8  # a step is cut down to 1/256 before it is given up
+ROUNDING = 1e-9  # relative; sizes that differ by less are equal
+ENOUGH = 3  # easy substeps in a row after which the size doubles: if every second one is hard, a larger one would fail
 
 
 @dataclass(frozen=True)
-class Pace:
-    """What the steps so far have taught; it goes on from one requested time to the next.
+class StepControl:
+    """Step size control: the size of the next substep, learnt from those before; carried over between steps.
 
-    >>> Pace().part(2.0, smallest=0.1), Pace(size=0.5).part(2.0, smallest=0.1)
+    A substep that fails halves the size; `ENOUGH` easy ones in a row double it.
+
+    >>> StepControl().next_size(2.0, smallest=0.1), StepControl(size=0.5).next_size(2.0, smallest=0.1)
     (2.0, 0.5)
     """
 
-    size: float = np.inf  # largest substep that is worth a try [s]
-    easy: int = 0  # substeps of that size that were easy, in a row
+    size: float = np.inf  # largest substep to try [s]; inf: whole steps
+    easy: int = 0  # number of substeps of that size that were easy, in a row
 
-    def part(self, left: float, smallest: float) -> float:
-        """Length of the next substep [s], of those that are left; no sliver remains at the end."""
+    def next_size(self, remaining: float, smallest: float) -> float:
+        """Size of the next substep [s].
+
+        Args:
+            remaining: time up to the end of the step [s]; it is divided so that no tiny rest is left.
+            smallest: lower bound of the size [s].
+        """
         size = max(self.size, smallest)
-        if left <= size * (1 + ROUNDING):
-            return left
-        return size if left > 2 * size * (1 - ROUNDING) else left / 2
+        if remaining <= size * (1 + ROUNDING):
+            return remaining
+        return size if remaining > 2 * size * (1 - ROUNDING) else remaining / 2
 
-    def failed(self, tried: float, smallest: float) -> Pace:
-        """After a substep [s] that failed."""
-        return Pace(max(tried / 2, smallest))
+    def after_failure(self, tried: float, smallest: float) -> StepControl:
+        """The control after a substep of size `tried` [s] failed: half of it, not below `smallest` [s]."""
+        return StepControl(size=max(tried / 2, smallest))
 
-    def succeeded(self, tried: float, step: float, easy: bool) -> Pace:
-        """After a substep [s] that was accepted, on the way through a step [s]."""
-        if np.isinf(self.size) or (easy and tried <= self.size / 2):  # one so short proves nothing
+    def after_success(self, tried: float, step: float, easy: bool) -> StepControl:
+        """The control after a substep was accepted.
+
+        Args:
+            tried: its size [s].
+            step: size of the whole step [s].
+            easy: whether it took few iterations.
+        """
+        if np.isinf(self.size) or (easy and tried <= self.size / 2):  # one so short shows nothing
             return self
         if not easy:
-            return Pace(self.size)
+            return StepControl(size=self.size)
         if self.easy + 1 < ENOUGH:
-            return Pace(self.size, self.easy + 1)
-        return Pace(2 * self.size) if 2 * self.size < step * (1 - ROUNDING) else Pace()
+            return StepControl(size=self.size, easy=self.easy + 1)
+        return StepControl(size=2 * self.size) if 2 * self.size < step * (1 - ROUNDING) else StepControl()
 
 
 @dataclass(frozen=True)
-class Before:
-    """The state before a state, as far as the start of the next step is extrapolated from it."""
+class Previous:
+    """The accepted substep before a state: the next one starts from tractions extrapolated through both."""
 
-    time: float
-    p: Array  # (rows,) in the same rows as the state's own [Pa]
+    time: float  # [s]
+    p: Array  # (rows,) tractions [Pa], in the same contact rows as the state's own
 
 
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """An equilibrium: everything the next step needs of the past. Vectors run over all displacements."""
+    """An equilibrium: everything the next step needs of the past.
 
-    time: float
-    u: Any  # [m]
-    u_s: Any  # prescribed part [m]
-    load: Any  # [N]
-    initial: Array  # (k,) values of the initial strains
+    PETSc vectors run over all displacement dofs, eliminated ones too. Arrays over rows are flat: normal rows of all
+    contacts, then tangential rows in local frames. n_all counts the nodes of both sides of a contact.
+    """
+
+    time: float  # [s]
+    u: Vec  # displacement [m]
+    u_s: Vec  # its prescribed part [m]
+    load: Vec  # external forces, without reactions and initial strains [N]
+    initial: Array  # (k,) values of the initial strains; the unit is that of each one's key
     initial_work: Array  # (k,) see `InitialStrains.stress_work` [J]
-    residual: Any  # K u - load - that of initial strains + B^T p [N]: what supports and periodic sides carry
-    p: Array  # (rows,) [Pa]
+    residual: Vec  # K u - load - forces of initial strains + B^T p [N]: what supports and periodic sides carry
+    p: Array  # (rows,) tractions [Pa], pressure positive
     w: Array  # (rows,) relative displacement [m]
-    motion: Mapping[str, Array]  # (n, d) of each contact's obstacle; none at the start, even if it jumps at t = 0 [m]
-    driven: Array  # (o,) motion of the obstacles that forces drive, by `Obstacles.driven` [m]
-    slip: Mapping[str, Array]  # (n, d) total at the slave's nodes of each contact [m]
-    forces: Mapping[str, Array]  # (n_all, d) B^T p of each contact, in the rows that the step was solved in [N]
-    rows: tuple[ContactRows, ...]  # that p and w are told in
-    energy: Energy
-    before: Before | None = None  # none: the start, or nothing to be learnt from it
-    pace: Pace = Pace()
-    law_error: float = 0.0  # added up since t = 0, see `Solution` [J^(1/2)]
-    peak: float = 0.0  # largest stored energy since t = 0: what errors are relative to, also where all is let go [J]
+    motion: Mapping[str, Array]  # (n_all, d) displacement of each contact's obstacle [m]; 0 in the initial state
+    driven: Array  # (o,) displacement of the obstacles that forces drive, by `Problem.driven` [m]
+    slip: Mapping[str, Array]  # (n, d) slip since t = 0 at the slave nodes of each contact [m]
+    forces: Mapping[str, Array]  # (n_all, d) nodal forces B^T p of each contact [N], by the rows that they come from
+    rows: tuple[ContactRows, ...]  # contact rows that p and w refer to
+    energy: Energy  # [J]
+    previous: Previous | None = None  # None: the initial state, or one whose trend tells nothing of the next step
+    control: StepControl = StepControl()
+    law_error: float = 0.0  # error of the method's approximate contact laws, summed since t = 0 [J^(1/2)]
+    peak: float = 0.0  # largest stored energy since t = 0 [J]; errors are relative to it, also once all is unloaded

@@ -1,12 +1,11 @@
-"""A solved step becomes the new state: displacement, relative displacement, work."""
+"""The new state of equilibrium from the solution of a substep: displacement, slip, forces, work and energy."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
 from geometry.arrays import Array
+from geometry.protocols import Vec
 from solvers.contact.admissible_set import AdmissibleSet
 from solvers.contact.rows import ContactRows
 from solvers.interface.problem import SurfaceProblem
@@ -15,54 +14,79 @@ from solvers.system.system import System
 
 
 def split(cone: AdmissibleSet, p: Array) -> tuple[list[Array], list[Array]]:
-    """Flat tractions to normal (m_n,) and tangential (m_t, d-1) ones of each contact."""
+    """Flat tractions (rows,) [Pa] as pressures (m_n,) and tangential tractions (m_t, d-1) of each contact."""
     return [p[s.normal] for s in cone.places], [p[s.tangential].reshape(-1, s.components) for s in cone.places]
 
 
-def stack(contacts: tuple[ContactRows, ...], relative: list[Array]) -> Array:
-    """Rows (rows,) [m] of each contact's displacement (n_all, d), relative to a rigid obstacle."""
+def flat_rows(contacts: tuple[ContactRows, ...], relative: list[Array]) -> Array:
+    """Relative displacement of the contact rows, flat (rows,) [m].
+
+    Args:
+        contacts: the contact rows.
+        relative: displacement (n_all, d) [m] of each contact's nodes, minus that of its rigid obstacle.
+    """
     pairs = list(zip(contacts, relative, strict=True))
     blocks = [c.N_n @ v.ravel() for c, v in pairs] + [c.N_t @ v.ravel() for c, v in pairs]
     return np.concatenate([np.zeros(0), *blocks])
 
 
-def relative_displacement(system: System, u: Any, time: float, driven: Array) -> Array:
-    """Rows (rows,) [m] of a displacement, the obstacles' motion taken off."""
+def relative_displacement(system: System, u: Vec, time: float, driven: Array) -> Array:
+    """Relative displacement of the contact rows, flat (rows,) [m]; collective.
+
+    Args:
+        system: its contact rows count, and its obstacles.
+        u: displacement of all dofs [m].
+        time: of the obstacles' motion [s].
+        driven: displacement (o,) of the obstacles that forces drive [m].
+    """
     motion = system.obstacles.motions(system.contacts, time, driven)
     surfaces = system.interface.displacement(u)
-    return stack(system.contacts, [v - motion[c.name] for c, v in zip(system.contacts, surfaces, strict=True)])
+    return flat_rows(system.contacts, [v - motion[c.name] for c, v in zip(system.contacts, surfaces, strict=True)])
 
 
-def displacement(system: System, time: float, q: Any, u_s: Any) -> tuple[Any, Any]:
-    """u = T q + u_s over all displacements [m], and what of it bodies resist: not u_s where that is a rigid motion."""
+def displacement(system: System, time: float, q: Vec, u_s: Vec) -> tuple[Vec, Vec]:
+    """Displacement u = T q + u_s of all dofs [m], and u minus its rigid part [m].
+
+    The rigid part is u_s where the supports prescribe a rigid motion and nothing else; otherwise it is zero and both
+    vectors are the same. It strains nothing, and leaving it out avoids its rounding errors.
+    """
     moved = system.T * q
     u = moved + u_s
     return u, u if system.lifting.followed(time) is None else moved
 
 
 def new_state(
+    *,
     system: System,
     old: State,
     problem: SurfaceProblem,
-    u: Any,
-    strained: Any,
-    u_s: Any,
-    load: Any,
+    u: Vec,
+    u_strained: Vec,
+    u_s: Vec,
+    load: Vec,
     p: Array,
     driven: Array,
 ) -> State:
-    """The state at the problem's time.
+    """The state at the time of a solved problem; collective.
 
     Args:
-        u: displacement [m], strained what of it the bodies resist, u_s its prescribed part, load the external forces
-            [N]: over all displacements.
+        system: with the contact rows that the problem was solved in.
+        old: state that the substep starts from, carried over to the same rows.
+        problem: what was solved.
+        u: displacement of all dofs [m].
+        u_strained: u minus its rigid part [m], see `displacement`.
+        u_s: prescribed part of u [m].
+        load: external forces without reactions and initial strains, over all dofs [N].
         p: tractions (rows,) [Pa].
-        driven: motion (o,) of driven obstacles [m].
+        driven: displacement (o,) of the obstacles that forces drive [m].
+
+    Returns:
+        The state; of its `previous`, `control`, `law_error` and `peak` it knows nothing.
     """
     cone, W, contacts, time = problem.cone, problem.surface.W, system.contacts, problem.cone.time
-    inner = system.K * strained
+    inner = system.K * u_strained
     initial = system.initial.values(system.course, time)
-    initial_work = system.initial.stress_work(initial, strained)
+    initial_work = system.initial.stress_work(initial, u_strained)
     residual = inner - system.initial.added(load, initial) + system.interface.forces(*split(cone, p))
     w, motion = relative_displacement(system, u, time, driven), system.obstacles.motions(system.contacts, time, driven)
     external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
@@ -71,7 +95,7 @@ def new_state(
     forces = {c.name: c.nodal_forces(*parts) for c, *parts in zip(contacts, *split(cone, p), strict=True)}
     here, there = system.interface.displacement(u), system.interface.displacement(old.u)
     for c, v, v_old in zip(contacts, here, there, strict=True):
-        # forces of both ends of the step, each in its own rows, so that the balance of energy is exact
+        # forces at both ends of the substep, each by its own rows: so the energy balance is exact
         mean, pushed = (forces[c.name] + old.forces[c.name]) / 2, motion[c.name] - old.motion[c.name]
         external -= float(np.sum(mean * pushed))
         contact += float(np.sum(mean * (v - v_old - pushed)))
@@ -79,7 +103,7 @@ def new_state(
     slipping = W * p * (w - problem.gap - cone.give(p))
     energy = Energy(
         external=old.energy.external + external,
-        stored=inner.dot(strained) / 2 + system.initial.stored(initial, initial_work),
+        stored=inner.dot(u_strained) / 2 + system.initial.stored(initial, initial_work),
         contact=old.energy.contact + contact,
         compliance=float(W @ cone.energy(p)),
         dissipation=old.energy.dissipation + np.array([slipping[place.tangential].sum() for place in cone.places]),

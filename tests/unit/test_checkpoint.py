@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, make_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -65,6 +65,22 @@ def test_dataclasses_come_back_to_the_same_bits() -> None:
     )
     assert isinstance(again.pairs[0], tuple)
     assert again.mixed[0].shape == (0,)
+
+
+class Named(NamedTuple):
+    force: NDArray[np.float64]
+    inner: Inner
+
+
+def test_named_tuples_are_stored_as_lists_and_come_back_by_name() -> None:
+    plain = serialise({"top": Named(np.ones(2), Inner(0.3, 7))})
+    assert isinstance(plain["top"], list)
+    again = deserialise(Mapping[str, Named], through_files(plain))["top"]
+    assert isinstance(again, Named)
+    assert again.inner == Inner(0.3, 7)
+    assert_array_equal(again[0], again.force)
+    with pytest.raises(KeyError, match="Named has 2 fields, not 1"):
+        deserialise(Named, plain["top"][:1])
 
 
 def test_the_order_in_memory_comes_back_for_sums_depend_on_it() -> None:

@@ -40,7 +40,7 @@ def problem_of(
         monkeypatch.setattr(
             "solvers.stepping.stepper.unbalanced_motion", lambda problem: seen.append(problem) or np.ones(1)
         )
-        monkeypatch.setattr("solvers.stepping.stepper.motion_in_words", lambda system, motion: "")
+        monkeypatch.setattr("solvers.stepping.stepper.describe_motion", lambda system, motion: "")
         stepper = simulation_of(scene).stepper
         with pytest.raises(Exception, match="cannot balance"):
             stepper.reach(stepper.start(), 1.0, lambda row: None)

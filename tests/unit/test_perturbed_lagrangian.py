@@ -327,7 +327,7 @@ def test_the_line_search_shortens_a_step_that_leads_away(simulation_of: Simulati
     simulation = simulation_of(coarse("block"))
     stepper, omega = simulation.stepper, penalties(simulation.system, 1000.0)
     pushed = stepper.reach(stepper.reach(stepper.start(), 1.0, lambda row: None).state, 2.0, lambda row: None)
-    problem, p = pushed.problem, pushed.last.p
+    problem, p = pushed.problem, pushed.substep_start.p
     newton = Newton(problem, 100, ignore, problem.contact_displacement(p), problem.surface.W * p)
     elements = ContactElements.of(problem, omega, p)
     u_c, Sigma = newton.u_c, newton.Sigma

@@ -17,7 +17,7 @@ from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import Simulation
 from solvers.stepping import failure
-from solvers.stepping.state import ENOUGH, HALVINGS, Pace, State
+from solvers.stepping.state import ENOUGH, HALVINGS, State, StepControl
 from solvers.stepping.stepper import Accepted, StepError, Stepper
 
 SceneOf = Callable[..., Scene]
@@ -93,7 +93,7 @@ def test_the_next_step_begins_with_what_was_learnt_of_the_size(scene_of: SceneOf
     assert (first.substeps, second.state.time) == (2, 2.0)
     of_second = [(begin, end) for begin, end in reluctant.tried if begin >= 1.0]
     assert of_second[0] == (1.0, 1.5)  # not 2.0
-    assert first.state.pace == Pace(0.5, 2)
+    assert first.state.control == StepControl(0.5, 2)
 
 
 def test_substeps_are_those_steps(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
@@ -168,7 +168,7 @@ def test_the_smallest_step_that_fails_names_contact_point_law_and_what_to_try(
     )
     with pytest.raises(StepError, match=says) as failed:
         list(simulation.steps())
-    assert failed.value.reached is None
+    assert failed.value.last_good is None
     assert {row.time for row in failed.value.history} == {0.5**k for k in range(HALVINGS + 1)}
 
 
@@ -233,7 +233,7 @@ def test_the_worst_contact_is_the_one_that_is_off(
     p[span.start + 1] -= 10 * reached.problem.p_ref
     nothing = np.zeros(stepper.surface.size)
     wrong = Solution(p, reached.state.w, nothing, Status.STALLED, 10.0, ())
-    told = failure.worst(reached.problem, wrong)
+    told = failure.largest_residual(reached.problem, wrong)
     measured = {"normal": place.rows.N_n, "tangential": place.rows.N_t}[part][1].toarray()
     node = np.argmax(np.abs(measured)) // 2  # whose displacement the row is
     x, y = place.rows.surface.points[node]
@@ -244,12 +244,12 @@ def test_a_step_without_a_residual_says_so(scene_of: SceneOf, simulation_of: Sim
     (reached,) = march(simulation_of(sheared(scene_of)), 1.0)
     nothing = np.zeros(reached.stepper.surface.size)
     broken = Solution(reached.state.p, reached.state.w, nothing, Status.BROKEN, np.inf, ())
-    told = failure.in_words(reached.problem, broken, 1e-8, 0.25)
+    told = failure.explain(reached.problem, broken, 1e-8, 0.25)
     assert told == f"no residual in a step of 0.25 s after 0 iterations; {Status.BROKEN.value}"
-    assert failure.in_words(None, broken, 1e-8, 0.25) == told
+    assert failure.explain(None, broken, 1e-8, 0.25) == told
     rest = f"in a step of 0.25 s after 0 iterations; {Status.BROKEN.value}"
     # the tractions are those of the step before: they tell of no contact
-    told = failure.in_words(reached.problem, replace(broken, residual=0.1), 1e-8, 0.25)
+    told = failure.explain(reached.problem, replace(broken, residual=0.1), 1e-8, 0.25)
     assert told == f"residual 1.0e-01, not 1e-08, {rest}"
 
 
@@ -273,26 +273,28 @@ def test_every_bad_ending_says_what_to_try(status: Status) -> None:
 )
 def test_a_march_ends_at_its_target_whatever_fails(limits: list[float], step: float, easy: list[bool]) -> None:
     """`limits`, in units of the step: what can be solved of the substep in that part of the way."""
-    smallest, time, pace, attempts = step * SMALLEST, 0.0, Pace(), 0
+    smallest, time, control, attempts = step * SMALLEST, 0.0, StepControl(), 0
     while time < step:
-        tried = pace.part(step - time, smallest)
-        assert tried <= max(pace.size, smallest) * (1 + 1e-6)
+        tried = control.next_size(step - time, smallest)
+        assert tried <= max(control.size, smallest) * (1 + 1e-6)
         assert tried >= min(smallest / 2, step - time) * (1 - 1e-6)
         attempts += 1
         if tried > step * limits[int(time / step * len(limits))] * (1 + 1e-6):
-            pace = pace.failed(tried, smallest)
+            control = control.after_failure(tried, smallest)
         else:
             time = step if tried == step - time else time + tried
-            pace = pace.succeeded(tried, step, easy[attempts % 40])
+            control = control.after_success(tried, step, easy[attempts % 40])
     assert attempts <= 4 * 2**HALVINGS
 
 
 def test_a_hard_substep_does_not_let_the_next_ones_grow() -> None:
-    pace = Pace(0.25, ENOUGH - 1)
-    assert pace.succeeded(0.25, 1.0, easy=False) == Pace(0.25)
-    assert pace.succeeded(0.25, 1.0, easy=True) == Pace(0.5)
-    assert pace.succeeded(0.1, 1.0, easy=True) == pace  # so short a one proves nothing
-    assert Pace(0.5, ENOUGH - 1).succeeded(0.5, 1.0, easy=True) == Pace()  # nothing is left to be grown
+    control = StepControl(0.25, ENOUGH - 1)
+    assert control.after_success(0.25, 1.0, easy=False) == StepControl(0.25)
+    assert control.after_success(0.25, 1.0, easy=True) == StepControl(0.5)
+    assert control.after_success(0.1, 1.0, easy=True) == control  # so short a one proves nothing
+    assert (
+        StepControl(0.5, ENOUGH - 1).after_success(0.5, 1.0, easy=True) == StepControl()
+    )  # nothing is left to be grown
 
 
 TABLE = [[0.0, 0.0], [0.3, 0.04], [0.7, -0.02]]

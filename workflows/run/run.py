@@ -92,7 +92,7 @@ class Run:
                 seconds.output += clock.perf_counter() - solved
         except StepError as error:
             log.error("%s", error)
-            written = len(error.reached.history) if error.reached else 0  # with the last good substep
+            written = len(error.last_good.history) if error.last_good else 0  # with the last good substep
             attempts = [row.as_tuple() for row in error.history[written:]]
             self._outputs.failed(len(self.steps) + (not written), attempts)
             return "no_equilibrium" if isinstance(error, NoEquilibriumError) else "not_converged", str(error)

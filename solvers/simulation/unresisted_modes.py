@@ -1,4 +1,4 @@
-"""Which rigid motions of the bodies nothing resists: no support, no contact, no friction."""
+"""Rigid modes that nothing resists: null spaces of supports, and of supports with contact and friction."""
 
 from __future__ import annotations
 
@@ -18,16 +18,25 @@ PARALLEL = 1e-9  # of the largest: a smaller singular value counts as zero
 
 
 @dataclass(frozen=True, kw_only=True)
-class Held:
-    """What holds the bodies of a scene, by the rigid modes that are left."""
+class UnresistedModes:
+    """Rigid modes of a scene that nothing resists.
 
-    rigid_modes: Array  # (k, r) of the bodies that no support resists
-    unheld: str  # the mode, in words, that neither support nor contact nor friction resists; empty: all are held
+    Coefficients run over the k rigid motions of all bodies, body by body, see `rigid_fields`.
+    """
+
+    rigid_modes: Array  # (k, r) orthonormal basis of the modes that no support resists
+    unheld: str  # a mode, in words, that no support, contact or friction resists either; empty if there is none
 
 
-def what_holds(scene: Scene) -> Held:
-    """Rigid modes of the bodies against supports alone, and with obstacles that forces move against all there is."""
-    motions = Motions(scene)
+def unresisted_modes(scene: Scene) -> UnresistedModes:
+    """Find the rigid modes that nothing resists, from sample points of the sides; nothing is meshed.
+
+    Obstacles that forces drive move too: contact resists only motion relative to them.
+
+    Raises:
+        SceneError, GeometryError: the geometry does not have a side that the scene names.
+    """
+    motions = RigidMotions(scene)
     blocks = [np.zeros((1, len(motions.kinds)))]
     for support in scene.supports.values():
         blocks += _supported(scene, support, motions)
@@ -41,15 +50,21 @@ def what_holds(scene: Scene) -> Held:
         blocks += _touching(scene, contact, motions)
     left = np.asarray(null_space(np.concatenate(blocks), rcond=PARALLEL))
     most = int(np.argmax(np.linalg.norm(left, axis=1))) if left.shape[1] else -1
-    return Held(
+    return UnresistedModes(
         rigid_modes=np.asarray(null_space(supported, rcond=PARALLEL)), unheld=motions.kinds[most] if most >= 0 else ""
     )
 
 
-class Motions:
-    """The rigid motions of a scene, and the displacement that each makes at a point."""
+class RigidMotions:
+    """The k rigid motions of a scene, of its bodies and of the obstacles that forces drive.
+
+    Attributes:
+        kinds: each motion in words (k).
+        each: number of motions of one body.
+    """
 
     def __init__(self, scene: Scene) -> None:
+        """List the motions."""
         self.scene, self.box = scene, scene.geometry.box(scene.dim)
         names = rigid_names(scene.dim, scene.axisymmetric)
         self.bodies = list(scene.bodies)
@@ -62,7 +77,7 @@ class Motions:
         self.each = len(names)
 
     def fields(self, body: str, points: Array) -> Array:
-        """Displacement (m, d, k) of a body's points."""
+        """Displacement (m, d, k) of a body's points (m, d) [m] in each motion of size 1."""
         centre, scale = self.box.mean(axis=0), float(np.ptp(self.box, axis=0).max())
         found = np.zeros((*points.shape, len(self.kinds)))
         first = self.bodies.index(body) * self.each
@@ -70,14 +85,15 @@ class Motions:
         return found
 
     def of_obstacle(self, name: str, points: Array) -> Array:
-        """Displacement (m, d, k) of an obstacle that forces drive."""
+        """Displacement (m, d, k) of an obstacle at points (m, d) [m] in each motion of size 1."""
         found = np.zeros((*points.shape, len(self.kinds)))
         for column, (driven, axis) in enumerate(self.driven, start=len(self.bodies) * self.each):
             found[:, AXES[axis], column] = driven == name
         return found
 
 
-def _supported(scene: Scene, support: Support, motions: Motions) -> list[Array]:
+def _supported(scene: Scene, support: Support, motions: RigidMotions) -> list[Array]:
+    """Rows (m, k): displacement in the directions that a support prescribes, one block for each direction."""
     dim = scene.dim
     if support.boundary is None:
         points, normals = np.array([support.point], float), np.zeros((1, dim))
@@ -93,7 +109,8 @@ def _supported(scene: Scene, support: Support, motions: Motions) -> list[Array]:
     return blocks
 
 
-def _touching(scene: Scene, contact: Contact, motions: Motions) -> list[Array]:
+def _touching(scene: Scene, contact: Contact, motions: RigidMotions) -> list[Array]:
+    """Rows (m, k): relative displacement that a contact resists; its normal part alone if it has no friction."""
     points, outward = scene.geometry.sample(contact.surface, scene.dim)
     relative = motions.fields(contact.surface.split(".")[0], points)
     if contact.against in scene.obstacles:
@@ -108,7 +125,7 @@ def _touching(scene: Scene, contact: Contact, motions: Motions) -> list[Array]:
 
 
 def _nearest_body(scene: Scene, point: Array) -> str:
-    """The body with a side nearest to the point; the mesh will say it exactly."""
+    """The body that has a side nearest to the point (1, d) [m]: a guess, exact only with the mesh."""
     distances = {
         side.split(".")[0]: np.linalg.norm(scene.geometry.sample(side, scene.dim)[0] - point, axis=1).min()
         for side in reversed(scene.sides())
