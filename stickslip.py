@@ -72,8 +72,10 @@ Obstacles         Plane, Cylinder, Sphere, Rotation
 Normal laws       Unilateral, Compliance, Bilateral, Tied
 Friction laws     Coulomb, Tresca, TangentialCompliance, Stick
 Effects           Gravity, Periodic
-Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: HistoryRow, Step, Status
-Results           StepResult, ContactState, OPEN, SLIP, STICK, Energy, MeshData
+Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: HistoryRow,
+                  HistoryTuple, Step, Status
+Results           StepResult, ContactState, OPEN, SLIP, STICK, Reaction, ObstacleState, ProbeValue, Energy,
+                  MeshData, SurfaceMesh
 Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended)
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,
                   NoEquilibriumError, MachineError, DamagedError
@@ -129,7 +131,18 @@ from solvers.laws.unilateral import Unilateral
 from solvers.methods import Solver
 from solvers.newton.solution import Status, Step
 from solvers.parallel.counters import Counters
-from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
+from solvers.results.step_result import (
+    OPEN,
+    SLIP,
+    STICK,
+    ContactState,
+    MeshData,
+    ObstacleState,
+    ProbeValue,
+    Reaction,
+    StepResult,
+    SurfaceMesh,
+)
 from solvers.scene.contact import Contact
 from solvers.scene.gram import Gram
 from solvers.scene.loads import Load, Support
@@ -139,7 +152,7 @@ from solvers.scene.scene import Scene
 from solvers.scene.settings import Exact, Output, Probe, Steps
 from solvers.simulation.script import Script
 from solvers.simulation.simulation import Seconds, Simulation, prepare
-from solvers.stepping.history import HistoryRow
+from solvers.stepping.history import HistoryRow, HistoryTuple
 from solvers.stepping.state import Energy
 from solvers.stepping.stepper import NoEquilibriumError, StepError
 from workflows.run.mesh_report import ContactReport, MeshReport
@@ -224,6 +237,7 @@ __all__ = [
     "HalfDisc",
     "HalfSpace",
     "HistoryRow",
+    "HistoryTuple",
     "Key",
     "Load",
     "MachineError",
@@ -233,12 +247,15 @@ __all__ = [
     "NoEquilibriumError",
     "NormalLaw",
     "Obstacle",
+    "ObstacleState",
     "Outcome",
     "Output",
     "Periodic",
     "PlanRow",
     "Plane",
     "Probe",
+    "ProbeValue",
+    "Reaction",
     "Ring",
     "Rings",
     "Rotation",
@@ -261,6 +278,7 @@ __all__ = [
     "StickslipError",
     "Strip",
     "Support",
+    "SurfaceMesh",
     "TangentialCompliance",
     "Tied",
     "Tresca",

@@ -99,7 +99,7 @@ class RigidModes:
         return np.asarray(np.linalg.pinv(self.resisted, rcond=1e-9))
 
     def followed(self, time: float) -> Array | None:
-        """Coefficients (parts, k) [m] of a rigid motion that is all that is prescribed at a time, if there is one."""
+        """Coefficients (parts, k) [m] of a rigid motion that satisfies all that is prescribed at a time, or None."""
         wanted = np.concatenate([np.zeros(1), *(rows.ravel() for rows in self.constraints.wanted(time))])
         wanted = np.pad(wanted, (0, len(self.resisted) - len(wanted)))
         found, rounding = self._inverse @ wanted, ROUNDING * np.abs(wanted).max()

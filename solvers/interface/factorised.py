@@ -153,6 +153,7 @@ def _petsc_library() -> ctypes.CDLL:
 
 
 def _call(function: Any, *handles: int) -> None:
+    """Call a function of the PETSc library with the handles of PETSc objects."""
     code = function(*(ctypes.c_void_p(handle) for handle in handles))
     if code:
         raise MachineError(f"PETSc error {code} in {function.__name__}")

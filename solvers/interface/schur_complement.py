@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
@@ -25,6 +25,12 @@ CholeskyFactor = tuple[Array, bool]  # as scipy.linalg.cho_factor returns it
 SINGULAR = 1e-8  # smallest pivot of N, relative to its largest, below which the rows do not determine every dof
 
 
+class SparseLU(Protocol):
+    """The LU factors of a sparse matrix A, as scipy.sparse.linalg.splu returns them."""
+
+    def solve(self, rhs: Array, trans: str = "N") -> Array: ...  # A^-1 rhs, or A^-T rhs with "T"
+
+
 @dataclass(frozen=True, kw_only=True)
 class RowStiffness:
     """The Schur complement by rows: W p = N^-T f_c - H (w - offset) on the m = c rows that may carry tractions.
@@ -34,7 +40,7 @@ class RowStiffness:
 
     index: Ints  # (m,) numbers of these rows among all
     H: Array  # (m, m) N^-T S N^-1 [N/m], symmetric
-    factor: Any  # SuperLU factor of these rows of N
+    factor: SparseLU  # of these rows of N
 
     @classmethod
     def of(cls, N: Sparse, S: Array, carrying: Bools) -> RowStiffness | None:

@@ -167,6 +167,9 @@ def run(
     """Run a scene and leave its results in `folder`; collective.
 
     Args:
+        scene: what to solve.
+        folder: where the results stand at the end; former ones are kept beside it as `.1`.
+        watch: what is told while the run works; absent: nobody.
         resume: go on where an earlier run of the same scene was stopped there, if there is one.
 
     Returns:
