@@ -74,8 +74,8 @@ Friction laws     Coulomb, Tresca, TangentialCompliance, Stick
 Effects           Gravity, Periodic
 Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: HistoryRow,
                   HistoryTuple, Step, Status
-Results           StepResult, ContactState, OPEN, SLIP, STICK, Reaction, ObstacleState, ProbeValue, Energy,
-                  MeshData, SurfaceMesh
+Results           StepResult, ContactState, OPEN, SLIP, STICK, Reaction, ObstacleState, ProbeValue,
+                  Energy, MeshData, SurfaceMesh
 Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended)
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,
                   NoEquilibriumError, MachineError, DamagedError
