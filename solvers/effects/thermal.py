@@ -1,0 +1,54 @@
+"""Thermal expansion: bodies that are warmer than where they are free of stress want to be larger."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from geometry.amplitude import Amplitude, check
+from geometry.errors import nearest, require
+from geometry.keys import Key
+from solvers.effects.effect import Effect
+from solvers.fem.terms import InitialStrain
+from solvers.scene.problem import Problem
+from solvers.scene.scene import EffectTable, Scene
+from solvers.scene.timeline import Place
+
+
+@dataclass(frozen=True, kw_only=True)
+class Thermal(EffectTable):
+    """Expansion of one body, [thermal.BODY]; its temperature is uniform."""
+
+    expansion: Annotated[float, Key("1/K", "coefficient of linear thermal expansion of the body")]
+    temperature: Annotated[Amplitude, Key("K", "above the temperature at which the body is free of stress, in time")]
+
+    def __post_init__(self) -> None:
+        check(self.temperature, "temperature")
+
+    def amplitudes(self) -> Mapping[tuple[str, str], Amplitude]:
+        return {("temperature", ""): self.temperature}
+
+    def check(self, scene: Scene, key: str) -> None:
+        body = key.removeprefix("thermal.")
+        require(body in scene.bodies, key, body, f"no such body; {nearest(body, scene.bodies)}")
+
+
+class _Thermal(Effect):
+    """sigma = C (eps(u) - expansion temperature I), in every model the expansion of all three directions."""
+
+    name = "thermal"
+    table = Mapping[str, Thermal]
+
+    def because(self, scene: Scene) -> str | None:
+        return ", ".join(f"thermal.{name}" for section, name in scene.effect_tables() if section == "thermal") or None
+
+    def initial_strains(self, problem: Problem) -> Iterable[InitialStrain]:
+        for body, table in problem.tables["thermal"].items():
+            drive = Place("thermal", body, "temperature")
+            yield InitialStrain(drive=drive, body=body, strain=table.expansion * np.eye(3))
+
+
+EFFECT = _Thermal()
