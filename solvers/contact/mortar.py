@@ -19,7 +19,7 @@ from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Bools, Ints
 from geometry.surfaces.overlap import Overlap, overlap
 from geometry.surfaces.surface import Surface
-from solvers.contact.build import take_over
+from solvers.contact.build import DIGITS, take_over
 from solvers.contact.coupling import Coupling, Points, between
 
 DUAL = 1e-3  # of a facet's weights: psi that is off by more before its refinement is given up
@@ -153,10 +153,15 @@ def _handed_over(slave: Surface, weights: Array, carries: Bools) -> Any:
 
 
 def _least(slave: Surface, values: Array) -> Bools:
-    """Nodes (n,) whose value is finite and no larger than their neighbours': one at least of each part faced."""
-    least = values.copy()
-    np.minimum.at(least, slave.facets, values[slave.facets].min(axis=1, keepdims=True))
-    return np.asarray(np.isfinite(values) & (values == least))
+    """Nodes (n,) whose value > 0 is finite and less than their neighbours': one at least of each part faced.
+
+    Of neighbours whose values differ by rounding alone, the first one has the least.
+    """
+    places = np.empty(len(values), np.int64)
+    places[np.argsort(np.log(values).round(DIGITS), kind="stable")] = np.arange(len(values))
+    least = places.copy()
+    np.minimum.at(least, slave.facets, places[slave.facets].min(axis=1, keepdims=True))
+    return np.asarray(np.isfinite(values) & (places == least))
 
 
 def _degree(slave: Surface, master: Surface) -> int:
