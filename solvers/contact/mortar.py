@@ -18,7 +18,7 @@ from geometry.arrays import Array, Bools, Ints
 from geometry.protocols import Sparse
 from geometry.surfaces.overlap import Overlap, overlap
 from geometry.surfaces.surface import Surface
-from solvers.contact.build import distribute_to_neighbours
+from solvers.contact.build import DIGITS, distribute_to_neighbours
 from solvers.contact.coupling import Coupling, Points, midway_normals
 
 DUAL = 1e-3  # of a facet's weights: psi whose duality is off by more is replaced by a constant
@@ -163,10 +163,15 @@ def _positive_shares(slave: Surface, weights: Array, carries: Bools) -> Sparse:
 
 
 def _least(slave: Surface, values: Array) -> Bools:
-    """Nodes (n,) with a finite value, no larger than their neighbours': at least one in each part of the surface."""
-    least = values.copy()
-    np.minimum.at(least, slave.facets, values[slave.facets].min(axis=1, keepdims=True))
-    return np.asarray(np.isfinite(values) & (values == least))
+    """Nodes (n,) whose value > 0 is finite and less than their neighbours': one at least of each part faced.
+
+    Of neighbours whose values differ by rounding alone, the first one has the least.
+    """
+    places = np.empty(len(values), np.int64)
+    places[np.argsort(np.log(values).round(DIGITS), kind="stable")] = np.arange(len(values))
+    least = places.copy()
+    np.minimum.at(least, slave.facets, places[slave.facets].min(axis=1, keepdims=True))
+    return np.asarray(np.isfinite(values) & (places == least))
 
 
 def _degree(slave: Surface, master: Surface) -> int:

@@ -11,7 +11,7 @@ from geometry.mesh.mesh import build_mesh
 from geometry.surfaces.overlap import overlap
 from geometry.surfaces.surface import Surface
 from shared.overlays import above, below
-from solvers.contact.mortar import mortar_coupling, mortar_integrals
+from solvers.contact.mortar import _least, mortar_coupling, mortar_integrals
 from solvers.contact.rows import ContactRows
 from solvers.parallel.counters import Counters
 from solvers.simulation.resolve import resolve
@@ -187,6 +187,15 @@ def test_a_spot_inside_a_facet_has_one_multiplier(shape: str, degree: int) -> No
     found = mortar_coupling(slave, above(shape, 1, (1, 1), box=(spot, spot + 0.01)), 0.5)
     assert found.carries.sum() == 1  # for all of the facet: what the nodes see is extrapolated, their mean is not
     assert_allclose(found.gap[found.carries], 0.1)  # not an extrapolated one
+
+
+def test_of_nodes_that_differ_by_rounding_the_first_has_the_least() -> None:
+    slave, random = below("quadrilateral", 2, (1, 1)), np.random.default_rng(1)
+    for _ in range(20):
+        values = 3.0 * (1 + 1e-15 * random.integers(-2, 3, len(slave.nodes)))
+        assert_array_equal(np.flatnonzero(_least(slave, values)), [0])
+    values[4], values[0] = 2.9, np.inf
+    assert_array_equal(np.flatnonzero(_least(slave, values)), [4])
 
 
 @pytest.mark.parametrize("degree", [1, 2])

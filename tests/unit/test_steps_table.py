@@ -63,7 +63,8 @@ def test_a_row_tells_what_is_prescribed_and_what_comes_of_it(
         assert found["support.top.moment.z"][k] == step.supports["top"][1][0]
         assert found["iterations"][k] == step.iterations
     # of a flat side all the tangential force is the resultant's, with its sign: the top is pushed to the right
-    assert_allclose(np.abs(found["base.tangential_force.x"]), found["base.tangential_force"], rtol=1e-12)
+    # 1e-13: where one is the sum of what the other is the length of, rounding differs from machine to machine
+    assert_allclose(np.abs(found["base.tangential_force.x"]), found["base.tangential_force"], rtol=1e-13)
     assert_allclose(found["base.tangential_force.x"], found["base.force.x"], rtol=1e-12)
     assert found["base.tangential_force.x"][1] < 0 < found["base.slip.x"][1] < 0.05
 
