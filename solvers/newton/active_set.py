@@ -15,8 +15,6 @@ from geometry.protocols import Sparse
 from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.interface.problem import SurfaceProblem
 
-TIE = 1e-12  # of the bound: nearer to it, rounding alone would decide between stick and slip
-
 
 @dataclass(frozen=True, kw_only=True)
 class ActiveSet:
@@ -136,8 +134,7 @@ def _friction(rows: _Rows, place: ContactBlock, p_hat: Array, p_n: Array, gamma:
     trial = p_hat[span].reshape(free.shape) * free
     length, s = np.linalg.norm(trial, axis=1), rows.cone.bound(place, p_n)
     softness = place.rows.friction.softness  # type: ignore[union-attr]
-    # at the bound, as all points that slipped are where their tractions begin a step, a point sticks: it may turn back
-    stick = (length <= s * (1 + gamma[index[:, 0]] * softness) * (1 + TIE)) & (s > 0)
+    stick = (length <= s * (1 + gamma[index[:, 0]] * softness)) & (s > 0)
     slip = np.flatnonzero(~stick & (s > 0))
     stuck = index[stick[:, None] & free]
     if softness:

@@ -41,6 +41,8 @@ KINDS = {
 }
 KIND = {key: kind for kind, keys in KINDS.items() for key in keys}
 DEFECTS = {"residual", "iteration", "equilibrium", "penetration", "negative_pressure", "cone", "complementarity"}
+WORK = ("iterations", "volume_solves")
+FEW = 3  # where a step begins with points at their friction bound, rounding decides which of them stick at first
 Leaf = tuple[tuple[str, ...], Any]
 
 
@@ -128,6 +130,8 @@ def test_result_is_that_of_one_rank(alone: tuple[str, Path], together: tuple[int
             assert value is None or max(found[path], value) <= SAME, (path, found[path], value)
         elif kind:
             assert abs(found[path] - value) <= SAME * scale[kind], (path, found[path], value)
+        elif path[-1] in WORK:
+            assert abs(found[path] - value) <= FEW, (path, found[path], value)
         else:
             assert found[path] == value, path
 
