@@ -56,7 +56,7 @@ class Vec(Linear, Protocol):
     array_r: Array
     comm: PetscComm
 
-    def copy(self) -> Self: ...
+    def copy(self, into: Vec | None = None) -> Self: ...
     def duplicate(self) -> Self: ...
     def norm(self, kind: Any = ...) -> float: ...
     def __truediv__(self, other: float | Vec) -> Self: ...  # by entries
@@ -215,6 +215,18 @@ class UflForm(Linear, Protocol):
     """UFL form: a sum of integrals, linear in each of its test and trial functions."""
 
     def __radd__(self, other: int) -> Self: ...  # sum() begins with 0
+
+
+class Measure(Protocol):
+    """UFL measure: an integrand times a measure is a form; `__rmul__` is the measure's."""
+
+    def __rmul__(self, integrand: Any) -> Any: ...
+
+
+class Constant(UflExpr, Protocol):
+    """dolfinx constant: a number in a form that may change without compiling it again."""
+
+    value: Any
 
 
 class CompiledForm(Protocol):

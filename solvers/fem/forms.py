@@ -13,7 +13,7 @@ from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
 from geometry.dolfinx_versions import ufl
 from geometry.mesh.mesh import Mesh
-from geometry.protocols import CompiledForm, FunctionSpace, UflExpr, UflForm
+from geometry.protocols import CompiledForm, Constant, FunctionSpace, Measure, UflExpr, UflForm
 from solvers.fem.terms import InitialStrain, LoadTerm
 from solvers.laws.compliance import Compliance
 from solvers.parallel.counters import Counters
@@ -43,7 +43,7 @@ def elastic_stress(strain: Array, material: Material, plane_stress: bool) -> Arr
 class Revolved:
     """A measure of the meridian plane, taken around the full circle: dx becomes 2 pi r dx."""
 
-    measure: Any
+    measure: Measure
     radius: UflExpr
 
     def __rmul__(self, integrand: UflExpr) -> UflForm:
@@ -72,7 +72,7 @@ class WeakForms:
         found: UflExpr = ufl.TestFunction(self.space)
         return found
 
-    def volume(self, body: str, degree: int | None = None) -> Any:
+    def volume(self, body: str, degree: int | None = None) -> Measure:
         """Measure of a body."""
         if degree is None and self.mesh.degree > 1:
             degree = 2 * self.mesh.degree + self.mesh.axisymmetric
@@ -80,13 +80,13 @@ class WeakForms:
         measure = ufl.Measure("dx", domain=self.mesh.domain, subdomain_data=self.mesh.cell_tags, metadata=metadata)
         return self._around(measure(self.mesh.bodies[body]))
 
-    def boundary(self, side: str, degree: int | None = None) -> Any:
+    def boundary(self, side: str, degree: int | None = None) -> Measure:
         """Measure of a side."""
         metadata = {} if degree is None else {"quadrature_degree": degree}
         measure = ufl.Measure("ds", domain=self.mesh.domain, subdomain_data=self.mesh.facet_tags, metadata=metadata)
         return self._around(measure(self.mesh.sides[side]))
 
-    def _around(self, measure: Any) -> Any:
+    def _around(self, measure: Measure) -> Measure:
         """The full circle in an axisymmetric model."""
         return Revolved(measure, ufl.SpatialCoordinate(self.mesh.domain)[0]) if self.mesh.axisymmetric else measure
 
@@ -107,9 +107,9 @@ class WeakForms:
         lame_mu, lame_lambda = material.lame_mu, material.lame_lambda
         if self.problem.model == "plane stress":
             lame_lambda = 2 * lame_lambda * lame_mu / (lame_lambda + 2 * lame_mu)
-        mu, lame_lambda = self.constant(lame_mu), self.constant(lame_lambda)
+        mu, first = self.constant(lame_mu), self.constant(lame_lambda)
         strain = self.strain(u)
-        found: UflExpr = 2 * mu * strain + lame_lambda * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0])
+        found: UflExpr = 2 * mu * strain + first * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0])
         return found
 
     def elasticity(self, u: UflExpr | None = None) -> UflForm:
@@ -185,9 +185,10 @@ class WeakForms:
         form = self.compile(self.constant(1.0) * self.volume(body))
         return float(self.mesh.comm.allreduce(dx.fem.assemble_scalar(form)))
 
-    def constant(self, value: float) -> Any:
+    def constant(self, value: float) -> Constant:
         """A number that the compiled form takes at run time: other values need no other compilation."""
-        return dx.fem.Constant(self.mesh.domain, value)
+        found: Constant = dx.fem.Constant(self.mesh.domain, value)
+        return found
 
     def gap(self, contact: Contact) -> tuple[UflExpr, UflExpr]:
         """Initial gap g [m] and unit normal n towards the obstacle, exact at every point."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from geometry import dolfinx_versions as dx
 from geometry.dolfinx_versions import ufl
-from geometry.protocols import Function, UflForm
+from geometry.protocols import Constant, Function, Measure, UflForm
 from geometry.surfaces.surface import FACET_OF
 from solvers.fem.forms import WeakForms
 from solvers.laws.compliance import Compliance
@@ -20,9 +20,9 @@ from solvers.scene.contact import Contact
 class Widths:
     """How far the laws are rounded off; all three shrink together."""
 
-    slip: Any  # eps [m]
-    flexibility: Any  # delta [m/Pa]: penetration per pressure of a rigid normal law
-    pressure: Any  # [Pa] over which Tresca's bound rises from 0
+    slip: Constant  # eps [m]
+    flexibility: Constant  # delta [m/Pa]: penetration per pressure of a rigid normal law
+    pressure: Constant  # [Pa] over which Tresca's bound rises from 0
 
     @classmethod
     def of(cls, weak: WeakForms) -> Widths:
@@ -50,7 +50,7 @@ class SmoothedContact:
     weak: WeakForms
     contact: Contact
     widths: Widths
-    bound: Any  # Tresca's, at the step's time [Pa]
+    bound: Constant  # Tresca's, at the step's time [Pa]
 
     @cached_property
     def motion(self) -> Function:
@@ -79,7 +79,7 @@ class SmoothedContact:
         return found
 
     @cached_property
-    def nodes(self) -> Any:
+    def nodes(self) -> Measure:
         """Measure that samples the side at its nodes, all alike."""
         mesh = self.weak.mesh
         points = dx.reference_nodes(FACET_OF[mesh.domain.topology.cell_type.name], mesh.degree)
@@ -90,7 +90,8 @@ class SmoothedContact:
             "quadrature_weights": [1 / len(points)] * len(points),
         }
         measure = ufl.Measure("ds", domain=mesh.domain, subdomain_data=mesh.facet_tags, metadata=rule)
-        return measure(mesh.sides[self.contact.surface])
+        found: Measure = measure(mesh.sides[self.contact.surface])
+        return found
 
     def sampled(self) -> UflForm:
         """Weight that the nodal rule gives each node, in every component."""

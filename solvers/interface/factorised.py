@@ -65,6 +65,15 @@ class FactorisedVolume:
         q += self._interior(f - self.K * q)
         return q
 
+    def release(self) -> None:
+        """Nothing to free before the end: PETSc's objects go with this one."""
+
+    def snapshot(self) -> None:
+        """A factor learns nothing from solve to solve; see `restore`."""
+
+    def restore(self, snapshot: None) -> None:
+        """Nothing to take up."""
+
     def _interior(self, f: Vec) -> Vec:
         """K_ii^-1 f_i, zero at the contact dofs."""
         f = f.copy()

@@ -6,7 +6,8 @@ it holds a floating body.
 
 from __future__ import annotations
 
-from typing import Any, Literal, overload
+from collections.abc import Callable, Mapping
+from typing import Literal, cast, overload
 
 import numpy as np
 from scipy import sparse
@@ -22,6 +23,10 @@ from solvers.interface.schur_complement import CondensedSurface
 from solvers.system.system import System
 
 Form = Literal["condensed", "matrix-free"]  # of the bodies
+SURFACES: Mapping[type, Callable[..., DelassusOperator]] = {
+    FactorisedVolume: CondensedSurface,
+    IterativeVolume: MatrixFreeSurface,
+}
 
 
 def prepare_volume(system: System, form: Form) -> FactorisedVolume | IterativeVolume:
@@ -47,8 +52,7 @@ def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) 
     pull = [_driven_columns(system, rows, rows.N_n) for rows in contacts]
     pull += [_driven_columns(system, rows, rows.N_t) for rows in contacts]
     weights = [rows.W_n for rows in contacts] + [np.repeat(rows.W_t, rows.free.shape[1]) for rows in contacts]
-    kind: Any = CondensedSurface if isinstance(volume, FactorisedVolume) else MatrixFreeSurface
-    surface: DelassusOperator = kind(
+    return SURFACES[type(volume)](
         volume,
         N=sparse.hstack(
             [
@@ -62,7 +66,16 @@ def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) 
         driven=count,
         normal_rows=sum(block.shape[0] for block in normal),
     )
-    return surface
+
+
+def condensed(bodies: DelassusOperator) -> CondensedSurface:
+    """The bodies of a method that works with the condensed form alone: the choice of stages has seen to their form."""
+    return cast(CondensedSurface, bodies)
+
+
+def matrix_free(bodies: DelassusOperator) -> MatrixFreeSurface:
+    """The bodies of a method that solves them iteratively: the choice of stages has seen to their form."""
+    return cast(MatrixFreeSurface, bodies)
 
 
 def _driven_columns(system: System, rows: ContactRows, N: Sparse) -> Array:

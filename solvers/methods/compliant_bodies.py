@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -15,7 +14,7 @@ from geometry.arrays import Array, Ints
 from geometry.errors import SolverError
 from solvers.contact.admissible_set import ContactBlock
 from solvers.interface.problem import SurfaceProblem
-from solvers.interface.schur_complement import CondensedSurface
+from solvers.interface.schur_complement import CholeskyFactor, CondensedSurface
 from solvers.laws.compliance import Compliance
 from solvers.methods.inner_tolerance import Allowed
 from solvers.metrics.dense import DenseMetric, inverse_root
@@ -66,7 +65,7 @@ class CompliantBodies:
             k[place.normal] = law.stiffness(p[place.normal], p[place.normal])
         return k
 
-    def solve(self, p: Array, u_c: Array, allowed: Allowed) -> tuple[Array, Array, Any]:
+    def solve(self, p: Array, u_c: Array, allowed: Allowed) -> tuple[Array, Array, CholeskyFactor]:
         """Tractions (rows,), u_c, and the factor of V there; semismooth Newton from u_c, a volume solve a step.
 
         Raises:
@@ -86,7 +85,7 @@ class CompliantBodies:
             u_c = u_c + self._length(p, u_c, du, slope) * du
         raise SolverError("the compliant faces' own Newton iteration does not converge; use solver.method = uzawa")
 
-    def lambda_max(self, V: Any) -> float:
+    def lambda_max(self, V: CholeskyFactor) -> float:
         """Largest eigenvalue of W^-1 B V^-1 B^T on the other rows [m/Pa]: what alpha has to heed."""
         N = sparse.diags(np.sqrt(self.surface.W[self.others])) @ self.surface.N[self.others]
         size = len(self.others)
@@ -97,7 +96,7 @@ class CompliantBodies:
         (largest,) = eigsh(operator, k=1, which="LA", v0=start, tol=LANCZOS, return_eigenvectors=False)
         return float(largest) * (1 + LANCZOS)
 
-    def metric(self, V: Any) -> DenseMetric:
+    def metric(self, V: CholeskyFactor) -> DenseMetric:
         """B V^-1 B^T on the other rows; the compliant ones keep their pressure while these move."""
         W, size = self.surface.W, len(self.surface.W)
         B = (sparse.diags(W[self.others]) @ self.surface.N[self.others]).toarray()
@@ -110,7 +109,7 @@ class CompliantBodies:
         """delta (c,) [N]."""
         return np.asarray(self.problem.load.f_c - self.surface.forces(p) - self.surface.S @ u_c)
 
-    def _factor(self, p: Array) -> Any:
+    def _factor(self, p: Array) -> CholeskyFactor:
         N, k = self.surface.N, self.springs(p)
         return self.surface.factor((N.T @ sparse.diags(self.surface.W * k) @ N).toarray())
 

@@ -27,6 +27,7 @@ import numpy as np
 from scipy import sparse
 
 from geometry.arrays import Array, Ints
+from geometry.protocols import Sparse
 from geometry.surfaces.surface import Surface
 from solvers.contact.admissible_set import ContactBlock
 from solvers.contact.rows import ContactRows
@@ -101,7 +102,7 @@ class ContactElements:
         """R_C: on the contact dofs (c,) [N] and of the forces' own equations (rows,) [m]."""
         return np.asarray(self.problem.surface.N.T @ Sigma), (answer.Sigma - Sigma) / self.omega
 
-    def tangent(self, answer: Answer) -> tuple[Any, Any, Any]:
+    def tangent(self, answer: Answer) -> tuple[Sparse, Sparse, Sparse]:
         """K_C but for its zero block, sparse: N^T (c, rows), Σ*' N / ω (rows, c), -1/ω (rows, rows)."""
         N, flexible = self.problem.surface.N, sparse.diags(1 / self.omega)
         return N.T, flexible @ answer.slope @ N, -flexible

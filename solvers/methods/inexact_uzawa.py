@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from geometry.arrays import Array
+from solvers.interface.prepare import matrix_free
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.applicability import Applicability
 from solvers.methods.inner_tolerance import InnerKeys, negligible
-from solvers.methods.method import Ready, Setup, Stateless, matrix_free
+from solvers.methods.method import Ready, Setup, Stateless
 from solvers.methods.outer_iteration import FixedStep, Outer, Solved
 from solvers.newton.solution import OnStep, Solution, ignore
 

@@ -10,19 +10,18 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, Protocol, Self, cast, get_args, get_type_hints
+from typing import Any, ClassVar, Protocol, Self, get_args, get_type_hints
 
 from geometry.arrays import Array
 from geometry.keys import Key
 from geometry.protocols import Vec
 from solvers.interface.coarse_mesh import CoarseMesh
 from solvers.interface.flexibility import DelassusOperator
-from solvers.interface.matrix_free import MatrixFreeSurface
 from solvers.interface.prepare import Form
 from solvers.interface.problem import SurfaceProblem
-from solvers.interface.schur_complement import CondensedSurface
 from solvers.methods.applicability import Applicability
 from solvers.newton.solution import OnStep, Solution, ignore
+from solvers.parallel.serialise import Plain
 from solvers.scene.problem import Problem
 from solvers.scene.settings import Solver
 from solvers.system.system import System
@@ -73,11 +72,11 @@ class Ready(ABC):
         """For the same bodies with other contact rows; what belongs to the bodies stays."""
         return self
 
-    def snapshot(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Plain]:
         """What earlier steps have taught, as arrays and plain data; see `restore`."""
         return {}
 
-    def restore(self, snapshot: dict[str, Any], surface: DelassusOperator) -> None:  # noqa: B027  most learn nothing
+    def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:  # noqa: B027  most learn nothing
         """Know what a `snapshot` of the same bodies holds."""
 
 
@@ -138,16 +137,6 @@ class Stateless(Method, SameEveryStep):
 
     def build(self, setup: Setup) -> Ready:
         return self
-
-
-def condensed(bodies: DelassusOperator) -> CondensedSurface:
-    """The bodies of a method with WORKS_WITH.matrix_free = False: the choice of stages has seen to their form."""
-    return cast(CondensedSurface, bodies)
-
-
-def matrix_free(bodies: DelassusOperator) -> MatrixFreeSurface:
-    """The bodies of a method with WORKS_WITH.condensed = False: the choice of stages has seen to their form."""
-    return cast(MatrixFreeSurface, bodies)
 
 
 @cache

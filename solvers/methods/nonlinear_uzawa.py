@@ -10,11 +10,12 @@ import numpy as np
 from geometry.arrays import Array
 from geometry.errors import require
 from geometry.keys import Key
+from solvers.interface.prepare import condensed
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.applicability import Applicability
 from solvers.methods.compliant_bodies import CompliantBodies
 from solvers.methods.inner_tolerance import InnerKeys, negligible
-from solvers.methods.method import Stateless, condensed
+from solvers.methods.method import Stateless
 from solvers.methods.outer_iteration import FrictionUpdates, Outer, Relaxation, Solved, projected
 from solvers.newton.solution import OnStep, Solution, ignore
 from solvers.newton.surface_model import nearest_in_cone
@@ -81,6 +82,7 @@ class NonlinearUzawa(Relaxation, FrictionUpdates, InnerKeys, Stateless):
             nonlocal inner
             if not exact:
                 return projected(step, found, w, residual)
+            assert V is not None  # an inner solve comes first
             small = min(residual, 1.0)
             inner = replace(self.inner, share=self.inner.share * small)
             nearest = nearest_in_cone(step, bodies.metric(V), found.p, w, max(small**2, self.rtol))

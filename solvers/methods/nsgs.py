@@ -10,10 +10,11 @@ import numpy as np
 
 from geometry.arrays import Array, Ints
 from solvers.contact.admissible_set import ContactBlock
+from solvers.interface.prepare import condensed
 from solvers.interface.problem import SurfaceProblem
 from solvers.laws.law import FrictionLaw, NormalLaw
 from solvers.methods.applicability import Applicability
-from solvers.methods.method import Method, Ready, SameEveryStep, Setup, condensed
+from solvers.methods.method import Method, Ready, SameEveryStep, Setup
 from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
 
 STALL_WINDOW = 500  # sweeps in which the least residual must halve

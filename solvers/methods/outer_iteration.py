@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from scipy import sparse
@@ -12,6 +12,7 @@ from scipy import sparse
 from geometry.arrays import Array
 from geometry.errors import require
 from geometry.keys import Key
+from geometry.protocols import Sparse
 from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.method import Keys
@@ -30,8 +31,9 @@ class GivenFriction(AdmissibleSet):
     def bound(self, place: ContactBlock, p_n: Array) -> Array:
         return super().bound(place, self.given[place.normal])
 
-    def bound_slope(self, place: ContactBlock, p_n: Array) -> Any:
-        return sparse.csr_matrix(place.average.shape)
+    def bound_slope(self, place: ContactBlock, p_n: Array) -> Sparse:
+        found: Sparse = sparse.csr_matrix(place.average.shape)
+        return found
 
 
 def with_given_friction(problem: SurfaceProblem, p: Array) -> SurfaceProblem:

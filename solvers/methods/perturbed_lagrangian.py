@@ -11,10 +11,11 @@ from scipy import sparse
 from geometry.arrays import Array
 from geometry.errors import require
 from geometry.keys import Key
+from solvers.interface.prepare import condensed
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.applicability import Applicability
 from solvers.methods.contact_element import STICK, Answer, ContactElements, kept, penalties
-from solvers.methods.method import Method, Ready, SameEveryStep, Setup, condensed
+from solvers.methods.method import Method, Ready, SameEveryStep, Setup
 from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
 from solvers.system.system import System
 

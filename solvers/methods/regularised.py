@@ -18,13 +18,15 @@ from scipy.sparse.linalg import splu
 from geometry.arrays import Array
 from geometry.errors import require
 from geometry.keys import Key
+from geometry.protocols import Vec
 from solvers.interface.factorised import METIS
 from solvers.interface.flexibility import DelassusOperator
+from solvers.interface.prepare import condensed
 from solvers.interface.problem import SurfaceProblem
 from solvers.interface.schur_complement import CondensedSurface
 from solvers.laws.compliance import Compliance
 from solvers.methods.applicability import RIGID, Applicability
-from solvers.methods.method import Before, Method, Ready, Setup, Solve, condensed
+from solvers.methods.method import Before, Method, Ready, Setup, Solve
 from solvers.methods.smoothed_forces import SmoothedForces
 from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
 from solvers.system.system import System
@@ -103,7 +105,7 @@ class OnVolume(Ready):
         self.rtol, self.max_it = method.rtol, method.max_it
         self.levels = levels(method.smoothing)
 
-    def free_part(self, u: Any, time: float) -> Any:
+    def free_part(self, u: Vec, time: float) -> Vec:
         """q with u = T q + u_s(t), but for the prescribed part of u."""
         T = self.system.T  # its columns are orthogonal to each other
         q = self.system.K_B.createVecRight()
@@ -119,7 +121,7 @@ class NextStep:
     """The whole-volume problem of one step, with the signature of every method."""
 
     method: OnVolume
-    u: Any  # at the last accepted step [m]
+    u: Vec  # at the last accepted step [m]
     motion: Mapping[str, Array]  # of each contact's obstacle then, at the surface's nodes [m]
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
@@ -154,7 +156,7 @@ class NextStep:
         return Solution(p, w, u_c, status, residual, history, law_error=float(law_error), slack=float(slack))
 
 
-def _predicted(found: list[Any]) -> Any:
+def _predicted(found: list[Vec]) -> Vec:
     """Where the next level starts: slip where points stick, and penetration, are proportional to the level."""
     if len(found) < 3:
         return found[-1].copy()
@@ -176,7 +178,7 @@ class VolumeNewton:
         system.T.multTranspose(system.load(time) - system.K * system.prescribed(time), self.f)
         self.snes = self._snes(system.K_B)
 
-    def solve(self, q: Any, level: float) -> Status:
+    def solve(self, q: Vec, level: float) -> Status:
         """Overwrite q with the solution at this level, as closely as the rounding of penetrations allows."""
         allowed = self.method.max_it - self.iteration
         atol = max(self.method.rtol, PENETRATION / level) * self.scale

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -13,6 +12,7 @@ from scipy import sparse
 from geometry import dolfinx_versions as dx
 from geometry.amplitude import value_at
 from geometry.arrays import Array, Ints
+from geometry.protocols import CompiledForm, Function, Mat, Vec
 from solvers.contact.rows import ContactRows
 from solvers.fem.smoothed_laws import SmoothedContact, Widths
 from solvers.laws.friction import Tresca
@@ -24,11 +24,11 @@ from solvers.system.system import System
 class Part:
     """One form, of a field that is P q + shift."""
 
-    field: Any  # Function
-    P: Any  # (all, free)
-    shift: Any  # over all displacements [m], rewritten for each step
-    work: Any  # compiled
-    tangent: Any  # compiled
+    field: Function
+    P: Mat  # (all, free)
+    shift: Vec  # over all displacements [m], rewritten for each step
+    work: CompiledForm
+    tangent: CompiledForm
 
 
 class SmoothedForces:
@@ -41,18 +41,18 @@ class SmoothedForces:
         self.contacts = [Nodal(system, rows, self.widths) for rows in system.contacts]
         self.parts = [part for contact in self.contacts for part in contact.parts()]
 
-    def begin(self, u: Any, motion: Mapping[str, Array], time: float) -> None:
+    def begin(self, u: Vec, motion: Mapping[str, Array], time: float) -> None:
         """Start a step from an accepted u and motion (n, d) of each contact's obstacle."""
         u_s = self.system.prescribed(time)
         for contact in self.contacts:
             contact.begin(u, motion[contact.rows.name], u_s, time)
 
-    def update(self, q: Any) -> None:
+    def update(self, q: Vec) -> None:
         """Give every form its field."""
         for part in self.parts:
             _fill(part.field, part.P * q + part.shift)
 
-    def forces(self, q: Any) -> Any:
+    def forces(self, q: Vec) -> Vec:
         """B^T p [N]."""
         self.update(q)
         total = q.duplicate()
@@ -60,7 +60,7 @@ class SmoothedForces:
             part.P.multTransposeAdd(dx.assemble_vector(part.work), total, total)
         return total
 
-    def add_tangent(self, q: Any, J: Any) -> None:
+    def add_tangent(self, q: Vec, J: Mat) -> None:
         """J += d forces / d q; contact couples no displacements that a cell does not couple."""
         self.update(q)
         for part in self.parts:
@@ -92,7 +92,7 @@ class Nodal:
             found.append(Part(field, P, shift, compile_(work), compile_(tangent)))
         return found
 
-    def begin(self, u: Any, motion: Array, u_s: Any, time: float) -> None:
+    def begin(self, u: Vec, motion: Array, u_s: Vec, time: float) -> None:
         """Data of the step from an accepted u and motion (n, d) of the obstacle to `time`."""
         end, law = self.system.problem.timeline.end, self.rows.friction
         if isinstance(law, Tresca):
@@ -102,7 +102,7 @@ class Nodal:
         relative.copy(self.relative_shift)
         self._motion(relative).copy(self.motion_shift)
 
-    def _relative(self, u: Any, time: float) -> Any:
+    def _relative(self, u: Vec, time: float) -> Vec:
         """u less the obstacle's motion, which is taken at the nodes of the body."""
         system = self.system
         points, nothing = system.nodes.points[: system.nodes.owned], np.zeros(0)
@@ -111,13 +111,13 @@ class Nodal:
         relative.array[:] -= moved.ravel()
         return relative
 
-    def _motion(self, relative: Any) -> Any:
+    def _motion(self, relative: Vec) -> Vec:
         """In the basis phi~, less g n."""
         motion = self.S * relative if self.S else relative.copy()
         motion.axpy(-1.0, self._spread((self.rows.node_gap[:, None] * self.rows.frames[:, 0]).ravel()))
         return motion
 
-    def _spread(self, values: Array) -> Any:
+    def _spread(self, values: Array) -> Vec:
         """Values (n d,) at the surface's nodes over all displacements, zero elsewhere."""
         vector = self.system.vector()
         self.nodes.write(vector, values)
@@ -128,7 +128,7 @@ def _components(rows: ContactRows, dim: int) -> Ints:
     return (rows.surface.nodes[:, None] * dim + np.arange(dim)).ravel()
 
 
-def _transformation(system: System, rows: ContactRows) -> Any:
+def _transformation(system: System, rows: ContactRows) -> Mat | None:
     """Displacements to coefficients of phi~ on the surface of a contact (all, all); None where they are the same."""
     surface, dim, K = rows.surface, system.mesh.dim, system.K
     change = sparse.coo_matrix(surface.transform - sparse.identity(len(surface.nodes)))
@@ -146,10 +146,11 @@ def _transformation(system: System, rows: ContactRows) -> Any:
     csr = (local + diagonal).tocsr()
     matrix = PETSc.Mat().createAIJ((K.sizes[0], K.sizes[1]), csr=(csr.indptr, csr.indices, csr.data), comm=K.comm)
     matrix.assemble()
-    return matrix
+    found: Mat | None = matrix
+    return found
 
 
-def _fill(function: Any, vector: Any) -> None:
+def _fill(function: Function, vector: Vec) -> None:
     """Copy, ghosts included."""
     dx.petsc_vector(function).array[:] = vector.array
     function.x.scatter_forward()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from solvers.metrics.surface_metric import SurfaceMetric, surface_metric
 from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
 from solvers.newton.surface_model import nearest_in_cone
 from solvers.newton.surface_system import Flexibility
+from solvers.parallel.serialise import Plain
 
 STALL_WINDOW = 50  # iterations in which the least residual must halve
 VOLUME = 0.3  # of the residual to be expected, how exact the volume is
@@ -106,10 +107,10 @@ class LearningIteration(SameEveryStep):
             w = problem.relative_displacement(u_c + motion)
         return Solution(p, w, u_c + motion, status, residual, tuple(history))
 
-    def snapshot(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Plain]:
         return {name: secants.snapshot() for name, secants in self.learnt.items()}
 
-    def restore(self, snapshot: dict[str, Any], surface: DelassusOperator) -> None:
+    def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
         for known in snapshot.values():
             self._flexibility(surface).restore(known)
 

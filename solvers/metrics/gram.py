@@ -19,8 +19,8 @@ from solvers.contact.admissible_set import AdmissibleSet
 from solvers.contact.rows import ContactRows
 from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.flexibility import DelassusOperator
+from solvers.interface.prepare import condensed
 from solvers.interface.problem import SurfaceProblem
-from solvers.interface.schur_complement import CondensedSurface
 from solvers.linear.incomplete_cholesky import incomplete_cholesky
 from solvers.metrics.dense import DenseMetric, inverse_root
 from solvers.parallel.counters import Counters
@@ -75,9 +75,8 @@ class GramMetric:
         return self._spectrum(surface, on, inverse_root(self.on_tractions(surface, cone)[np.ix_(on, on)]))
 
     def _spectrum(self, surface: DelassusOperator, on: Bools, root: Array) -> Array:
-        assert isinstance(surface, CondensedSurface)
         B = surface.N[on].T.multiply(surface.W[on]) @ root  # forces on the contact dofs (c, r)
-        return np.asarray(eigvalsh(B.T @ surface.flexibility @ B))
+        return np.asarray(eigvalsh(B.T @ condensed(surface).flexibility @ B))
 
 
 def drop_of(gram: Gram) -> float | None:

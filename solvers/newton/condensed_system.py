@@ -11,6 +11,7 @@ from scipy import sparse
 from scipy.linalg import cho_solve
 
 from geometry.arrays import Array
+from solvers.interface.prepare import condensed
 from solvers.interface.schur_complement import CondensedSurface, RowStiffness
 from solvers.newton.active_set import ActiveSet
 
@@ -28,8 +29,7 @@ def solve(laws: ActiveSet) -> tuple[Array, Array]:
     Raises:
         LinAlgError: the active set leaves a rigid mode free.
     """
-    problem, surface = laws.problem, laws.problem.surface
-    assert isinstance(surface, CondensedSurface)
+    problem, surface = laws.problem, condensed(laws.problem.surface)
     bodies = surface.row_stiffness(problem.cone.carrying)
     few = not laws.k.any() and (~laws.given).sum() < FEW * (~laws.held).sum()
     p, u_c = by_tractions(laws, surface) if bodies is None or few else by_motion(laws, bodies)

@@ -13,7 +13,6 @@ from typing import Any
 
 from geometry.arrays import Array
 from geometry.protocols import Vec
-from solvers.interface.matrix_free import IterativeVolume
 from solvers.parallel.counters import Counters
 from solvers.parallel.gather import Gather, nodes_of
 from solvers.parallel.serialise import ByNode, Own, Plain, deserialise, serialise
@@ -61,10 +60,9 @@ class Checkpoints:
         It can be large, and a resumed run can do without it. Nothing is copied: it is valid until the next step begins.
         """
         attempts = self.stepper.attempts
-        volume = attempts.volume
         known = {
             "surface": self.stepper.surface.snapshot(),
-            "volume": volume.snapshot() if isinstance(volume, IterativeVolume) else None,
+            "volume": attempts.volume.snapshot(),
             "method": attempts.snapshot(),
         }
         return {"layout": self._layout(), **serialise(known, lambda own: own.values)}
@@ -94,8 +92,7 @@ class Checkpoints:
         """Give the bodies and the method what they had learnt."""
         attempts, surface = self.stepper.attempts, self.stepper.surface
         surface.restore(known["surface"])
-        if isinstance(attempts.volume, IterativeVolume):
-            attempts.volume.restore(known["volume"])
+        attempts.volume.restore(known["volume"])
         attempts.restore(known["method"], surface)
 
     def _layout(self) -> str:

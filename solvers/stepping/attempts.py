@@ -5,15 +5,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 from solvers.interface.coarse_mesh import CoarseMesh
 from solvers.interface.flexibility import DelassusOperator
-from solvers.interface.matrix_free import IterativeVolume
 from solvers.interface.prepare import prepare_volume
 from solvers.methods import METHODS
 from solvers.methods.method import Ready, Setup, Solve
 from solvers.newton.solution import Solution
+from solvers.parallel.serialise import Plain
 from solvers.stepping.choice import Choice, Stage, choose, fits
 from solvers.stepping.state import State
 from solvers.system.system import System
@@ -78,8 +77,7 @@ class Attempts:
         self.switches.append(switch)
         log.warning("t = %g: %s: %s; goes on with %s", time, switch.before, switch.because, switch.after)
         if self.stage.surface != before.surface:
-            if isinstance(self.volume, IterativeVolume):
-                self.volume.release()
+            self.volume.release()
             self.volume = prepare_volume(system, self.stage.surface)
         return True
 
@@ -94,10 +92,10 @@ class Attempts:
         self._ready[self.stage] = ready
         return ready.after
 
-    def snapshot(self) -> dict[str, Any]:
+    def snapshot(self) -> dict[str, Plain]:
         """What the method in turn has learnt; see `restore`."""
         return self._ready[self.stage].snapshot()
 
-    def restore(self, snapshot: dict[str, Any], surface: DelassusOperator) -> None:
+    def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
         """Go on with what a `snapshot` of the same method holds of the same bodies."""
         self._ready[self.stage].restore(snapshot, surface)
