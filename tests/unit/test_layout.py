@@ -210,3 +210,13 @@ def test_one_version_everywhere() -> None:
     citation = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
     assert citation is not None
     assert {project["version"], workflows.VERSION, stickslip.__version__, citation[1]} == {project["version"]}
+
+
+def test_below_the_simulation_nobody_asks_the_scene() -> None:
+    """It is resolved once: rooms below work on the `Problem`; an effect alone says what of a scene switches it on."""
+    may = {"solvers.scene", "solvers.effects", "solvers.simulation"}
+    below = [p for p in SOURCES if name_of(p).startswith("solvers/") and room_of(module_of(p)) not in may]
+    assert len(below) > 50
+    assert not {name_of(path) for path in below if "solvers.scene.scene" in imports(path)}
+    attributes = {(name_of(p), n.attr) for p in below for n in ast.walk(tree_of(p)) if isinstance(n, ast.Attribute)}
+    assert not {name for name, attribute in attributes if attribute == "scene"}

@@ -46,7 +46,7 @@ def test_checks_notice_numbers_that_were_not_converted(monkeypatch: pytest.Monke
 @pytest.mark.parametrize(
     ("unit", "factor"),
     # 1 t = 1000 kg, 1 MPa = 1 N/mm²
-    [("m", 1e3), ("N", 1), ("Pa", 1e-6), ("kg/m³", 1e-12), ("m/s²", 1e3), ("s", 1), ("-", 1), ("J", 1e3)],
+    [("m", 1e3), ("N", 1), ("Pa", 1e-6), ("kg/m³", 1e-12), ("m/s²", 1e3), ("s", 1), ("-", 1), ("J", 1e3), ("1/K", 1)],
 )
 def test_units_have_the_factors_of_any_table_of_units(unit: str, factor: float) -> None:
     assert_allclose(MM.factor(unit), factor, rtol=1e-15)

@@ -17,7 +17,7 @@ EXPONENT = {"²": 2, "³": 3}
 
 @dataclass(frozen=True, kw_only=True)
 class Units:
-    """One metre and one newton in the new units; seconds stay seconds.
+    """One metre and one newton in the new units; seconds and kelvins stay.
 
     In plane models forces and energies are per length of thickness, whatever their unit says.
     """
@@ -33,12 +33,14 @@ class Units:
         >>> mm.factor("m/s²"), mm.factor("Pa"), mm.factor("-")
         (1000.0, 1e-06, 1.0)
         """
-        symbols = {"m": self.length, "N": self.force, "s": 1.0, "rad": 1.0}
+        symbols = {"m": self.length, "N": self.force, "s": 1.0, "rad": 1.0, "K": 1.0}
         symbols |= {"Pa": self.force / self.length**2, "kg": self.force / self.length, "J": self.force * self.length}
         if self.plane:
             symbols |= {"N": self.force / self.length, "J": self.force}
         total = 1.0
         for place, part in enumerate(unit.split("/") if unit != "-" else ()):
+            if part == "1":
+                continue
             match = POWER.fullmatch(part)
             assert match, f"{unit}: not a unit"
             symbol, digit, name = match.groups()
