@@ -1,0 +1,101 @@
+"""A symmetric wedge that narrows downwards, to be pressed into a notch between two inclined walls."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+
+from geometry.arrays import Array
+from geometry.builders import sides
+from geometry.builders.builder import Builder
+from geometry.builders.cuboid import transfinite
+from geometry.builders.sizes import graded
+from geometry.errors import SceneError, require
+from geometry.keys import Key
+from geometry.shape import Model, Request
+
+SIDES = ("left", "right", "bottom", "top")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wedge(Builder):
+    """Trapezium between y = 0 and y = height, symmetric about x = 0, meshed by a grid; plane models only."""
+
+    lengths: ClassVar[tuple[str, ...]] = ("bottom_width", "height")
+
+    half_angle: Annotated[float, Key("-", "angle between an inclined side and the vertical, in degrees")]
+    bottom_width: Annotated[float, Key("m", "size along x at y = 0; the top is wider by 2 height tan(half_angle)")]
+    height: Annotated[float, Key("m", "size along y")]
+    builder: Annotated[Literal["wedge"], Key("-", "the shape's name")] = "wedge"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require(0 < self.half_angle < 90, "half_angle", self.half_angle, "must lie between 0 and 90 degrees")
+
+    @property
+    def top_width(self) -> float:
+        """Size along x at y = height [m]."""
+        return float(self.bottom_width + 2 * self.height * np.tan(np.radians(self.half_angle)))
+
+    @property
+    def side_length(self) -> float:
+        """Length of an inclined side [m]."""
+        return float(self.height / np.cos(np.radians(self.half_angle)))
+
+    def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
+        return {"wedge": SIDES}
+
+    def check_model(self, model: Model) -> None:
+        if model in ("3d", "axisymmetric"):
+            raise SceneError('builder = "wedge": there is one in plane models only')
+        self.refuse_too_many(self.top_width * self.side_length / self.fine_size**2)
+
+    def box(self, dim: int) -> Array:
+        half = self.top_width / 2
+        return np.array([[-half, 0.0], [half, self.height]])
+
+    def sample(self, side: str, dim: int) -> tuple[Array, Array]:
+        """Both ends of a side."""
+        low, high, angle = self.bottom_width / 2, self.top_width / 2, np.radians(self.half_angle)
+        points, normal = {
+            "left": ([[-low, 0.0], [-high, self.height]], [-np.cos(angle), -np.sin(angle)]),
+            "right": ([[low, 0.0], [high, self.height]], [np.cos(angle), -np.sin(angle)]),
+            "bottom": ([[-low, 0.0], [low, 0.0]], [0.0, -1.0]),
+            "top": ([[-high, self.height], [high, self.height]], [0.0, 1.0]),
+        }[side.split(".")[1]]
+        return np.array(points), np.tile(normal, (2, 1))
+
+    def draw(self, gmsh: Any, request: Request) -> None:
+        """Four lines, each from its lower or left end to its upper or right one."""
+        occ = gmsh.model.occ
+        ends = [[tuple(point) for point in self.sample(f"wedge.{side}", 2)[0]] for side in SIDES]
+        points = {corner: occ.addPoint(*corner, 0) for corner in sorted({corner for pair in ends for corner in pair})}
+        lines = {side: occ.addLine(points[a], points[b]) for side, (a, b) in zip(SIDES, ends, strict=True)}
+        occ.addPlaneSurface([occ.addCurveLoop([lines[side] for side in ("bottom", "right", "top", "left")])])
+        occ.synchronize()
+        sides.name_groups(gmsh, 2, "wedge", {side: [line] for side, line in lines.items()})
+        fine = {side.split(".")[1] for side in request.contact_sides}
+        inclined, level = ("left", "right"), ("bottom", "top")
+        for along, length, across in ((inclined, self.side_length, level), (level, self.top_width, inclined)):
+            count, law, ratio = self._grading(length, bool(fine & {*along}), [end in fine for end in across])
+            for side in along:
+                gmsh.model.mesh.setTransfiniteCurve(lines[side], count + 1, law, ratio)
+        transfinite(gmsh, 2, self.cells == "tensor")
+
+    def _grading(self, length: float, contact: bool, ends: list[bool]) -> tuple[int, str, float]:
+        """Number of cells along two opposite sides, and gmsh's law and number of how their lengths change.
+
+        Args:
+            length: of the longer one [m].
+            contact: whether one of the two is to be fine all along.
+            ends: whether the sides where they start and end are to be fine.
+        """
+        size = self.fine_size if contact else self.mesh_size
+        if contact or not any(ends) or self.fine_size == self.mesh_size:
+            return max(1, int(np.ceil(length / size * (1 - 1e-9)))), "Progression", 1.0
+        count, ratio = graded(length, self.fine_size, self.mesh_size, sum(ends))
+        law = "Bump" if all(ends) and ratio != 1 else "Progression"
+        return count, law, ratio if ends[0] else 1 / ratio
