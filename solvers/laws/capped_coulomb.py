@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from geometry.arrays import Array
 from geometry.errors import require
 from geometry.keys import Key
+from geometry.protocols import Sparse
 from solvers.laws.law import FrictionLaw, NormalLaw
 
 
@@ -32,7 +33,7 @@ class CappedCoulomb(FrictionLaw):
     def resists(self) -> bool:
         return self.mu > 0
 
-    def limit(self, p: Array, average: Any, normal: NormalLaw, time: float, end: float) -> Array:
+    def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
         """
         >>> from scipy import sparse
         >>> from solvers.laws.unilateral import Unilateral
@@ -42,7 +43,7 @@ class CappedCoulomb(FrictionLaw):
         """
         return np.asarray(np.clip(self.mu * (average @ p), 0.0, self.s_max))
 
-    def limit_slope(self, p: Array, average: Any, normal: NormalLaw) -> Any:
+    def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
         uncapped = self.mu * (average @ p)
         slope = np.where((uncapped > 0) & (uncapped < self.s_max), self.mu, 0.0)
         return average.multiply(slope[:, None]).tocsr()

@@ -117,7 +117,7 @@ def test_a_block_is_capped_where_it_presses_hard_and_follows_mu_p_where_it_does_
         "solver": {"tolerance": 1e-11},
     }  # fmt: skip
     simulation = prepare(from_dict(data))
-    audit = Auditor(simulation.scene, simulation.mesh)
+    audit = Auditor(simulation.problem, simulation.mesh)
     for step in simulation.steps():
         names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
         record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)

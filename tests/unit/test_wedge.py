@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from geometry import dolfinx_versions as dx
 from geometry.builders.wedge import Wedge
 from geometry.errors import SceneError
-from geometry.mesh.jacobian import flatness
+from geometry.mesh.jacobian import worst_jacobian_ratio
 from geometry.mesh.mesh import Mesh, build_mesh
 from geometry.mesh.nodes import Nodes
 from geometry.shape import Model, Request
@@ -63,7 +63,7 @@ def test_sides_are_where_they_belong_and_the_box_is_filled(shape: Wedge) -> None
     gradient = dx.reference_basis(mesh.domain.topology.cell_type.name, mesh.degree, points)[1]
     area = np.abs(np.linalg.det(np.einsum("iqn,cnj->cqij", gradient, x))) @ weights
     assert_allclose(area.sum(), (0.4 + TOP) / 2, rtol=1e-12)
-    assert flatness(mesh.domain, mesh.degree)[0] > 0.3
+    assert worst_jacobian_ratio(mesh.domain, mesh.degree)[0] > 0.3
     for side, length in LENGTHS.items():
         surface = side_of(shape, side)
         assert_allclose(surface.quadrature(2)[0].sum(), length, rtol=1e-12)
