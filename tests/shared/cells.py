@@ -1,16 +1,17 @@
 """Cells of the table of applicability: one small scene for each method, laws, operator, model, and what more it has."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, fields, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 from mpi4py import MPI
 
 from geometry.errors import SceneError
+from geometry.keys import Key
 from solvers.contact.operators import OPERATORS
-from solvers.laws.law import FrictionLaw, NormalLaw
+from solvers.laws import FrictionLaw, NormalLaw
 from solvers.methods.applicability import RIGID
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
@@ -19,11 +20,17 @@ from solvers.simulation.simulation import Simulation, prepare
 from workflows.scene_file.read import from_dict
 
 NORMAL: dict[str, dict[str, Any]] = {"compliance": {"c_n": 20.0, "m_n": 2.0}}  # parameters of laws that need some
-FRICTION: dict[str, dict[str, Any]] = {
-    "coulomb": {"mu": 0.3},
-    "tresca": {"bound": 0.008},
-    "compliance": {"c_T": 0.2, "m_T": 1.0},
-}
+TYPICAL = {"-": 0.3, "Pa": 0.008, "Pa/m^m_T": 0.2}  # a value for a key of friction that has no default, by its unit
+
+
+def parameters(law: type[FrictionLaw]) -> dict[str, float]:
+    """What the law needs; a new law has its cells without a line here."""
+    hints = get_type_hints(law, include_extras=True)
+    needed = [f.name for f in fields(law) if f.default is MISSING]
+    return {name: TYPICAL[next(m.unit for m in hints[name].__metadata__ if isinstance(m, Key))] for name in needed}
+
+
+FRICTION: dict[str, dict[str, float]] = {law.law: parameters(law) for law in FrictionLaw.kinds}
 MODELS = ("plane strain", "axisymmetric", "3d")
 FORMS = ("condensed", "matrix-free")  # of the bodies
 MORE = ("order 2", "tensor", "k_T", "sliding", "floating", "driven", *FORMS)
@@ -54,7 +61,7 @@ class Cell:
     def exists(self) -> bool:
         """Whether there is such a scene, by any method."""
         kinds = {law.law: law(**NORMAL.get(law.law, {})) for law in NormalLaw.kinds}
-        frictions = {law.law: law(**FRICTION.get(law.law, {})) for law in FrictionLaw.kinds}
+        frictions = {law.law: law(**FRICTION[law.law]) for law in FrictionLaw.kinds}
         normal, friction = kinds[self.normal], frictions.get(self.friction)
         if self.operator in FACETS.values() and self.operator != FACETS[self.dim]:
             return False
@@ -128,7 +135,7 @@ class Cell:
         made["normal"] = {"law": self.normal} | NORMAL.get(self.normal, {})
         if self.friction:
             soft = {"k_T": 1.0} if self.more == "k_T" else {}
-            made["friction"] = {"law": self.friction} | FRICTION.get(self.friction, {}) | soft
+            made["friction"] = {"law": self.friction} | FRICTION[self.friction] | soft
         if self.operator != RIGID:
             made["operator"] = self.operator
         return made | ({"sliding": True} if self.more == "sliding" else {})
