@@ -1,0 +1,241 @@
+"""Obstacle cone: distances and normals against geometry, a socket against statics, an indenter against Love."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial import cKDTree
+
+from geometry import dolfinx_versions as dx
+from geometry.arrays import Array
+from geometry.dolfinx_versions import ufl
+from geometry.errors import SceneError
+from geometry.obstacles.cone import Cone
+from geometry.shape import Model
+from solvers.results.step_result import SLIP
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import prepare
+from solvers.system.system import System
+from workflows.scene_file.read import from_dict
+
+SceneOf = Callable[..., Scene]
+SystemOf = Callable[[Scene], System]
+CONES = [
+    Cone(apex=(0.0, 0.2), axis=(0.0, 3.0), half_angle=30.0),
+    Cone(apex=(0.0, 0.2), axis=(0.0, -1.0), half_angle=70.0, inside=True),
+    Cone(apex=(0.3, -0.2, 0.1), axis=(1.0, 2.0, -2.0), half_angle=50.0),
+    Cone(apex=(0.3, -0.2, 0.1), axis=(1.0, 2.0, -2.0), half_angle=40.0, inside=True),
+]
+
+
+def generators(cone: Cone, count: int, reach: float) -> Array:
+    """Points (k, d) that fill the cone's surface from the apex to a distance."""
+    axis = np.array(cone.axis) / np.linalg.norm(cone.axis)
+    around = np.linalg.svd(axis[None])[2][1:]  # directions across the axis
+    turns = np.linspace(0, 2 * np.pi, count, endpoint=False) if len(axis) == 3 else np.array([0.0, np.pi])
+    out = np.stack([np.cos(turns), np.sin(turns)][: len(around)], axis=1) @ around
+    angle = np.radians(cone.half_angle)
+    lines = np.cos(angle) * axis + np.sin(angle) * out
+    return np.asarray((np.array(cone.apex) + np.linspace(0, reach, 2000)[:, None, None] * lines).reshape(-1, len(axis)))
+
+
+def scattered(cone: Cone) -> Array:
+    """Points within, without and behind the apex."""
+    return np.asarray(np.array(cone.apex) + np.random.default_rng(5).normal(size=(60, len(cone.apex))))
+
+
+def regions(cone: Cone, x: Array) -> tuple[Any, Any]:
+    """Which points lie within the cone, and which of the others have the apex as the nearest point of it."""
+    axis, arm = np.array(cone.axis) / np.linalg.norm(cone.axis), x - np.array(cone.apex)
+    from_axis = np.degrees(np.arccos(arm @ axis / np.linalg.norm(arm, axis=1)))
+    return from_axis < cone.half_angle, from_axis > cone.half_angle + 90
+
+
+@pytest.mark.parametrize("cone", CONES)
+def test_distance_is_that_of_the_nearest_point_and_positive_where_the_body_may_be(cone: Cone) -> None:
+    x, surface = scattered(cone), generators(cone, 720, 6.0)
+    nearest = cKDTree(surface).query(x)[0]
+    within, behind = regions(cone, x)
+    assert min(within.sum(), behind.sum(), (~within & ~behind).sum()) > 2
+    sign = np.where(within, -1.0, 1.0) * (-1.0 if cone.inside else 1.0)
+    # points of the surface lie up to 0.003 m apart along it and 0.03 m around it
+    assert_allclose(cone.signed_gap(x), sign * nearest, atol=2e-3)
+
+
+@pytest.mark.parametrize("cone", CONES)
+def test_normal_is_the_gradient_of_the_distance_and_leads_to_the_surface(cone: Cone) -> None:
+    x, step = scattered(cone), 1e-6
+    normals = cone.normals(x)
+    assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-14)
+    for axis, shift in enumerate(step * np.eye(x.shape[1])):
+        slope = (cone.signed_gap(x + shift) - cone.signed_gap(x - shift)) / (2 * step)
+        assert_allclose(slope, normals[:, axis], atol=1e-8)  # central difference: step² and rounding / step
+    closest = x - cone.signed_gap(x)[:, None] * normals
+    assert_allclose(cone.signed_gap(closest), 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_on_the_axis_and_at_the_apex_the_normal_is_along_it(inside: bool) -> None:
+    cone = Cone(apex=(0.0, 1.0), axis=(0.0, 1.0), half_angle=30.0, inside=inside)
+    x, out = np.array([[0.0, 0.0], [0.0, 1.0], [0.0, 3.0]]), -1.0 if inside else 1.0
+    assert_allclose(cone.signed_gap(x), [out * 1.0, 0.0, -out * 1.0], atol=1e-15)  # 2 m sin 30°
+    assert_allclose(cone.normals(x), [[0.0, -out]] * 3, atol=0)
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_symbols_have_the_gradient_that_numbers_have_on_the_surface_too(
+    inside: bool, scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    """Vertices of the mesh lie within, on and outside the cone of 45 degrees, and behind its apex."""
+    cone = Cone(apex=(0.0, 0.5), axis=(0.0, 1.0), half_angle=45.0, inside=inside)
+    hold = {"base": {"boundary": "block.bottom", "displacement": {"y": 0.0}}}
+    domain = system_of(scene_of(2, {"cells": "tensor"}, model="axisymmetric", supports=hold)).mesh.domain
+    x = ufl.SpatialCoordinate(domain)
+    corners = dx.reference_nodes("quadrilateral", 1)
+    distance = cone.distance([x[0], x[1]], ufl.sqrt)
+    cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
+    places, values, slopes = (
+        dx.fem.Expression(e, corners).eval(cells).reshape(len(cells) * 4, -1) for e in (x, distance, ufl.grad(distance))
+    )
+    off_axis = places[:, 0] > 1e-9  # on it the distance has an edge
+    assert_allclose(values[:, 0], cone.signed_gap(places), atol=1e-14)
+    assert_allclose(slopes[off_axis], cone.normals(places[off_axis]), atol=1e-12)
+    assert np.sum(np.abs(values) < 1e-15) > 4  # on the surface itself
+
+
+@pytest.mark.parametrize(("dim", "inside"), [(2, False), (3, False), (3, True)])
+def test_compliance_meets_a_cone_at_every_quadrature_point(
+    dim: int, inside: bool, scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    """The form in UFL and the rows in numbers: two ways of one distance."""
+    law = {"law": "compliance", "c_n": 3.0, "m_n": 2.0}
+    middle, low = ([0.0] if dim == 2 else [0.9, 0.45]), [1.0]  # between the nodes
+    cone = {"shape": "cone", "apex": middle + ([-0.6] if inside else [0.05]), "half_angle": 70.0, "inside": inside}
+    cone["axis"] = [0.0] * (dim - 1) + (low if inside else [-1.0])
+    base = {"surface": "block.bottom", "against": "foundation", "normal": law, "gap_offset": -0.2}
+    tables: dict[str, Any] = {"obstacles": {"foundation": cone}, "contacts": {"base": base}}
+    system = system_of(scene_of(dim, {"mesh_size": 0.5}, model="axisymmetric" if dim == 2 else "3d", **tables))
+    u = dx.fem.Function(system.space)
+    u.x.array[:] = np.random.default_rng(11).normal(size=len(u.x.array))
+    (rows,), (contact,) = system.contacts, system.scene.contacts.values()
+    form = dx.assemble_vector(system.weak.compile(system.weak.normal_compliance(u, contact, rows.normal))).array
+    values = u.x.array.reshape(-1, dim)
+    pressure = 3.0 * np.maximum(rows.N_n @ values[rows.surface.nodes].ravel() - rows.gap, 0.0) ** 2
+    by_rows = np.zeros_like(values)
+    by_rows[rows.surface.nodes] = (rows.N_n.T @ (rows.W_n * pressure)).reshape(-1, dim)
+    assert np.any(pressure > 0)
+    assert_allclose(by_rows.ravel(), form, atol=1e-12 * np.abs(form).max())
+
+
+WRONG: list[tuple[dict[str, Any], Model, str]] = [
+    ({"half_angle": 0.0}, "3d", "half_angle = 0.0: must lie between 0 and 90"),
+    ({"half_angle": 90.0}, "3d", "half_angle = 90.0: must lie between 0 and 90"),
+    ({"axis": (0.0, 0.0, 0.0)}, "3d", "axis = .*must not be zero"),
+    ({"apex": (0.0, 0.0)}, "3d", "apex = .*expected 3 components"),
+    ({"axis": (0.0, 1.0)}, "3d", "axis = .*expected 3 components"),
+    ({}, "plane strain", 'shape = "cone": there is none in a plane model'),
+    ({"apex": (1.0, 0.0), "axis": (0.0, 1.0)}, "axisymmetric", "apex = .*axis of symmetry"),
+    ({"apex": (0.0, 0.0), "axis": (1.0, 1.0)}, "axisymmetric", "axis = .*expected"),
+]
+
+
+@pytest.mark.parametrize(("data", "model", "sentence"), WRONG)
+def test_wrong_cones_are_refused_by_key(data: dict[str, Any], model: Model, sentence: str) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        Cone(**({"apex": (0.0, 0.0, 0.0), "axis": (0.0, 0.0, 1.0), "half_angle": 30.0} | data)).check_model(model)
+
+
+def ball_in_socket(half_angle: float, mu: float, dim: int, order: int) -> None:
+    """N = P / (sin + mu cos) of the half angle: a ball, its flat side up, that is pressed into a conical socket.
+
+    All normals have the same slope, so the balance along the axis is exact on any mesh; at mu = 0.1 all of it slips.
+    """
+    angle, radius = np.radians(half_angle), 1.0
+    tip = [0.0] * (dim - 1) + [radius - radius / np.sin(angle)]  # the cone touches the ball
+    if dim == 2:
+        shape: dict[str, Any] = {"builder": "half_disc", "symmetric": True}
+        body, side, supports = "disc", "arc", {}
+    else:
+        shape, body, side = {"builder": "half_ball", "symmetry": "quarter"}, "ball", "cap"
+        supports = {p: {"boundary": f"ball.{p}", "displacement": {p[0]: 0.0}} for p in ("x_plane", "y_plane")}
+    shape |= {"radius": radius, "mesh_size": 0.05 if dim == 2 else 0.25, "order": order}
+    data = {
+        "model": "axisymmetric" if dim == 2 else "3d",
+        "geometry": shape,
+        "bodies": {body: {"E": 1.0, "nu": 0.3}},
+        "obstacles": {
+            "socket": {
+                "shape": "cone", "apex": tip, "axis": [0.0] * (dim - 1) + [1.0], "half_angle": half_angle,
+                "inside": True,
+            }
+        },
+        "contacts": {
+            "seat": {"surface": f"{body}.{side}", "against": "socket", "friction": {"law": "coulomb", "mu": mu}}
+        },
+        "supports": supports,
+        "loads": {"press": {"boundary": f"{body}.top", "pressure": 0.01}},
+        "solver": {"tolerance": 1e-11},
+    }  # fmt: skip
+    simulation = prepare(from_dict(data))
+    (step,) = simulation.steps()
+    seat, P = step.contacts["seat"], 0.01 * simulation.system.weak.area(f"{body}.top")
+    N = P / (np.sin(angle) + mu * np.cos(angle))
+    assert_allclose(seat.force[-1], P, rtol=1e-8)  # the solver's 1e-11 and three digits to spare
+    assert_allclose(seat.normal_force, N, rtol=1e-8)
+    pressed = seat.pressure > 0
+    assert 2 < pressed.sum() < 0.8 * len(pressed)  # around the ring where the ball touches
+    (rows,) = simulation.system.contacts
+    height = rows.surface.points[pressed, -1].mean()
+    assert_allclose(height, radius * (1 - np.sin(angle)), atol=0.1)  # where a ball and a cone touch
+    assert np.all(seat.status[pressed] == SLIP)
+    assert np.all(seat.gap[~pressed] > -1e-9)
+
+
+@pytest.mark.parametrize("half_angle", [30.0, 45.0, 60.0])
+@pytest.mark.parametrize("mu", [0.0, 0.1])
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_ball_rests_in_a_socket_as_statics_says(half_angle: float, mu: float, order: int) -> None:
+    ball_in_socket(half_angle, mu, 2, order)
+
+
+def test_so_it_does_in_3d() -> None:
+    ball_in_socket(45.0, 0.0, 3, 1)
+
+
+def test_a_blunt_cone_indents_a_half_space_as_love_says() -> None:
+    """F = pi a² E* cot(theta) / 2, depth = pi a cot(theta) / 2, p = E* cot(theta) arcosh(a / r) / 2.
+
+    Source: Love, Quart. J. Math. 10 (1939), 161-175; Sneddon, Int. J. Engng Sci. 3 (1965), 47-57.
+    """
+    E, nu, a, theta, cell = 1.0, 0.3, 1.0, np.radians(89.0), 0.025
+    E_star, cot = E / (1 - nu**2), 1 / np.tan(theta)
+    F, depth = np.pi * a**2 * E_star * cot / 2, np.pi * a * cot / 2
+    assert_allclose(F, 2 / np.pi * E_star * depth**2 / cot, rtol=1e-14)
+    data = {
+        "model": "axisymmetric",
+        "geometry": {
+            "builder": "half_space", "size": 80.0, "contact_half_width": 1.5, "mesh_size": 16.0,
+            "contact_mesh_size": cell, "symmetric": True, "order": 2,
+        },
+        "bodies": {"half_space": {"E": E, "nu": nu}},
+        "obstacles": {
+            "tip": {"shape": "cone", "apex": [0.0, 0.0], "axis": [0.0, 1.0], "half_angle": 89.0, "force": {"y": -F}}
+        },
+        "contacts": {"track": {"surface": "half_space.contact", "against": "tip"}},
+        "supports": {"bottom": {"boundary": "half_space.bottom", "displacement": {"y": 0.0}}},
+        "solver": {"tolerance": 1e-10},
+    }  # fmt: skip
+    simulation = prepare(from_dict(data))
+    (step,) = simulation.steps()
+    track, (rows,) = step.contacts["track"], simulation.system.contacts
+    assert_allclose(track.force, [0.0, -F], atol=1e-8 * F)
+    assert_allclose(track.normal_force, F / np.sin(theta), rtol=1e-6)  # all but the point of the tip, where it is F
+    assert_allclose(np.sqrt(track.contact_area / np.pi), a, atol=cell)  # the edge lies somewhere in a cell
+    # a half-space of 80 a gives less by a / (80 pi) = 0.4 %, and the linear theory has no slope: 0.2 % more
+    assert_allclose(-step.obstacles["tip"][0][1], depth, rtol=0.012)
+    r = rows.surface.points[:, 0]
+    between = (r > 0.1) & (r < 0.9)  # at the tip the pressure is infinite, at the edge its slope
+    mean = E_star * cot / 2
+    assert_allclose(track.pressure[between] / mean, np.arccosh(a / r[between]), atol=0.03)  # found: 0.013
