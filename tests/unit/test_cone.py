@@ -119,7 +119,7 @@ def test_compliance_meets_a_cone_at_every_quadrature_point(
     system = system_of(scene_of(dim, {"mesh_size": 0.5}, model="axisymmetric" if dim == 2 else "3d", **tables))
     u = dx.fem.Function(system.space)
     u.x.array[:] = np.random.default_rng(11).normal(size=len(u.x.array))
-    (rows,), (contact,) = system.contacts, system.scene.contacts.values()
+    (rows,), (contact,) = system.contacts, (pair.contact for pair in system.problem.pairs.values())
     form = dx.assemble_vector(system.weak.compile(system.weak.normal_compliance(u, contact, rows.normal))).array
     values = u.x.array.reshape(-1, dim)
     pressure = 3.0 * np.maximum(rows.N_n @ values[rows.surface.nodes].ravel() - rows.gap, 0.0) ** 2
