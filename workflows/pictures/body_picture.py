@@ -124,5 +124,5 @@ def _outline(grid: Any, solid: bool) -> Any:
 
 
 def plain(scale: float) -> str:
-    """A factor as text, with thin groups of digits instead of an exponent if it is not too large."""
+    """A factor as text: below a million in groups of three digits, without an exponent."""
     return f"{scale:,.0f}".replace(",", " ") if 1 <= scale < 1e6 else f"{scale:g}"

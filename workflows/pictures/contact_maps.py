@@ -78,7 +78,7 @@ def draw_surface(folder: Path, name: str, surface: Surface, contact: ContactStat
 
 
 def view_of(points: Array) -> tuple[View, tuple[str, str] | None]:
-    """Along an axis, with labels of the other two, if the surface is nearly flat and normal to that axis; else isometric.
+    """View along an axis and labels of the others, if the surface is nearly flat and normal to it; else isometric.
 
     Args:
         points: (n, 3) [m].

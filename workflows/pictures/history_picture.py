@@ -87,7 +87,8 @@ def panels_of(scene: Scene, steps: Columns) -> Iterator[tuple[str, Curves]]:
             found[f"{name}, tangential {axis}"] = steps[f"{name}.tangential_force.{axis}"]
     yield f"contact force [{force}]", found
     energies = {"external work": "external", "elastic energy": "stored", "contact work": "contact"}
-    energies["dissipated (end of step)"] = "dissipated"  # its difference to the contact work shows whether the steps are small enough
+    # the difference between dissipated energy and contact work shows whether the steps are small enough
+    energies["dissipated (end of step)"] = "dissipated"
     yield f"energy [{per_metre(scene, 'J')}]", {label: steps[f"energy.{key}"] for label, key in energies.items()}
 
 

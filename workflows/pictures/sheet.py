@@ -25,7 +25,8 @@ TITLE = (11.0, 8.0)  # font size [pt] of a title of one line, and of two lines
 LETTERS = 17  # letters per inch in a title that is shrunk to fit
 INK, PALE = "#222222", "#666666"
 COLOURS = "viridis"
-CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d31", "#7f7f7f")  # safe for colour-blind readers
+# curves that colour-blind readers can tell apart
+CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d31", "#7f7f7f")
 STATUS_COLOURS = {OPEN: "#d9d9d9", SLIP: "#e6862d", STICK: "#2f6db3"}
 STATUS_WORDS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
 
@@ -138,7 +139,7 @@ def _ticks(count: int) -> MaxNLocator:
 
 
 def span(values: Array, at_least: float = 0.0) -> Normalize:
-    """Range of colours from 0, or from a negative smallest value, to the largest value; at least 1 wide if both are equal."""
+    """Range of colours from 0, or from the smallest value if negative, to the largest; of width 1 if these are equal."""
     low, high = min(0.0, float(values.min(initial=0.0))), max(at_least, float(values.max(initial=0.0)))
     return Normalize(low, high if high > low else low + 1.0)
 

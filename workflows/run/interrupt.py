@@ -23,7 +23,8 @@ class Interrupt:
     def __enter__(self) -> Interrupt:
         if threading.current_thread() is threading.main_thread():  # signals reach the main thread only
             self._former = {number: signal.signal(number, self._note) for number in NOTED}
-            signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # Python's default: an error is raised. PETSc's handler would end the process
+            # as Python does by default, so that an error is raised; PETSc's handler would end the process
+            signal.signal(signal.SIGPIPE, signal.SIG_IGN)
         return self
 
     def __exit__(self, *error: object) -> None:
