@@ -1,6 +1,6 @@
-"""What a scene can switch on, one file each; a module that defines an effect is found by itself.
+"""Effects that a scene can switch on, one file each; the registry finds every module that defines an effect.
 
-An effect that is off allocates, assembles, compiles and searches nothing.
+An effect that is off costs nothing: no memory, assembly, compilation or search.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import pkgutil
 from solvers.effects.effect import Effect
 from solvers.scene.problem import Problem
 
-_ORDER = ("contact", "unilateral", "compliance", "bilateral", "friction")  # the rest follows by name
+_ORDER = ("contact", "unilateral", "compliance", "bilateral", "friction")  # the others follow by name
 _modules = [importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__)]
 _found: list[Effect] = [module.EFFECT for module in _modules if hasattr(module, "EFFECT")]
 _found += [effect for module in _modules for effect in getattr(module, "EFFECTS", ())]

@@ -1,4 +1,4 @@
-"""Contact: a surface that may touch, and a row of the plan for each normal law and for friction."""
+"""Contact: surfaces that may touch, and a row of the plan for each normal law and for friction."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class _Contact(Effect):
 
 
 class _Law(Effect):
-    """Active where a contact's `normal` or `friction` is of that kind."""
+    """Active if a contact has a law of the given kind under `key`, which is `normal` or `friction`."""
 
     def __init__(self, name: str, key: str, kind: type[Any]) -> None:
         self.name, self.key, self.kind = name, key, kind  # type: ignore[misc]

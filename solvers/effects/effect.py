@@ -1,6 +1,6 @@
 """The contract of an effect: when it is active, its own table of the scene, and what it adds to the problem.
 
-An effect that is off is asked for nothing else. One that is on adds what it overrides; the rest costs nothing.
+Of an effect that is off only `because` is called. An effect that is on adds what it overrides; the rest costs nothing.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from solvers.scene.timeline import Timeline
 
 
 class Effect(ABC):
-    """One effect a file; `solvers/effects/__init__.py` finds its instance, `EFFECT`, or several, `EFFECTS`.
+    """One effect in each file; `solvers/effects/__init__.py` finds its instance `EFFECT`, or several in `EFFECTS`.
 
-    Values in time belong to the table, `EffectTable.amplitudes`: their times are hit exactly, and results of the run
-    list them in steps.csv. Checks of the table that need the rest of the scene are `EffectTable.check`.
+    Values in time belong to the table, see `EffectTable.amplitudes`: steps end exactly at their times, and steps.csv
+    lists them. Checks of the table that need the rest of the scene belong to `EffectTable.check`.
     """
 
-    name: ClassVar[str]  # row of the plan; name of the scene's table, if it has one
+    name: ClassVar[str]  # row of the plan, and name of the scene's table if the effect has one
     table: ClassVar[Any] = None  # type of that table: an `EffectTable`, or a Mapping of them by name
 
     @abstractmethod
     def because(self, scene: Scene) -> str | None:
-        """The scene key that calls for the effect; None: it is off."""
+        """The scene key that switches the effect on; None: it is off."""
 
     def loads(self, problem: Problem, weak: WeakForms) -> Iterable[LoadTerm]:
         """Loads on the bodies; they enter the equilibrium, the external work and the audit."""
@@ -40,15 +40,16 @@ class Effect(ABC):
         return ()
 
     def stiffness(self, problem: Problem, weak: WeakForms, u: UflExpr) -> Iterable[UflForm]:
-        """Forms, linear in u and in `weak.v`, symmetric and positive, that are added to a(u, v) [N].
+        """Forms, linear in u and in `weak.v`, symmetric and positive, that are added to a(u, v).
 
-        They enter the stiffness matrix, the stored energy and the audit's inner forces; they support no body.
+        They enter the stiffness matrix, the stored energy and the audit's inner forces. They do not count as supports
+        of a body.
 
         Args:
-            u: trial function, or a displacement Function.
+            u: trial function, or a displacement Function [m].
         """
         return ()
 
     def columns(self, problem: Problem, timeline: Timeline, time: float) -> Mapping[str, float]:
-        """Numbers for steps.csv at a reported time [s], by name; values in time are listed without being named here."""
+        """Numbers for steps.csv at a reported time [s], by name; the table's values in time are listed without this."""
         return {}

@@ -1,4 +1,4 @@
-"""Gravity: body force density times acceleration, ramped like every other load."""
+"""Gravity: the body force density times acceleration, ramped like every other load."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from solvers.scene.timeline import Place
 
 @dataclass(frozen=True, kw_only=True)
 class Gravity(EffectTable):
-    """Acceleration of the whole scene."""
+    """Acceleration of gravity, the same in all bodies."""
 
     acceleration: Annotated[tuple[Amplitude, ...], Key("m/s²", "by component, in time")]
 

@@ -1,4 +1,4 @@
-"""Several bodies: contact between deformable surfaces, whose pairs must be searched."""
+"""Several bodies: contact between deformable surfaces, where a search finds the opposite points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Periodic sides: the displacement of one side is that of the other; its dofs are eliminated."""
+"""Periodic sides: two sides have the same displacement; the dofs of one of them are eliminated."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solvers.scene.scene import EffectTable, Scene
 
 @dataclass(frozen=True, kw_only=True)
 class Periodic(EffectTable):
-    """Matching meshes."""
+    """Two sides with the same displacement; their meshes match."""
 
     boundary: Annotated[str, Key("-", "side whose dofs are eliminated")]
     with_: Annotated[str, Key("-", "opposite side; the key is `with`")]

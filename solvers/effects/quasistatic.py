@@ -1,4 +1,4 @@
-"""Quasi-static history: more than one step, each starting from the slip of the one before."""
+"""Quasi-static history: more than one step; each starts from the state of the one before."""
 
 from __future__ import annotations
 

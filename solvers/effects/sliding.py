@@ -1,4 +1,4 @@
-"""Sliding: pairs, normals and gaps are searched again where the motion has brought the surfaces."""
+"""Sliding: contact pairs, normals and gaps are searched again on the deformed surfaces."""
 
 from __future__ import annotations
 

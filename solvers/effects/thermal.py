@@ -1,4 +1,4 @@
-"""Thermal expansion: bodies that are warmer than where they are free of stress want to be larger."""
+"""Thermal expansion: an initial strain that is proportional to the temperature above the stress-free one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from solvers.scene.timeline import Place
 
 @dataclass(frozen=True, kw_only=True)
 class Thermal(EffectTable):
-    """Expansion of one body, [thermal.BODY]; its temperature is uniform."""
+    """Thermal expansion of one body, [thermal.BODY]; its temperature is uniform."""
 
     expansion: Annotated[float, Key("1/K", "coefficient of linear thermal expansion of the body")]
     temperature: Annotated[Amplitude, Key("K", "above the temperature at which the body is free of stress, in time")]
@@ -37,7 +37,7 @@ class Thermal(EffectTable):
 
 
 class _Thermal(Effect):
-    """sigma = C (eps(u) - expansion temperature I), in every model the expansion of all three directions."""
+    """sigma = C (eps(u) - expansion temperature I); in every model all three directions expand."""
 
     name = "thermal"
     table = Mapping[str, Thermal]

@@ -1,8 +1,8 @@
 """Supports and periodic sides: u = T q + u_s(t), with q the free displacements.
 
-All that is prescribed is known on every rank (O(N^(2/3)) data), so the free numbers need no communication. A node has
-d numbers whatever is prescribed there: multigrid then sees the blocks of elasticity. Numbers that are not free are the
-eliminated ones: zero columns of T. Where supports lie along the axes a free number keeps its place, and T selects.
+Every rank stores all prescribed nodes (O(N^(2/3)) data), so the numbering of q needs no communication. Each node has d
+entries of q, also where displacements are prescribed: multigrid then sees the blocks of elasticity. Entries that are
+not free are eliminated: their columns of T are zero. If all supports act along axes, T only selects displacements.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from solvers.scene.timeline import Course, Drive
 
 AXES = {"x": 0, "y": 1, "z": 2}
 AXIS = "axis of symmetry"
-SMALL = 1e-10  # sine of the angle below which directions are the same
+SMALL = 1e-10  # sine of the angle below which two directions count as parallel
 
 
 @dataclass(frozen=True)
 class Row:
-    """One prescribed component: direction . u = what drives it at t."""
+    """One prescribed component: direction . u = value of the drive at time t."""
 
     direction: Array  # (d,) unit
     drive: Drive
@@ -37,32 +37,32 @@ class Row:
 
 @dataclass(frozen=True)
 class Alike:
-    """k nodes of which r components each are prescribed."""
+    """The k nodes with the same number r of prescribed components."""
 
-    at: Ints  # (k,) places in `Constraints.held`
+    at: Ints  # (k,) indices in `Constraints.held`
     directions: Array  # (k, r, d)
     inverse: Array  # (k, d, r) pseudo-inverse of the directions
-    drives: Ints  # (k, r) which drive
-    supports: Ints  # (k, r) which support
+    drives: Ints  # (k, r) index of the drive
+    supports: Ints  # (k, r) index of the support
 
 
 @dataclass(frozen=True)
 class Constraints:
-    """Which displacements are free."""
+    """Which displacements are prescribed, periodic or free; the same on every rank."""
 
     nodes: Nodes
     dim: int
     course: Course
-    rows: Mapping[int, tuple[Row, ...]]  # by global node; for periodic nodes by their root
-    root: Mapping[int, int]  # eliminated periodic node -> the node that it follows
-    points: Mapping[int, Array]  # coordinates of the nodes named above
-    part: Mapping[int, int]  # the connected parts of the mesh that they belong to
-    parts: int  # how many there are
+    rows: Mapping[int, tuple[Row, ...]]  # prescribed components by global node; of a periodic node under its root
+    root: Mapping[int, int]  # eliminated periodic node -> the node whose displacement it has
+    points: Mapping[int, Array]  # coordinates (d,) [m] of the nodes above
+    part: Mapping[int, int]  # connected part of the mesh that each of them belongs to
+    parts: int  # number of connected parts
     axisymmetric: bool
 
     @cached_property
     def held(self) -> Ints:
-        """Nodes with rows, increasing."""
+        """Nodes with prescribed components, increasing."""
         return np.array(sorted(self.rows), np.int64)
 
     @cached_property
@@ -71,7 +71,7 @@ class Constraints:
         return np.array(sorted(self.root), np.int64)
 
     def roots(self, nodes: Ints) -> Ints:
-        """The nodes themselves, or those that they follow."""
+        """The nodes (n,), with each eliminated periodic node replaced by its root."""
         found = np.array(nodes, np.int64)
         follows, at = _places(self.followers, found)
         leaders = np.array([self.root[int(n)] for n in self.followers], np.int64)
@@ -80,7 +80,7 @@ class Constraints:
 
     @cached_property
     def _bases(self) -> tuple[Array, Bools]:
-        """Free directions of the held nodes, see `bases`."""
+        """Free directions of the nodes `held`, see `bases`."""
         known: dict[bytes, tuple[Array, Bools]] = {}
         shape = (len(self.held), self.dim, self.dim)
         columns, free = np.zeros(shape), np.zeros(shape[:2], bool)
@@ -93,10 +93,11 @@ class Constraints:
         return columns, free
 
     def bases(self, nodes: Ints) -> tuple[Array, Bools]:
-        """Free directions of nodes, those of their roots if they are periodic.
+        """Free directions of nodes (n,); of eliminated periodic nodes those of their roots.
 
         Returns:
-            (n, d, d), a column for each of the node's d numbers, 0 if it is eliminated; and (n, d) which are free.
+            Directions (n, d, d), one column for each of the node's d entries of q, zero if the entry is eliminated; and
+            which entries are free (n, d).
         """
         columns, free = np.tile(np.eye(self.dim), (len(nodes), 1, 1)), np.ones((len(nodes), self.dim), bool)
         held, at = _places(self.held, self.roots(nodes))
@@ -104,22 +105,23 @@ class Constraints:
         return columns, free
 
     def eliminated(self) -> Ints:
-        """Numbers, of all nodes, that are not free; increasing."""
+        """Indices in q of the eliminated entries, increasing."""
         numbers = self.dim * self.held[:, None] + np.arange(self.dim)
         followers = self.dim * self.followers[:, None] + np.arange(self.dim)
         return np.sort(np.concatenate([numbers[~self._bases[1]], followers.ravel()]))
 
     @cached_property
     def selects(self) -> bool:
-        """Whether T picks displacements, each in its own place."""
+        """Whether T is diagonal with entries 0 and 1: it only selects displacements."""
         return not self.root and bool(np.all(self._bases[0] == self._bases[1][:, None] * np.eye(self.dim)))
 
     def numbers(self, nodes: Ints) -> Ints:
-        """The d numbers of each node (n, d), of its root if it is periodic; some may be eliminated."""
+        """Indices in q (n, d) of the d entries of each node, or of its root; some may be eliminated."""
         return np.asarray(self.dim * self.roots(nodes)[:, None] + np.arange(self.dim))
 
     @cached_property
     def free_total(self) -> int:
+        """Number of free entries of q."""
         return int(self.dim * self.nodes.total - len(self.eliminated()))
 
     def transformation(self, comm: Comm) -> Mat:
@@ -138,28 +140,28 @@ class Constraints:
 
     @cached_property
     def prescribed_nodes(self) -> Ints:
-        """Global numbers of all nodes with a prescribed component, followers of prescribed roots included."""
+        """Global numbers of all nodes with a prescribed component, also of periodic nodes whose root has one."""
         follow = _places(self.held, self.roots(self.followers))[0]
         return np.sort(np.concatenate([np.setdiff1d(self.held, self.followers), self.followers[follow]]))
 
     @cached_property
     def _of_prescribed(self) -> Ints:
-        """Where the rows of `prescribed_nodes` stand in `held`."""
+        """Index in `held` of each of the `prescribed_nodes`."""
         return _places(self.held, self.roots(self.prescribed_nodes))[1]
 
     @cached_property
     def _drives(self) -> dict[Drive, int]:
-        """Number of each drive."""
+        """Index of each drive."""
         return {drive: i for i, drive in enumerate(dict.fromkeys(r.drive for n in self.rows.values() for r in n))}
 
     @cached_property
     def _supports(self) -> dict[str, int]:
-        """Number of each support."""
+        """Index of each support."""
         return {name: i for i, name in enumerate(dict.fromkeys(r.support for n in self.rows.values() for r in n))}
 
     @cached_property
     def alike(self) -> tuple[Alike, ...]:
-        """The held nodes by how many rows they have."""
+        """The nodes `held`, grouped by their number of prescribed components."""
         by_count: dict[int, list[int]] = {}
         for place, node in enumerate(self.held.tolist()):
             by_count.setdefault(len(self.rows[node]), []).append(place)
@@ -179,15 +181,15 @@ class Constraints:
         return tuple(found)
 
     def wanted(self, time: float) -> list[Array]:
-        """What each row of `alike` asks for, (k, r) [m]."""
+        """Prescribed values (k, r) [m] at a time [s], for each group of `alike`."""
         values = np.array([self.course.value(drive, time) for drive in self._drives])
         return [values[alike.drives] for alike in self.alike]
 
     def prescribed(self, time: float) -> Array:
-        """u_s (k, d) [m] at `prescribed_nodes`.
+        """u_s (k, d) [m] at `prescribed_nodes` at a time [s].
 
         Raises:
-            SceneError: two supports ask different things of one node.
+            SceneError: two supports prescribe different displacements at one node.
         """
         found, wrong = np.zeros((len(self.held), self.dim)), [np.zeros(0, np.int64)]
         for alike, wanted in zip(self.alike, self.wanted(time), strict=True):
@@ -204,9 +206,15 @@ class Constraints:
         raise SceneError(f"{' and '.join(sorted(names))}: contradict each other at the point ({point}) at t = {time:g}")
 
     def reactions(self, forces: Array) -> dict[str, tuple[Array, Array]]:
-        """Share nodal forces (k, d) at `prescribed_nodes` among supports: force (d,) and moment about the origin.
+        """Distribute nodal forces among the supports.
 
         A force is split along the prescribed directions; supports that overlap share it in the least-squares sense.
+
+        Args:
+            forces: (k, d) [N] at `prescribed_nodes`.
+
+        Returns:
+            For each support its force (d,) [N] and moment about the origin [N m], (1,) in 2D and (3,) in 3D.
         """
         at = np.zeros((len(self.held), self.dim))
         np.add.at(at, self._of_prescribed, forces)
@@ -224,12 +232,15 @@ class Constraints:
         return {name: (force[i], moment[i]) for name, i in self._supports.items() if name != AXIS}
 
     def points_of(self, nodes: Ints) -> Array:
-        """Coordinates (n, d) [m] of nodes with rows, of followers and of their roots."""
+        """Coordinates (n, d) [m] of nodes that are prescribed, periodic or the root of a periodic node."""
         return np.array([self.points[int(n)] for n in nodes]).reshape(-1, self.dim)
 
 
 def _free_basis(directions: Array) -> tuple[Array, Bools]:
-    """Free directions (d, d) across prescribed ones (r, d), in the columns (d,) that are free."""
+    """Orthonormal directions (d, d), in columns, normal to the prescribed ones (r, d); and which columns are free (d,).
+
+    Columns that are not free are zero.
+    """
     d = directions.shape[1]
     if np.all(np.count_nonzero(directions, axis=1) == 1):
         free = ~directions.any(axis=0)
@@ -239,7 +250,7 @@ def _free_basis(directions: Array) -> tuple[Array, Bools]:
 
 
 def _places(among: Ints, nodes: Ints) -> tuple[Bools, Ints]:
-    """Which of the nodes are `among` the increasing others, and the places there of those that are."""
+    """Which of the nodes (n,) are in the increasing array `among`, and the indices there of those that are."""
     at = np.searchsorted(among, nodes)
     found = np.zeros(len(nodes), bool)
     inside = at < len(among)

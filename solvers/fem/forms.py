@@ -1,4 +1,4 @@
-"""The weak forms in UFL, and the one place where they are compiled and counted."""
+"""The weak forms in UFL; they are compiled and counted here only."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from solvers.scene.material import Material
 from solvers.scene.problem import Problem
 from solvers.scene.timeline import Place
 
-Field = Callable[..., tuple[Any, ...]]  # coordinates to components, with operators alone
+Field = Callable[..., tuple[Any, ...]]  # from coordinates to components, by arithmetic operators only
 
 
 def elastic_stress(strain: Array, material: Material, plane_stress: bool) -> Array:
-    """sigma (3, 3) [Pa] of an elastic strain (3, 3); in plane stress its out-of-plane component follows from that.
+    """Stress sigma (3, 3) [Pa] of an elastic strain (3, 3) [-]; in plane stress strain_zz follows from sigma_zz = 0.
 
     >>> steel = Material(E=1.0, nu=0.25)
     >>> elastic_stress(np.diag([1.0, 0.0, 0.0]), steel, plane_stress=True).round(3).diagonal()
@@ -41,7 +41,7 @@ def elastic_stress(strain: Array, material: Material, plane_stress: bool) -> Arr
 
 @dataclass(frozen=True)
 class Revolved:
-    """A measure of the meridian plane, taken around the full circle: dx becomes 2 pi r dx."""
+    """A measure of the meridian plane, extended to the full circle: dx becomes 2 pi r dx."""
 
     measure: Measure
     radius: UflExpr
@@ -73,7 +73,7 @@ class WeakForms:
         return found
 
     def volume(self, body: str, degree: int | None = None) -> Measure:
-        """Measure of a body."""
+        """Volume measure of a body; `degree`: of the quadrature, None: the default."""
         if degree is None and self.mesh.degree > 1:
             degree = 2 * self.mesh.degree + self.mesh.axisymmetric
         metadata = {} if degree is None else {"quadrature_degree": degree}
@@ -81,17 +81,17 @@ class WeakForms:
         return self._around(measure(self.mesh.bodies[body]))
 
     def boundary(self, side: str, degree: int | None = None) -> Measure:
-        """Measure of a side."""
+        """Surface measure of a side; `degree`: of the quadrature, None: the default."""
         metadata = {} if degree is None else {"quadrature_degree": degree}
         measure = ufl.Measure("ds", domain=self.mesh.domain, subdomain_data=self.mesh.facet_tags, metadata=metadata)
         return self._around(measure(self.mesh.sides[side]))
 
     def _around(self, measure: Measure) -> Measure:
-        """The full circle in an axisymmetric model."""
+        """The measure, in an axisymmetric model over the full circle."""
         return Revolved(measure, ufl.SpatialCoordinate(self.mesh.domain)[0]) if self.mesh.axisymmetric else measure
 
     def strain(self, u: UflExpr) -> UflExpr:
-        """eps(u): (d, d); in axisymmetry (3, 3), x, y and hoop."""
+        """eps(u) [-]: (d, d); in axisymmetric models (3, 3), x, y and hoop."""
         gradient: UflExpr = ufl.sym(ufl.grad(u))
         if not self.mesh.axisymmetric:
             return gradient
@@ -102,7 +102,7 @@ class WeakForms:
         return whole
 
     def stress(self, u: UflExpr, body: str) -> UflExpr:
-        """sigma(u) [Pa], as large as the strain; in plane strain and plane stress the in-plane components."""
+        """sigma(u) [Pa], with the shape of the strain; in plane strain and plane stress the in-plane components."""
         material = self.problem.bodies[body]
         lame_mu, lame_lambda = material.lame_mu, material.lame_lambda
         if self.problem.model == "plane stress":
@@ -113,16 +113,20 @@ class WeakForms:
         return found
 
     def elasticity(self, u: UflExpr | None = None) -> UflForm:
-        """a(u, v) = sum over bodies of ∫ sigma(u) : eps(v) dx; the inner forces of a displacement Function u."""
+        """a(u, v) = sum over bodies of ∫ sigma(u) : eps(v) dx.
+
+        Args:
+            u: displacement Function, for the linear form of its inner forces; None: the trial function.
+        """
         strain, u = self.strain(self.v), self.u if u is None else u
         found: UflForm = sum(ufl.inner(self.stress(u, b), strain) * self.volume(b) for b in self.problem.bodies)
         return found
 
     def gram(self, length: float) -> UflForm:
-        """<u, v> = sum over bodies of E ∫ grad u : grad v + u . v / l^2 dx, l = `length` [m]: the product of H1.
+        """<u, v> = sum over bodies of E ∫ grad u : grad v + u . v / l^2 dx, l = `length` [m]: the inner product of H1.
 
-        E is not in the source: it lets bodies give way beside each other as they do. One body's is a factor of Q,
-        which the step takes up.
+        E is not in the source: it weights each body by its stiffness. With a single body it is only a factor of Q,
+        which the step size alpha = relaxation / lambda_max cancels.
         """
         product = ufl.inner(ufl.grad(self.u), ufl.grad(self.v)) + self.constant(length**-2) * ufl.inner(self.u, self.v)
         found: UflForm = sum(
@@ -131,11 +135,11 @@ class WeakForms:
         return found
 
     def initial_stress(self, initial: InitialStrain) -> Array:
-        """sigma (3, 3) [Pa] that the strain of a body causes at value 1; out of plane it is zero in plane stress."""
+        """sigma = C strain (3, 3) [Pa] of an initial strain at value 1; in plane stress sigma_zz = 0."""
         return elastic_stress(initial.strain, self.problem.bodies[initial.body], self.problem.model == "plane stress")
 
     def initial_load(self, initial: InitialStrain) -> UflForm:
-        """∫ sigma : eps(v) dx of that stress: what the initial strain loads the bodies with at value 1 [N]."""
+        """∫ sigma : eps(v) dx with `initial_stress`: the load of the initial strain at value 1 [N]."""
         strain, stress = self.strain(self.v), self.initial_stress(initial)
         size = strain.ufl_shape[0]
         terms = [(i, j) for i in range(size) for j in range(size) if stress[i, j] != 0]
@@ -169,7 +173,12 @@ class WeakForms:
         return found
 
     def balance(self, u: UflExpr, body: str, sides: Iterable[str], degree: int) -> UflForm:
-        """∫ -div sigma(u) . v dx + ∫ sigma(u) n . v ds: the loads on a body and its sides that call for a `field` u."""
+        """∫ -div sigma(u) . v dx + ∫ sigma(u) n . v ds: loads on a body and its sides under which u is the solution.
+
+        Args:
+            u: see `field`.
+            degree: of the quadrature.
+        """
         sigma, normal = self.stress(u, body), ufl.FacetNormal(self.mesh.domain)
         form = -ufl.inner(ufl.div(sigma), self.v) * self.volume(body, degree)
         found: UflForm = form + sum(ufl.inner(sigma * normal, self.v) * self.boundary(side, degree) for side in sides)
@@ -186,12 +195,12 @@ class WeakForms:
         return float(self.mesh.comm.allreduce(dx.fem.assemble_scalar(form)))
 
     def constant(self, value: float) -> Constant:
-        """A number that the compiled form takes at run time: other values need no other compilation."""
+        """A number that a compiled form reads at run time, so that other values need no new compilation."""
         found: Constant = dx.fem.Constant(self.mesh.domain, value)
         return found
 
     def gap(self, contact: Contact) -> tuple[UflExpr, UflExpr]:
-        """Initial gap g [m] and unit normal n towards the obstacle, exact at every point."""
+        """Initial gap g [m] and unit normal n towards the obstacle, exact at every point of the surface."""
         x = ufl.SpatialCoordinate(self.mesh.domain)
         obstacle = self.problem.obstacles[contact.against]
         distance = obstacle.distance([x[i] for i in range(self.mesh.dim)], ufl.sqrt)
@@ -208,6 +217,6 @@ class WeakForms:
         return found
 
     def compile(self, form: UflForm) -> CompiledForm:
-        """Compiled (or loaded) form; counted."""
+        """Compile a form, or load it from the cache; counted."""
         self.counters.forms += 1
         return dx.compile_form(form)

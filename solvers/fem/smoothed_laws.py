@@ -1,4 +1,4 @@
-"""Smoothed contact laws in UFL: penalty where the normal law is rigid, |slip| rounded off where it is zero."""
+"""Smoothed contact laws in UFL: penalty for rigid normal laws, and |slip| rounded off near zero."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from solvers.scene.contact import Contact
 
 @dataclass(frozen=True)
 class Widths:
-    """How far the laws are rounded off; all three shrink together."""
+    """Widths over which the laws are smoothed; all three are proportional to the level."""
 
     slip: Constant  # eps [m]
     flexibility: Constant  # delta [m/Pa]: penetration per pressure of a rigid normal law
@@ -26,11 +26,16 @@ class Widths:
 
     @classmethod
     def of(cls, weak: WeakForms) -> Widths:
-        """Numbers that compiled forms take at run time, to be set."""
+        """Constants that compiled forms read at run time; `set` gives them their values."""
         return cls(*(weak.constant(1.0) for _ in range(3)))
 
     def set(self, level: float, u_ref: float, p_ref: float) -> None:
-        """A part `level` of the scene's own scales."""
+        """Set the widths to `level` [-] times the scales of the step.
+
+        Args:
+            u_ref: scale of displacements [m].
+            p_ref: scale of tractions [Pa].
+        """
         self.slip.value, self.flexibility.value = level * u_ref, level * u_ref / p_ref
         self.pressure.value = level * p_ref
 
@@ -39,7 +44,7 @@ class Widths:
 class SmoothedContact:
     """The laws of one contact at the nodes of its surface, where the other methods have their multipliers.
 
-    The fields live in the displacement space; on the surface's nodes they hold
+    The fields are in the displacement space; their values at the nodes of the surface are
 
         motion  displacement relative to the obstacle, less g n, so that motion . n = u_n - g [m],
         before  the same at the last accepted step [m],
@@ -50,7 +55,7 @@ class SmoothedContact:
     weak: WeakForms
     contact: Contact
     widths: Widths
-    bound: Constant  # Tresca's, at the step's time [Pa]
+    bound: Constant  # bound of Tresca's law at the time of the step [Pa]
 
     @cached_property
     def motion(self) -> Function:
@@ -74,13 +79,13 @@ class SmoothedContact:
 
     @cached_property
     def relative(self) -> Function:
-        """Displacement relative to the obstacle [m], the field of the compliance form."""
+        """Displacement relative to the obstacle [m], for the normal compliance form."""
         found: Function = dx.fem.Function(self.weak.space)
         return found
 
     @cached_property
     def nodes(self) -> Measure:
-        """Measure that samples the side at its nodes, all alike."""
+        """Measure that samples the side at its nodes, with equal weights."""
         mesh = self.weak.mesh
         points = dx.reference_nodes(FACET_OF[mesh.domain.topology.cell_type.name], mesh.degree)
         rule = {
@@ -94,12 +99,12 @@ class SmoothedContact:
         return found
 
     def sampled(self) -> UflForm:
-        """Weight that the nodal rule gives each node, in every component."""
+        """Linear form whose entries are the weights that the nodal rule gives each node, in every component."""
         found: UflForm = sum(self.weak.v[i] for i in range(self.weak.mesh.dim)) * self.nodes
         return found
 
     def works(self) -> list[tuple[Function, UflForm, UflForm]]:
-        """Forms whose sum is ∫ p_n v_n + t . v_T ds: field, form, its derivative by the field."""
+        """Forms whose sum is ∫ p_n v_n + t . v_T ds; for each its field, the form, and its derivative by the field."""
         p = self._pressure(ufl.inner(self.motion, self.normal))
         found, tractions, law = [], [], self.contact.normal
         if isinstance(law, Compliance):  # at quadrature points, as for every method
@@ -119,7 +124,7 @@ class SmoothedContact:
         return slip_T / ufl.sqrt(ufl.inner(slip_T, slip_T) + self.widths.slip**2)
 
     def _pressure(self, penetration: Any) -> Any:
-        """p_n [Pa]: of the law where it is compliant, else by penalty."""
+        """p_n [Pa]: from the law if it is a compliance law, otherwise by penalty."""
         law = self.contact.normal
         closed = ufl.max_value(penetration, 0)
         if isinstance(law, Compliance):
@@ -127,7 +132,7 @@ class SmoothedContact:
         return (penetration if law.sides == 2 else closed) / self.widths.flexibility
 
     def _limit(self, p: Any) -> Any:
-        """Friction bound s [Pa]; Tresca's jump at p = 0 becomes a ramp."""
+        """Friction bound s [Pa]; the jump of Tresca's law at p = 0 becomes a ramp."""
         law = self.contact.friction
         if isinstance(law, Coulomb):
             return self.weak.constant(law.mu) * ufl.max_value(p, 0)

@@ -17,7 +17,12 @@ from solvers.scene.timeline import Course, Place
 
 
 def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) -> Constraints:
-    """Collect supports and periodic sides from all ranks."""
+    """Collect supports and periodic sides from all ranks; collective.
+
+    Raises:
+        SceneError: no mesh vertex lies at the point of a support.
+        GeometryError: periodic sides whose meshes do not match, or an axisymmetric model that reaches to x < 0.
+    """
     rows: dict[int, list[Row]] = {}
     points: dict[int, Array] = {}
     part: dict[int, int] = {}
@@ -58,7 +63,11 @@ def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: 
 
 
 def _on_axis(mesh: Mesh, nodes: Nodes) -> list[tuple[int, Array, int]]:
-    """Nodes on the axis of symmetry: u_r = 0 there, whatever the scene says."""
+    """Number, coordinates and part of each node on the axis of symmetry, where u_r = 0 always.
+
+    Raises:
+        GeometryError: the mesh reaches to x < 0.
+    """
     low, high = mesh.box()
     slack = 1e-9 * float(np.max(high - low))
     if low[0] < -slack:
@@ -69,6 +78,11 @@ def _on_axis(mesh: Mesh, nodes: Nodes) -> list[tuple[int, Array, int]]:
 
 
 def _vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, Array, Ints]:
+    """Number, coordinates and part of the mesh vertex at a point (d,) [m], each with one row.
+
+    Raises:
+        SceneError: no vertex lies there.
+    """
     own = nodes.points[: nodes.owned]
     distance = np.linalg.norm(own - point, axis=1)
     best = int(np.argmin(distance)) if len(own) else -1
@@ -88,6 +102,7 @@ def _vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, 
 def _periodic_roots(
     problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes, points: dict[int, Array], part: dict[int, int]
 ) -> dict[int, int]:
+    """Node whose displacement each eliminated periodic node has; fills in `points` and `part`."""
     follows: dict[int, int] = {}
     for slave_side, master_side in problem.request.periodic:
         slave, master = (gather_surface(mesh, space, nodes, side) for side in (slave_side, master_side))
@@ -102,12 +117,13 @@ def _periodic_roots(
         for node, other, x, y in zip(slave.nodes, master.nodes[match], slave.points, master.points[match], strict=True):
             points[int(node)], points[int(other)] = x, y
             own, others = _end_of(follows, int(node)), _end_of(follows, int(other))
-            if own != others:  # an edge of two periodic pairs in 3D is met twice: the second time says nothing new
+            if own != others:  # an edge that two periodic pairs share in 3D appears twice; the second is redundant
                 follows[own] = others
     return {node: _end_of(follows, node) for node in follows}
 
 
 def _end_of(follows: dict[int, int], node: int) -> int:
+    """Last node of the chain that begins at a node."""
     while node in follows:
         node = follows[node]
     return node

@@ -1,4 +1,4 @@
-"""What loads and effects add to the weak form: loads, and initial strains, each with its value in time."""
+"""Terms that loads and effects add to the weak form: loads and initial strains, each with its value in time."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class LoadTerm:
 
 @dataclass(frozen=True, kw_only=True)
 class InitialStrain:
-    """A strain that a body takes on where nothing holds it, uniform over the body, times a value in time.
+    """A strain at which a body has no stress, uniform over the body, times a value in time.
 
-    Stress belongs to the strain beyond it. It loads the bodies, changes stored energy and stress, and the work that it
-    does on the stressed bodies counts as external.
+    sigma = C (eps(u) - initial strain). It loads the bodies and changes stress and stored energy; the work that it
+    does on the stressed bodies counts as external work.
     """
 
     drive: Drive

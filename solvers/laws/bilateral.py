@@ -14,7 +14,7 @@ from solvers.laws.law import NormalLaw
 
 @dataclass(frozen=True, kw_only=True)
 class Bilateral(NormalLaw):
-    """u_n = g; the pressure may pull."""
+    """u_n = g; the pressure p_n may have either sign."""
 
     sides: ClassVar[int] = 2
     law: Annotated[Literal["bilateral"], Key("-", "the law's name")] = "bilateral"

@@ -34,7 +34,8 @@ class CappedCoulomb(FrictionLaw):
         return self.mu > 0
 
     def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
-        """
+        """min(mu p_n, s_max), (m_t,) [Pa].
+
         >>> from scipy import sparse
         >>> from solvers.laws.unilateral import Unilateral
         >>> law, one = CappedCoulomb(mu=0.5, s_max=2.0), sparse.identity(3, format="csr")

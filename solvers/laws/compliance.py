@@ -12,12 +12,12 @@ from geometry.errors import require
 from geometry.keys import Key
 from solvers.laws.law import NormalLaw
 
-NEWTON_STEPS = 200  # quadratic from the right; the bound is never met, a test says so
+NEWTON_STEPS = 200  # never reached, as a test shows: Newton's method converges quadratically from the right
 
 
 @dataclass(frozen=True, kw_only=True)
 class Compliance(NormalLaw):
-    """p_n = c_n (u_n - g)_+^m_n, evaluated at facet quadrature points as the form j_n writes it.
+    """p_n = c_n (u_n - g)_+^m_n, evaluated at facet quadrature points, as in the form j_n.
 
     Source: Pop (1999), section 2, j_n.
     """
@@ -35,20 +35,21 @@ class Compliance(NormalLaw):
         return order + int(np.ceil(self.m_n * order))
 
     def pressure(self, penetration: Array) -> Array:
-        """The law itself, (m,) [Pa]."""
+        """Pressure (m,) [Pa] at a penetration u_n - g (m,) [m]."""
         return np.asarray(self.c_n * np.maximum(penetration, 0.0) ** self.m_n)
 
     def penetration(self, p: Array) -> Array:
-        """
+        """Penetration (m,) [m] at a pressure p (m,) [Pa].
+
         >>> Compliance(c_n=4.0, m_n=2.0).penetration(np.array([0.0, 1.0]))
         array([0. , 0.5])
         """
         return np.asarray((np.maximum(p, 0.0) / self.c_n) ** (1 / self.m_n))
 
     def resolvent(self, p_hat: Array, gamma: Array) -> Array:
-        """Pressure p with p + gamma (p/c_n)^(1/m_n) = max(0, p_hat), by Newton on the penetration.
+        """Pressure p (m,) [Pa] with p + gamma (p/c_n)^(1/m_n) = max(0, p_hat), by Newton's method for the penetration.
 
-        c d^m + gamma d is convex, so Newton from the right falls monotonically onto the root.
+        c d^m + gamma d is convex in the penetration d, so Newton's method converges monotonically from the right.
 
         >>> Compliance(c_n=1.0, m_n=2.0).resolvent(np.array([-1.0, 6.0]), np.ones(2))
         array([0., 4.])
@@ -56,7 +57,7 @@ class Compliance(NormalLaw):
         target = np.maximum(p_hat, 0.0)
         if self.m_n == 1:
             return np.asarray(target * (self.c_n / (self.c_n + gamma)))
-        d = np.minimum(target / gamma, (target / self.c_n) ** (1 / self.m_n))  # both lie right of the root
+        d = np.minimum(target / gamma, (target / self.c_n) ** (1 / self.m_n))  # both are at least the root
         for _ in range(NEWTON_STEPS):
             excess = self.c_n * d**self.m_n + gamma * d - target
             step = excess / (self.c_n * self.m_n * d ** (self.m_n - 1) + gamma)

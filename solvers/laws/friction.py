@@ -1,4 +1,4 @@
-"""Friction: the tangential traction is bounded, and works against slip."""
+"""Friction laws: the tangential traction is bounded, and opposes slip."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from solvers.laws.law import FrictionLaw, NormalLaw, touching
 
 @dataclass(frozen=True, kw_only=True)
 class Coulomb(FrictionLaw):
-    """s = mu p_n."""
+    """Coulomb's law, s = mu p_n."""
 
     mu: Annotated[float, Key("-", "coefficient of friction")]
     law: Annotated[Literal["coulomb"], Key("-", "the law's name")] = "coulomb"
@@ -42,7 +42,7 @@ class Coulomb(FrictionLaw):
 
 @dataclass(frozen=True, kw_only=True)
 class Tresca(FrictionLaw):
-    """s given, where p_n > 0; everywhere if the normal law is bilateral."""
+    """Tresca's law: s is given, where p_n > 0, or everywhere if the normal law is bilateral."""
 
     bound: Annotated[Amplitude, Key("Pa", "bound of the tangential traction, in time")]
     law: Annotated[Literal["tresca"], Key("-", "the law's name")] = "tresca"
@@ -68,7 +68,7 @@ class Tresca(FrictionLaw):
 
 @dataclass(frozen=True, kw_only=True)
 class Stick(FrictionLaw):
-    """No slip wherever the surfaces touch: no bound."""
+    """No slip where the surfaces touch: the bound is infinite."""
 
     law: Annotated[Literal["stick"], Key("-", "the law's name")] = "stick"
 

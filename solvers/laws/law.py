@@ -1,4 +1,4 @@
-"""What a contact law answers to a method: its resolvent, its slope, its bound. Pointwise, vectorised."""
+"""The contract of a contact law: its resolvent, its stiffness, its friction bound. Pointwise, vectorised."""
 
 from __future__ import annotations
 
@@ -19,21 +19,26 @@ from geometry.protocols import Sparse
 class NormalLaw(Choice):
     """Relation of contact pressure p_n [Pa] and penetration u_n - g [m].
 
-    Methods meet it through the resolvent only: p* solves p + gamma (law's inverse)(p) = p_hat, where
-    p_hat = p + gamma (u_n - g) for any gamma > 0 [Pa/m]. So a vertical branch needs no penalty number.
+    Methods evaluate it through the resolvent only: p* solves p + gamma (law's inverse)(p) = p_hat, where
+    p_hat = p + gamma (u_n - g) for any gamma > 0 [Pa/m]. So a rigid law needs no penalty parameter.
     """
 
     tag: ClassVar[str] = "law"
     sides: ClassVar[int] = 1  # 1: presses only, 2: holds in both directions
-    ties: ClassVar[bool] = False  # holds in every direction, from wherever the surfaces were at the start
-    at_quadrature: ClassVar[bool] = False  # pressure is a function of displacement, taken at facet quadrature points
+    ties: ClassVar[bool] = False  # no relative motion in any direction, from the initial position on
+    at_quadrature: ClassVar[bool] = False  # pressure is a function of displacement, at facet quadrature points
 
     def degree(self, order: int) -> int:
-        """Quadrature degree that the law needs on facets."""
+        """Quadrature degree that the law needs on facets, for elements of an order."""
         return 2 * order
 
     def resolvent(self, p_hat: Array, gamma: Array) -> Array:
-        """Pressure p* (m,) [Pa]."""
+        """Pressure p* (m,) [Pa].
+
+        Args:
+            p_hat: trial pressure p + gamma (u_n - g) (m,) [Pa].
+            gamma: positive (m,) [Pa/m].
+        """
         raise NotImplementedError
 
     def stiffness(self, p: Array, p_hat: Array) -> Array:
@@ -41,21 +46,21 @@ class NormalLaw(Choice):
         raise NotImplementedError
 
     def penetration(self, p: Array) -> Array:
-        """Penetration (m,) [m] that goes with a pressure: the law's inverse."""
+        """Penetration (m,) [m] at a pressure (m,) [Pa]: the law's inverse."""
         return np.zeros_like(p)
 
     def energy(self, p: Array) -> Array:
-        """Energy stored in the law at pressure p, per area (m,) [J/m²]."""
+        """Energy stored in the law at pressure p (m,) [Pa], per area (m,) [J/m²]."""
         return np.zeros_like(p)
 
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionLaw(Choice):
-    """Bound s [Pa] of the tangential traction t, and the give of the surface before it slips.
+    """Bound s [Pa] of the tangential traction t, and the tangential stiffness of the surface before slip.
 
-    With k_T the relative displacement that t has made is t / k_T elastic, the rest is slip. Methods meet the bound
-    through `limit` and its slope: `average`, sparse (m_t, m_n), takes values at normal points to psi_j-averages at
-    the points of t.
+    With k_T, the part t / k_T of the tangential displacement is elastic, the rest is slip. Methods evaluate the bound
+    through `limit` and its slope: `average`, sparse (m_t, m_n), maps values at normal points to their psi_j-averages
+    at the points of t.
     """
 
     tag: ClassVar[str] = "law"
@@ -70,35 +75,47 @@ class FrictionLaw(Choice):
         return 1 / self.k_T if self.k_T else 0.0
 
     def degree(self, order: int) -> int:
-        """Quadrature degree that the law needs on facets; 0: what the normal law has is enough."""
+        """Quadrature degree that the law needs on facets; 0: that of the normal law is enough."""
         return 0
 
     def resists(self) -> bool:
-        """Whether it can hold a body at all."""
+        """Whether it can resist tangential motion: its bound is not always zero."""
         return True
 
     def refuses(self, normal: NormalLaw) -> str | None:
-        """Why this law cannot go with that normal law, or None."""
+        """Why this law cannot be combined with a normal law; None if it can."""
         return None
 
     def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
-        """Bound s (m_t,) [Pa] >= 0 from normal pressures p (m_n,) [Pa]."""
+        """Bound s (m_t,) [Pa] >= 0.
+
+        Args:
+            p: normal pressures (m_n,) [Pa].
+            average: (m_t, m_n), see the class.
+            normal: the normal law of the contact.
+            time: [s].
+            end: last time of the scene [s].
+        """
         raise NotImplementedError
 
     def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
-        """ds/dp, sparse (m_t, m_n)."""
+        """ds/dp [-], sparse (m_t, m_n)."""
         found: Sparse = sparse.csr_matrix(average.shape)
         return found
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
-        """Cap [Pa], slopes below and above: min(cap, below p) <= s <= min(cap, above p) for p >= 0; inf: none."""
+        """Lines that bound s: min(cap, below p) <= s <= min(cap, above p) for p >= 0.
+
+        Returns:
+            cap [Pa], below [-], above [-]; infinite where there is no such limit.
+        """
         raise NotImplementedError
 
     def amplitudes(self) -> Mapping[str, Amplitude]:
-        """Values in time that the law contains, by key."""
+        """The law's values in time, by key."""
         return {}
 
 
 def touching(p: Array, average: Sparse | Array, normal: NormalLaw) -> Bools:
-    """Which tangential points (m_t,) a given bound holds at: where they press, or everywhere if they cannot part."""
+    """Tangential points (m_t,) with contact: the average pressure is positive, or the normal law cannot open."""
     return np.asarray((average @ p > 0) | (normal.sides == 2))

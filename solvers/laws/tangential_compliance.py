@@ -16,7 +16,7 @@ from solvers.laws.law import FrictionLaw, NormalLaw
 
 @dataclass(frozen=True, kw_only=True)
 class TangentialCompliance(FrictionLaw):
-    """s = c_T delta^m_T, delta the penetration that goes with the pressure of a compliance law at the same point.
+    """s = c_T delta^m_T, delta [m] the penetration of the compliance law at the same point.
 
     Source: Pop (1999), section 2, j_T.
     """
@@ -46,7 +46,7 @@ class TangentialCompliance(FrictionLaw):
 
     def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
         s = self._pointwise(p, normal)
-        # ds/dp = (ds/d delta) / (dp/d delta): infinite at p = 0 if m_T < m_n, but an open point has no pressure to lose
+        # ds/dp = (ds/d delta) / (dp/d delta): infinite at p = 0 if m_T < m_n; zero is used, as the point is open there
         stiffness = normal.stiffness(p, p)
         by_depth = self.c_T * self.m_T * normal.penetration(p) ** (self.m_T - 1)
         slope = np.divide(by_depth, stiffness, out=np.zeros_like(p), where=stiffness > 0)
@@ -54,7 +54,7 @@ class TangentialCompliance(FrictionLaw):
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
         one, two = self._pointwise(np.array([1.0, 2.0]), normal)
-        proportional = np.isclose(two, 2 * one, rtol=1e-12)  # m_T = m_n; other powers lie between no lines
+        proportional = np.isclose(two, 2 * one, rtol=1e-12)  # m_T = m_n; other powers have no bounding lines
         return (np.inf, one, one) if proportional else (np.inf, 0.0, np.inf)
 
     def _pointwise(self, p: Array, normal: NormalLaw) -> Array:

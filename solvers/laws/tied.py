@@ -1,4 +1,4 @@
-"""Tied contact: the surface moves with the obstacle in every direction, from wherever it was at the start."""
+"""Tied contact: the surface moves with the obstacle in every direction, from its initial position on."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solvers.laws.law import NormalLaw
 
 @dataclass(frozen=True, kw_only=True)
 class Tied(NormalLaw):
-    """u_n = gap_offset, u_T = 0: bilateral, and stuck. The geometric gap is not closed."""
+    """u_n = gap_offset, u_T = 0: bilateral and without slip. The geometric gap is not closed."""
 
     sides: ClassVar[int] = 2
     ties: ClassVar[bool] = True

@@ -1,4 +1,4 @@
-"""Unilateral contact (Signorini): pressure p_n >= 0, no penetration, no penalty number."""
+"""Unilateral contact (Signorini): pressure p_n >= 0, no penetration, no penalty parameter."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ class Unilateral(NormalLaw):
     law: Annotated[Literal["unilateral"], Key("-", "the law's name")] = "unilateral"
 
     def resolvent(self, p_hat: Array, gamma: Array) -> Array:
-        """
+        """Pressure (m,) [Pa]: max(p_hat, 0), for every gamma.
+
         >>> Unilateral().resolvent(np.array([-1.0, 2.0]), np.ones(2))
         array([0., 2.])
         """

@@ -1,7 +1,7 @@
-"""Solution methods, one file a method: a module here whose class has a NAME is all it takes to add one.
+"""Solution methods, one file each: to add a method, add a module here whose class has a NAME.
 
-`METHODS` has them by name, in the order of README's table: by ROW, then by name. `Solver` is the table [solver] with
-the keys of all of them. Methods meet the bodies through `SurfaceProblem` only.
+`METHODS` lists them by name, in the order of README's table: by ROW, then by name. `Solver` is the table [solver] with
+the keys of all methods. Methods access the bodies only through `SurfaceProblem`.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ def method_of(solver: settings.Solver) -> Method:
     """The method that the settings name, with its keys.
 
     Raises:
-        SceneError: there is none of that name, or a value is out of range.
+        SceneError: no method has that name, or a value is out of range.
     """
     require(solver.method in METHODS, "method", solver.method, nearest(solver.method, METHODS))
     return METHODS[solver.method].of(solver)
 
 
 def _keys() -> list[tuple[str, Any, Any]]:
-    """Name, annotation and default of every key that a method has; one of several methods is the same in all."""
+    """Name, annotation and default of every method's keys; a key that several methods share is the same in all."""
     known: dict[str, tuple[Any, Any]] = {}
     for kind in METHODS.values():
         defaults = {f.name: f.default for f in fields(kind)}
@@ -51,7 +51,11 @@ def _keys() -> list[tuple[str, Any, Any]]:
 
 
 def _check(solver: settings.Solver) -> None:
-    """Refuse what any method refuses of its keys, whichever is chosen."""
+    """Check the keys of every method, also of those that are not chosen.
+
+    Raises:
+        SceneError: a value is out of range, or no method has the name.
+    """
     settings.Solver.__post_init__(solver)
     method_of(solver)
     for kind in METHODS.values():

@@ -1,4 +1,4 @@
-"""What a method works with: yes, or refused with one line."""
+"""Which scenes a method can solve; a scene that it cannot solve is refused with one line."""
 
 from __future__ import annotations
 
@@ -9,22 +9,27 @@ RIGID = "rigid"  # the operator of a rigid obstacle
 
 @dataclass(frozen=True, kw_only=True)
 class Applicability:
-    """What a method needs of a scene.
+    """What a method supports.
 
     Every method works in every model, with cells of every kind and order, and on any number of ranks.
     """
 
-    floating: bool  # works while a body is held by contact and friction alone, or an obstacle is moved by a force
-    normal: tuple[str, ...] | None = None  # names of the normal laws that it can do; None: all
-    friction: tuple[str, ...] | None = None  # of the friction laws
+    floating: bool  # bodies that only contact and friction hold, and obstacles that a force moves
+    normal: tuple[str, ...] | None = None  # names of the supported normal laws; None: all
+    friction: tuple[str, ...] | None = None  # names of the supported friction laws; None: all
     k_T: bool = True  # tangential stiffness before slip
-    operators: tuple[str, ...] | None = None  # RIGID, and those between bodies
-    sliding: bool = True  # contact that is looked for where the bodies have moved to
-    matrix_free: bool = True  # meets the bodies through iterative solves too
-    condensed: bool = True  # meets them through their dense stiffness too
-    contends: bool = True  # for the best price, where a cost study is free to choose
+    operators: tuple[str, ...] | None = None  # supported contact operators: RIGID, and those between bodies; None: all
+    sliding: bool = True  # contact that is searched again on the deformed bodies
+    matrix_free: bool = True  # bodies in matrix-free form: iterative volume solves
+    condensed: bool = True  # bodies in condensed form: a dense stiffness of the contact dofs
+    contends: bool = True  # whether a cost study that may choose the method tries this one
 
     def knows(self, what: str, name: str) -> bool:
-        """Whether one of its laws (`normal`, `friction`) or `operators` is one that it can do."""
+        """Whether the method supports a law or an operator.
+
+        Args:
+            what: `normal`, `friction` or `operators`.
+            name: name of the law or of the operator.
+        """
         known: tuple[str, ...] | None = getattr(self, what)
         return known is None or name in known

@@ -1,4 +1,4 @@
-"""Auto: the methods of a chain, one after the other until one solves the step."""
+"""Auto: tries the methods of a chain one after the other until one solves the step."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from solvers.methods.method import Method, Ready, Setup
 
 @dataclass(frozen=True, kw_only=True)
 class Auto(Method):
-    """A name for the chain that `solvers.stepping.choice` makes of every method's TURNS; it solves nothing itself."""
+    """Name of the chain that `solvers.stepping.choice` builds from the TURNS of all methods; it has no solver."""
 
     NAME: ClassVar = "auto"
     WHEN: ClassVar = (

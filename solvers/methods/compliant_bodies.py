@@ -1,4 +1,4 @@
-"""DelassusOperator with their compliant faces, F(u) = K_B u + j_n'(u): not linear, solved as exactly as asked."""
+"""Bodies with their compliant faces, F(u) = K_B u + j_n'(u): a nonlinear problem, solved to a given tolerance."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from solvers.metrics.dense import DenseMetric, inverse_root
 
 NEWTON_STEPS = 100
 HALVINGS = 30
-OVERSHOOT = 0.9  # of the slope along a step, that its end may have the other way
-ROUNDING = 1e-14  # of the displacement, in energy norm: no solve comes nearer
+OVERSHOOT = 0.9  # largest slope of the energy at the end of a step, relative to that at its start, of opposite sign
+ROUNDING = 1e-14  # relative accuracy of the displacement, in energy norm, that rounding allows
 LANCZOS = 1e-4  # relative error of an eigenvalue
 
 
@@ -30,7 +30,8 @@ LANCZOS = 1e-4  # relative error of an eigenvalue
 class CompliantBodies:
     """S u + N_n^T W c_n (u_n - g)_+^m_n = f - B^T p on the contact dofs, p the tractions of all other rows.
 
-    F is the gradient of a convex energy, strongly monotone as S is, and its generalised Jacobian V = S + N^T W k N.
+    The left side F is the gradient of a convex energy and strongly monotone, because S is positive definite. Its
+    generalised Jacobian is V = S + N^T W k N.
 
     Source: Pop (1999), (2.1), b(u, v) = a(u, v) + j_n(u, v).
     """
@@ -40,36 +41,45 @@ class CompliantBodies:
 
     @cached_property
     def places(self) -> tuple[tuple[ContactBlock, Compliance], ...]:
+        """Rows and law of each compliant contact."""
         laws = ((place, place.rows.normal) for place in self.problem.cone.places)
         return tuple((place, law) for place, law in laws if isinstance(law, Compliance))
 
     @cached_property
     def others(self) -> Ints:
-        """Rows whose tractions are not a function of displacement."""
+        """Indices of the rows whose tractions are multipliers, not a function of the displacement."""
         left = self.problem.cone.carrying.copy()
         for place, _ in self.places:
             left[place.normal] = False
         return np.flatnonzero(left)
 
     def tractions(self, p: Array, u_c: Array) -> Array:
-        """p (rows,) with what the compliant faces press at u_c."""
+        """p (rows,) [Pa] with the pressures of the compliant faces replaced by those at u_c (c,) [m]."""
         found, r = p.copy(), self.problem.relative_displacement(u_c) - self.problem.gap
         for place, law in self.places:
             found[place.normal] = law.pressure(r[place.normal])
         return found
 
     def springs(self, p: Array) -> Array:
-        """k (rows,) [Pa/m], the slope of those pressures where they are p."""
+        """k (rows,) [Pa/m], derivative of the compliant pressures by the penetration, at pressures p (rows,) [Pa]."""
         k = np.zeros(len(p))
         for place, law in self.places:
             k[place.normal] = law.stiffness(p[place.normal], p[place.normal])
         return k
 
     def solve(self, p: Array, u_c: Array, allowed: Allowed) -> tuple[Array, Array, CholeskyFactor]:
-        """Tractions (rows,), u_c, and the factor of V there; semismooth Newton from u_c, a volume solve a step.
+        """Solve by semismooth Newton from u_c; each iteration is one volume solve.
+
+        Args:
+            p: tractions (rows,) [Pa]; those of compliant faces are replaced.
+            u_c: displacement (c,) [m] of the contact dofs to start from.
+            allowed: largest energy norm ||delta|| of the residual at the end, as a function of that at the start.
+
+        Returns:
+            Tractions (rows,) [Pa], displacement (c,) [m], and the Cholesky factor of V there.
 
         Raises:
-            SolverError: ||delta|| does not come down to what is allowed.
+            SolverError: ||delta|| does not fall to the allowed value.
         """
         first: float | None = None
         for _ in range(NEWTON_STEPS):
@@ -86,18 +96,18 @@ class CompliantBodies:
         raise SolverError("the compliant faces' own Newton iteration does not converge; use solver.method = uzawa")
 
     def lambda_max(self, V: CholeskyFactor) -> float:
-        """Largest eigenvalue of W^-1 B V^-1 B^T on the other rows [m/Pa]: what alpha has to heed."""
+        """Largest eigenvalue [m/Pa] of W^-1 B V^-1 B^T on the rows `others`; it limits alpha."""
         N = sparse.diags(np.sqrt(self.surface.W[self.others])) @ self.surface.N[self.others]
         size = len(self.others)
         if size < 3:
             return float(np.linalg.eigvalsh(N @ cho_solve(V, N.T.toarray())).max(initial=0.0))
         operator = LinearOperator((size, size), matvec=lambda x: N @ cho_solve(V, N.T @ x), dtype=float)
-        start = 1 + np.sin(np.arange(size))  # the same on every rank, no symmetry
+        start = 1 + np.sin(np.arange(size))  # the same on every rank, and without symmetry
         (largest,) = eigsh(operator, k=1, which="LA", v0=start, tol=LANCZOS, return_eigenvectors=False)
         return float(largest) * (1 + LANCZOS)
 
     def metric(self, V: CholeskyFactor) -> DenseMetric:
-        """B V^-1 B^T on the other rows; the compliant ones keep their pressure while these move."""
+        """Metric B V^-1 B^T on the rows `others`; in the step, compliant rows keep their pressure."""
         W, size = self.surface.W, len(self.surface.W)
         B = (sparse.diags(W[self.others]) @ self.surface.N[self.others]).toarray()
         Q, on = np.zeros((size, size)), np.zeros(size, bool)
@@ -106,7 +116,7 @@ class CompliantBodies:
         return DenseMetric(surface=self.surface, Q=Q, carrying=on, root=inverse_root(Q[np.ix_(on, on)]), alpha=1.0)
 
     def _left(self, p: Array, u_c: Array) -> Array:
-        """delta (c,) [N]."""
+        """Residual delta (c,) [N] of the equilibrium at the contact dofs."""
         return np.asarray(self.problem.load.f_c - self.surface.forces(p) - self.surface.S @ u_c)
 
     def _factor(self, p: Array) -> CholeskyFactor:
@@ -114,7 +124,13 @@ class CompliantBodies:
         return self.surface.factor((N.T @ sparse.diags(self.surface.W * k) @ N).toarray())
 
     def _length(self, p: Array, u_c: Array, du: Array, slope: float) -> float:
-        """Of a step along which the energy falls: it is convex, so its slope tells whether the step went too far."""
+        """Length in (0, 1] of the step du (c,) [m], along which the energy falls.
+
+        The energy is convex, so its slope at the end of the step shows whether the step is too long.
+
+        Args:
+            slope: minus the slope of the energy at the start [J].
+        """
         length = 1.0
         for _ in range(HALVINGS):
             end = u_c + length * du

@@ -1,4 +1,4 @@
-"""Semismooth Newton on the condensed surface problem: the laws are linearised, the bodies stay exact."""
+"""Semismooth Newton on the condensed surface problem: contact laws are linearised, the bodies are solved exactly."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from solvers.newton import condensed_system as newton_system
 from solvers.newton.active_set import linearise
 from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
 
-STALL_WINDOW = 12  # iterations in which the least residual must halve
-RETREATS = 6  # times that trial tractions under which nothing holds the bodies are taken back by half
+STALL_WINDOW = 12  # iterations in which the smallest residual must halve
+RETREATS = 6  # how often trial tractions that leave the bodies without hold are halved towards earlier ones
 ATTEMPT = 60  # iterations before another start is tried
 
 
@@ -26,8 +26,8 @@ ATTEMPT = 60  # iterations before another start is tried
 class CondensedNewton(Stateless):
     """Solves p = P_C(p + gamma (w - gap)) for tractions and contact displacement together.
 
-    Which point sticks, slips or is open follows from the trial tractions p_hat = p + gamma (w - gap),
-    gamma = E / depth; an iteration that cycles starts again elsewhere before the step is given up.
+    The active set (stick, slip, open) follows from the trial tractions p_hat = p + gamma (w - gap), gamma = E / depth.
+    If the iteration cycles, it is restarted from other trial tractions before the step counts as failed.
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991); Hüeber, Stadler & Wohlmuth,
     SIAM J. Sci. Comput. 30 (2008).
@@ -58,7 +58,7 @@ class CondensedNewton(Stateless):
         least, found_at, status = np.inf, 0, Status.STALLED
         held = start.p_hat
         for k in range(ATTEMPT):
-            residual = np.inf  # until w belongs to p
+            residual = np.inf  # not defined until w is the displacement under p
             if k or start.in_equilibrium:
                 residual = problem.natural_residual(p, w)
                 history.append(Step(history[-1].iteration + 1 if history else k, residual, problem.volume_solves))
@@ -88,24 +88,28 @@ class CondensedNewton(Stateless):
 
 @dataclass(frozen=True)
 class Start:
-    """Where an attempt begins."""
+    """Starting point of an attempt."""
 
-    p: Array  # (rows,) [Pa]
-    u_c: Array  # (c,) [m]
+    p: Array  # tractions (rows,) [Pa]
+    u_c: Array  # displacement (c,) [m] of the contact dofs
     p_hat: Array  # trial tractions (rows,) [Pa]
-    factor: float  # of gamma
-    in_equilibrium: bool  # whether u_c belongs to p
+    factor: float  # that multiplies gamma
+    in_equilibrium: bool  # whether u_c is the displacement under p
 
 
 def _starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
-    """From the last step's tractions, from none, from everything closed and sticking; then with another gamma.
+    """Starts in order: tractions of the last step; zero tractions; all points closed and sticking; with another gamma.
 
-    Tractions of a floating body have no displacement of their own: which points they press says enough. Where it has
-    room to move, closing everything pulls more than its load presses: it starts from tractions that hold rigid bodies.
+    For a floating body tractions do not determine the displacement: they only give the active set to start from. If it
+    has room to move, closing all points would pull more than the load presses: it also starts from tractions that
+    balance the load on rigid bodies.
+
+    Args:
+        p: tractions (rows,) [Pa] of the last step.
     """
     normal = problem.surface.normal_rows
     nowhere = np.zeros(problem.surface.size)
-    if problem.surface.floating and problem.p_ref == 0:  # no load, no motion: nothing happens
+    if problem.surface.floating and problem.p_ref == 0:  # no load and no motion: the answer is zero
         yield Start(np.zeros_like(p), nowhere, np.zeros_like(p), 1.0, True)
         return
     if problem.surface.floating and p.any():
@@ -125,9 +129,16 @@ def _starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
 
 
 def _solve(problem: SurfaceProblem, p_hat: Array, held: Array, gamma: Array) -> tuple[Array, Array, Array] | None:
-    """Tractions and displacement of the laws linearised at p_hat, or as near to it as they hold the bodies.
+    """Solve with the laws linearised at p_hat (rows,) [Pa], or nearer to `held` if they do not hold the bodies there.
 
-    Going back is towards trial tractions that did. Returns also where it was; None if nowhere.
+    Args:
+        p_hat: trial tractions (rows,) [Pa].
+        held: trial tractions (rows,) [Pa] to go back towards, those of the last solve or of the start.
+        gamma: (rows,) [Pa/m].
+
+    Returns:
+        Tractions (rows,) [Pa], contact displacement (c,) [m], and the trial tractions that were used; None if the
+        bodies were not held at any of them.
     """
     for _ in range(RETREATS):
         try:

@@ -1,20 +1,20 @@
-"""Contact elements: a slave node and the master facet or obstacle that it meets; open, sticking, sliding.
+"""Contact elements: a slave node and the master facet or obstacle opposite to it; open, sticking or sliding.
 
-Stick, Pop (4.3), is stationary in u and Σ = (Σ_n, Σ_t, Σ_τ):
+For stick, Pop (4.3), this functional is stationary in u and Σ = (Σ_n, Σ_t, Σ_τ):
 
     L_d = ½ b(u, u) - L(u) + Σ^T G - Σ_n^T Σ_n / 2ω_n - Σ_t^T Σ_t / 2ω_t - Σ_τ^T Σ_τ / 2ω_τ
 
-so one element adds, (4.5), with N^s its rows of displacement to gap, G = N^s u - g^s,
+so one element adds, (4.5), with its gap G = N^s u - g^s,
 
     R_C^s = ( N^sT Σ        )      K_C^s = ( 0               N^sT )
             ( (Σ* - Σ) / ω  )              ( Σ*' N^s / ω    -1/ω  )
 
-where Σ* = ω G and Σ*' = ω: (5.3) with B = N, K_C = -1/ω. For slide the source says |Σ_tan| = μ |Σ_n| and no more: here
-Σ* is the radial return of ω G to the circle of radius μ ω_n G_n, and Σ*' its derivative, unsymmetric, as the radius
-follows G_n. An open element has Σ* = 0. Gaps are positive when closed, forces when they press.
+where Σ* = ω G and Σ*' = ω: (5.3) with B = N, K_C = -1/ω. For slide the source gives only |Σ_tan| = μ |Σ_n|: here Σ* is
+the radial return of ω G to the circle of radius μ ω_n G_n, and Σ*' its derivative, unsymmetric because the radius
+depends on G_n. An open element has Σ* = 0. Gaps are positive when closed, forces are positive when they press.
 
-We differ from the source in that the springs keep the tangential forces of the last step, G_T = u_T - u_T,old +
-Σ_T,old / ω_t: with springs that start relaxed, a sticking node would creep by Σ_T / ω_t in every step.
+Difference from the source: the springs keep the tangential forces of the last step, G_T = u_T - u_T,old +
+Σ_T,old / ω_t. If the springs started relaxed, a sticking node would creep by Σ_T / ω_t in every step.
 """
 
 from __future__ import annotations
@@ -39,7 +39,12 @@ OPEN, STICK, SLIP = 0, 1, 2
 
 
 def press(G_n: Array, omega_n: Array, sides: int) -> tuple[Array, Array]:
-    """Σ_n* (m,) [N] of m elements and its derivative [N/m]; one that also pulls (`sides` 2) is always closed.
+    """Normal forces Σ_n* (m,) [N] of m elements, and their derivatives (m,) [N/m] by the gap.
+
+    Args:
+        G_n: normal gaps (m,) [m], positive when closed.
+        omega_n: penalties (m,) [N/m].
+        sides: 1: elements only press; 2: they also pull, and are always closed.
 
     >>> press(np.array([0.5, -0.5]), np.array([4.0, 4.0]), sides=1)
     (array([2., 0.]), array([4., 0.]))
@@ -49,12 +54,16 @@ def press(G_n: Array, omega_n: Array, sides: int) -> tuple[Array, Array]:
 
 
 def rub(G_T: Array, omega_T: Array, bound: Array) -> tuple[Array, Array, Array, Ints]:
-    """Σ_T* (m, c) [N] of m elements, its derivatives by G_T (m, c, c) and by the bound (m, c), and which stick or slip.
+    """Tangential forces of m elements by radial return, and their derivatives.
 
     Args:
-        G_T: tangential gaps [m], c = 1 or 2.
+        G_T: tangential gaps (m, c) [m], c = 1 or 2.
         omega_T: penalties (m,) [N/m].
         bound: μ Σ_n* (m,) [N].
+
+    Returns:
+        Σ_T* (m, c) [N], its derivative by G_T (m, c, c) [N/m], its derivative by the bound (m, c) [-], and the status
+        (m,): OPEN, STICK or SLIP.
     """
     trial = omega_T[:, None] * G_T
     length = np.linalg.norm(trial, axis=1)
@@ -69,7 +78,7 @@ def rub(G_T: Array, omega_T: Array, bound: Array) -> tuple[Array, Array, Array, 
 
 @dataclass(frozen=True)
 class Answer:
-    """What the elements ask for at gaps G."""
+    """Forces that the elements exert at gaps G, and their derivatives."""
 
     Sigma: Array  # Σ* (rows,) [N]
     slope: sparse.csr_matrix  # Σ*' = dΣ*/dG (rows, rows) [N/m]
@@ -78,20 +87,21 @@ class Answer:
 
 @dataclass(frozen=True)
 class ContactElements:
-    """All elements side by side: arrays (rows,) of normal rows, then tangential ones; a slave node has d of them."""
+    """All elements together: arrays (rows,) hold normal rows first, then tangential ones; a slave node has d rows."""
 
     problem: SurfaceProblem
     omega: Array  # penalties ω_n, ω_t, ω_τ (rows,) [N/m]
-    reference: Array  # (rows,) [m] where gaps are counted from
+    reference: Array  # (rows,) [m], the relative displacement at which G = 0
 
     @staticmethod
     def of(problem: SurfaceProblem, omega: Array, p_old: Array) -> ContactElements:
-        """
+        """Elements of a step.
+
         Args:
-            omega: penalties by area (rows,) [Pa/m].
+            omega: penalties per area (rows,) [Pa/m].
             p_old: tractions (rows,) [Pa] of the last accepted step.
         """
-        soft = 1 / omega + problem.cone.softness  # k_T is one more spring, in series
+        soft = 1 / omega + problem.cone.softness  # k_T is a second spring, in series
         return ContactElements(problem, problem.surface.W / soft, problem.gap - kept(problem, omega, p_old))
 
     def gaps(self, u_c: Array) -> Array:
@@ -99,16 +109,16 @@ class ContactElements:
         return np.asarray(self.problem.relative_displacement(u_c) - self.reference)
 
     def residual(self, Sigma: Array, answer: Answer) -> tuple[Array, Array]:
-        """R_C: on the contact dofs (c,) [N] and of the forces' own equations (rows,) [m]."""
+        """R_C: its part at the contact dofs (c,) [N], and that of the equations of the forces Σ (rows,) [m]."""
         return np.asarray(self.problem.surface.N.T @ Sigma), (answer.Sigma - Sigma) / self.omega
 
     def tangent(self, answer: Answer) -> tuple[Sparse, Sparse, Sparse]:
-        """K_C but for its zero block, sparse: N^T (c, rows), Σ*' N / ω (rows, c), -1/ω (rows, rows)."""
+        """The non-zero blocks of K_C, sparse: N^T (c, rows), Σ*' N / ω (rows, c), -1/ω (rows, rows)."""
         N, flexible = self.problem.surface.N, sparse.diags(1 / self.omega)
         return N.T, flexible @ answer.slope @ N, -flexible
 
     def answer(self, G: Array) -> Answer:
-        """Σ*, its derivative and the status at these gaps."""
+        """Σ*, its derivative and the status at gaps G (rows,) [m]."""
         Sigma, normal, status = np.zeros_like(G), np.zeros_like(G), np.full(len(G), OPEN)
         entries: list[tuple[Array, Ints, Ints]] = []
         for place in self.problem.cone.places:
@@ -124,7 +134,7 @@ class ContactElements:
     def _rub(
         self, place: ContactBlock, G: Array, Sigma: Array, normal: Array, status: Ints
     ) -> Iterator[tuple[Array, Ints, Ints]]:
-        """Fill in Σ_T* and the status; entries of Σ*' in these rows."""
+        """Fill in Σ_T* and the status of one contact; yield value, row and column of its entries of Σ*'."""
         n, T, free = place.normal, place.tangential, place.rows.free
         W, index = self.problem.surface.W, np.arange(T.start, T.stop).reshape(free.shape)
         p_n, W_T = Sigma[n] / W[n], W[index[:, 0]]
@@ -140,17 +150,22 @@ class ContactElements:
 
 
 def kept(problem: SurfaceProblem, omega: Array, p_old: Array) -> Array:
-    """Extension (rows,) [m] that the springs bring from the last step: tangential alone, as p_n is a total."""
+    """Extension (rows,) [m] that the springs keep from the last step; zero in normal rows, where p_n is a total.
+
+    Args:
+        omega: penalties per area (rows,) [Pa/m].
+        p_old: tractions (rows,) [Pa] of the last accepted step.
+    """
     found = p_old / omega
     found[: problem.surface.normal_rows] = 0.0
     return found
 
 
 def penalties(system: System, omega_factor: float) -> Array:
-    """ω_n, then ω_t = ω_τ, by area (rows,) [Pa/m]: omega_factor times E / h and G / h of the facets that touch.
+    """ω_n, then ω_t = ω_τ, per area (rows,) [Pa/m]: omega_factor times E / h and G / h of the contact facets.
 
-    A layer of elements behind the surface is omega_factor times as soft as the springs, at each point those that are
-    there: h is that of the facets around its nodes. Two bodies give in series.
+    The springs are omega_factor times as stiff as the layer of elements behind the surface; h is the size of the
+    facets around each node. The compliances of two bodies add up (springs in series).
     """
     found = [np.zeros(0)]
     for shear in (False, True):
@@ -161,7 +176,7 @@ def penalties(system: System, omega_factor: float) -> Array:
 
 
 def _give(system: System, c: ContactRows, N: Any, shear: bool) -> Array:
-    """h / E or h / G (rows,) [m/Pa]: of each side as the row N weighs its nodes, added up."""
+    """h / E, or h / G for `shear`, (rows,) [m/Pa]: for each side averaged with the row's weights, then added up."""
     N, dim = N.tocsr(), c.surface.dim
     parts = sparse.csr_matrix((np.abs(N.data), N.indices // dim, N.indptr), shape=(N.shape[0], N.shape[1] // dim))
     total, start = np.zeros(N.shape[0]), 0
@@ -175,6 +190,7 @@ def _give(system: System, c: ContactRows, N: Any, shear: bool) -> Array:
 
 
 def _sides(system: System, c: ContactRows) -> list[tuple[Surface, Material]]:
+    """Surface and material of the slave, and of the master if it is a body."""
     surfaces = [c.surface] + ([c.master] if c.master else [])
     bodies = system.problem.pairs[c.name].bodies
     return [(surface, system.problem.bodies[body]) for surface, body in zip(surfaces, bodies, strict=True)]
@@ -185,7 +201,7 @@ def _modulus(body: Material, shear: bool) -> float:
 
 
 def _sizes(surface: Surface) -> Array:
-    """h (n,), mean length of one edge of each facet around a node [m]."""
+    """h (n,) [m]: length of the first edge of a facet, averaged over the facets around each node."""
     ends = surface.points[surface.facets[:, :2]]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     facets = surface.facets.ravel()

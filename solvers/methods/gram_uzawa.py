@@ -1,4 +1,4 @@
-"""Uzawa with the published preconditioner: a step in the metric of a Gram matrix, projected in that metric."""
+"""Uzawa with the published preconditioner: step and projection in the metric of a Gram matrix."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ from solvers.scene.problem import Problem
 class GramUzawa(Relaxation, Method):
     """p <- argmin over the cone of |q - p_hat|_Q, p_hat = p + alpha Q^-1 (B u - R_C), alpha = relaxation / lambda_max.
 
-    lambda_max is that of Q^-1 B K_B^-1 B^T. Two readings of the source: Q the Gram matrix of the multipliers, P P^T as
-    (5.6) writes it; or Q^-1 the block of contact dofs in the factor of the displacements' Gram matrix. The first is of
-    the wrong order, 2 for -1: condition numbers grow like h^-3, and on all but the coarsest meshes it ends in
-    MAX_IT. The second is bounded in h for the complete factor only.
+    lambda_max is that of Q^-1 B K_B^-1 B^T. The source can be read in two ways: Q is the Gram matrix of the
+    multipliers, P P^T as (5.6) writes it; or Q^-1 is the block of contact dofs in the factor of the displacements' Gram
+    matrix. The first is an operator of the wrong order, 2 instead of -1: condition numbers grow like h^-3, and on all
+    but the coarsest meshes it ends in MAX_IT. The second is bounded in h for the complete factor only.
 
-    The source has no projection, since its Newton steps fix what sticks; here the cone is met in Q itself, a contact
-    problem on the surface, whose bound of friction follows the pressure. For 0 < relaxation < 2 and fixed bounds that
-    converges; to clip point by point would be no projection in this metric, and need not. On compliant faces, whose
-    tractions live at quadrature points, Q measures the nodal forces that they make and has no full rank; with the
-    law it has.
+    The source has no projection, because its Newton steps fix the sticking points. Here the projection onto the cone is
+    in the metric Q: a contact problem on the surface, whose friction bound follows the pressure. It converges for
+    0 < relaxation < 2 and fixed bounds. Clipping point by point is not a projection in this metric, and may diverge.
+    On compliant faces, whose tractions are at quadrature points, Q measures the nodal forces of the tractions and is
+    singular; with the compliance of the law added it is regular.
 
     Source: Pop (1999), (5.6)-(5.7) and its last algorithm.
     """
@@ -50,7 +50,7 @@ class GramUzawa(Relaxation, Method):
     gram: Annotated[Gram, Key("-", "preconditioner of gram-uzawa")] = Gram()
 
     def refusals(self, problem: Problem) -> Iterator[Refusal]:
-        """Readings that want a basis of the tractions themselves, not of the nodal forces that they make."""
+        """Values of `gram` that need a basis of the tractions, which tractions at quadrature points do not have."""
         for name, pair in problem.pairs.items():
             if not pair.contact.normal.at_quadrature:
                 continue
@@ -67,7 +67,7 @@ class GramUzawa(Relaxation, Method):
 
 @dataclass(frozen=True)
 class GramIteration(SameEveryStep):
-    """The iteration in the metric of a scene."""
+    """The iteration, with the Gram matrix of the scene."""
 
     metric: GramMetric
     relaxation: float = 1.5  # [-]

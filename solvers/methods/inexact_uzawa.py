@@ -1,4 +1,4 @@
-"""Inexact Uzawa: the bodies are solved by conjugate gradients, only as exactly as the outer iteration needs."""
+"""Inexact Uzawa: conjugate gradients solve the bodies to the accuracy that the outer iteration needs."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from solvers.newton.solution import OnStep, Solution, ignore
 class InexactUzawa(FixedStep, InnerKeys, Stateless):
     """K_B u_{k+1} = R_B - B^T p_k + delta_k by conjugate gradients from u_k, ||delta_k|| <= tau_k; then as `Uzawa`.
 
-    Q = W, alpha = relaxation / lambda_max or given. tau_k = 0 is `Uzawa`; for small tau_k the rate is close to that
-    (Elman & Golub; `Tied.rate` of solvers/analysis/saddle_points.py bounds it). A residual that is small enough is
-    believed only after an inner solve whose error it would show.
+    Q = W; alpha is given, or relaxation / lambda_max. With tau_k = 0 it is `Uzawa`; for small tau_k its rate is close
+    to that of `Uzawa` (Elman & Golub; `Tied.rate` of solvers/analysis/saddle_points.py bounds it). Before a residual
+    below the tolerance is accepted, the bodies are solved again to an accuracy that makes the residual reliable.
 
     Source: Pop (1999), (1.2); Elman & Golub, SIAM J. Numer. Anal. 31 (1994); Bramble, Pasciak & Vassilev, ibid. 34
     (1997), section 4, where the inner iteration need not be linear, as conjugate gradients are not.
@@ -36,7 +36,7 @@ class InexactUzawa(FixedStep, InnerKeys, Stateless):
     ROW: ClassVar = 5
 
     def build(self, setup: Setup) -> Ready:
-        # conjugate gradients as published: of earlier solves, their answer alone
+        # conjugate gradients as published: of earlier solves only the last answer is used, to start from
         matrix_free(setup.surface).volume.remember(1)
         return self
 

@@ -1,4 +1,4 @@
-"""How small the residual delta_k of an inner solve has to be, so that the outer iteration does not notice."""
+"""Tolerance for the residual delta_k of an inner solve, small enough for the outer iteration to converge."""
 
 from __future__ import annotations
 
@@ -17,26 +17,31 @@ from solvers.methods.outer_iteration import Solved
 
 InnerRule = Literal["elman-golub", "bramble-pasciak-vassilev"]
 Allowed = Callable[[float], float]  # from ||delta|| at the start of an inner solve to ||delta|| at its end
-CERTAIN = 0.1  # of the outer tolerance, what the last inner solve may put the natural residual off
+CERTAIN = 0.1  # largest error of the natural residual after the last inner solve, relative to the outer tolerance
 
 
 @dataclass(frozen=True, kw_only=True)
 class InnerTolerance:
-    """||delta_k|| <= tau_k, in the energy norm of the error that delta_k makes [J^(1/2)].
+    """||delta_k|| <= tau_k, where ||.|| is the energy norm of the error that delta_k causes [J^(1/2)].
 
-    elman-golub: tau_k is `share` of the outer residual B u_k + K_C p_{k-1} - R_C. As the source has no projection,
-    ours is what is left of it, (p_k - p_{k-1}) / alpha; in the metric Q its norm times sqrt(alpha) is an energy.
-    bramble-pasciak-vassilev: tau_k is `share` of ||delta|| where the inner solve begins, at u_k.
+    elman-golub: tau_k is `share` times the outer residual B u_k + K_C p_{k-1} - R_C. The source has no projection; here
+    the outer residual is (p_k - p_{k-1}) / alpha, after projection. Its norm in the metric Q times sqrt(alpha) is an
+    energy norm. bramble-pasciak-vassilev: tau_k is `share` times ||delta|| at the start u_k of the inner solve.
 
-    Source: Elman & Golub, SIAM J. Numer. Anal. 31 (1994); Bramble, Pasciak & Vassilev, ibid. 34 (1997), whose norm
-    this is; Elman & Golub have the Euclidean one, which would add newtons to metres here.
+    Source: Elman & Golub, SIAM J. Numer. Anal. 31 (1994); Bramble, Pasciak & Vassilev, ibid. 34 (1997). The norm is
+    that of the second; Elman & Golub use the Euclidean norm, which would add newtons to metres here.
     """
 
     rule: InnerRule = "elman-golub"
     share: float = 0.3
 
     def __call__(self, problem: SurfaceProblem, last: Solved | None, p: Array) -> Allowed:
-        """For the inner solve under tractions p (rows,), `last` the one before; the first one goes by its start."""
+        """Tolerance of an inner solve; for the first one it is relative to ||delta|| at its start.
+
+        Args:
+            last: the inner solve before; None: this is the first one.
+            p: tractions (rows,) [Pa] that load the bodies.
+        """
         if last is None or self.rule == "bramble-pasciak-vassilev":
             return lambda start: self.share * start
         change = p - last.p
@@ -46,13 +51,13 @@ class InnerTolerance:
 
 @dataclass(frozen=True, kw_only=True)
 class InnerKeys(Keys):
-    """How exact inner solves are, as a scene says it."""
+    """Keys of [solver] for the accuracy of inner solves."""
 
     inner_rule: Annotated[
         InnerRule,
-        Key("-", "what inner solves are measured by: the outer residual, or their own where they begin"),
+        Key("-", "what inner_tolerance is relative to: the outer residual, or the inner one at the start of the solve"),
     ] = "elman-golub"
-    inner_tolerance: Annotated[float, Key("-", "part of that which an inner solve may leave")] = 0.3
+    inner_tolerance: Annotated[float, Key("-", "residual of inner solves, relative to that of inner_rule")] = 0.3
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -64,7 +69,10 @@ class InnerKeys(Keys):
 
 
 def negligible(problem: SurfaceProblem, rtol: float) -> Allowed:
-    """Beside the outer tolerance: B K_B^-1 B^T <= lambda_max W, w_i is wrong by ||delta|| (lambda_max / W_i)^(1/2)."""
+    """Tolerance of an inner solve whose error is negligible compared with the outer tolerance.
+
+    B K_B^-1 B^T <= lambda_max W, so the error of w_i is at most ||delta|| (lambda_max / W_i)^(1/2).
+    """
     surface = problem.surface
     if not len(surface.W):
         return constant(problem, 0.0)
@@ -72,5 +80,6 @@ def negligible(problem: SurfaceProblem, rtol: float) -> Allowed:
 
 
 def constant(problem: SurfaceProblem, value: float) -> Allowed:
+    """A tolerance [J^(1/2)] that does not depend on the start of the inner solve, the same on every rank."""
     agreed = float(problem.surface.agreed(value))  # inner solves are collective
     return lambda start: agreed

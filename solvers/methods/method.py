@@ -1,7 +1,7 @@
-"""What a method is: its name, what it works with, its keys of [solver], and how it is made ready for a run.
+"""The contract of a method: its name, what it works with, its keys of [solver], and its preparation for a run.
 
-A new method is one new file here with a class that derives from `Method` and has a NAME. The registry finds it; the
-keys of [solver], README's table, SCENE.md, what is refused and the chain of `auto` are read from its class.
+A new method is one new file in this folder, with a class that derives from `Method` and has a NAME. The registry finds
+it; the keys of [solver], README's table, SCENE.md, refusals and the chain of `auto` are read from its class.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from solvers.scene.settings import Solver
 from solvers.system.system import System
 
 Solve = Callable[[SurfaceProblem, Array, OnStep], Solution]  # from the tractions (rows,) [Pa] of the last step
-Refusal = tuple[str, object, str]  # a key of [solver], its value, and why not with what to use instead
+Refusal = tuple[str, object, str]  # a key of [solver], its value, and the reason with what to use instead
 
 
 class Before(Protocol):
-    """What a method may ask of the state that a step starts from."""
+    """The part of the last accepted state that a method may read."""
 
     @property
     def u(self) -> Vec:
@@ -39,63 +39,69 @@ class Before(Protocol):
 
     @property
     def motion(self) -> Mapping[str, Array]:
-        """Motion of each contact's obstacle (n, d) [m], at the surface's nodes."""
+        """Motion (n, d) [m] of each contact's obstacle at the nodes of the contact surface, by contact."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """What a method is made ready with."""
+    """What a method is prepared from."""
 
     system: System
     surface: DelassusOperator  # in a form that the method works with, see `condensed` and `matrix_free`
-    coarse: CoarseMesh | None = None  # beside, for methods with COARSE_MESH
-    safety: float = 1.0  # by how much a metric shall overestimate what the bodies give: shorter steps
+    coarse: CoarseMesh | None = None  # an additional coarse mesh, for methods with COARSE_MESH
+    safety: float = 1.0  # factor by which a metric overestimates the bodies' flexibility: shorter steps
 
 
 @dataclass(frozen=True)
 class Turn:
     """One place in the chain of methods that `auto` tries one after the other."""
 
-    form: Form  # of the bodies; those of the condensed form also follow all others, where memory has room
-    place: int  # among the turns of that form, ascending
-    safe: bool = False  # with a metric that errs to the side of short steps
+    form: Form  # of the bodies; turns with the condensed form also come after all others, if memory suffices
+    place: int  # order among the turns of that form, ascending
+    safe: bool = False  # with a metric that overestimates the bodies' flexibility: shorter steps
 
 
 class Ready(ABC):
-    """A method that is ready to solve steps, with what it has learnt of the bodies."""
+    """A method that is prepared to solve steps, with what earlier steps have taught it about the bodies."""
 
     @abstractmethod
     def after(self, state: Before) -> Solve:
         """The solver of the step that follows an accepted state."""
 
     def renewed(self, setup: Setup) -> Ready:
-        """For the same bodies with other contact rows; what belongs to the bodies stays."""
+        """The method for the same bodies with other contact rows; data that depend on the bodies only are kept."""
         return self
 
     def snapshot(self) -> dict[str, Plain]:
-        """What earlier steps have taught, as arrays and plain data; see `restore`."""
+        """What was learnt in earlier steps, as arrays and plain data; see `restore`."""
         return {}
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:  # noqa: B027  most learn nothing
-        """Know what a `snapshot` of the same bodies holds."""
+        """Take over what a `snapshot` holds, made with the same bodies."""
 
 
 class SameEveryStep(Ready):
-    """One that solves every step the same way: it is the callable itself."""
+    """A prepared method that solves every step in the same way; it is itself the solver of a step."""
 
     def after(self, state: Before) -> Solve:
         return self
 
     @abstractmethod
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
-        """From p (rows,) [Pa], the tractions of the last accepted step."""
+        """Solve one step.
+
+        Args:
+            problem: the contact problem of the step.
+            p: tractions (rows,) [Pa] of the last accepted step.
+            on_step: called after each iteration.
+        """
 
 
 class Keys:
     """A group of keys of [solver]: its fields whose annotation holds a `Key`. Methods that share keys share a group."""
 
     def __post_init__(self) -> None:
-        """Each group refuses its own values, and hands on to the next group.
+        """Check the values of this group; a subclass calls `super().__post_init__()`, so that all groups are checked.
 
         Raises:
             SceneError: the key, its value, what is expected.
@@ -104,36 +110,40 @@ class Keys:
 
 @dataclass(frozen=True, kw_only=True)
 class Method(Keys, ABC):
-    """A method as a scene asks for it."""
+    """A method with its settings, as [solver] gives them."""
 
-    NAME: ClassVar[str]  # solver.method
-    WHEN: ClassVar[str]  # README's column `when`
+    NAME: ClassVar[str]  # value of solver.method
+    WHEN: ClassVar[str]  # text of README's column `when`
     WORKS_WITH: ClassVar[Applicability]
-    ROW: ClassVar[int] = 100  # in README's table, ascending; the same number: by name
+    ROW: ClassVar[int] = 100  # order in README's table, ascending; equal numbers: by name
     TURNS: ClassVar[tuple[Turn, ...]] = ()  # in the chain of `auto`
-    COARSE_MESH: ClassVar[bool] = False  # whether a coarse mesh beside the scene's helps it
+    COARSE_MESH: ClassVar[bool] = False  # whether it uses an additional coarse mesh
 
     rtol: float = 1e-8  # on the natural residual, relative to p_ref
     max_it: int = 10000
 
     @classmethod
     def of(cls, solver: Solver) -> Self:
-        """The method with a scene's settings; keys that these do not have keep their defaults."""
+        """The method with a scene's settings; keys that the settings do not have keep their defaults.
+
+        Raises:
+            SceneError: a value is out of range.
+        """
         own = {key: getattr(solver, key) for key in keys_of(cls) if hasattr(solver, key)}
         return cls(rtol=solver.tolerance, max_it=solver.max_iterations, **own)
 
     def refusals(self, problem: Problem) -> Iterator[Refusal]:
-        """What it cannot do in this scene besides what WORKS_WITH says."""
+        """Keys whose values this method refuses in this scene, in addition to WORKS_WITH."""
         return iter(())
 
     @abstractmethod
     def build(self, setup: Setup) -> Ready:
-        """Assemble and factorise what it needs besides the bodies; collective."""
+        """Assemble and factorise what it needs in addition to the bodies; collective."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stateless(Method, SameEveryStep):
-    """A method that prepares nothing and remembers nothing."""
+    """A method without preparation and without memory of earlier steps."""
 
     def build(self, setup: Setup) -> Ready:
         return self
@@ -141,6 +151,6 @@ class Stateless(Method, SameEveryStep):
 
 @cache
 def keys_of(kind: type[Method]) -> Mapping[str, Any]:
-    """A method's keys of [solver] besides those of every method, with their annotations."""
+    """Keys of [solver] that a method adds to those of every method, with their annotations."""
     hints = get_type_hints(kind, include_extras=True)
     return {name: hint for name, hint in hints.items() if any(isinstance(part, Key) for part in get_args(hint))}

@@ -1,4 +1,4 @@
-"""Nonlinear Uzawa: compliant faces belong to the bodies, only the multipliers that are left are iterated."""
+"""Nonlinear Uzawa: compliant faces belong to the bodies; only the other tractions are multipliers that are iterated."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from solvers.newton.solution import OnStep, Solution, ignore
 from solvers.newton.surface_model import nearest_in_cone
 
 OuterMetric = Literal["points", "jacobian"]
-CHANGED = 0.01  # of the largest spring: faces that have changed less keep their alpha_k
+CHANGED = 0.01  # relative to the largest spring: alpha_k is computed anew only if some spring changes by more
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,13 +29,14 @@ class NonlinearUzawa(Relaxation, FrictionUpdates, InnerKeys, Stateless):
     """F(u_{k+1}) = R_B - B^T p_k + delta_k, then p_{k+1} = argmin over the cone of |q - p_hat|_(Q_k),
     p_hat = p_k + alpha_k Q_k^-1 W (w(u_{k+1}) - gap).
 
-    F(u) = K_B u + j_n'(u) is strongly monotone and has no derivative where a point just touches; the inner solve is
-    semismooth Newton, ||delta_k|| <= tau_k. p_k are friction, and the pressures of rigid laws. With V_k in the
+    F(u) = K_B u + j_n'(u) is strongly monotone, and not differentiable where a point just touches; the inner solve is
+    semismooth Newton to ||delta_k|| <= tau_k. p_k holds friction, and the pressures of rigid laws. With V_k in the
     generalised Jacobian of F at u_{k+1}:
 
-    points: Q_k = W, the projection is one point by point, alpha_k = relaxation / lambda_max(W^-1 B V_k^-1 B^T).
-    jacobian: Q_k = B V_k^-1 B^T, alpha_k = 1, and tau_k falls with the residual: superlinear where the bounds of
-    friction are given. Bounds that follow the pressure of a compliant face are not in V_k: linear, though fast.
+    points: Q_k = W, the projection is point by point, alpha_k = relaxation / lambda_max(W^-1 B V_k^-1 B^T).
+    jacobian: Q_k = B V_k^-1 B^T, alpha_k = 1, and tau_k decreases with the residual: superlinear convergence if the
+    friction bounds are given. Bounds that follow the pressure of a compliant face are not in V_k: fast linear
+    convergence.
 
     Source: Chen, SIAM J. Numer. Anal. 35 (1998); Pop (1999), (1.3).
     """

@@ -1,4 +1,4 @@
-"""Non-smooth Gauss-Seidel: sweep over the contact points, and solve each one's own contact problem exactly."""
+"""Non-smooth Gauss-Seidel: sweep over the contact points, and solve the contact problem of each point exactly."""
 
 from __future__ import annotations
 
@@ -17,24 +17,26 @@ from solvers.methods.applicability import Applicability
 from solvers.methods.method import Method, Ready, SameEveryStep, Setup
 from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
 
-STALL_WINDOW = 500  # sweeps in which the least residual must halve
-LEAST = 1e-12  # give of a point beside the largest: rows that move nothing
-NEWTON_STEPS = 50  # on a slipping point's equation: monotone, a handful are enough
-ROUNDING = 1e-15  # of a length
+STALL_WINDOW = 500  # sweeps in which the smallest residual must halve
+LEAST = 1e-12  # smallest flexibility of a point, relative to the largest: for rows that move nothing
+NEWTON_STEPS = 50  # for the equation of a slipping point; it converges monotonically, about five are enough
+ROUNDING = 1e-15  # relative, of a length
 
 
 @dataclass(frozen=True, kw_only=True)
 class NSGS(Method):
-    """For each point in turn r = R - D W p, then p <- its own laws' answer while all other points keep their tractions.
+    """For each point in turn r = R - D W p, then solve its contact laws for its p; other points keep their tractions.
 
     D = N F N^T (rows, rows) is the Delassus operator, F the flexibility of the contact dofs, R = N F f + offset - gap
-    what the loads do without contact. A normal row is answered by its law's resolvent with gamma = 1 / (D_ii W_i), a
-    tangential point by the disc of the friction bound at the pressures just found, with its own block of D W. Where
-    pressures live at quadrature points, each of them is a point by itself, and a node's friction follows the last of
-    those that its bound depends on. There is no step size; sweeps grow with the number of points.
+    the relative displacement under the loads without contact, less the gap. For a normal row the answer is its law's
+    resolvent with gamma = 1 / (D_ii W_i); for a tangential point it lies in the disc of the friction bound at the
+    latest pressures, with the point's diagonal block of D W. If pressures are at quadrature points, each of them is a
+    point, and the friction of a node comes right after the last one that its bound depends on. There is no step size;
+    the number of sweeps grows with the number of points.
 
-    It has no turn in the chain of `auto`: a switch comes before the step is cut and holds for good, so runs whose steps
-    are cut and then solved by condensed-newton would go on with sweeps; and it needs bodies that supports hold.
+    It is not in the chain of `auto`: a switch of methods comes before the step is cut, and it is permanent. Runs whose
+    steps are cut and then solved by condensed-newton would continue with sweeps. It also needs bodies that supports
+    hold.
 
     Source: Jean, Comput. Methods Appl. Mech. Engrg. 177 (1999); Acary & Brogliato, Numerical Methods for Nonsmooth
     Dynamical Systems (2008).
@@ -54,13 +56,13 @@ class NSGS(Method):
 
 @dataclass(frozen=True)
 class Sweeps(SameEveryStep):
-    """The iteration on the rows of a system."""
+    """The iteration for the contact rows of a system."""
 
     method: NSGS
-    D: Array  # (rows, rows) [m/N]
+    D: Array  # Delassus operator (rows, rows) [m/N]
 
     def renewed(self, setup: Setup) -> Ready:
-        """The operator belongs to the rows."""
+        """Build again: the operator depends on the contact rows."""
         return self.method.build(setup)
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
@@ -98,43 +100,61 @@ class Sweeps(SameEveryStep):
 
 @dataclass(frozen=True)
 class NormalPoint:
-    """One normal row: r = inverse law(p), while r falls by `give` for each pascal."""
+    """One normal row: r = law's inverse(p), where r decreases by `give` [m/Pa] per unit of pressure."""
 
     rows: slice
     law: NormalLaw
     gamma: Array  # (1,) 1 / give [Pa/m]
 
     def answer(self, p: Array, r: Array) -> Array:
-        """Pressure (1,) [Pa], r (1,) the relative displacement less the gap at all p (rows,) so far [m]."""
+        """Pressure (1,) [Pa] that satisfies the law.
+
+        Args:
+            p: current tractions (rows,) [Pa] of all points.
+            r: relative displacement less the gap (1,) [m] under p.
+        """
         return self.law.resolvent(p[self.rows] + self.gamma * r, self.gamma)
 
 
 @dataclass(frozen=True)
 class FrictionPoint:
-    """One tangential point: r - t / k_T = 0 inside its disc, along t on the edge; r falls by the block A of D W."""
+    """One tangential point: r - t / k_T is zero inside the disc of the friction bound, and parallel to t on its edge.
 
-    rows: Ints  # (c,) those that carry a traction
+    r changes by -A dt with its traction.
+    """
+
+    rows: Ints  # (c,) the point's rows that carry a traction
     law: FrictionLaw
     normal: NormalLaw
     pressed_by: Ints  # (k,) normal rows that the bound depends on
-    average: Array  # (1, k)
-    A: Array  # (c, c) [m/Pa]
-    give: Array  # (c,) eigenvalues of A + 1 / k_T
+    average: Array  # (1, k) weights of their pressures
+    A: Array  # (c, c) [m/Pa] diagonal block of D W
+    give: Array  # (c,) [m/Pa] eigenvalues of A + 1 / k_T
     axes: Array  # (c, c) eigenvectors, columns
-    time: float
-    end: float
+    time: float  # of the step [s]
+    end: float  # of the scene [s]
 
     def answer(self, p: Array, r: Array) -> Array:
-        """Traction (c,) [Pa], r (c,) the relative displacement less the gap at all p (rows,) so far [m]."""
+        """Traction (c,) [Pa] that satisfies the law.
+
+        Args:
+            p: current tractions (rows,) [Pa] of all points.
+            r: relative displacement less the gap (c,) [m] under p.
+        """
         bound = self.law.limit(p[self.pressed_by], self.average, self.normal, self.time, self.end)
         asked = self.axes.T @ (r + self.A @ p[self.rows])
         return np.asarray(self.axes @ in_disc(self.give, asked, float(bound[0])))
 
 
 def in_disc(give: Array, asked: Array, bound: float) -> Array:
-    """t (c,) with (give + x) t = asked, |t| <= bound, x >= 0, and x = 0 where |t| < bound.
+    """Traction t (c,) [Pa] with (give + x) t = asked, |t| <= bound, x >= 0, and x = 0 if |t| < bound.
 
-    |t| as a function of x is convex and falls; Newton on 1 / |t| rises monotonically onto 1 / bound.
+    |t| is a decreasing convex function of x; Newton's method on 1 / |t| converges monotonically to 1 / bound.
+
+    Args:
+        give: flexibilities along the principal axes (c,) [m/Pa].
+        asked: slip without friction, along the same axes (c,) [m].
+        bound: friction bound [Pa].
 
     >>> in_disc(np.array([1.0, 2.0]), np.array([3.0, 8.0]), np.inf)
     array([3., 4.])
@@ -148,7 +168,7 @@ def in_disc(give: Array, asked: Array, bound: float) -> Array:
     if bound <= 0:
         return np.zeros_like(t)
     x = 0.0
-    for _ in range(NEWTON_STEPS if len(t) > 1 else 0):  # along one axis the end is known
+    for _ in range(NEWTON_STEPS if len(t) > 1 else 0):  # with one axis the answer is +-bound
         if length <= bound * (1 + ROUNDING):
             break
         x += (length / bound - 1) * length**2 / float(t @ (t / (give + x)))
@@ -165,7 +185,7 @@ def _delassus(setup: Setup) -> Array:
 
 
 def _points(problem: SurfaceProblem, D: Array) -> Iterator[NormalPoint | FrictionPoint]:
-    """All of a step, each contact's friction among its normal rows: right after the last one that its bound needs."""
+    """All points in the order of the sweep: each tangential point right after the last normal row of its bound."""
     give = np.maximum(D.diagonal() * problem.surface.W, 1e-300)
     for place in problem.cone.places:
         least = LEAST * float(give[place.normal].max(initial=0.0))
@@ -179,7 +199,7 @@ def _points(problem: SurfaceProblem, D: Array) -> Iterator[NormalPoint | Frictio
 
 
 def _friction_points(problem: SurfaceProblem, D: Array, place: ContactBlock) -> Iterator[tuple[float, FrictionPoint]]:
-    """One contact's tangential points, each with the place between normal rows where it is swept."""
+    """The tangential points of a contact, each with its place in the sweep among the normal rows."""
     law, cone, W = place.rows.friction, problem.cone, problem.surface.W
     if law is None:
         return

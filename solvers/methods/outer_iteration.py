@@ -1,4 +1,4 @@
-"""The outer loop that Uzawa's methods share: solve the bodies, measure, step along what is left, project."""
+"""The outer loop that Uzawa's methods share: solve the bodies, measure the residual, take a step, project."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from solvers.newton.solution import OnStep, Solution, Status, Step
 
 @dataclass(frozen=True)
 class GivenFriction(AdmissibleSet):
-    """s = s(p_n of `given`), whatever p_n is: j_T with its p_T frozen, a convex problem.
+    """Friction bounds s from the pressures `given`, independent of p_n: j_T with its p_T frozen, a convex problem.
 
     Source: Pop (1999), (2.2) and the remark after (2.6), "contact problem with given friction".
     """
@@ -37,7 +37,7 @@ class GivenFriction(AdmissibleSet):
 
 
 def with_given_friction(problem: SurfaceProblem, p: Array) -> SurfaceProblem:
-    """The same step with the friction bounds of tractions p (rows,) [Pa]."""
+    """The same step with friction bounds fixed at those of tractions p (rows,) [Pa]."""
     cone = problem.cone
     return replace(problem, cone=GivenFriction(cone.contacts, cone.time, cone.end, p))
 
@@ -47,7 +47,7 @@ FrictionUpdate = Literal["every iteration", "outer"]
 
 @dataclass(frozen=True, kw_only=True)
 class Relaxation(Keys):
-    """Of a step alpha = relaxation / lambda_max."""
+    """Key of [solver] for the step size alpha = relaxation / lambda_max."""
 
     relaxation: Annotated[
         float, Key("-", "step of Uzawa's methods, alpha = relaxation / lambda_max; 2 is the sharp bound")
@@ -60,60 +60,60 @@ class Relaxation(Keys):
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionUpdates(Keys):
-    """When the friction bound follows the pressure."""
+    """Key of [solver]: when the friction bound follows the pressure."""
 
     friction_update: Annotated[
         FrictionUpdate,
-        Key("-", "when Uzawa's methods renew the friction bound; outer: once the problem of given friction is solved"),
+        Key("-", "when Uzawa's methods update the friction bound; outer: after each problem of given friction"),
     ] = "every iteration"
 
 
 @dataclass(frozen=True, kw_only=True)
 class FixedStep(Relaxation, FrictionUpdates):
-    """alpha is given, or relaxation / lambda_max, lambda_max that of W^-1 B K_B^-1 B^T."""
+    """Keys of [solver] for a fixed step size: alpha, or relaxation / lambda_max(W^-1 B K_B^-1 B^T)."""
 
-    alpha: Annotated[float | None, Key("Pa/m", "step of Uzawa's methods itself; absent: from relaxation")] = None
+    alpha: Annotated[float | None, Key("Pa/m", "step size of Uzawa's methods; absent: from relaxation")] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require(self.alpha is None or self.alpha > 0, "alpha", self.alpha, "must be positive, in Pa/m")
 
     def step_size(self, problem: SurfaceProblem) -> float:
-        """alpha [Pa/m]; without contact any value does."""
+        """alpha [Pa/m]; without contact rows it has no effect."""
         if self.alpha is not None or not len(problem.gap):
             return self.alpha or 1.0
         return self.relaxation / problem.surface.lambda_max
 
 
-STALL_WINDOW = 500  # iterations without a new least residual
-GIVEN = 0.1  # of the residual, how exact a problem of given friction is solved before its bounds are renewed
+STALL_WINDOW = 500  # iterations without a new smallest residual
+GIVEN = 0.1  # residual of a problem of given friction, relative to the whole one, at which its bounds are updated
 
 
 @dataclass(frozen=True)
 class Solved:
-    """What an inner solve found."""
+    """Result of an inner solve."""
 
-    p: Array  # (rows,) tractions that it belongs to: those it was given, besides what it finds itself
-    u_c: Array  # (c,)
-    alpha: float  # of the step that follows [Pa/m]
+    p: Array  # tractions (rows,) [Pa]: the given ones, and those that the inner solve computes (compliant faces)
+    u_c: Array  # displacement (c,) [m] of the contact dofs
+    alpha: float  # size of the next step [Pa/m]
 
 
 Advance = Callable[[SurfaceProblem, Solved, Array, float], Array | None]  # problem, inner solve, w, residual
 
 
 def projected(problem: SurfaceProblem, inner: Solved, w: Array, residual: float) -> Array:
-    """P_C(p + alpha (w - gap)), point by point."""
+    """P_C(p + alpha (w - gap)) (rows,) [Pa], point by point."""
     return problem.project(inner.p + inner.alpha * (w - problem.gap), inner.alpha)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outer:
-    """p_{k+1} = P_C(p_k + alpha_k (w(u_{k+1}) - gap)), metric Q = W; the inner solve says what u_{k+1} is.
+    """p_{k+1} = P_C(p_k + alpha_k (w(u_{k+1}) - gap)), metric Q = W; an inner solve gives u_{k+1}.
 
-    Another metric brings a step of its own, `advance`; None if it finds nothing that holds the bodies.
+    A method with another metric passes its own step, `advance`, which returns None if no tractions hold the bodies.
 
-    The friction bound follows p_n in every iteration; or it is frozen, the problem of given friction solved, and the
-    bound renewed (`outer`), a fixed point that is the source's own and is a contraction for little friction only.
+    The friction bound follows p_n in every iteration. Or (`outer`) it is frozen, the problem of given friction is
+    solved, and the bound is updated: the fixed-point iteration of the source, a contraction only if friction is small.
 
     Source: Pop (1999), (1.2), (1.3), section 5; given friction: Nečas, Jarušek & Haslinger, Boll. UMI 17-B (1980).
     """

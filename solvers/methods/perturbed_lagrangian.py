@@ -1,4 +1,4 @@
-"""Perturbed Lagrangian: Newton-Raphson on contact elements, which stick or slide behind stiff springs."""
+"""Perturbed Lagrangian: Newton-Raphson with contact elements, which stick or slide through stiff springs."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
 from solvers.system.system import System
 
 FACTOR = 10.0  # from one level of ω to the next
-START = 1e-8  # residual at which the status of all elements at a softer level is a good start for the next
-NEWTON_STEPS = 20  # at one level; half a dozen are enough if the level before was a good start
-DETOURS = 8  # levels between others, where Newton stalls
-HALVINGS = 6  # of a Newton step; a shorter one leads nowhere
-BALANCE = 1e-6  # force out of balance, beside that of p_ref, with which no level is solved
+START = 1e-8  # residual of a softer level at which its status of all elements is a good start for the next level
+NEWTON_STEPS = 20  # at one level; about six are enough if the level before is a good start
+DETOURS = 8  # largest number of additional levels, inserted where Newton's method stalls
+HALVINGS = 6  # of a Newton step; shorter steps bring no progress
+BALANCE = 1e-6  # largest unbalanced force of a solved level, relative to the force of p_ref
 DESCENT = 1e-4  # part of the predicted decrease that a shortened step must bring (Armijo)
 
 
@@ -32,15 +32,17 @@ DESCENT = 1e-4  # part of the predicted decrease that a shortened step must brin
 class PerturbedLagrangian(Method):
     """K (ΔU, ΔΣ) = -R with K = K_B + Σ_s K_C^s, R = R_B + Σ_s R_C^s, and a line search on |R|.
 
-    Springs are led from where they are as soft as the bodies, E / depth, by factors of 10 to what they are to be, each
-    level solved from where the two before point to, for the answer is smooth in 1/ω but where a status changes: with
-    stiff springs at once, Newton's status of the elements cycles. Floating bodies start with every element bonded. K_B
-    is that of the contact dofs, condensed; ΔΣ is eliminated element by element, as -1/ω can always be divided by.
+    Continuation in ω: springs are first as soft as the bodies, E / depth, then stiffer by factors of 10 up to the final
+    ω. Each level starts from the extrapolation of the two levels before, because the solution is smooth in 1/ω except
+    where a status changes. With the final ω at once, the status of the elements cycles in Newton's iteration. Floating
+    bodies start with every element bonded. K_B is condensed to the contact dofs; ΔΣ is eliminated element by element,
+    because -1/ω is never zero.
 
-    The residual of the history is the natural one with the springs taken off, that of the solution has them in. What
-    the springs change in the displacement is stated: (u_ω, p_ω) solves the contact laws themselves with gaps moved by
-    Δp_ω / ω, so with fixed friction bounds its error is, by monotony, at most the energy norm of the least displacement
-    v with N v = Δp_ω / ω: of first order in 1/ω. With Coulomb's law, whose bounds move, that is an estimate.
+    The residuals of the history are natural residuals without the extension of the springs; the residual of the
+    solution includes it. The error that the springs cause is reported: (u_ω, p_ω) solves the exact contact laws with
+    gaps changed by Δp_ω / ω. With fixed friction bounds its error is therefore, by monotonicity, at most the energy
+    norm of the displacement v of least energy with N v = Δp_ω / ω: first order in 1/ω. With Coulomb's law, whose bounds
+    change too, this is an estimate.
 
     Source: Pop (1999), (4.3)-(4.5), section 4; Wriggers & Simo, Comm. Appl. Numer. Methods 1 (1985).
     """
@@ -71,25 +73,25 @@ class PerturbedLagrangian(Method):
         return OnSprings(self, self.penalties(setup.system))
 
     def penalties(self, system: System) -> Array:
-        """By area (rows,) [Pa/m], of the system's rows."""
+        """Penalties per area (rows,) [Pa/m], see `contact_element.penalties`."""
         return penalties(system, self.omega_factor)
 
 
 @dataclass(frozen=True)
 class OnSprings(SameEveryStep):
-    """The iteration on the contact elements of a system."""
+    """The iteration with the contact elements of a system."""
 
     method: PerturbedLagrangian
-    omega: Array  # penalties by area (rows,) [Pa/m]
+    omega: Array  # penalties per area (rows,) [Pa/m]
 
     def renewed(self, setup: Setup) -> Ready:
-        """The springs belong to the rows."""
+        """Build again: the springs depend on the contact rows."""
         return self.method.build(setup)
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         floating = problem.surface.floating
         u_c = np.zeros(problem.surface.size) if floating else problem.contact_displacement(p)
-        if problem.p_ref == 0 or not len(p):  # nothing happens, or nothing touches
+        if problem.p_ref == 0 or not len(p):  # no load and no motion, or no contact rows
             w = problem.relative_displacement(u_c)
             return Solution(p, w, u_c, Status.CONVERGED, 0.0, ())
         newton = Newton(problem, self.method.max_it, on_step, u_c, problem.surface.W * p)
@@ -114,28 +116,40 @@ class OnSprings(SameEveryStep):
         return Solution(found, w, newton.u_c, status, residual, tuple(newton.history), law_error=error)
 
     def _path(self, problem: SurfaceProblem) -> Array:
-        """Flexibilities that springs have besides 1/ω, in units of the bodies' own: decreasing to 0."""
+        """Levels: flexibilities h (levels,) added to 1/ω, relative to 1/gamma of the bodies; decreasing to 0."""
         steps = np.ceil(np.log(np.max(self.omega / problem.gamma)) / np.log(FACTOR))
         return np.append(FACTOR ** -np.arange(max(steps, 0.0) + 1), 0.0)
 
     def _softened(self, h: float, problem: SurfaceProblem) -> Array:
-        """Penalties (rows,) [Pa/m] there."""
+        """Penalties (rows,) [Pa/m] at level h."""
         return np.asarray(1 / (1 / self.omega + h / problem.gamma))
 
 
 class Newton:
-    """Where the iteration is, and its history over all levels."""
+    """State of the iteration, and its history over all levels."""
 
     def __init__(self, problem: SurfaceProblem, max_it: int, on_step: OnStep, u_c: Array, Sigma: Array) -> None:
-        """Start at a displacement of the contact dofs (c,) [m] and forces (rows,) [N] that balance each other."""
+        """Start in equilibrium.
+
+        Args:
+            max_it: largest number of iterations over all levels.
+            on_step: called after each iteration.
+            u_c: displacement (c,) [m] of the contact dofs.
+            Sigma: forces (rows,) [N] in equilibrium with it.
+        """
         self.problem, self.max_it, self.on_step = problem, max_it, on_step
         self.u_c, self.Sigma = u_c, Sigma
-        self.reached: list[tuple[float, Array, Array]] = []  # levels that were solved
+        self.reached: list[tuple[float, Array, Array]] = []  # solved levels: h, displacement, forces
         self.history: list[Step] = []
         self.iteration = 0
 
     def bond(self, omega: Array, p_old: Array) -> None:
-        """Go to where every element is closed and sticks: contact alone holds a floating body."""
+        """Solve with every element closed and sticking, so that contact holds a floating body.
+
+        Args:
+            omega: penalties per area (rows,) [Pa/m].
+            p_old: tractions (rows,) [Pa] of the last accepted step.
+        """
         elements = ContactElements.of(self.problem, omega, p_old)
         G = elements.gaps(self.u_c)
         stuck = Answer(elements.omega * G, sparse.diags(elements.omega).tocsr(), np.full(len(G), STICK))
@@ -144,7 +158,14 @@ class Newton:
         self.iteration += 1
 
     def follow(self, h: float, omega: Array, p_old: Array, rtol: float) -> Status:
-        """The solution with the flexibility h of the path, from where the last two point to."""
+        """Solve at level h, from the extrapolation of the last two solved levels.
+
+        Args:
+            h: flexibility added to 1/ω, see `_path`.
+            omega: penalties per area (rows,) [Pa/m] at that level.
+            p_old: tractions (rows,) [Pa] of the last accepted step.
+            rtol: tolerance on the natural residual, relative to p_ref.
+        """
         if self.reached:
             _, self.u_c, self.Sigma = self.reached[-1]
         if len(self.reached) > 1:
@@ -157,10 +178,10 @@ class Newton:
         return status
 
     def solve(self, omega: Array, p_old: Array, rtol: float) -> Status:
-        """Go on to the solution with these penalties (rows,) [Pa/m]."""
+        """Iterate from the current state to the solution with penalties omega (rows,) [Pa/m]; see `follow`."""
         problem, elements = self.problem, ContactElements.of(self.problem, omega, p_old)
         for k in range(NEWTON_STEPS + 1):
-            self.iteration += k > 0  # the first of a level measures where the last one ended
+            self.iteration += k > 0  # the first measure of a level is no iteration: it belongs to the start
             p = self.Sigma / problem.surface.W
             springs = p / omega - kept(problem, omega, p_old)
             residual = problem.natural_residual(p, problem.relative_displacement(self.u_c) - springs)
@@ -168,7 +189,7 @@ class Newton:
             self.on_step(self.history[-1])
             if not np.isfinite(residual):
                 return Status.NOT_FINITE
-            # where springs are stiff, forces are known before penetrations are
+            # with stiff springs, forces converge before the displacement does
             if residual <= rtol and k and self._balanced(elements):
                 return Status.CONVERGED
             if self.iteration >= self.max_it:
@@ -177,12 +198,12 @@ class Newton:
         return Status.STALLED
 
     def _balanced(self, elements: ContactElements) -> bool:
-        """Whether R_U is none, as the natural residual takes for granted: what is nearly singular leaves some."""
+        """Whether R_U is zero, as the natural residual assumes; a nearly singular solve may leave a force."""
         R_U, _ = residual(elements, elements.answer(elements.gaps(self.u_c)), self.u_c, self.Sigma)
         return bool(np.abs(R_U).sum() <= BALANCE * self.problem.p_ref * self.problem.surface.W.sum())
 
     def _advance(self, elements: ContactElements) -> None:
-        """One Newton step, halved until |R| falls; the best of them if it does not."""
+        """One Newton step, halved until |R| decreases; if it never does, the length with the smallest |R|."""
         answer = elements.answer(elements.gaps(self.u_c))
         before = self._size(elements, self.u_c, self.Sigma)
         Delta_U, Delta_Sigma = newton_step(elements, answer, self.u_c, self.Sigma)
@@ -198,7 +219,7 @@ class Newton:
             self.u_c, self.Sigma = found
 
     def _size(self, elements: ContactElements, u_c: Array, Sigma: Array) -> float:
-        """|R|, displacements' part relative to p_ref and forces' part relative to u_ref."""
+        """|R| [-]: the part R_U relative to p_ref, and the part R_Σ relative to u_ref."""
         problem = self.problem
         R_U, R_Sigma = residual(elements, elements.answer(elements.gaps(u_c)), u_c, Sigma)
         force = problem.p_ref * np.linalg.norm(problem.surface.W)
@@ -206,7 +227,7 @@ class Newton:
 
 
 def residual(elements: ContactElements, answer: Answer, u_c: Array, Sigma: Array) -> tuple[Array, Array]:
-    """R = R_B + Σ_s R_C^s: on the contact dofs (c,) [N], and of the forces' own equations (rows,) [m]."""
+    """R = R_B + Σ_s R_C^s: R_U at the contact dofs (c,) [N], and R_Σ of the equations of the forces (rows,) [m]."""
     R_C, R_Sigma = elements.residual(Sigma, answer)
     return condensed(elements.problem.surface).S @ u_c - elements.problem.load.f_c + R_C, R_Sigma
 
@@ -227,9 +248,9 @@ def newton_step(elements: ContactElements, answer: Answer, u_c: Array, Sigma: Ar
 
 
 def least_energy(problem: SurfaceProblem, w: Array) -> float:
-    """Energy norm [J^(1/2)] of the least displacement of the bodies with relative displacement w (rows,) [m].
+    """Energy norm [J^(1/2)] of the displacement of least energy whose relative displacement is w (rows,) [m].
 
-    Of floating bodies the one whose energy is least with that of their augmentation, which is somewhat more.
+    For floating bodies the energy of the augmentation is included in the minimum, so the result is somewhat larger.
     """
     surface, carrying = condensed(problem.surface), problem.cone.carrying
     N = surface.N[carrying]

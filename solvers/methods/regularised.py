@@ -1,7 +1,7 @@
 """Regularised: friction smoothed in UFL and rigid contact by penalty, Newton (SNES) on the whole volume.
 
-What a FEniCSx user would write today, with three things more: the level of smoothing follows from the scene's own
-scales, levels from coarse to fine lead up to it, and the error that it leaves is stated.
+What a FEniCSx user would write today, with three additions: the scales of the scene set the width of the smoothing,
+continuation from coarse to fine levels leads to it, and the error of the smoothing is reported.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from solvers.methods.smoothed_forces import SmoothedForces
 from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
 from solvers.system.system import System
 
-FACTOR = 10**0.5  # from level to level; with 10, Newton crawls
-NEWTON_STEPS = 50  # at one level; half a dozen are enough if the levels before were a good start
-ROUNDING = 1e-6  # of a number of levels that is whole
-PENETRATION = 4 * float(np.finfo(float).eps)  # known to so much of u_ref
-SLIPPING = 10  # a point that moved by so many eps counts as slipping
+FACTOR = 10**0.5  # from level to level; with 10, Newton's method becomes slow
+NEWTON_STEPS = 50  # at one level; about six are enough if the levels before are a good start
+ROUNDING = 1e-6  # tolerance on the number of levels, so that rounding adds no level
+PENETRATION = 4 * float(np.finfo(float).eps)  # rounding of a penetration, relative to u_ref
+SLIPPING = 10  # a point that has moved by more than this many eps counts as slipping
 
 
 def levels(smoothing: float) -> tuple[float, ...]:
-    """Of smoothing, relative to u_ref and p_ref, at least two: how far they are apart tells the error.
+    """Levels of smoothing, relative to u_ref and p_ref; at least two: their difference gives the error estimate.
 
     >>> [round(level, 3) for level in levels(0.1)]
     [1.0, 0.316, 0.1]
@@ -52,16 +52,16 @@ def levels(smoothing: float) -> tuple[float, ...]:
 class Regularised(Method):
     """t = s Du_T / sqrt(|Du_T|² + eps²), and p_n = (u_n - g)_+ / delta where the normal law is rigid.
 
-    eps = level u_ref, delta = level u_ref / p_ref, with the level falling from about 1 to `smoothing` by sqrt(10), each
-    solved from the ones before. The laws are taken at the nodes, weighted as the multipliers of the other methods: as
-    the level falls, the answer tends to theirs. Two exceptions vanish with the mesh size only: at a compliant contact
-    the friction bound is that of the node's own pressure, not of its average around the node, and a node whose motion a
-    support prescribes keeps its contact force to itself.
+    eps = level u_ref, delta = level u_ref / p_ref; the level decreases from about 1 to `smoothing` by factors of
+    sqrt(10), and each level starts from the ones before. The laws hold at the nodes, with the weights of the other
+    methods' multipliers: as the level decreases, the answer tends to theirs. Two differences vanish only with the mesh
+    size: at a compliant contact the friction bound follows the pressure at the node, not its average around the node;
+    and the contact force at a node with prescribed motion is not distributed to its neighbours.
 
-    The error stated is an estimate in the energy norm, an upper one if the error e falls at least like the square root
-    of the level: then e_L <= |u_(L-1) - u_L| / (10^(1/4) - 1). For Tresca's law smoothing alone leaves
-    e <= (2 eps ∫ s ds)^(1/2); where few points are near the edge of sticking, e falls like the level itself.
-    A point that sticks creeps by about eps in each step, and the next step starts from there: the errors of the steps
+    The reported error is an estimate in the energy norm. It is an upper bound if the error e decreases at least like
+    the square root of the level: then e_L <= |u_(L-1) - u_L| / (10^(1/4) - 1). For Tresca's law, smoothing alone gives
+    e <= (2 eps ∫ s ds)^(1/2); if few points are close to slip, e is proportional to the level.
+    A sticking point creeps by about eps in each step, and the next step starts from there: the errors of the steps
     are added up.
     """
 
@@ -95,7 +95,7 @@ class Regularised(Method):
 
 
 class OnVolume(Ready):
-    """The smoothed laws of a system, compiled."""
+    """The compiled smoothed laws of a system."""
 
     def __init__(self, method: Regularised, system: System, surface: CondensedSurface) -> None:
         """Compile the forms; collective."""
@@ -106,7 +106,7 @@ class OnVolume(Ready):
         self.levels = levels(method.smoothing)
 
     def free_part(self, u: Vec, time: float) -> Vec:
-        """q with u = T q + u_s(t), but for the prescribed part of u."""
+        """q with u = T q + u_s(t) at time t [s]; the prescribed part of u is ignored."""
         T = self.system.T  # its columns are orthogonal to each other
         q = self.system.K_B.createVecRight()
         T.multTranspose(u - self.system.prescribed(time), q)
@@ -118,18 +118,24 @@ class OnVolume(Ready):
 
 @dataclass(frozen=True)
 class NextStep:
-    """The whole-volume problem of one step, with the signature of every method."""
+    """Solver of one step on the whole volume."""
 
     method: OnVolume
     u: Vec  # at the last accepted step [m]
-    motion: Mapping[str, Array]  # of each contact's obstacle then, at the surface's nodes [m]
+    motion: Mapping[str, Array]  # of each contact's obstacle at that step, at the nodes of the surface (n, d) [m]
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
-        """Status is that of SNES at the last level; `residual` is the natural one, which the smoothing bounds below.
+        """Solve one step.
 
-        The residuals of the history are SNES's: |R|_2 over the nodal forces of a uniform pressure p_ref.
+        The status is that of SNES at the last level. `residual` is the natural residual; smoothing keeps it above zero.
+        The residuals of the history are those of SNES: |R|_2 relative to the nodal forces of a uniform pressure p_ref.
+
+        Args:
+            problem: the contact problem of the step.
+            p: tractions (rows,) [Pa] of the last accepted step.
+            on_step: called after each iteration.
         """
-        if problem.p_ref == 0 or not len(p):  # nothing happens, or nothing touches
+        if problem.p_ref == 0 or not len(p):  # no load and no motion, or no contact rows
             u_c = problem.contact_displacement(p)
             w = problem.relative_displacement(u_c)
             return Solution(p, w, u_c, Status.CONVERGED, 0.0, ())
@@ -145,7 +151,7 @@ class NextStep:
                 break
         q, step = found[-1], found[-1] - found[-2]
         apart = float(np.sqrt(max((method.system.K_B * step).dot(step), 0.0)))
-        newton.snes.destroy()  # it holds what holds it
+        newton.snes.destroy()  # breaks the reference cycle with its callbacks
         u_c = method.volume.contact.read(q)
         w = problem.relative_displacement(u_c)
         read, given = method.volume.contact.read, newton.f - method.system.K_B * q
@@ -157,14 +163,14 @@ class NextStep:
 
 
 def _predicted(found: list[Vec]) -> Vec:
-    """Where the next level starts: slip where points stick, and penetration, are proportional to the level."""
+    """Start of the next level, extrapolated: penetration and the creep of sticking points are linear in the level."""
     if len(found) < 3:
         return found[-1].copy()
     return found[-1] + (found[-1] - found[-2]) / FACTOR
 
 
 class VolumeNewton:
-    """Newton with line search on K_B q + contact(q) = f, one LU factorisation an iteration."""
+    """Newton with line search for K_B q + contact(q) = f; one LU factorisation in each iteration."""
 
     def __init__(self, method: OnVolume, problem: SurfaceProblem, on_step: OnStep) -> None:
         system = method.system
@@ -179,7 +185,7 @@ class VolumeNewton:
         self.snes = self._snes(system.K_B)
 
     def solve(self, q: Vec, level: float) -> Status:
-        """Overwrite q with the solution at this level, as closely as the rounding of penetrations allows."""
+        """Overwrite q with the solution at a level, to the tolerance or to the rounding of penetrations."""
         allowed = self.method.max_it - self.iteration
         atol = max(self.method.rtol, PENETRATION / level) * self.scale
         self.snes.setTolerances(rtol=0.0, atol=atol, stol=0.0, max_it=min(allowed, NEWTON_STEPS))
@@ -218,13 +224,13 @@ class VolumeNewton:
         self.method.system.counters.volume_solves += 1
 
     def _record(self, snes: Any, iteration: int, norm: float) -> None:
-        self.iteration += iteration > 0  # the first of a level measures where the last one ended
+        self.iteration += iteration > 0  # the first measure of a level is no iteration: it belongs to the start
         self.history.append(Step(self.iteration, norm / self.scale, self.problem.volume_solves))
         self.on_step(self.history[-1])
 
 
 class _Recovery:
-    """Tractions whose B^T p is a given force on the contact dofs."""
+    """Recovers tractions p from forces B^T p on the contact dofs."""
 
     def __init__(self, system: System, surface: DelassusOperator) -> None:
         self.surface = surface
@@ -239,16 +245,18 @@ class _Recovery:
             self.nodal[rows] = False
         self.N = surface.N[self.nodal]
         gram = self.N @ self.N.T
-        empty = gram.diagonal() == 0  # directions in which a support holds the node
+        empty = gram.diagonal() == 0  # directions in which a support prescribes the node
         self.gram = splu((gram + sparse.diags(empty.astype(float))).tocsc()) if self.nodal.any() else None
 
     def tractions(self, r: Array, asked: Array, given: Array) -> Array:
-        """p (rows,): compliance pressure by its law at w - gap, the rest so that N^T W p is the force on the bodies.
+        """Tractions p (rows,) [Pa] whose N^T W p is the contact force on the bodies.
+
+        Compliant pressures follow from their law at w - gap, all others from the force.
 
         Args:
             r: w - gap (rows,) [m].
-            asked: force (c,) [N] by the laws: 0 where nothing touches, elsewhere with the rounding of penetrations.
-            given: force (c,) [N] that the bodies' equilibrium gives: the same, more exactly.
+            asked: force (c,) [N] from the laws: exactly 0 at open points, elsewhere with the rounding of penetrations.
+            given: force (c,) [N] from the equilibrium of the bodies: the same with less rounding.
         """
         p = np.zeros_like(r)
         for rows, law in self.compliant:

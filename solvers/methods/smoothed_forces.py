@@ -1,4 +1,4 @@
-"""Contact forces of the smoothed laws on the free displacements, with their tangent: what UFL wrote, assembled."""
+"""Contact forces of the smoothed laws on the free displacements, and their tangent, assembled from UFL forms."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from solvers.system.system import System
 
 @dataclass(frozen=True)
 class Part:
-    """One form, of a field that is P q + shift."""
+    """One form, of the field P q + shift."""
 
     field: Function
     P: Mat  # (all, free)
-    shift: Vec  # over all displacements [m], rewritten for each step
-    work: CompiledForm
-    tangent: CompiledForm
+    shift: Vec  # over all displacements [m], set for each step
+    work: CompiledForm  # linear form: virtual work of the contact forces
+    tangent: CompiledForm  # its derivative by the field
 
 
 class SmoothedForces:
-    """All contacts of a system: B^T p over the free displacements as a function of q, u = T q + u_s."""
+    """Contact forces B^T p of all contacts as a function of the free displacements q, u = T q + u_s."""
 
     def __init__(self, system: System) -> None:
         """Compile the forms; collective."""
@@ -42,18 +42,24 @@ class SmoothedForces:
         self.parts = [part for contact in self.contacts for part in contact.parts()]
 
     def begin(self, u: Vec, motion: Mapping[str, Array], time: float) -> None:
-        """Start a step from an accepted u and motion (n, d) of each contact's obstacle."""
+        """Start a step.
+
+        Args:
+            u: displacement [m] at the last accepted step, over all displacements.
+            motion: motion (n, d) [m] of each contact's obstacle at that step, by contact.
+            time: end of the step [s].
+        """
         u_s = self.system.prescribed(time)
         for contact in self.contacts:
             contact.begin(u, motion[contact.rows.name], u_s, time)
 
     def update(self, q: Vec) -> None:
-        """Give every form its field."""
+        """Set the field of every form to P q + shift."""
         for part in self.parts:
             _fill(part.field, part.P * q + part.shift)
 
     def forces(self, q: Vec) -> Vec:
-        """B^T p [N]."""
+        """B^T p [N] over the free displacements."""
         self.update(q)
         total = q.duplicate()
         for part in self.parts:
@@ -61,7 +67,7 @@ class SmoothedForces:
         return total
 
     def add_tangent(self, q: Vec, J: Mat) -> None:
-        """J += d forces / d q; contact couples no displacements that a cell does not couple."""
+        """J += d forces / d q; contact only couples displacements of the same cell, so the pattern of J suffices."""
         self.update(q)
         for part in self.parts:
             J.axpy(1.0, dx.assemble_matrix(part.tangent).PtAP(part.P), PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
@@ -93,7 +99,14 @@ class Nodal:
         return found
 
     def begin(self, u: Vec, motion: Array, u_s: Vec, time: float) -> None:
-        """Data of the step from an accepted u and motion (n, d) of the obstacle to `time`."""
+        """Set the data of a step.
+
+        Args:
+            u: displacement [m] at the last accepted step, over all displacements.
+            motion: motion (n, d) [m] of the obstacle at that step.
+            u_s: prescribed displacement [m] at `time`, over all displacements.
+            time: end of the step [s].
+        """
         end, law = self.system.problem.timeline.end, self.rows.friction
         if isinstance(law, Tresca):
             self.bound.value = value_at(law.bound, time, end)
@@ -103,7 +116,7 @@ class Nodal:
         self._motion(relative).copy(self.motion_shift)
 
     def _relative(self, u: Vec, time: float) -> Vec:
-        """u less the obstacle's motion, which is taken at the nodes of the body."""
+        """u less the obstacle's motion at `time` [s], evaluated at the nodes of the body."""
         system = self.system
         points, nothing = system.nodes.points[: system.nodes.owned], np.zeros(0)
         moved = system.obstacles.motion(self.rows.name, points, time, nothing)
@@ -112,24 +125,25 @@ class Nodal:
         return relative
 
     def _motion(self, relative: Vec) -> Vec:
-        """In the basis phi~, less g n."""
+        """Relative displacement [m] in the basis phi~, less g n."""
         motion = self.S * relative if self.S else relative.copy()
         motion.axpy(-1.0, self._spread((self.rows.node_gap[:, None] * self.rows.frames[:, 0]).ravel()))
         return motion
 
     def _spread(self, values: Array) -> Vec:
-        """Values (n d,) at the surface's nodes over all displacements, zero elsewhere."""
+        """Vector over all displacements with values (n d,) at the nodes of the surface, zero elsewhere."""
         vector = self.system.vector()
         self.nodes.write(vector, values)
         return vector
 
 
 def _components(rows: ContactRows, dim: int) -> Ints:
+    """Numbers (n d,) of the displacement components at the nodes of a contact surface."""
     return (rows.surface.nodes[:, None] * dim + np.arange(dim)).ravel()
 
 
 def _transformation(system: System, rows: ContactRows) -> Mat | None:
-    """Displacements to coefficients of phi~ on the surface of a contact (all, all); None where they are the same."""
+    """Matrix (all, all) from displacements to coefficients of phi~ on a contact surface; None if it is the identity."""
     surface, dim, K = rows.surface, system.mesh.dim, system.K
     change = sparse.coo_matrix(surface.transform - sparse.identity(len(surface.nodes)))
     change.eliminate_zeros()
@@ -151,6 +165,6 @@ def _transformation(system: System, rows: ContactRows) -> Mat | None:
 
 
 def _fill(function: Function, vector: Vec) -> None:
-    """Copy, ghosts included."""
+    """Copy a vector into a function, ghosts included."""
     dx.petsc_vector(function).array[:] = vector.array
     function.x.scatter_forward()

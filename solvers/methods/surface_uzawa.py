@@ -1,4 +1,4 @@
-"""Uzawa in the metric of the boundary: a step is the contact problem with a guess of what the bodies give."""
+"""Uzawa in the metric of the boundary: each step is a contact problem with an approximate flexibility of the bodies."""
 
 from __future__ import annotations
 
@@ -20,17 +20,18 @@ from solvers.newton.surface_model import nearest_in_cone
 from solvers.newton.surface_system import Flexibility
 from solvers.parallel.serialise import Plain
 
-STALL_WINDOW = 50  # iterations in which the least residual must halve
-VOLUME = 0.3  # of the residual to be expected, how exact the volume is
-DROP = 0.5  # what one iteration makes of the residual, cautiously
+STALL_WINDOW = 50  # iterations in which the smallest residual must halve
+VOLUME = 0.3  # accuracy of a volume solve, relative to the residual that is expected after it
+DROP = 0.5  # expected factor, on the safe side, by which one iteration reduces the residual
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceUzawa(Method):
-    """p <- argmin over the cone in the metric B F B^T, F a guess of K_B^-1 on the contact dofs that learns.
+    """p <- argmin over the cone in the metric B F B^T, F an approximation of K_B^-1 on the contact dofs.
 
-    The number of iterations does not depend on the mesh: F is equivalent to K_B^-1 there. Each iteration solves the
-    bodies once, and what they gave is what F gives from then on, over all load steps.
+    The number of iterations does not depend on the mesh, because F is spectrally equivalent to K_B^-1 on the contact
+    dofs. Each iteration solves the bodies once and updates F, so that F reproduces that answer (a secant condition);
+    the updates are kept over all load steps.
 
     Source: Uzawa's method with a variable preconditioner: Bramble, Pasciak & Vassilev, SIAM J. Numer. Anal. 34 (1997).
     """
@@ -55,20 +56,20 @@ class SurfaceUzawa(Method):
 
 @dataclass(frozen=True, kw_only=True)
 class LearningIteration(SameEveryStep):
-    """The iteration with what it has learnt of the bodies."""
+    """The iteration with the updates of F from earlier solves."""
 
     metric: SurfaceMetric
     rtol: float = 1e-8
     max_it: int = 10000
-    safety: float = 1.0  # F is taken this much too large: shorter steps; what was learnt is then left out
-    smooth: tuple[Array, Array] | None = None  # forces (c, k) and about the displacement they cause, known beforehand
+    safety: float = 1.0  # factor on F: shorter steps; if it is not 1, earlier updates are not used
+    smooth: tuple[Array, Array] | None = None  # forces (c, k) [N], and about the displacements (c, k) [m] they cause
     learnt: dict[str, Secants] = field(default_factory=dict, repr=False)
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         surface, flexibility = problem.surface, self._flexibility(problem.surface)
         history: list[Step] = []
         status = Status.MAX_IT
-        inner = 0.0 if surface.exact or problem.p_ref == 0 else VOLUME  # no load, no motion: nothing happens
+        inner = 0.0 if surface.exact or problem.p_ref == 0 else VOLUME  # p_ref = 0: no load and no motion
         accuracy = inner
         u_c = problem.contact_displacement(p, accuracy) if p.any() else problem.load.free
         w, forces = problem.relative_displacement(u_c), surface.forces(p)
@@ -76,7 +77,7 @@ class LearningIteration(SameEveryStep):
         balanced = not surface.floating or problem.p_ref == 0
         least, found_at = np.inf, 0
         for k in range(self.max_it + 1):
-            residual = problem.natural_residual(p, w) if balanced else np.inf  # until w belongs to p
+            residual = problem.natural_residual(p, w) if balanced else np.inf  # until w is the displacement under p
             history.append(Step(k, residual, problem.volume_solves))
             on_step(history[-1])
             if np.isnan(residual):
@@ -115,7 +116,7 @@ class LearningIteration(SameEveryStep):
             self._flexibility(surface).restore(known)
 
     def _flexibility(self, surface: DelassusOperator) -> Secants:
-        """F, which knows what forces that move bodies as rigid ones do: (K_B + rho R R^T)^-1 R = R / rho."""
+        """F, exact for the forces that move floating bodies rigidly: (K_B + rho R R^T)^-1 R = R / rho."""
         own = surface.size - surface.driven
 
         def with_driven(guess: Callable[[Array], Array]) -> Secants:
@@ -131,7 +132,7 @@ class LearningIteration(SameEveryStep):
         return self.learnt["F"]
 
     def _primed(self) -> Callable[[Array], Array]:
-        """The metric, better for smooth forces."""
+        """The metric, updated with the responses to smooth forces from the coarse mesh."""
         if self.smooth is None:
             return self.metric
         forces, displacements = self.smooth

@@ -1,4 +1,4 @@
-"""Projected Uzawa: solve the bodies, then push the contact traction back into its cone."""
+"""Projected Uzawa: solve the bodies, then project the contact traction onto its cone."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from solvers.newton.solution import OnStep, Solution, ignore
 class Uzawa(FixedStep, Stateless):
     """K_B u_{k+1} = R_B - B^T p_k exactly, then p_{k+1} = P_C(p_k + alpha (w(u_{k+1}) - gap)), metric Q = W.
 
-    alpha is fixed: given, or relaxation / lambda_max, lambda_max that of W^-1 B K_B^-1 B^T. Converges for
-    0 < relaxation < 2 when the bounds are fixed (sharp without projection: K_C goes into it implicitly, by the laws'
-    resolvents, and leaves the bound as it is); with Coulomb's law the bound follows p_n in every iteration,
-    contraction is not guaranteed, and the residual is watched.
+    alpha is fixed: given, or relaxation / lambda_max(W^-1 B K_B^-1 B^T). Converges for 0 < relaxation < 2 if the
+    friction bounds are fixed. That limit is sharp without projection; K_C enters implicitly, by the laws' resolvents,
+    and does not change it. With Coulomb's law the bound follows p_n in every iteration: contraction is not guaranteed,
+    and the iteration ends with Status.STALLED if the residual no longer decreases.
 
     Source: Elman & Golub, SIAM J. Numer. Anal. 31 (1994); Pop (1999), section 5.
     """

@@ -1,1 +1,1 @@
-"""The scene: frozen data that refuse invalid values, and what follows from them before any mesh."""
+"""The scene: frozen data that refuse invalid values, and what is derived from them without a mesh."""

@@ -14,7 +14,7 @@ from solvers.laws.unilateral import Unilateral
 
 @dataclass(frozen=True, kw_only=True)
 class Contact(Noun):
-    """Slave surface against a rigid obstacle or another body."""
+    """Contact of a slave surface with a rigid obstacle or another body."""
 
     surface: Annotated[str, Key("-", "slave side, as body.side")]
     against: Annotated[str, Key("-", "name of an obstacle, or another body's side: the master")]
@@ -28,7 +28,7 @@ class Contact(Noun):
         Key("-", "between bodies; absent: mortar"),
     ] = None
     search_distance: Annotated[
-        float | None, Key("m", "how far apart sides may be to be paired; absent: a fifth of the sides' extent")
+        float | None, Key("m", "largest distance at which sides are paired; absent: a fifth of the sides' extent")
     ] = None
 
     sliding: Annotated[

@@ -1,4 +1,4 @@
-"""Which Gram matrix preconditions `gram-uzawa`, how far it is factorised, and what the factor acts on."""
+"""The Gram matrix that preconditions `gram-uzawa`: its basis, its factorisation, and the unknown it acts on."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ class Gram(Noun):
 
     space: Annotated[
         Literal["volume", "multiplier"],
-        Key("-", "whose basis: of displacements, Q^-1 from the factor's block of contact dofs; or of tractions, Q"),
+        Key("-", "basis: of displacements, Q^-1 from the factor's block of contact dofs; or of tractions, Q"),
     ] = "volume"
     factor: Annotated[
-        Literal["complete", "drop", "ic0"], Key("-", "all of it, with a drop tolerance, or in the matrix's own pattern")
+        Literal["complete", "drop", "ic0"], Key("-", "complete, with a drop tolerance, or in the matrix's own pattern")
     ] = "complete"
-    drop: Annotated[float, Key("-", "with factor = drop: what is left out, beside the norm of its column")] = 1e-3
-    unknown: Annotated[Literal["forces", "tractions"], Key("-", "what it is the metric of")] = "forces"
+    drop: Annotated[float, Key("-", "for factor = drop: tolerance, relative to the norm of a column")] = 1e-3
+    unknown: Annotated[Literal["forces", "tractions"], Key("-", "unknown that it is the metric of")] = "forces"
     length: Annotated[
         float | None,
         Key("m", "l in the product, integral of grad u : grad v + u . v / l^2; absent: the bodies' extent"),

@@ -32,6 +32,7 @@ class Load(Noun):
             check(amplitude, given[0])
 
     def amplitudes(self) -> tuple[Amplitude, ...]:
+        """Values in time of the pressure, or of each component of traction or force."""
         if self.pressure is not None:
             return (self.pressure,)
         return self.traction or self.force or ()
@@ -42,7 +43,7 @@ Direction = Literal["x", "y", "z", "normal"]
 
 @dataclass(frozen=True, kw_only=True)
 class Support(Noun):
-    """Components that are not named stay free."""
+    """Prescribed displacement; components that are not named stay free."""
 
     displacement: Annotated[Mapping[Direction, Amplitude], Key("m", "by component x, y, z or normal (outward)")]
     boundary: Annotated[str | None, Key("-", "side, as body.side")] = None

@@ -24,8 +24,10 @@ class Material(Noun):
 
     @property
     def lame_lambda(self) -> float:
+        """Lamé's first parameter [Pa]."""
         return self.E * self.nu / ((1 + self.nu) * (1 - 2 * self.nu))
 
     @property
     def lame_mu(self) -> float:
+        """Shear modulus [Pa]."""
         return self.E / (2 * (1 + self.nu))

@@ -1,4 +1,4 @@
-"""The resolved problem: what a scene comes to, worked out once. Nothing below the simulation asks the scene itself."""
+"""The resolved problem: data that follow from a scene, computed once. Rooms below the simulation read only this."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from solvers.scene.timeline import Timeline
 
 @dataclass(frozen=True, kw_only=True)
 class PlanRow:
-    """One line of `stickslip plan`: an effect, whether it is active, and the scene key that calls for it."""
+    """One line of `stickslip plan`: an effect, whether it is active, and the scene key that switches it on."""
 
     effect: str
     on: bool
@@ -32,8 +32,8 @@ class Pair:
     name: str
     contact: Contact
     slave: str  # side, as body.side
-    master: str | None  # side of another body; None: the other is a rigid obstacle
-    obstacle: str | None  # its name
+    master: str | None  # side of another body; None: contact with a rigid obstacle
+    obstacle: str | None  # name of the rigid obstacle; None: contact with another body
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -43,7 +43,7 @@ class Pair:
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
-    """Everything that assembly, methods and results need to know of a scene."""
+    """All data of a scene that assembly, methods and results need."""
 
     model: Model
     shape: Shape
@@ -57,12 +57,13 @@ class Problem:
     tables: Mapping[str, Any]  # of the active effects, by the effect's name: a frozen table, or several by name
     plan: tuple[PlanRow, ...]
     timeline: Timeline
-    rigid_modes: Array  # (k, r) of the bodies that no support resists
-    unheld: str  # the rigid mode, in words, that nothing at all resists; empty if all are held
+    rigid_modes: Array  # (k, r) rigid modes of the bodies that no support resists, see `UnresistedModes`
+    unheld: str  # in words, a rigid mode that no support, contact or friction resists; empty if all are resisted
     solver: Solver
 
     @property
     def dim(self) -> int:
+        """Number of space dimensions, 2 or 3."""
         return self.request.dim
 
     @property

@@ -1,4 +1,4 @@
-"""The numbers of a step that have a name: what error estimates, cost tables and closed forms speak of."""
+"""Names of the numbers of a step, as error estimates, cost tables and closed forms use them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def names(
     obstacles: Collection[str] = (),
     probes: Collection[str] = (),
 ) -> tuple[str, ...]:
-    """Every name in a scene of these parts.
+    """Names of all numbers of a scene with these contacts, supports, obstacles and probes.
 
     >>> names(2, contacts=["base"])[:2], names(2, probes=["tip"])[:2]
     (('base.normal_force', 'base.tangential_force'), ('probe.tip.displacement.x', 'probe.tip.displacement.y'))

@@ -1,4 +1,4 @@
-"""The scene: every noun a user has said, checked against each other before anything is built."""
+"""The scene: all tables of the user, checked against each other before a mesh is made."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class EffectTable(Noun):
     """A table of the scene that an effect owns: [gravity], or several by name, [periodic.NAME]."""
 
     def amplitudes(self) -> Mapping[tuple[str, str], Amplitude]:
-        """The table's values in time by key and component ("" if it has none); their times are hit like all others."""
+        """The table's values in time by key and component ("" if it has none); steps end exactly at their times."""
         return {}
 
     def periodic_pairs(self) -> tuple[tuple[str, str], ...]:
@@ -38,10 +38,14 @@ class EffectTable(Noun):
         return ()
 
     def check(self, scene: Scene, key: str) -> None:
-        """Refuse what does not fit the rest of the scene; `key` is where the table stands in it.
+        """Check the table against the rest of the scene.
+
+        Args:
+            scene: the whole scene.
+            key: dotted key of the table in the scene.
 
         Raises:
-            SceneError: key, what was found, what is expected.
+            SceneError: key, found value, what is expected.
         """
 
 
@@ -81,7 +85,7 @@ class Scene(Noun):
         return self.model == "axisymmetric"
 
     def request(self) -> Request:
-        """What the mesh must offer this scene."""
+        """Sides and periodic pairs that the mesh must have."""
         return Request(
             model=self.model,
             contact_sides=tuple(
@@ -97,7 +101,15 @@ class Scene(Noun):
         return tuple(f"{body}.{side}" for body, sides in self.geometry.bodies(self.dim).items() for side in sides)
 
     def require_side(self, side: str, key: str) -> None:
-        """Refuse a side that the geometry does not have."""
+        """Check that the geometry has a side.
+
+        Args:
+            side: as body.side.
+            key: dotted key of the scene that names it.
+
+        Raises:
+            SceneError: the geometry does not have it; the nearest name is given.
+        """
         require(side in self.sides(), key, side, f"no such side; {nearest(side, self.sides())}")
 
     def quantities(self) -> tuple[str, ...]:
@@ -105,7 +117,7 @@ class Scene(Noun):
         return names(self.dim, self.contacts, self.supports, self.obstacles, self.probes)
 
     def effect_tables(self) -> dict[tuple[str, str], EffectTable]:
-        """The tables that effects own, by the effect's name and, where it has several, their own; else ""."""
+        """Tables that effects own, by (effect, name of the table); the name is "" if the effect has one table only."""
         found: dict[tuple[str, str], EffectTable] = {}
         for section, tables in self.sections.items():
             named = tables if isinstance(tables, Mapping) else {"": tables}
@@ -121,11 +133,11 @@ class Scene(Noun):
         return self.timeline().times
 
     def turns(self) -> frozenset[float]:
-        """Times [s] at which the rate of a load, a motion or a bound changes."""
+        """Times [s] at which the rate of a load, a motion or a friction bound changes."""
         return self.timeline().turns
 
     def drives(self) -> dict[Place, Amplitude]:
-        """Every value in time: loads, motions and bounds."""
+        """Every value in time by its place: loads, motions, friction bounds and those of effects."""
         return dict(self._drives())
 
     def _drives(self) -> Iterator[Driven]:
@@ -202,7 +214,7 @@ class Scene(Noun):
                     self.require_side(item.boundary, f"{table}.{name}.boundary")
 
     def _check_other_side(self, name: str, contact: Contact) -> None:
-        """An obstacle, or the side of another body; an operator that the model has."""
+        """Check that `against` is an obstacle or a side of another body, and that the model has the operator."""
         known, against = (*self.obstacles, *self.sides()), contact.against
         expected = f"no such obstacle or side; {nearest(against, known)}"
         require(against in known, f"contacts.{name}.against", against, expected)
@@ -234,7 +246,7 @@ def over(scene: Scene, change: Change) -> Scene:
     """The scene with every value in time changed.
 
     Args:
-        change: takes the place of a value and what it is, and returns what it becomes.
+        change: takes the place of a value and the value, and returns the new value.
     """
     tables: dict[str, Any] = {}
     for place, amplitude in scene.drives().items():
@@ -245,7 +257,7 @@ def over(scene: Scene, change: Change) -> Scene:
 
 
 def _with(noun: Any, path: list[str], amplitude: Amplitude) -> Any:
-    """A noun, a table of them or a vector, with the value at the end of the path replaced."""
+    """A copy of a dataclass, a table of them or a vector, with the value at the end of the path replaced."""
     if not path:
         return amplitude
     first, *rest = path

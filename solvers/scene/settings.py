@@ -1,4 +1,4 @@
-"""When to solve, how exactly, what to write, where to probe, and what is known of the answer beforehand."""
+"""Settings of a scene: steps, solver, output, probes, and exact values to compare with."""
 
 from __future__ import annotations
 
@@ -13,20 +13,27 @@ from geometry.keys import Key, Noun
 
 @dataclass(frozen=True, kw_only=True)
 class Exact(Noun):
-    """Numbers of the last step that a closed form or a reference gives; they change no answer."""
+    """Known values of the last step from a closed form or a reference; they do not change the solution."""
 
     values: Annotated[
         Mapping[str, float],
         Key("-", 'by quantity, e.g. "base.normal_force" = 2e6, "probe.corner.displacement.x", "energy.stored"'),
     ] = field(default_factory=dict)
-    source: Annotated[str, Key("-", "where they stand")] = ""
-    accuracy: Annotated[float, Key("-", "how exact they are, relative: smaller errors mean nothing")] = 0.0
+    source: Annotated[str, Key("-", "where the values are published")] = ""
+    accuracy: Annotated[float, Key("-", "relative accuracy of the values; smaller errors cannot be judged")] = 0.0
 
     def __post_init__(self) -> None:
         require(0 <= self.accuracy < 1, "accuracy", self.accuracy, "must lie between 0 and 1")
 
     def check(self, known: Iterable[str]) -> None:
-        """Refuse quantities that the scene does not have."""
+        """Check that the scene has the quantities, and that the values are finite.
+
+        Args:
+            known: names of the quantities that the scene has.
+
+        Raises:
+            SceneError: an unknown quantity, or a value that is not finite.
+        """
         names = tuple(known)
         for name, value in self.values.items():
             require(name in names, "exact.values", name, f"no such quantity; {nearest(name, names)}")
@@ -35,7 +42,7 @@ class Exact(Noun):
 
 @dataclass(frozen=True, kw_only=True)
 class Steps(Noun):
-    """Equal steps; these and every time listed in a table are hit."""
+    """Equal steps in time; steps end exactly at these times, and at every time listed in a table."""
 
     end: Annotated[float, Key("s", "last time")] = 1.0
     count: Annotated[int, Key("-", "number of equal steps")] = 1
@@ -52,7 +59,7 @@ class Solver(Noun):
     method: Annotated[str, Key("-", "solution method")] = "auto"
     surface: Annotated[
         Literal["auto", "condensed", "matrix-free"],
-        Key("-", "how contact feels the bodies: an exact dense stiffness of its dofs, or iterative solves"),
+        Key("-", "form of the bodies: an exact dense stiffness of the contact dofs, or iterative solves"),
     ] = "auto"
     tolerance: Annotated[float, Key("-", "on the natural residual, relative to p_ref")] = 1e-8
     max_iterations: Annotated[int, Key("-", "per step")] = 10000
@@ -63,16 +70,16 @@ class Solver(Noun):
 
     @classmethod
     def default(cls) -> Solver:
-        """All defaults, with the keys of every method where `solvers.methods` has declared them."""
+        """All defaults; with the keys of every method, if `solvers.methods` is imported."""
         return (cls.__subclasses__() or [cls])[-1]()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Output(Noun):
-    """What is written.
+    """Which results are written.
 
-    Writers may add keys of their own to this table: in a scene file they stand beside the others (`vtu = true`), here
-    their values stand in `writers` (`Output(writers={"vtu": True})`), unless they have their default.
+    Writers may add their own keys to this table. A scene file has them in [output] like all others (`vtu = true`);
+    this class has those that differ from their default in `writers` (`Output(writers={"vtu": True})`).
     """
 
     every: Annotated[int, Key("-", "keep the fields of every n-th reported step, and of the last")] = 1

@@ -1,4 +1,4 @@
-"""Values in time: where they stand in a scene, when the scene wants to be solved, and what each value is then."""
+"""Values in time: their places in a scene, the requested times, and each value at a time."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ import numpy as np
 
 from geometry.amplitude import Amplitude, listed_times, turns, value_at
 
-CLOSE = 1e-12  # of the end: requested times that differ by less are one
+CLOSE = 1e-12  # relative to the end: requested times that differ by less count as one
 
 
 class Place(NamedTuple):
-    """Where a value in time stands in a scene.
+    """Place of a value in time in a scene, for example
 
     supports.top.displacement.x, loads.side.pressure, obstacles.roller.rotation.angle, gravity.acceleration.y.
     """
@@ -35,7 +35,10 @@ Drive = Place | float  # a value in time: by its place, or a number that is ramp
 
 @dataclass(frozen=True)
 class Timeline:
-    """Every value in time of a scene, whoever owns it; friction bounds do not start a history, the others do."""
+    """Every value in time of a scene, and its requested times.
+
+    A friction bound that is not zero at t = 0 does not request t = 0; other values do.
+    """
 
     amplitudes: Mapping[Place, Amplitude]
     end: float  # [s]
@@ -45,7 +48,7 @@ class Timeline:
     def times(self) -> tuple[float, ...]:
         """Requested times [s], increasing: equal steps, and every time that a table lists up to the end.
 
-        t = 0 is requested only if a load or a motion starts from a value.
+        t = 0 is requested only if a load or a motion is not zero there.
         """
         found = {self.end * (k + 1) / self.count for k in range(self.count)}
         found |= {t for a in self.amplitudes.values() for t in listed_times(a) if 0 < t <= self.end}
@@ -58,28 +61,28 @@ class Timeline:
 
     @cached_property
     def turns(self) -> frozenset[float]:
-        """Times [s] at which the rate of some value changes."""
+        """Times [s] at which the rate of a value changes."""
         return frozenset(t for a in self.amplitudes.values() for t in turns(a, self.end))
 
     def value(self, drive: Drive, time: float) -> float:
-        """What a drive is at `time` [s], in the unit of its key."""
+        """Value of a drive at `time` [s], in the unit of its key."""
         amplitude = self.amplitudes[drive] if isinstance(drive, Place) else drive
         return value_at(amplitude, time, self.end)
 
 
 class Course:
-    """The timeline in force: the one thing of a system that may change, when a script decides from step to step."""
+    """The timeline in use: the only part of a system that can change, for a script that decides from step to step."""
 
     def __init__(self, timeline: Timeline) -> None:
         self.timeline = timeline
 
     def value(self, drive: Drive, time: float) -> float:
-        """What a drive is at `time` [s]."""
+        """Value of a drive at `time` [s], in the unit of its key."""
         return self.timeline.value(drive, time)
 
     @contextmanager
     def following(self, timeline: Timeline) -> Iterator[None]:
-        """Take another timeline, with the same places, for as long as the context lasts."""
+        """Context that uses another timeline, which has the same places."""
         before, self.timeline = self.timeline, timeline
         try:
             yield

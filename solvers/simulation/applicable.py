@@ -1,4 +1,4 @@
-"""Whether the method can do what the scene asks: the table of methods, held against a scene."""
+"""Whether the method can solve the scene: the applicability of the method, checked against the scene."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from solvers.scene.problem import Problem
 
 
 def refuse_method(problem: Problem) -> None:
-    """
+    """Check that the method can solve the problem.
+
     Raises:
-        SceneError: the first key that the method cannot do, and what can.
+        SceneError: the first key that the method does not support, and what to use instead.
     """
     for sentence in refusals(problem):
         raise SceneError(sentence)
 
 
 def refusals(problem: Problem) -> Iterator[str]:
-    """What the method cannot do, a sentence each: key, value, and what can."""
+    """What the method does not support, one sentence each: key, value, and what to use instead."""
     method = f"solver.method = {problem.solver.method}"
     asked = method_of(problem.solver)
     table = asked.WORKS_WITH
@@ -37,16 +38,17 @@ def refusals(problem: Problem) -> Iterator[str]:
 
 
 def _keys(problem: Problem, asked: type[Method]) -> Iterator[Refusal]:
-    """Keys that would change nothing."""
+    """Keys of other methods that are not at their default: the method does not use them."""
     default = Solver()
     for key in dict.fromkeys(key for other in METHODS.values() for key in keys_of(other)):
         value = getattr(problem.solver, key, getattr(default, key))
         if key not in keys_of(asked) and value != getattr(default, key):
-            knowing = [name for name, other in METHODS.items() if key in keys_of(other)]
-            yield key, value, f"does not know it; use {' or '.join(knowing)}"
+            users = [name for name, other in METHODS.items() if key in keys_of(other)]
+            yield key, value, f"does not use it; use {' or '.join(users)}"
 
 
 def _forms(problem: Problem, table: Applicability) -> Iterator[Refusal]:
+    """A form of the bodies that the method does not work with."""
     solver = problem.solver
     if solver.surface == "matrix-free" and not table.matrix_free:
         yield "surface", solver.surface, "needs the condensed form of the bodies; use surface-uzawa"
@@ -55,15 +57,16 @@ def _forms(problem: Problem, table: Applicability) -> Iterator[Refusal]:
 
 
 def _contact(contact: Contact, rigid: bool, table: Applicability) -> Iterator[Refusal]:
+    """Keys of a contact, with a rigid obstacle or not, that the method does not support."""
     operator = RIGID if rigid else contact.operator or "mortar"
     if not table.knows("operators", operator):
         key = "operator" if contact.operator else "against"
-        only = "rigid obstacles alone" if table.operators == (RIGID,) else ", ".join(table.operators or ())
-        yield key, getattr(contact, key), f"knows {only}"
+        only = "rigid obstacles only" if table.operators == (RIGID,) else ", ".join(table.operators or ())
+        yield key, getattr(contact, key), f"works with {only}"
     if contact.sliding and not table.sliding:
-        yield "sliding", "true", "finds contact where the bodies are at the start"
+        yield "sliding", "true", "searches contact only once, on the undeformed bodies"
     if contact.friction is not None and contact.friction.k_T is not None and not table.k_T:
-        yield "friction.k_T", contact.friction.k_T, "knows no tangential stiffness"
+        yield "friction.k_T", contact.friction.k_T, "has no tangential stiffness"
     for key, law in (("normal", contact.normal), ("friction", contact.friction)):
         chosen = getattr(law, "law", None)  # absent: no friction
         if chosen is not None and not table.knows(key, chosen):
@@ -71,6 +74,7 @@ def _contact(contact: Contact, rigid: bool, table: Applicability) -> Iterator[Re
 
 
 def _floating(problem: Problem) -> Iterator[str]:
+    """Why a method cannot solve a problem with floating bodies or driven obstacles."""
     if problem.rigid_modes.shape[1]:
         yield "needs bodies that their supports hold; this one is held by contact alone"
     for name in dict.fromkeys(name for name, _ in problem.driven):

@@ -10,8 +10,8 @@ from solvers.scene.scene import Scene
 from solvers.simulation.applicable import refuse_method
 from solvers.simulation.resolve import resolve
 
-FACING = 1e-6  # cosine of the angle below which two surfaces do not face each other
-AXIS = 1e-9  # of the scene's size; points that are closer to the axis of symmetry lie on it
+FACING = 1e-6  # cosine of the angle between normals, below which two surfaces do not face each other
+AXIS = 1e-9  # relative to the scene's size: points closer than this to the axis of symmetry lie on it
 LOCKING = 0.49  # Poisson's ratio beyond which linear elements lock
 
 
@@ -43,7 +43,7 @@ def planned(scene: Scene) -> Problem:
 
 def warnings(scene: Scene) -> tuple[str, ...]:
     """Warnings (one line each) about a scene that can be solved, but only with a large error."""
-    if scene.geometry.degree > 1 or scene.model == "plane stress":  # there the thickness gives way
+    if scene.geometry.degree > 1 or scene.model == "plane stress":  # in plane stress the thickness changes freely
         return ()
     return tuple(
         f"bodies.{name}.nu = {material.nu:g}: displacements of order 1 lock when nearly incompressible, too stiff and "
@@ -54,7 +54,7 @@ def warnings(scene: Scene) -> tuple[str, ...]:
 
 
 def _refuse_on_axis(scene: Scene) -> None:
-    """Refuse contacts and loads of a side on the axis of symmetry: it has no area.
+    """Refuse contacts and loads on a side on the axis of symmetry, which has no area.
 
     Raises:
         SceneError: the key, and the side.

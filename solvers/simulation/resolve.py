@@ -1,4 +1,4 @@
-"""From a scene to the frozen `Problem` that everything below the simulation works on."""
+"""From a scene to the frozen `Problem` that all rooms below the simulation read."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from solvers.simulation.unresisted_modes import unresisted_modes
 
 
 def resolve(scene: Scene) -> Problem:
-    """Find out sides, contact pairs, values in time, active effects and rigid modes of a scene; nothing is meshed.
+    """Find sides, contact pairs, values in time, active effects and rigid modes of a scene; nothing is meshed.
 
     Args:
-        scene: valid in itself; whether it can be solved is not asked here, see `planned`.
+        scene: valid; whether it can be solved is not checked here, see `planned`.
 
     Raises:
         SceneError, GeometryError: the geometry does not have what the scene asks for.
@@ -48,6 +48,6 @@ def resolve(scene: Scene) -> Problem:
 
 
 def plan_rows(scene: Scene) -> tuple[PlanRow, ...]:
-    """One row for each effect that there is: whether it is on, and the scene key that asks for it."""
+    """One row for each known effect: whether it is on, and the scene key that switches it on."""
     because = [(effect.name, effect.because(scene)) for effect in EFFECTS]
     return tuple(PlanRow(effect=name, on=bool(key), because=key or "not in the scene") for name, key in because)

@@ -14,7 +14,7 @@ from solvers.scene.contact import Contact
 from solvers.scene.loads import Support
 from solvers.scene.scene import Scene
 
-PARALLEL = 1e-9  # of the largest: a smaller singular value counts as zero
+PARALLEL = 1e-9  # singular values below this, relative to the largest, count as zero
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,10 +56,10 @@ def unresisted_modes(scene: Scene) -> UnresistedModes:
 
 
 class RigidMotions:
-    """The k rigid motions of a scene, of its bodies and of the obstacles that forces drive.
+    """The k rigid motions of a scene: those of its bodies, and those of the obstacles that forces drive.
 
     Attributes:
-        kinds: each motion in words (k).
+        kinds: each motion in words (k,).
         each: number of motions of one body.
     """
 
@@ -125,7 +125,7 @@ def _touching(scene: Scene, contact: Contact, motions: RigidMotions) -> list[Arr
 
 
 def _nearest_body(scene: Scene, point: Array) -> str:
-    """The body that has a side nearest to the point (1, d) [m]: a guess, exact only with the mesh."""
+    """The body with the side nearest to the point (1, d) [m]: an estimate from sample points, without a mesh."""
     distances = {
         side.split(".")[0]: np.linalg.norm(scene.geometry.sample(side, scene.dim)[0] - point, axis=1).min()
         for side in reversed(scene.sides())

@@ -17,38 +17,38 @@ from solvers.stepping.choice import Choice, Stage, choose, fits
 from solvers.stepping.state import State
 from solvers.system.system import System
 
-SAFE = 4.0  # how much a safe metric gives way more than bodies do
+SAFE = 4.0  # factor by which a safe metric overestimates the flexibility of the bodies
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Switch:
-    """The run went on with another method."""
+    """A switch to the next method of the chain."""
 
-    time: float  # that the step in question leads to
-    iteration: int  # after which
+    time: float  # at the end of the step that was not solved [s]
+    iteration: int  # number of iterations of the method before
     before: str
     after: str
-    because: str
+    because: str  # status of the method before, in words
 
 
 @dataclass(frozen=True)
 class Reached:
-    """How far down its chain of methods a run has come."""
+    """Position of a run in its chain of methods."""
 
     choice: Choice
-    at: int
+    at: int  # index in `choice.stages`
     switches: tuple[Switch, ...]
 
 
 class Attempts:
-    """Where a run stands in its chain of methods. A switch holds: what failed would fail again."""
+    """Position of a run in its chain of methods. A switch is permanent: the method that failed would fail again."""
 
     def __init__(self, system: System, reached: Reached | None = None) -> None:
-        """Prepare the bodies for the first method, and a coarse mesh if it is worth its while; collective.
+        """Prepare the bodies for the first method, and a coarse mesh if the method uses one; collective.
 
         Args:
-            reached: where to go on, whatever would be chosen with the memory that is free now.
+            reached: position of an earlier run to continue from; None: choose by size and free memory.
         """
         reached = reached or Reached(choose(system), 0, ())
         self.choice, self.at, self.switches = reached.choice, reached.at, list(reached.switches)
@@ -58,14 +58,24 @@ class Attempts:
 
     @property
     def stage(self) -> Stage:
+        """The method in use, with its form of the bodies."""
         return self.choice.stages[self.at]
 
     @property
     def reached(self) -> Reached:
+        """The position, to continue from later."""
         return Reached(self.choice, self.at, tuple(self.switches))
 
     def advance(self, system: System, time: float, solution: Solution) -> bool:
-        """Go on to the next method, if there is one that memory has room for; collective."""
+        """Switch to the next method of the chain; collective.
+
+        Args:
+            time: end of the step that was not solved [s].
+            solution: what the current method has returned.
+
+        Returns:
+            Whether it was switched; not if the chain ends, or memory does not suffice for the next form of the bodies.
+        """
         if self.at + 1 == len(self.choice.stages):
             return False
         before, after = self.stage, self.choice.stages[self.at + 1]
@@ -82,7 +92,7 @@ class Attempts:
         return True
 
     def method(self, system: System, surface: DelassusOperator) -> Callable[[State], Solve]:
-        """The solver of the step that follows a state. What the method has learnt of the bodies, it keeps."""
+        """A function from a state to the solver of the next step; the method keeps what it has learnt of the bodies."""
         setup = Setup(system=system, surface=surface, coarse=self.coarse, safety=SAFE if self.stage.safe else 1.0)
         before = self._ready.get(self.stage)
         if before is None:
@@ -93,9 +103,9 @@ class Attempts:
         return ready.after
 
     def snapshot(self) -> dict[str, Plain]:
-        """What the method in turn has learnt; see `restore`."""
+        """What the current method has learnt; see `restore`."""
         return self._ready[self.stage].snapshot()
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
-        """Go on with what a `snapshot` of the same method holds of the same bodies."""
+        """Take over what a `snapshot` holds, made by the same method with the same bodies."""
         self._ready[self.stage].restore(snapshot, surface)

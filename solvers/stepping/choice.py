@@ -1,4 +1,4 @@
-"""Which methods a scene is tried with, on which form of the bodies: by dimension and size, never by the clock."""
+"""Which methods are tried, with which form of the bodies: chosen by dimension, size and memory, never by timing."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from solvers.parallel.memory import available
 from solvers.scene.settings import Solver
 from solvers.system.system import System
 
-ENTRIES = {  # of a row of K_B, inside a regular mesh
+ENTRIES = {  # non-zero entries of a row of K_B, inside a regular mesh
     ("triangle", 1): 14, ("triangle", 2): 23, ("quadrilateral", 1): 18, ("quadrilateral", 2): 32,
     ("tetrahedron", 1): 44, ("tetrahedron", 2): 84, ("hexahedron", 1): 81, ("hexahedron", 2): 192,
 }  # fmt: skip
 ITERATIONS = 100  # of conjugate gradients that a frictional problem of two steps takes, measured 60 to 130
-PER_ENTRY = 1.5e-8  # [s] of one of them, for each entry of K_B: products and one multigrid cycle
-PLANE, SPACE = 1.2e-8, 6e-9  # [s] a factorisation with its Schur complement takes, times N^1.5 and N^2
-DENSE = 1e-10  # [s] for each cube of a contact dof
-COPIES = 5  # of the dense stiffness that are alive together
-FACTOR = {2: 40.0, 3: 60.0}  # numbers a factor holds, times N and N^(4/3)
+PER_ENTRY = 1.5e-8  # [s] of one such iteration for each entry of K_B: products and one multigrid cycle
+PLANE, SPACE = 1.2e-8, 6e-9  # [s] of a factorisation with its Schur complement, to be multiplied by N^1.5 and N^2
+DENSE = 1e-10  # [s] of the dense algebra, to be multiplied by the cube of the number of contact dofs
+COPIES = 5  # copies of the dense stiffness that are in memory at the same time
+FACTOR = {2: 40.0, 3: 60.0}  # entries of a factor, to be multiplied by N and N^(4/3)
 SHARE = 0.7  # of the available memory that the condensed form may take
 
 
 @dataclass(frozen=True)
 class Stage:
-    """One method on one form of the bodies."""
+    """One method with one form of the bodies."""
 
     method: str
     surface: Form
-    safe: bool = False  # with a metric that errs to the side of small steps
+    safe: bool = False  # with a metric that overestimates the bodies' flexibility: shorter steps
 
     def __str__(self) -> str:
         return f"{self.method} ({self.surface}{', safer metric' if self.safe else ''})"
@@ -44,17 +44,17 @@ class Stage:
 
 @dataclass(frozen=True)
 class Size:
-    """How large a problem is."""
+    """Size of a problem."""
 
     dim: int
     dofs: int
-    entries: float  # of K_B, about
+    entries: float  # approximate number of non-zero entries of K_B
     contact_dofs: int
     ranks: int = 1  # that share a machine's memory
 
     @staticmethod
     def of(mesh: Mesh, constraints: Constraints, contacts: tuple[ContactRows, ...]) -> Size:
-        """Known before anything is assembled."""
+        """Size from mesh, constraints and contact rows, before assembly; collective."""
         dofs = constraints.free_total
         nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in contacts)]))
         kind = mesh.domain.topology.cell_type.name, mesh.degree
@@ -65,7 +65,7 @@ class Size:
 
     @property
     def seconds(self) -> dict[Form, float]:
-        """Of one core, predicted."""
+        """Predicted time [s] on one core, by form of the bodies."""
         factor = PLANE * self.dofs**1.5 if self.dim == 2 else SPACE * self.dofs**2
         return {
             "condensed": factor + DENSE * self.contact_dofs**3,
@@ -74,26 +74,26 @@ class Size:
 
     @property
     def dense_bytes(self) -> float:
-        """Memory of the condensed form, predicted: each rank has its own dense stiffness, all share a factor."""
+        """Predicted memory [bytes] of the condensed form: a dense stiffness on each rank, one factor for all ranks."""
         factor = self.dofs * (self.dofs ** (1 / 3) * FACTOR[3] if self.dim == 3 else FACTOR[2])
         return 8.0 * (self.ranks * COPIES * self.contact_dofs**2 + factor)
 
 
 @dataclass(frozen=True)
 class Choice:
-    """Stages tried one after the other, and why the first of them comes first."""
+    """Stages that are tried one after the other, and the reason for the first of them."""
 
     stages: tuple[Stage, ...]
     because: str
 
     @property
     def coarse(self) -> bool:
-        """Whether a coarse mesh beside has a use."""
+        """Whether the first method uses an additional coarse mesh."""
         return METHODS[self.stages[0].method].COARSE_MESH
 
 
 def choose(system: System) -> Choice:
-    """What a scene's `solver.method` and `solver.surface` come to at the size it has; collective.
+    """Stages for a scene's `solver.method` and `solver.surface` at its size; collective.
 
     Raises:
         MachineError: they ask for a dense stiffness that does not fit in memory.
@@ -102,7 +102,7 @@ def choose(system: System) -> Choice:
 
 
 def fits(system: System, form: Form) -> bool:
-    """Whether that form of the bodies fits in what memory is left now; collective."""
+    """Whether a form of the bodies fits in the memory that is free now; collective."""
     return form == "matrix-free" or _size(system).dense_bytes < SHARE * _memory(system)
 
 
@@ -115,7 +115,7 @@ def _memory(system: System) -> float:
 
 
 def chosen(size: Size, solver: Solver, memory: float) -> Choice:
-    """The same for a known size and memory [bytes]."""
+    """Stages for a given size and free memory [bytes]; see `choose`."""
     form, because = _form(size, solver, size.dense_bytes < SHARE * memory)
     if solver.method != "auto":
         return Choice((Stage(solver.method, form),), because)
@@ -126,7 +126,7 @@ def chosen(size: Size, solver: Solver, memory: float) -> Choice:
 
 
 def chain(form: Form) -> tuple[Stage, ...]:
-    """What `auto` tries on one form of the bodies: the methods in the order of their turns.
+    """Stages that `auto` tries with one form of the bodies, in the order of the methods' turns.
 
     >>> [str(stage) for stage in chain("matrix-free")]
     ['surface-uzawa (matrix-free)', 'surface-uzawa (matrix-free, safer metric)']
@@ -136,6 +136,7 @@ def chain(form: Form) -> tuple[Stage, ...]:
 
 
 def _form(size: Size, solver: Solver, fits: bool) -> tuple[Form, str]:
+    """The form of the bodies, and the reason for it; `fits`: whether the condensed form fits in memory."""
     table = METHODS[solver.method].WORKS_WITH
     wanted = "condensed" if not table.matrix_free else "matrix-free" if not table.condensed else solver.surface
     if wanted == "matrix-free":

@@ -1,1 +1,1 @@
-"""The assembled system: stiffness, loads, contact rows; all that does not depend on the tractions."""
+"""The assembled system: stiffness, loads, contact rows; all data that do not depend on the tractions."""

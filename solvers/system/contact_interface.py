@@ -1,4 +1,4 @@
-"""Where the volume meets its contacts: contact dofs among the free ones, and displacement and forces there."""
+"""Between volume and contacts: the contact dofs among the free ones, and displacement and forces at the contacts."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ class ContactInterface:
     contacts: tuple[ContactRows, ...]
     motions: RigidModes
     obstacles: Obstacles
-    T: Mat  # (all, all), free numbers to displacements
+    T: Mat  # (all, all), from free displacements to all displacements
 
     @cached_property
     def dofs(self) -> Ints:
-        """Free numbers (c,) that the contact rows touch, increasing; the same on every rank."""
+        """Indices (c,) of the free displacements at the contact nodes, increasing; the same on every rank."""
         found: list[Ints] = [np.zeros(0, np.int64)]
         found += [self.constraints.numbers(c.nodes)[self.constraints.bases(c.nodes)[1]] for c in self.contacts]
         return np.unique(np.concatenate(found))
 
     def trace(self, c: ContactRows) -> Sparse:
-        """Contact dofs (c,) to the displacement of a contact's nodes (n_all d,), sparse."""
+        """Sparse matrix (n_all d, c) from the contact dofs to the displacement of a contact's nodes."""
         bases, numbers = self.constraints.bases(c.nodes)[0], self.constraints.numbers(c.nodes)
         node, i, j = np.nonzero(bases)
         columns = np.searchsorted(self.dofs, numbers[node, j])
@@ -73,7 +73,12 @@ class ContactInterface:
         return [values[i:j] for i, j in pairwise(ends)]
 
     def forces(self, p_n: list[Array], t: list[Array]) -> Vec:
-        """B^T p over all displacements [N]."""
+        """B^T p over all displacements [N].
+
+        Args:
+            p_n: for each contact its normal tractions [Pa].
+            t: for each contact its tangential tractions [Pa].
+        """
         total, parts = self.T.createVecLeft(), zip(self.contacts, p_n, t, strict=True)
         self._nodes.add(total, np.concatenate([np.zeros(0), *(c.nodal_forces(*p).ravel() for c, *p in parts)]))
         return total
@@ -86,7 +91,7 @@ class ContactInterface:
         return total
 
     def resultant_on_driven(self, c: ContactRows, force: Vec) -> Array:
-        """What B^T p of a contact does to the obstacles that forces drive (o,) [N]; collective."""
+        """Resultants (o,) [N] of B^T p of a contact along the motions of driven obstacles; collective."""
         by_axis = self.mesh.comm.allreduce(force.array.reshape(-1, self.mesh.dim).sum(axis=0))
         return self.obstacles.resultants(c.name, by_axis)
 

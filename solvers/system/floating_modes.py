@@ -1,4 +1,4 @@
-"""Rigid motions of the bodies as vectors over the free numbers: multigrid's coarse space, and what floats."""
+"""Rigid motions as vectors over the free displacements: multigrid's near-nullspace, and motions of floating bodies."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from solvers.system.system import System
 
 
 def near_nullspace(system: System) -> Array:
-    """Motions (owned, k) of all bodies as one, as if nothing held them."""
+    """The k rigid motions (owned, k) of all bodies together, as if there were no supports."""
     return _on_free_numbers(system, _fields(system))
 
 
 class FloatingMotions:
     """Motions that no support resists, K_B Z = 0, r of them; R (c, r) are their values at the contact dofs.
 
-    R is orthonormal: R^T u_c is how far a displacement moves along, and Z^T f a force's resultant.
+    R is orthonormal: R^T u_c are the amplitudes (r,) of the motions in a displacement, Z^T f the resultant of a force.
     """
 
     def __init__(self, system: System, contact: Replicated, R: Array) -> None:
@@ -38,7 +38,7 @@ class FloatingMotions:
         return np.asarray(self.comm.allreduce(self.Z.T @ f))
 
     def balance(self, f: Array) -> None:
-        """Take off forces at the contact dofs so that nothing is left of the resultant; in place, collective."""
+        """Subtract forces at the contact dofs so that the resultant of f (owned,) [N] is zero; in place, collective."""
         if self.R.shape[1]:
             f[self.contact.local] -= (self.R @ self.resultant(f))[self.contact.mine]
 
@@ -55,7 +55,7 @@ def _fields(system: System) -> Array:
 
 
 def _on_free_numbers(system: System, fields: Array) -> Array:
-    """Free numbers (owned, k) of displacements (m, d, k) that supports and periodic sides allow."""
+    """Free displacements q (owned, k) of displacements (m, d, k) that supports and periodic sides allow."""
     T = system.T  # its columns are orthogonal to each other
     u, q = T.createVecLeft(), T.createVecRight()
     weight = T.transposeMatMult(T).getDiagonal().array

@@ -1,4 +1,4 @@
-"""Initial strains in the assembled system: what they load the bodies with, and the energy that they store."""
+"""Initial strains in the assembled system: their loads on the bodies, and their energy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solvers.scene.timeline import Course
 
 @dataclass(frozen=True, kw_only=True)
 class InitialStrains:
-    """All of a problem, k of them; each is uniform over its body and proportional to a value in time a (k,)."""
+    """The k initial strains of a problem; each is uniform over its body, and proportional to a value in time a (k,)."""
 
     strains: tuple[InitialStrain, ...]
     forces: tuple[Vec, ...]  # ∫ C strain : eps(v) dx at value 1, PETSc over all displacements [N]
@@ -25,7 +25,7 @@ class InitialStrains:
         return np.array([course.value(strain.drive, time) for strain in self.strains], float)
 
     def added(self, load: Vec, values: Array) -> Vec:
-        """Nodal forces over all displacements [N] with those of the initial strains; the same object without any."""
+        """Load plus the forces of the initial strains, over all displacements [N]; `load` itself if there are none."""
         if not self.strains:
             return load
         total = load.copy()
@@ -38,7 +38,7 @@ class InitialStrains:
         return np.asarray([force.dot(u) for force in self.forces] - self.coupling @ values)
 
     def stored(self, values: Array, work: Array) -> float:
-        """What is added to u . K u / 2 to make it the energy of the strain beyond the initial one [J].
+        """Energy [J] to add to u . K u / 2, so that the sum is that of the elastic strain eps(u) - initial strain.
 
         Args:
             work: see `stress_work`.

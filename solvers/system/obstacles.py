@@ -1,4 +1,4 @@
-"""How rigid obstacles move: as prescribed, and as far as the forces that drive them take them."""
+"""Motion of rigid obstacles: prescribed, or unknown if a force drives them."""
 
 from __future__ import annotations
 
@@ -24,23 +24,30 @@ class Obstacles:
 
     @cached_property
     def driven(self) -> tuple[tuple[str, int], ...]:
-        """Obstacle and number of the axis of each unknown motion (o,)."""
+        """Name of the obstacle and index of the axis, for each unknown motion (o,)."""
         return tuple((name, AXES[axis]) for name, axis in self.problem.driven)
 
     def driving_force(self, time: float) -> Array:
-        """Forces (o,) on the driven obstacles [N]."""
+        """Forces (o,) [N] on the driven obstacles at a time [s]."""
         places = [Place("obstacles", name, "force", axis) for name, axis in self.problem.driven]
         return np.array([self.course.value(place, time) for place in places], float)
 
     def translation(self, name: str, time: float, driven: Array) -> Array:
-        """Translation (d,) [m] of an obstacle."""
+        """Translation (d,) [m] of an obstacle at a time [s]; driven: the unknown motions (o,) [m]."""
         moved = self._prescribed(name, time)
         for (other, axis), size in zip(self.driven, driven, strict=True):
             moved[axis] += size * (other == name)
         return moved
 
     def motion(self, pair: str, points: Array, time: float, driven: Array) -> Array:
-        """How a pair's obstacle moves (m, d) [m] where it is closest to `points`; at the points themselves, if tied."""
+        """Motion of a pair's obstacle (m, d) [m], at its points closest to `points`, or if tied at `points` themselves.
+
+        Args:
+            pair: name of the contact.
+            points: (m, d) [m].
+            time: [s].
+            driven: unknown motions (o,) [m].
+        """
         known = self.problem.pairs[pair]
         assert known.obstacle is not None
         obstacle, name = self.problem.obstacles[known.obstacle], known.obstacle
@@ -62,12 +69,12 @@ class Obstacles:
         }
 
     def resultants(self, pair: str, force: Array) -> Array:
-        """What a force (d,) [N] of a pair's contact does to the driven obstacles (o,) [N]."""
+        """Components (o,) [N] of a contact's force (d,) [N] along the driven motions; zero for other obstacles."""
         against = self.problem.pairs[pair].obstacle
         return np.array([force[axis] * (name == against) for name, axis in self.driven], float)
 
     def unit_motions(self, pair: str, count: int) -> Mapping[int, Array]:
-        """For each unknown motion of the pair's obstacle: what it moves `count` points by at 1 m, (count d,)."""
+        """Displacement (count d,) of `count` points for a motion of 1 m, by index of the pair's unknown motions."""
         against = self.problem.pairs[pair].obstacle
         unit = np.eye(self.problem.dim)
         return {k: np.tile(unit[axis], count) for k, (name, axis) in enumerate(self.driven) if name == against}

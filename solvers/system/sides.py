@@ -1,4 +1,4 @@
-"""The sides that contacts name, each once, and where their nodes stand among the contact dofs."""
+"""The sides that contacts name, each once, and the map from contact dofs to the displacement of their nodes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from solvers.system.system import System
 
 
 def contact_sides(system: System) -> Iterator[tuple[str, Surface, Sparse]]:
-    """Name, surface, and a sparse matrix: contact dofs (c,) to the displacement of its nodes (n d,)."""
+    """Name, surface, and the sparse matrix (n d, c) from contact dofs to the displacement of the side's nodes."""
     seen = set[str]()
     for rows in system.contacts:
         pair, trace, first = system.problem.pairs[rows.name], system.interface.trace(rows), 0

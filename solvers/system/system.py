@@ -33,11 +33,11 @@ from solvers.system.obstacles import Obstacles
 
 
 def free_stiffness(K: Mat, T: Mat, constraints: Constraints) -> Mat:
-    """T^T K T (PETSc), and at eliminated numbers the mean stiffness of the free ones alone."""
+    """T^T K T (PETSc) [N/m]; eliminated entries have only a diagonal, the mean diagonal of the free ones."""
     low, high = T.getOwnershipRange()
     gone = constraints.eliminated()
     own = gone[(gone >= low) & (gone < high)].astype(PETSc.IntType)
-    if constraints.selects:  # no product, which takes as much memory again
+    if constraints.selects:  # without the product PtAP, which would double the memory
         stiffness, free = K.copy(), K.getDiagonal()
         free.array[own - low] = 0.0
         stiffness.zeroRowsColumns(own, diag=free.sum() / constraints.free_total)
@@ -54,7 +54,7 @@ def free_stiffness(K: Mat, T: Mat, constraints: Constraints) -> Mat:
 
 @dataclass(frozen=True)
 class System:
-    """Everything that does not depend on the tractions."""
+    """The problem on its mesh, assembled: all data that do not depend on the tractions."""
 
     problem: Problem
     mesh: Mesh
@@ -64,24 +64,24 @@ class System:
     counters: Counters
     constraints: Constraints
     contacts: tuple[ContactRows, ...]
-    assembled: Callable[[], Mat]  # makes K once
-    T: Mat  # (all, all), columns of eliminated numbers are zero
-    load_terms: tuple[tuple[Drive, Vec], ...]  # value in time, PETSc vector at value 1 [N]
+    assembled: Callable[[], Mat]  # assembles K at the first call
+    T: Mat  # (all, all), columns of eliminated entries are zero
+    load_terms: tuple[tuple[Drive, Vec], ...]  # value in time, and PETSc vector at value 1 [N]
     initial: InitialStrains
 
     @property
     def course(self) -> Course:
-        """What drives the scene in time."""
+        """The values in time."""
         return self.constraints.course
 
     @property
     def K(self) -> Mat:
-        """Stiffness of all displacements, PETSc [N/m]; assembled when it is first asked for."""
+        """Stiffness of all displacements, PETSc [N/m]; assembled at the first access."""
         return self.assembled()
 
     @cached_property
     def K_B(self) -> Mat:
-        """Stiffness of the free displacements, T^T K T, and their mean stiffness alone at eliminated numbers."""
+        """Stiffness of the free displacements, T^T K T [N/m]; see `free_stiffness`."""
         return free_stiffness(self.K, self.T, self.constraints)
 
     def vector(self) -> Vec:
@@ -89,14 +89,17 @@ class System:
         return self.T.createVecLeft()
 
     def load(self, time: float) -> Vec:
-        """External forces without reactions and initial strains, over all displacements [N]."""
+        """External forces at a time [s], without reactions and initial strains, over all displacements [N]."""
         total = self.vector()
         for drive, vector in self.load_terms:
             total.axpy(self.course.value(drive, time), vector)
         return total
 
     def prescribed(self, time: float) -> Vec:
-        """u_s(t) over all displacements [m]: a rigid motion where that is all that is prescribed, else 0 elsewhere."""
+        """u_s(t) over all displacements [m]: zero at nodes that are not prescribed.
+
+        If the supports prescribe a rigid motion, u_s is that rigid motion at all nodes.
+        """
         total, motion = self.vector(), self.lifting.followed(time)
         if motion is None:
             self._prescribed.write(total, self.constraints.prescribed(time).ravel())
@@ -106,9 +109,9 @@ class System:
         return total
 
     def pull(self, time: float, load: Vec, u_s: Vec) -> Vec:
-        """T^T (load + that of initial strains - K u_s) over the free numbers [N].
+        """T^T (load + load of initial strains - K u_s) over the free displacements [N].
 
-        A rigid motion u_s leaves no force, not even rounding.
+        If u_s is a rigid motion, K u_s is zero and left out, so that no rounding remains.
         """
         found = self.T.createVecRight()
         total = self.initial.added(load, self.initial.values(self.course, time))
@@ -118,6 +121,7 @@ class System:
 
     @cached_property
     def lifting(self) -> RigidModes:
+        """Rigid modes of the bodies, and the rigid motion that supports prescribe."""
         return RigidModes(self.constraints, *self.mesh.box())
 
     @cached_property
@@ -134,11 +138,15 @@ class System:
 
     @cached_property
     def obstacles(self) -> Obstacles:
-        """How the rigid obstacles move."""
+        """Motion of the rigid obstacles."""
         return Obstacles(self.problem, self.course)
 
     def searched(self, moved: Mapping[str, Array]) -> System:
-        """The same system with the pairs of sliding contacts found where `moved` (n_all, d) [m] has brought them."""
+        """The same system with the sliding contacts searched again on the deformed surfaces.
+
+        Args:
+            moved: displacement (n_all, d) [m] of the nodes of each sliding contact, by contact.
+        """
         known = {c.name: c for c in self.contacts}
         sides = {pair.slave: known[name].surface for name, pair in self.problem.pairs.items()}
         masters = {pair.master: known[name].master for name, pair in self.problem.pairs.items()}
@@ -175,12 +183,12 @@ def contact_rows(
 
 
 def displacement_space(mesh: Mesh) -> FunctionSpace:
-    """Lagrange vectors of the mesh's own degree."""
+    """Vector-valued Lagrange elements of the degree of the mesh."""
     return dx.vector_space(mesh.domain, mesh.degree)
 
 
 def inner_forces(problem: Problem, weak: WeakForms, u: UflExpr | None = None) -> UflForm:
-    """a(u, v) of the bodies and of effects that stiffen them; linear form of a displacement Function u, if given."""
+    """a(u, v) of the bodies, with the stiffness of effects; u: displacement Function, None: the trial function."""
     form = weak.elasticity(u)
     for effect in active(problem):
         form = sum(effect.stiffness(problem, weak, weak.u if u is None else u), start=form)
@@ -188,7 +196,7 @@ def inner_forces(problem: Problem, weak: WeakForms, u: UflExpr | None = None) ->
 
 
 def _initial_strains(problem: Problem, weak: WeakForms) -> InitialStrains:
-    """Assemble what effects strain the bodies by; collective."""
+    """Assemble the initial strains of all active effects; collective."""
     strains = tuple(strain for effect in active(problem) for strain in effect.initial_strains(problem))
     coupling = np.zeros((len(strains), len(strains)))
     for i, one in enumerate(strains):
@@ -215,7 +223,7 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
     if constraints.free_total == 0:
         raise SceneError("supports: prescribe every displacement of the mesh; nothing is left to solve")
     for time in problem.timeline.times:
-        constraints.prescribed(time)  # contradictions between supports show here, before any solve
+        constraints.prescribed(time)  # refuses supports that contradict each other, before any solve
     loads = weak.loads() + [term for effect in active(problem) for term in effect.loads(problem, weak)]
     contacts = contact_rows(problem, mesh, space, nodes, constraints)
     counters.searches += sum(1 for c in contacts if c.master)

@@ -72,7 +72,7 @@ assert "| `halving` | to be tested | all | all | all | held by supports | conden
 assert [str(stage) for stage in chain("condensed")] == ["condensed-newton (condensed)", "halving (condensed)"]
 for words, text in (
     (["solver.part=-1"], "solver.part = -1.0: must be positive"),
-    (["solver.part=2"], "solver.part = 2.0: solver.method = auto does not know it; use halving"),
+    (["solver.part=2"], "solver.part = 2.0: solver.method = auto does not use it; use halving"),
 ):
     try:
         stickslip.prepare(stickslip.read("block", [*small, *words]))

@@ -170,7 +170,7 @@ def test_steps_that_make_no_sense_are_refused(key: str, value: Any, says: str, s
 @pytest.mark.parametrize("method", ["auto", "condensed-newton", "surface-uzawa", "regularised"])
 def test_keys_that_would_change_nothing_are_refused(method: str, key: str, value: Any, scene_of: SceneOf) -> None:
     scene = dragged(scene_of, 2, "unilateral", method=method, **{key: value})
-    with pytest.raises(SceneError, match=rf"solver\.{key} = {value}: solver\.method = {method} does not know it; use"):
+    with pytest.raises(SceneError, match=rf"solver\.{key} = {value}: solver\.method = {method} does not use it; use"):
         make_plan(scene)
 
 

@@ -200,12 +200,12 @@ def start(
 
 
 def _speaks() -> bool:
-    """Whether this is rank 0."""
+    """Whether this process prints: rank 0 only."""
     return os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0")) == "0"
 
 
 def guarded(act: Callable[[], object]) -> int:
-    """Run and turn every expected failure into one line and its exit code."""
+    """Call `act`, print every expected failure in one line on stderr, and return the exit code."""
     try:
         code = act()
     except StickslipError as error:
@@ -221,6 +221,7 @@ def guarded(act: Callable[[], object]) -> int:
 
 
 def _say(text: str, code: int) -> int:
+    """Print one line on stderr; return the exit code."""
     if _speaks():
         print(f"stickslip: {' '.join(text.split())}", file=sys.stderr)
     return code
@@ -233,13 +234,13 @@ def main() -> None:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115  until the process ends
     try:
         code = guarded(lambda: app(standalone_mode=False))
-    except SystemExit as ended:  # by rich, where nobody listens any more
+    except SystemExit as ended:  # rich exits if the reader of stdout has gone
         code = ended.code if isinstance(ended.code, int) else 1
     sys.exit(_flushed(code))
 
 
 def _flushed(code: int) -> int:
-    """The exit code, once all is said: a reader that has gone would make it 120 in Python's own last flush."""
+    """Flush stdout and stderr, and return the exit code: 1 instead of Python's 120 if the reader has gone."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()

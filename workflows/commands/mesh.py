@@ -26,8 +26,8 @@ def report(scene: Scene, target: Path | None) -> None:
     """Mesh the scene, print the mesh report, and write the mesh if there is a target; collective.
 
     Raises:
-        SceneError: `target` is no .msh file.
-        MachineError: it cannot be written.
+        SceneError: `target` does not end in .msh.
+        MachineError: the file cannot be written.
     """
     if target is not None and target.suffix != ".msh":
         raise SceneError(f"-o {target}: expected a file that ends in .msh")
@@ -44,7 +44,7 @@ def edit(geometry: Shape, model: Model) -> None:
 
 
 def list_entities(geometry: Shape, model: Model, picture: Path) -> None:
-    """Bodies, sides, and every face or edge of a user's file, in a table and in a picture; collective."""
+    """List bodies, sides, and every face or edge of a user's file, in a table and in a picture; collective."""
     raise_together(MPI.COMM_WORLD, lambda: _list(geometry, 3 if model == "3d" else 2, picture, _console()))
 
 
@@ -75,7 +75,7 @@ def _list(geometry: Shape, dim: int, picture: Path, out: Console) -> None:
 
 
 def _without_wrong_names(geometry: UserFile, dim: int, out: Console) -> UserFile:
-    """Whoever lists numbers is still looking for the right ones."""
+    """The file without `geometry.names` if these are wrong, with a warning: the user lists numbers to correct them."""
     try:
         geometry.outline(dim)
     except GeometryError as error:
@@ -96,7 +96,7 @@ def _vector(x: Any) -> str:
 
 
 def draw_picture(picture: Path, entities: tuple[Facets, ...], title: str) -> None:
-    """VTK is loaded only here."""
+    """Draw the numbered faces or edges; only this function imports VTK."""
     from workflows.pictures.numbered import draw_numbers
 
     draw_numbers(picture, entities, title)

@@ -12,17 +12,17 @@ from geometry.errors import SceneError, StickslipError, nearest
 from workflows.verification.check import Check
 from workflows.verification.registry import CASES
 
-Row = tuple[str, str, Check]  # case, method, what came out
+Row = tuple[str, str, Check]  # case, method, result
 
 
 def verify(names: Sequence[str]) -> bool:
-    """Run the named problems, all of them if none is named, and print a table of each as it is done.
+    """Run the named problems, or all if no name is given, and print a table after each.
 
     Returns:
         Whether every check passed.
 
     Raises:
-        SceneError: a name that is no verification problem.
+        SceneError: a verification problem of that name does not exist.
     """
     for name in names:
         if name not in CASES:
@@ -39,7 +39,7 @@ def verify(names: Sequence[str]) -> bool:
 
 
 def solve(name: str) -> Iterator[Row]:
-    """The checks of one problem with its methods; a method that finds no answer fails one check that says so."""
+    """The checks of one problem with its methods; a method that raises an error yields one failed check with it."""
     for method in CASES[name].methods:
         try:
             for check in CASES[name].checks(method):

@@ -1,4 +1,4 @@
-"""animation.gif: the bodies on their way, coloured by von Mises stress, and where contacts open, slip and stick."""
+"""animation.gif: the moving bodies, coloured by von Mises stress, and where contacts are open, slip or stick."""
 
 from __future__ import annotations
 
@@ -29,37 +29,37 @@ from workflows.pictures.render import Image, View, render
 from workflows.pictures.sheet import COLOURS, STATUS_COLOURS, Sheet, show_image, span
 
 FRAMES = 100  # at most
-SECONDS, SLOWEST, LAST = 8.0, 0.5, 1.5  # of the whole, of a frame, and of the last one
+SECONDS, SLOWEST, LAST = 8.0, 0.5, 1.5  # longest duration [s] of the whole and of a frame; duration of the last frame
 DPI = 110
 LINE = 9.0  # pixels
-SMALL = 0.25  # of the view: what touches there is shown beside it too
+SMALL = 0.25  # relative to the view: a contact region smaller than this is also shown enlarged
 GREYS = 40  # of the 256 colours of a GIF
 Statuses = Mapping[str, NDArray[np.int8]]
 
 
 @dataclass(frozen=True)
 class Frame:
-    """What is shown of a step."""
+    """The data of a step that are shown."""
 
-    time: float
-    displacement: Array  # (nodes, 3)
-    von_mises: Array  # (cells,)
+    time: float  # [s]
+    displacement: Array  # (nodes, 3) [m]
+    von_mises: Array  # (cells,) [Pa]
     status: Statuses  # (n,) by contact
 
 
 @dataclass(frozen=True)
 class Course:
-    """What all frames share, so that they can be compared."""
+    """Scales and windows that all frames share, so that they can be compared."""
 
     norm: Normalize  # of von Mises stress
-    scale: float  # of displacements
+    scale: float  # factor on displacements
     view: View
-    nodes: Mapping[str, Ints]  # of the mesh, by contact surface
-    touching: Array  # (k, 3) where anything touches at any time, as it is drawn
+    nodes: Mapping[str, Ints]  # nodes of the mesh, by contact surface
+    touching: Array  # (k, 3) [m] points, as drawn, that are in contact at any time
 
 
 def animate(folder: Path, scene: Scene, mesh: MeshData, count: int) -> Path:
-    """Draw animation.gif from the files of the `count` steps, evenly chosen if they are many.
+    """Draw animation.gif from the files of the `count` steps; of many steps, evenly chosen ones.
 
     Raises:
         MachineError: a step's file cannot be read, or the disk is full.
@@ -89,7 +89,7 @@ def frames(folder: Path, mesh: MeshData, indices: list[int]) -> Iterator[Frame]:
 
 
 def survey(folder: Path, scene: Scene, mesh: MeshData, indices: list[int]) -> Course:
-    """One scale of colours, one of displacements and one window for all frames."""
+    """Find one colour scale, one factor on displacements and one window for all frames."""
     nodes = {name: nodes_of(mesh, name, scene.contacts[name].surface.split(".")[0]) for name in mesh.surfaces}
     places, moves = [np.zeros((0, 3))], [np.zeros((0, 3))]
     solid = mesh.points.shape[1] == 3
@@ -97,7 +97,7 @@ def survey(folder: Path, scene: Scene, mesh: MeshData, indices: list[int]) -> Co
     view = View.isometric(points) if solid else View.facing(points)
     across = np.column_stack([view.right, view.up])
     highest, scales = 0.0, [np.inf]
-    low, high = np.zeros(2), np.zeros(2)  # of the displacement, as it is seen
+    low, high = np.zeros(2), np.zeros(2)  # of the displacement in the plane of the view [m]
     for index in indices:
         step = read_step(folder / step_name(index))
         highest = max(highest, float(step.von_mises.max(initial=0.0)))
@@ -119,7 +119,7 @@ def survey(folder: Path, scene: Scene, mesh: MeshData, indices: list[int]) -> Co
 
 
 def close_up(view: View, touching: Array) -> View | None:
-    """A square window on what touches (k, 3), if that is a small part of the view."""
+    """A square window on the contact points (k, 3) [m], if they fill a small part of the view; else None."""
     seen = touching @ np.column_stack([view.right, view.up])
     size = float(np.ptp(seen, axis=0).max()) if len(seen) else 0.0
     if not 0 < size < SMALL * float(view.size.max()):
@@ -129,7 +129,7 @@ def close_up(view: View, touching: Array) -> View | None:
 
 
 class _Film:
-    """A sheet on which frame after frame is drawn: the bodies, and beside them contacts that are hard to see."""
+    """A sheet on which all frames are drawn: the bodies, and next to them contacts that are hard to see."""
 
     def __init__(self, mesh: MeshData, course: Course, title: str) -> None:
         self.mesh, self.course = mesh, course
@@ -175,7 +175,7 @@ class _Film:
         return self.sheet.pixels()
 
     def _view_beside(self) -> View | None:
-        """Of a solid the map of its contacts, of a plane body what touches if it is small."""
+        """The second view: for solids a map of the contacts, for plane bodies the contact region if it is small."""
         if not self.solid:
             return close_up(self.course.view, self.course.touching)
         if not self.mesh.surfaces:
@@ -184,7 +184,7 @@ class _Film:
         return close_up(whole, self.course.touching) or whole
 
     def _picture(self, view: View, place: tuple[float, ...], labels: tuple[str, str] | None) -> tuple[Any, Any]:
-        """Axes in inches, and the image in them."""
+        """Axes at a place (left, bottom, width, height) [inch], and the image in them."""
         left, bottom, width, height = place
         axes = self.sheet.axes(left, bottom, width, height)
         show_image(axes, view, np.full((2, 2, 3), 255, np.uint8), labels)
@@ -194,7 +194,7 @@ class _Film:
         image.set_data(render(view, round(float(image.axes.get_window_extent().width)), add))
 
     def _map(self, statuses: Statuses) -> Callable[[Any], None]:
-        """The contact surfaces on their own, each node's part in the colour of its status."""
+        """Draws the contact surfaces alone, the dual cell of each node in the colour of its status."""
 
         def add(stage: Any) -> None:
             for name, surface in self.mesh.surfaces.items():
@@ -205,9 +205,9 @@ class _Film:
         return add
 
     def _line(self, name: str, moved: Array, status: NDArray[np.int8]) -> pv.PolyData:
-        """The contact line where it has moved to, each half of a facet in the colour of the node at its end."""
+        """The deformed contact line, each half of a facet in the colour of the node at its end."""
         size = float(np.ptp(self.mesh.points, axis=0).max())
-        points = moved[self.course.nodes[name]] + np.array([0.0, 0.0, 1e-2 * size])  # before the bodies
+        points = moved[self.course.nodes[name]] + np.array([0.0, 0.0, 1e-2 * size])  # in front of the bodies
         pairs = np.concatenate(
             [np.stack(pair, axis=1) for pair in pairwise(_along(self.mesh.surfaces[name][1]))]
         )  # neighbours along the facets
@@ -221,13 +221,13 @@ class _Film:
 
 
 def nodes_of(mesh: MeshData, contact: str, body: str) -> Ints:
-    """Mesh nodes of a contact surface: of two bodies that touch each has its own in the same place."""
+    """Mesh nodes of a contact surface, on its own body: two touching bodies have nodes at the same place."""
     own = np.unique(mesh.cells[mesh.body == mesh.bodies.index(body)])
     return np.asarray(own[cKDTree(mesh.points[own]).query(mesh.surfaces[contact][0])[1]])
 
 
 def _along(facets: Ints) -> tuple[Ints, ...]:
-    """Nodes of line facets in the order in which one walks along them: dolfinx counts middle nodes last."""
+    """Nodes of line facets in the order along the line: dolfinx numbers middle nodes last."""
     return (facets[:, 0], *facets[:, 2:].T, facets[:, 1])
 
 
@@ -239,9 +239,9 @@ def _colours(status: NDArray[np.int8]) -> NDArray[np.uint8]:
 
 
 def palette(solid: bool) -> Pillow.Image:
-    """256 colours for all frames, those of von Mises stress among them: chosen by frequency, rare ones would be lost.
+    """256 fixed colours for all frames; a choice by frequency would lose rare colours of the stress scale.
 
-    A solid's colours are darker on the sides that turn away from the lamps.
+    Solids need each colour in darker shades, for sides that face away from the lights.
     """
     shades = (1.0, 0.88, 0.76) if solid else (1.0,)
     status = [to_rgb(colour) for colour in STATUS_COLOURS.values()]

@@ -1,4 +1,4 @@
-"""deformed.png: the bodies where they have gone, coloured by von Mises stress."""
+"""deformed.png: the deformed bodies, coloured by von Mises stress."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from workflows.formats.steps import StoredStep, three
 from workflows.pictures.render import SHADED, View, grid_of, render
 from workflows.pictures.sheet import COLOURS, DPI, Sheet, show_image, span
 
-VISIBLE = (0.02, 0.2)  # displacements between these parts of the size are drawn as they are
-DRAWN = 0.08  # others so that the largest is about this part
-APART = 0.005  # of the size: bodies that touch are drawn no farther from each other, or into each other, than this
-FEW_CELLS = 6000  # up to here their edges are drawn
+VISIBLE = (0.02, 0.2)  # relative to the size of the bodies: displacements in this range are drawn to scale
+DRAWN = 0.08  # others are scaled so that the largest is about this fraction of the size
+APART = 0.005  # relative to the size: largest gap or overlap with which touching bodies are drawn
+FEW_CELLS = 6000  # largest number of cells whose edges are drawn
 EDGES: dict[str, Any] = {"color": "#222222", "line_width": 2.5}
 GHOST: dict[str, Any] = {"color": "#8c8c8c", "line_width": 2.0}
 
@@ -53,12 +53,18 @@ def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str) -> P
 
 
 def body_on_stage(mesh: MeshData, moved: Array, von_mises: Array, norm: Normalize) -> Callable[[Any], None]:
-    """What puts the bodies on a stage where their nodes have moved to (n, 3), and grey outlines where they were."""
+    """A function that adds the bodies to a stage, deformed, with grey outlines of the undeformed bodies.
+
+    Args:
+        moved: places of the nodes as drawn (n, 3) [m].
+        von_mises: (cells,) [Pa].
+        norm: range of the colours [Pa].
+    """
     solid = mesh.points.shape[1] == 3
     before = grid_of(mesh.points, mesh.cells, mesh.shape)
     before.cell_data["von_mises"] = von_mises
     before.point_data["moved"] = moved
-    if solid:  # all the rest comes from what can be seen
+    if solid:  # only the surface is visible
         before = before.extract_surface()
     after = before.copy()
     after.points = after.point_data["moved"]
@@ -84,10 +90,10 @@ def body_on_stage(mesh: MeshData, moved: Array, von_mises: Array, norm: Normaliz
 
 
 def displacement_scale(mesh: MeshData, result: StepResult | StoredStep) -> float:
-    """A round factor (1, 2 or 5 times a power of ten) that makes displacements visible; 1 where they are already.
+    """A round factor (1, 2 or 5 times a power of ten) that makes displacements visible; 1 if they already are.
 
-    A rigid motion common to all nodes counts like any other displacement. Where bodies touch that had a gap between
-    them, or an interference, it is closed by the true displacement only.
+    A rigid motion of all nodes counts like any other displacement. The factor is limited where touching bodies had an
+    initial gap or interference, because only the true displacement closes it.
     """
     largest = float(np.abs(result.displacement).max(initial=0.0))
     size = float(np.ptp(mesh.points, axis=0).max())
@@ -105,8 +111,8 @@ def displacement_scale(mesh: MeshData, result: StepResult | StoredStep) -> float
 
 
 def _outline(grid: Any, solid: bool) -> Any:
-    """Border of a plane body, sharp edges of a solid one."""
-    if solid:  # cells may be mirror images: faces are turned to one side before their angles are measured
+    """Border of a plane body, or sharp edges of a solid."""
+    if solid:  # cells may be mirror images: normals are made consistent before angles are measured
         grid = grid.extract_surface().compute_normals(point_normals=False, consistent_normals=True)
     return grid.extract_feature_edges(
         feature_angle=30.0,
@@ -118,4 +124,5 @@ def _outline(grid: Any, solid: bool) -> Any:
 
 
 def plain(scale: float) -> str:
+    """A factor as text: below a million in groups of three digits, without an exponent."""
     return f"{scale:,.0f}".replace(",", " ") if 1 <= scale < 1e6 else f"{scale:g}"

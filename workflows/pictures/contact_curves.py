@@ -20,17 +20,17 @@ PRESSURE, TANGENTIAL = "#1b1b1b", "#b2182b"
 
 @dataclass(frozen=True)
 class Line:
-    """The nodes of a contact line in the order in which one walks along it; a closed line returns to its start."""
+    """The nodes of a contact line, in order along the line; a closed line returns to its start."""
 
     nodes: Ints  # (k,)
     starts: Bools  # (k,) a new piece starts here
     tangents: Array  # (k, 2) unit vectors
-    place: Array  # (k,) coordinate to plot over [m]
+    place: Array  # (k,) abscissa of the plot [m]
     label: str
 
 
 def draw_line(folder: Path, name: str, points: Array, facets: Ints, contact: ContactState, head: str) -> Path:
-    """Draw pressure, tangential traction with the friction bound, and open, slip or stick."""
+    """Draw pressure, tangential traction with the friction bound, and the status: open, slip or stick."""
     line = walk(points, facets)
     pressure = contact.pressure[line.nodes]
     tangential = np.einsum("ki,ki->k", contact.traction[line.nodes], line.tangents)
@@ -122,13 +122,13 @@ def walk(points: Array, facets: Ints) -> Line:
 
 
 def line_of(line: Line, values: AnyArray) -> tuple[Array, Array]:
-    """Abscissa and ordinate of a curve that breaks between the pieces of a line."""
+    """Abscissa and ordinate of a curve, with NaN between the pieces of a line."""
     breaks = np.flatnonzero(line.starts)[1:]
     return np.insert(line.place, breaks, np.nan), np.insert(values, breaks, np.nan)
 
 
 def _tangents(points: Array) -> Array:
-    """Unit tangents at the nodes of one piece, in the direction of the walk."""
+    """Unit tangents (k, 2) at the nodes of one piece, in the order of the nodes."""
     if len(points) == 1:
         return np.array([[1.0, 0.0]])
     along = np.gradient(points, axis=0)
@@ -139,7 +139,7 @@ def _tangents(points: Array) -> Array:
 
 
 def _status_band(axes: Any, line: Line, status: NDArray[np.int8]) -> None:
-    """Each node colours its half of the facets beside it."""
+    """Draw the status as a coloured band; each node colours the nearer halves of its facets."""
     for piece in np.split(np.arange(len(line.nodes)), np.flatnonzero(line.starts)[1:]):
         x = line.place[piece]
         borders = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])

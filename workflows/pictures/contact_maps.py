@@ -17,16 +17,16 @@ from workflows.pictures.focus import focus
 from workflows.pictures.render import SHADED, View, grid_of, render
 from workflows.pictures.sheet import COLOURS, DPI, STATUS_COLOURS, Sheet, show_image, span
 
-ARROWS = 250  # at most about so many
-LONGEST = 0.12  # of the surface's size
-NEARLY_FLAT = 0.25  # depth of a surface by its size, up to which it is seen straight on
-FEW_FACETS = 3000  # up to here their edges are drawn
+ARROWS = 250  # approximate largest number of arrows
+LONGEST = 0.12  # length of the longest arrow, relative to the size of the surface
+NEARLY_FLAT = 0.25  # largest depth of a surface, relative to its size, with which it is viewed along an axis
+FEW_FACETS = 3000  # largest number of facets whose edges are drawn
 Facets = Ints
 Surface = tuple[Array, Facets, str]  # nodes, facets, their shape
 
 
 def draw_surface(folder: Path, name: str, surface: Surface, contact: ContactState, head: str) -> Path:
-    """Draw the pressure with arrows of tangential traction, and beside it open, slip or stick."""
+    """Draw the pressure with arrows of tangential traction, and next to it the status: open, slip or stick."""
     (points, facets, shape), contact = _closer(surface, contact)
     view, labels = view_of(points)
     norm = span(contact.pressure)
@@ -78,7 +78,11 @@ def draw_surface(folder: Path, name: str, surface: Surface, contact: ContactStat
 
 
 def view_of(points: Array) -> tuple[View, tuple[str, str] | None]:
-    """Straight on, with named axes, where the surface is nearly flat and square to an axis; else from the right."""
+    """View along an axis and labels of the others, if the surface is nearly flat and normal to it; else isometric.
+
+    Args:
+        points: (n, 3) [m].
+    """
     spread = np.ptp(points, axis=0)
     thin = int(np.argmin(spread))
     if spread[thin] > NEARLY_FLAT * spread.max():
@@ -88,7 +92,7 @@ def view_of(points: Array) -> tuple[View, tuple[str, str] | None]:
 
 
 def _closer(surface: Surface, contact: ContactState) -> tuple[Surface, ContactState]:
-    """The facets on which something happens, with room around, and what holds at their nodes."""
+    """The facets near the touching nodes, see `focus`, and the state of the contact at their nodes."""
     points, facets, shape = surface
     facets = facets[focus(points, contact.status != OPEN)[facets].any(axis=1)]
     nodes, numbers = np.unique(facets, return_inverse=True)
@@ -97,7 +101,7 @@ def _closer(surface: Surface, contact: ContactState) -> tuple[Surface, ContactSt
 
 
 def dual_cells(points: Array, facets: Facets, shape: str) -> tuple[pv.PolyData, Ints]:
-    """Cut each facet into one quadrilateral a corner; returns them and the node that owns each."""
+    """Cut each facet into one quadrilateral for each corner; returns these and the node that each belongs to."""
     corners, _ = corner_cells(shape, facets)
     x = points[corners]
     centre = x.mean(axis=1, keepdims=True)
@@ -108,7 +112,7 @@ def dual_cells(points: Array, facets: Facets, shape: str) -> tuple[pv.PolyData, 
 
 
 def _arrows(points: Array, contact: ContactState, view: View) -> tuple[Any, float]:
-    """Arrows of sigma_T at some of the nodes, a little towards the viewer, and the longest traction [Pa]."""
+    """Arrows of sigma_T at some of the nodes, moved slightly towards the viewer, and the largest |sigma_T| [Pa]."""
     size = np.linalg.norm(contact.traction, axis=1)
     longest = float(size.max(initial=0.0))
     chosen = _spread(points, ARROWS)

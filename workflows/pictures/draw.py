@@ -14,7 +14,7 @@ from workflows.pictures.contact_maps import draw_surface
 from workflows.pictures.history_picture import draw_history
 from workflows.pictures.loops import draw_loops
 
-HISTORY = 3  # steps that are worth a picture over time
+HISTORY = 3  # smallest number of steps for pictures over time
 
 
 def draw(folder: Path, mesh: MeshData, result: StepResult, title: str) -> list[Path]:
@@ -37,7 +37,7 @@ def draw(folder: Path, mesh: MeshData, result: StepResult, title: str) -> list[P
 
 
 def draw_course(folder: Path, scene: Scene) -> list[Path]:
-    """Draw history.png and force_displacement.png from steps.csv, if there are steps enough. Rank 0 only.
+    """Draw history.png and force_displacement.png from steps.csv, if there are enough steps. Rank 0 only.
 
     Raises:
         MachineError: the disk is full, or steps.csv cannot be read.

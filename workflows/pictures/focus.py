@@ -1,4 +1,4 @@
-"""The part of a contact surface that is worth a picture: where it touches, and some room around."""
+"""The part of a contact surface that a picture shows: the touching points, with a margin."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from geometry.arrays import Array, Bools
 
-SMALL = 0.5  # a touching part below this part of the whole is looked at closely
-ROOM = 0.5  # of the touching part's size, on every side
+SMALL = 0.5  # a touching part smaller than this, relative to the whole, is enlarged
+ROOM = 0.5  # margin on every side, relative to the size of the touching part
 
 
 def focus(points: Array, touching: Bools) -> Bools:

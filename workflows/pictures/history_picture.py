@@ -1,4 +1,4 @@
-"""history.png: what is prescribed, what contacts carry, where they stick, and energy, over time."""
+"""history.png: prescribed values, contact forces, stick and slip areas, and energies over time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from workflows.formats.steps_csv import column, is_prescribed
 from workflows.pictures.loops import FEW, Columns, from_rest, per_metre
 from workflows.pictures.sheet import CURVES, INK, PALE, STATUS_COLOURS, STATUS_WORDS, Sheet, frame
 
-MOST = 6  # curves of a panel
+MOST = 6  # largest number of curves in a panel
 WIDE, HIGH, LEFT, GAP, BESIDE = 5.2, 1.4, 0.85, 0.22, 2.0  # of a panel and its legend [inch]
 PANELS = {  # by what is prescribed
     "displacement": "motion [m]",
@@ -33,7 +33,7 @@ Curves = dict[str, Array]
 
 
 def draw_history(folder: Path, scene: Scene, columns: Columns, title: str) -> Path:
-    """Draw it.
+    """Draw history.png.
 
     Args:
         columns: see `read_steps_table`.
@@ -87,12 +87,13 @@ def panels_of(scene: Scene, steps: Columns) -> Iterator[tuple[str, Curves]]:
             found[f"{name}, tangential {axis}"] = steps[f"{name}.tangential_force.{axis}"]
     yield f"contact force [{force}]", found
     energies = {"external work": "external", "elastic energy": "stored", "contact work": "contact"}
-    energies["dissipated (end of step)"] = "dissipated"  # their difference tells whether the steps are small enough
+    # the difference between dissipated energy and contact work shows whether the steps are small enough
+    energies["dissipated (end of step)"] = "dissipated"
     yield f"energy [{per_metre(scene, 'J')}]", {label: steps[f"energy.{key}"] for label, key in energies.items()}
 
 
 def _driven(scene: Scene) -> Iterator[tuple[Place, float]]:
-    """What is prescribed, and how obstacles move, be it that a force drives them; and its value at t = 0."""
+    """Prescribed values, and motions of obstacles (prescribed or driven by forces), each with its value at t = 0."""
     for place, amplitude in scene.drives().items():
         if is_prescribed(place):
             yield place, value_at(amplitude, 0.0, scene.steps.end)
@@ -103,7 +104,7 @@ def _driven(scene: Scene) -> Iterator[tuple[Place, float]]:
 
 
 def most(curves: Curves) -> Curves:
-    """Those that vary most, in their order; none that stays zero."""
+    """The curves with the largest values, in their original order, without those that stay zero."""
     size = {name: float(np.abs(values).max()) for name, values in curves.items()}
     kept = sorted(size, key=lambda name: -size[name])[:MOST]
     least = 1e-9 * max(size.values(), default=0.0)
@@ -111,11 +112,12 @@ def most(curves: Curves) -> Curves:
 
 
 def area(scene: Scene) -> str:
+    """Unit of contact areas: plane models report them per metre of thickness."""
     return "m" if scene.model.startswith("plane") else "m²"
 
 
 def _areas(axes: Any, scene: Scene, steps: Columns) -> None:
-    """What sticks and what slips, of all contacts together."""
+    """Draw the sticking and the slipping area, summed over all contacts."""
     total = {
         s: np.sum([steps[f"{name}.{STATUS_WORDS[s]}_area"] for name in scene.contacts], axis=0) for s in (STICK, SLIP)
     }

@@ -1,4 +1,4 @@
-"""force_displacement.png: force against motion, of what drives the scene and of each flat contact with friction."""
+"""force_displacement.png: force against motion, for supports and obstacles that move, and flat frictional contacts."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from geometry.obstacles.rotation import unit
 from solvers.scene.scene import Scene
 from workflows.pictures.sheet import COLOURS, INK, PALE, Sheet, frame
 
-MOST = 3  # panels of what drives, and of contacts
-SMALL = 1e-3  # of the largest force: a force that varies less is rounding, or of no interest
-FEW = 80  # steps that are marked one by one
+MOST = 3  # largest number of panels in a row
+SMALL = 1e-3  # relative to the largest variation: forces that vary less are not drawn
+FEW = 80  # largest number of steps with a mark for each
 WIDE, HIGH, LEFT, GAP = 2.45, 2.2, 0.95, 1.0  # of a panel [inch]
-ROUNDING = 1e-9  # of the motion: less is no slip
-STRAIGHT = 0.9  # of the pressure's integral, that a contact counted as flat has as its resultant
+ROUNDING = 1e-9  # relative to the motion: smaller slips count as zero
+STRAIGHT = 0.9  # smallest |resultant| of a flat contact, relative to the sums of its pressure and friction
 HEAD, FOOT = 1.1, 0.6  # above and below the panels [inch]
 Columns = Mapping[str, Array]
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A force (steps,) over a motion (steps,), which is NaN where there is none: the line breaks there."""
+    """A force (steps,) over a motion (steps,); the line has a gap where the motion is NaN (not defined)."""
 
     title: str
     x: Array
@@ -38,17 +38,17 @@ class Panel:
 
     @property
     def swing(self) -> float:
-        """By how much the force varies."""
+        """Largest minus smallest force."""
         return float(np.ptp(self.y))
 
     @property
     def travel(self) -> float:
-        """By how much the motion varies."""
+        """Largest minus smallest motion."""
         return _travel(self.x)
 
 
 def draw_loops(folder: Path, scene: Scene, columns: Columns, title: str) -> Path | None:
-    """Draw them; None if nothing moves under a force.
+    """Draw force_displacement.png; returns None, without a file, if no force does work.
 
     Args:
         columns: see `read_by_time`.
@@ -77,20 +77,20 @@ def draw_loops(folder: Path, scene: Scene, columns: Columns, title: str) -> Path
 
 
 def from_rest(columns: Columns) -> dict[str, Array]:
-    """The columns with a row of zeros ahead, where nothing has happened yet."""
+    """The columns with a first row of zeros at t = 0, unless t = 0 is a step."""
     first = columns["time"][0] == 0
     return dict(columns) if first else {name: np.concatenate([[0.0], values]) for name, values in columns.items()}
 
 
 def largest(panels: Sequence[Panel]) -> list[Panel]:
-    """Those whose force varies most, in their order."""
+    """The panels whose force varies most, in their original order."""
     swings = sorted((panel.swing for panel in panels), reverse=True)
     least = max(swings[min(MOST, len(swings)) - 1], SMALL * swings[0]) if swings else 0.0
     return [panel for panel in panels if panel.swing >= least > 0][:MOST]
 
 
 def per_metre(scene: Scene, unit_of_it: str) -> str:
-    """Units of resultants: plane models report them for a metre of thickness.
+    """Unit of a resultant: plane models report resultants per metre of thickness.
 
     >>> import stickslip
     >>> [per_metre(stickslip.read(name), "N") for name in ("block", "cube")]
@@ -100,7 +100,7 @@ def per_metre(scene: Scene, unit_of_it: str) -> str:
 
 
 def driving(scene: Scene, steps: Columns) -> Iterator[Panel]:
-    """Supports and obstacles that move, and the force or moment that they exert."""
+    """Force or moment of each support and obstacle over its motion."""
     force, moment = per_metre(scene, "N"), per_metre(scene, "N m")
     for table, name, axis in (
         *(("support", name, axis) for name, support in scene.supports.items() for axis in support.displacement),
@@ -118,7 +118,7 @@ def driving(scene: Scene, steps: Columns) -> Iterator[Panel]:
 
 
 def sliding(scene: Scene, steps: Columns) -> Iterator[Panel]:
-    """Flat contacts with friction: what the slave exerts on the other side, which rises with slip."""
+    """Flat contacts with friction: the friction force of the slave on the other side, over the mean slip."""
     for name, contact in scene.contacts.items():
         flat = contact.friction is not None and _is_flat(name, scene, steps)
         for axis in "xyz"[: scene.dim] if flat else "":
@@ -137,12 +137,12 @@ def _travel(x: Array) -> float:
 
 
 def _motion(contact: str, steps: Columns) -> float:
-    """How far things move [m]: work over force."""
+    """Scale of motions [m]: largest work divided by the largest normal force."""
     return float(np.abs(steps["energy.external"]).max() / np.abs(steps[f"{contact}.normal_force"]).max())
 
 
 def _is_flat(contact: str, scene: Scene, steps: Columns) -> bool:
-    """Whether forces and slips add up along the axes, and do not go round."""
+    """Whether a contact is so flat that its resultant is nearly the sum of the forces at its points."""
     normal, tangential = (steps[f"{contact}.{key}_force"] for key in ("normal", "tangential"))
     resultant = np.linalg.norm([steps[f"{contact}.force.{axis}"] for axis in "xyz"[: scene.dim]], axis=0)
     k = int(np.argmax(normal))

@@ -16,8 +16,8 @@ from geometry.user_files.outline import Facets
 from workflows.pictures.render import Image, View, render
 from workflows.pictures.sheet import DPI, Sheet, show_image
 
-SIDE = 5.2  # inches of a view's longer side
-LEAST = 4  # pixels; a smaller visible part gets no number
+SIDE = 5.2  # largest width of a view [inch]
+LEAST = 4  # distance to the edge in pixels; visible parts that are narrower get no number
 TEXT: dict[str, Any] = {"fontsize": 7, "ha": "center", "va": "center", "color": "#111111"}
 PAPER: dict[str, Any] = {"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "linewidth": 0}
 
@@ -42,7 +42,7 @@ def draw_numbers(path: Path, entities: Sequence[Facets], title: str) -> Path:
 
 
 def _from_behind(points: Array) -> View:
-    """Opposite to the isometric view: what that one hides."""
+    """The view opposite to the isometric one; it shows the faces that the isometric view hides."""
     front = View.isometric(points)
     back = np.cross(front.right, front.up)
     right = -front.right
@@ -70,7 +70,7 @@ def _add(stage: Any, entities: Sequence[Facets], colours: Array, **look: Any) ->
 
 
 def visible_places(flat: Image, count: int) -> Iterator[tuple[int, int, int]]:
-    """Entity, column and row of the pixel deepest inside each entity's largest visible part."""
+    """Index of each visible entity, with column and row of the innermost pixel of its largest visible part."""
     found = flat[..., 0].astype(int) * 256 + flat[..., 1] - 1
     found[flat[..., 2] != 128] = -1
     for i in range(count):

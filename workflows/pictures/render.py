@@ -1,4 +1,4 @@
-"""A scene of VTK seen in parallel projection, as an image that matplotlib can frame to scale."""
+"""Renders a VTK scene in parallel projection, as an image that matplotlib can show to scale."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from workflows.formats.shapes import corner_cells
 from workflows.formats.steps import three
 
 Image = NDArray[np.uint8]
-MARGIN = 0.04  # of the longer side of the view
+MARGIN = 0.04  # relative to the longer side of the view
 SHADED: dict[str, Any] = {"lighting": True, "ambient": 0.6, "diffuse": 0.45}  # edges show, colours stay near the bar's
 FLATTEST = 6.0  # largest ratio of the view's sides; slimmer bodies get empty space around them
 
@@ -46,12 +46,12 @@ class View:
 
     @staticmethod
     def facing(points: Array, horizontal: int = 0, vertical: int = 1) -> View:
-        """Straight on: two of the axes x, y, z in the plane of the picture."""
+        """View along an axis: the other two of x, y, z (numbers 0, 1, 2) are in the plane of the picture."""
         return View.around(points, np.eye(3)[horizontal], np.eye(3)[vertical])
 
     @staticmethod
     def isometric(points: Array) -> View:
-        """From the front right, above; z is up."""
+        """View from the front, right and above; z is up."""
         back = np.array([1.0, -1.3, 0.9])
         back /= np.linalg.norm(back)
         right = np.cross([0.0, 0.0, 1.0], back)
@@ -60,7 +60,7 @@ class View:
 
     @staticmethod
     def around(points: Array, right: Array, up: Array) -> View:
-        """The window that shows all points (n, 3) with a margin."""
+        """The window that shows all points (n, 3) [m] with a margin."""
         seen = points @ np.column_stack([right, up])
         low, high = seen.min(axis=0), seen.max(axis=0)
         longer = float((high - low).max()) or 1.0
@@ -107,7 +107,7 @@ def _aim(stage: Any, view: View) -> None:
 
 
 def _light(stage: Any, view: View) -> None:
-    """One lamp above the viewer's left shoulder, one weaker at the right: edges between faces are seen."""
+    """One light above the viewer on the left, a weaker one on the right, so that edges between faces are visible."""
     back = np.cross(view.right, view.up)
     for left, above, strength in ((0.6, 0.9, 0.7), (-0.9, 0.1, 0.35)):
         position = back - left * view.right + above * view.up
@@ -118,7 +118,7 @@ def _light(stage: Any, view: View) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without a display VTK complains on stderr before it finds another way to draw."""
+    """Context without VTK's messages: without a display it writes to stderr before it uses another way to draw."""
     before = vtkLogger.GetCurrentVerbosityCutoff()
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
     try:

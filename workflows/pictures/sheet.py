@@ -1,4 +1,4 @@
-"""A sheet of matplotlib: axes placed in inches, so that nothing depends on a layout engine; no state outside."""
+"""A page of matplotlib with axes placed in inches, independent of layout engines and of matplotlib's global state."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ from workflows.formats.aside import write_aside
 from workflows.pictures.render import Image, View
 
 DPI = 200
-TITLE = (11.0, 8.0)  # points of a title of one line, and of two
-LETTERS = 17  # that an inch takes when the title is shrunk to fit
+TITLE = (11.0, 8.0)  # font size [pt] of a title of one line, and of two lines
+LETTERS = 17  # letters per inch in a title that is shrunk to fit
 INK, PALE = "#222222", "#666666"
 COLOURS = "viridis"
-CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d31", "#7f7f7f")  # told apart by all
+# curves that colour-blind readers can tell apart
+CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d31", "#7f7f7f")
 STATUS_COLOURS = {OPEN: "#d9d9d9", SLIP: "#e6862d", STICK: "#2f6db3"}
 STATUS_WORDS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
 
@@ -51,7 +52,7 @@ class Sheet:
         return self.figure.text(x / self.width, y / self.height, text, **look)
 
     def head(self, title: str, caption: str, left: float) -> None:
-        """Title in the top line, or small in two, what the picture shows in the line below."""
+        """Title in one line, or smaller in two lines, and a caption below it; left: margin [inch]."""
         canvas: Any = self.canvas
         room = self.width - left - 0.1
         lines = wrap(title, int(room * LETTERS), max_lines=2, placeholder="…")
@@ -63,6 +64,7 @@ class Sheet:
         self.write(left, self.height - 0.48, caption, color=PALE)
 
     def colour_bar(self, axes: Any, norm: Normalize, label: str, orientation: str) -> None:
+        """Colour bar that fills the axes; orientation: horizontal or vertical."""
         mappable = ScalarMappable(norm, COLOURS)
         bar: Any = self.figure.colorbar(mappable, cax=axes, orientation=orientation, format=number_format())
         bar.ax.tick_params(labelsize=8, color=PALE, labelcolor=INK)
@@ -74,7 +76,7 @@ class Sheet:
         bar.set_label(label, fontsize=9, color=INK)
 
     def status_legend(self, axes: Any, **options: Any) -> None:
-        """What the three colours of a contact's status mean."""
+        """Legend of the three colours of the contact status."""
         patches = [
             Patch(facecolor=STATUS_COLOURS[s], edgecolor=PALE, linewidth=0.5, label=STATUS_WORDS[s])
             for s in STATUS_COLOURS
@@ -83,7 +85,7 @@ class Sheet:
         axes.legend(handles=patches, **options)
 
     def pixels(self) -> Image:
-        """What it looks like now, (rows, columns, 3)."""
+        """The page as it is now, as an image (rows, columns, 3)."""
         canvas: Any = self.canvas
         canvas.draw()
         return np.array(canvas.buffer_rgba())[..., :3]
@@ -101,7 +103,7 @@ class Sheet:
 
 
 def show_image(axes: Any, view: View, image: Image, labels: tuple[str, str] | None) -> None:
-    """Put a rendered view into axes of the same aspect: to scale if its axes have labels, with a triad if not."""
+    """Put a rendered view into axes of the same aspect: with scales if `labels` are given, otherwise with a triad."""
     axes.imshow(image, extent=view.extent, aspect="auto", origin="upper")
     if labels is None:
         axes.set_axis_off()
@@ -137,7 +139,7 @@ def _ticks(count: int) -> MaxNLocator:
 
 
 def span(values: Array, at_least: float = 0.0) -> Normalize:
-    """Colours from 0 (or the smallest, if negative) to the largest value; constant fields get a span of one too."""
+    """Range of colours from 0, or from the smallest value if negative, to the largest; of width 1 if these are equal."""
     low, high = min(0.0, float(values.min(initial=0.0))), max(at_least, float(values.max(initial=0.0)))
     return Normalize(low, high if high > low else low + 1.0)
 

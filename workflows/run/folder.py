@@ -1,4 +1,4 @@
-"""The results folder: a run works beside it and replaces it whole at the end; nothing of the user's is lost."""
+"""The results folder: a run writes to a working folder and replaces the results at the end; no user file is lost."""
 
 from __future__ import annotations
 
@@ -17,24 +17,25 @@ from workflows.formats.aside import disk_errors, make_folder, sync_folder
 from workflows.formats.steps import step_files
 
 MARK = "run.log"  # every folder that a run has made holds it
-NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)  # what some network disks answer
-AT_WORK = "process {pid} on {host}"  # a line of it
+NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)  # errors of network disks without locks
+AT_WORK = "process {pid} on {host}"  # a line of run.log
 
 
 class ResultsFolder:
-    """`target` is where the results will stand, `work` where they grow until then, locked by the process at work."""
+    """Folder `target` for the results, and folder `work` that a run fills and locks until they are complete."""
 
     def __init__(self, target: Path) -> None:
-        """
+        """Check that the folders are free or hold results of a run.
+
         Raises:
-            FolderError: something that is not a run's results stands there.
+            FolderError: `target` holds other files.
         """
         if target.name in ("", ".."):
             raise FolderError(f"-o {target}: name a folder that may be made and replaced, for example results/mine")
         self.target = target
         self.work = target.with_name(f".{target.name}.running")
         self.notes: tuple[str, ...] = ()  # for the user
-        self._held: weakref.finalize[..., ResultsFolder] | None = None  # called, it closes what is locked
+        self._held: weakref.finalize[..., ResultsFolder] | None = None  # a call releases the lock
         for folder in (target, self.work, self._old):
             if folder.exists() and not _ours(folder):
                 raise FolderError(f"{folder}: is not the result of a run and not empty; choose another folder with -o")
@@ -48,7 +49,8 @@ class ResultsFolder:
         return self.target.with_name(f".{self.target.name}.1.removed")
 
     def refuse_to_lose(self) -> None:
-        """
+        """Check that no steps of another run would be lost.
+
         Raises:
             FolderError: another run is at work, or one that was stopped or killed has left steps.
         """
@@ -59,6 +61,7 @@ class ResultsFolder:
             self._refuse(self.work)
 
     def _refuse(self, folder: Path) -> None:
+        """Raise FolderError if the folder holds steps."""
         if kept := len(step_files(folder)):
             self.release()
             raise FolderError(
@@ -67,7 +70,7 @@ class ResultsFolder:
             )
 
     def start(self) -> Path:
-        """An empty working folder; what a run that was killed before its first step left there is removed.
+        """Make an empty, locked working folder; files of a run that was killed before its first step are removed.
 
         Raises:
             FolderError: another run is at work, or one that was stopped or killed has left steps.
@@ -85,7 +88,11 @@ class ResultsFolder:
         return self.work
 
     def take_up(self, folder: Path) -> Path:
-        """Work on in `folder`, which may be the target."""
+        """Lock `folder`, which may be the target, and rename it to the working folder; returns the working folder.
+
+        Raises:
+            FolderError: another process is at work there.
+        """
         self.lock(folder)
         if folder != self.work:
             with disk_errors(folder):
@@ -94,10 +101,10 @@ class ResultsFolder:
         return self.work
 
     def lock(self, folder: Path) -> None:
-        """Keep other processes out until `release`; the system does that when this one is killed.
+        """Lock a folder against other processes until `release`; the system releases the lock of a killed process.
 
         Raises:
-            FolderError: another one is at work there.
+            FolderError: another process is at work there.
         """
         if self._held is not None:
             return
@@ -117,16 +124,16 @@ class ResultsFolder:
         self._held = weakref.finalize(self, os.close, descriptor)
 
     def release(self) -> None:
-        """Let others in."""
+        """Release the lock."""
         if self._held is not None:
             self._held()
             self._held = None
 
     def finish(self) -> Path:
-        """Put the results in place by rename; the former ones are kept as `.1`."""
+        """Rename the working folder to the target, and release the lock; earlier results are kept as `TARGET.1`."""
         with disk_errors(self.target):
             if self.target.exists():
-                if self._old.exists():  # out of the way first: a kill may leave it half removed
+                if self._old.exists():  # renamed first: a killed process may leave it half removed
                     shutil.rmtree(self._rubbish, ignore_errors=True)
                     self._old.rename(self._rubbish)
                 self.target.rename(self._old)
@@ -136,23 +143,24 @@ class ResultsFolder:
         return self.target
 
     def abandon(self) -> None:
-        """Leave no trace of what has not come to anything."""
+        """Remove the working folder of a run without results, and release the lock."""
         shutil.rmtree(self.work, ignore_errors=True)
         self.release()
 
 
 def at_work() -> str:
-    """What `run.log` says of the process that writes it."""
+    """Line of `run.log` that names the process that writes it."""
     return AT_WORK.format(pid=os.getpid(), host=socket.gethostname())
 
 
 def _who(folder: Path) -> str:
+    """The process that writes a folder, from its run.log."""
     said = re.findall(AT_WORK.format(pid=r"\d+", host=r"\S+"), (folder / MARK).read_text(encoding="utf-8"))
     return said[-1] if said else "another process"
 
 
 def _interrupted(folder: Path) -> bool:
-    """Whether the results of a run that was stopped stand there."""
+    """Whether the folder holds the results of an interrupted run."""
     path = folder / "result.json"
     if not path.is_file():
         return False
@@ -164,4 +172,5 @@ def _interrupted(folder: Path) -> bool:
 
 
 def _ours(folder: Path) -> bool:
+    """Whether a folder is empty or made by a run."""
     return folder.is_dir() and (not any(folder.iterdir()) or (folder / MARK).is_file())

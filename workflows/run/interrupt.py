@@ -1,4 +1,4 @@
-"""Signals that wait for a safe moment: the end of an iteration or of a step, never the middle of a file."""
+"""Signals that take effect at the end of an iteration or of a step only, so that no file is left half written."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import threading
 from types import FrameType
 from typing import Any
 
-NOTED = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)  # Ctrl-C, and what batch queues send ahead of the end
+NOTED = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)  # Ctrl-C, and signals of batch queues before the time limit
 IMPATIENT = 3  # presses of Ctrl-C after which the program stops at once
 
 
@@ -18,12 +18,13 @@ class Interrupt:
     def __init__(self) -> None:
         self._presses = 0
         self._former: dict[signal.Signals, Any] = {}
-        self.by = ""  # the first signal, on whatever rank
+        self.by = ""  # name of the first signal, on any rank
 
     def __enter__(self) -> Interrupt:
         if threading.current_thread() is threading.main_thread():  # signals reach the main thread only
             self._former = {number: signal.signal(number, self._note) for number in NOTED}
-            signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as Python has it: an error. PETSc would end the process
+            # as Python does by default, so that an error is raised; PETSc's handler would end the process
+            signal.signal(signal.SIGPIPE, signal.SIG_IGN)
         return self
 
     def __exit__(self, *error: object) -> None:

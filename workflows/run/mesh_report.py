@@ -1,4 +1,4 @@
-"""What a scene's mesh holds, and whether its contacts can be trusted with it: said before anything is solved."""
+"""Report on a scene's mesh, and warnings if it is too coarse for its contacts, before anything is solved."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from solvers.simulation.resolve import resolve
 from solvers.stepping.choice import Choice, Size, chosen
 from solvers.system.system import contact_rows, displacement_space
 
-FEWEST = 4  # contact points that an answer needs
-POOR = 0.1  # cells of a lower quality spoil what is computed around them
-INDENTED = 0.01  # of the bodies' size: small strains do not bring a loaded surface nearer than this
+FEWEST = 4  # smallest number of contact points for a useful answer
+POOR = 0.1  # cells of lower quality cause errors around them
+INDENTED = 0.01  # largest indentation under loads with small strains, relative to the size of the bodies
 CORNERS = {"interval": 2, "triangle": 3, "quadrilateral": 4}
 EDGES = {"triangle": [(0, 1), (1, 2), (2, 0)], "quadrilateral": [(0, 1), (0, 2), (1, 3), (2, 3)]}
 
@@ -68,7 +68,7 @@ class MeshReport:
             )
 
     def warnings(self) -> Iterator[str]:
-        """One line each."""
+        """Warnings, one line each."""
         if self.worst_quality < POOR:
             yield f"worst cell quality {self.worst_quality:.2g} is below {POOR:g}; change mesh_size or the geometry"
         for name, c in self.contacts.items():
@@ -80,7 +80,12 @@ class MeshReport:
 
 
 def report_mesh(scene: Scene, mesh: Mesh, nodes: int, contacts: Sequence[ContactRows]) -> MeshReport:
-    """Look at a mesh and its contact surfaces; collective."""
+    """Report on a mesh and its contact surfaces; collective.
+
+    Args:
+        nodes: number of nodes of the mesh.
+        contacts: rows of every contact.
+    """
     size = float(np.max(np.ptp(mesh.box(), axis=0)))
     return MeshReport(
         cells=int(mesh.domain.topology.index_map(mesh.dim).size_global),
@@ -107,10 +112,14 @@ def _report_contact(scene: Scene, c: ContactRows, size: float) -> ContactReport:
 
 
 def can_touch(scene: Scene, gap: Any, size: float) -> Any:
-    """Points whose gap may close: what supports and obstacles move by closes it.
+    """Which points may come into contact (m,): the motions of supports and obstacles are large enough to close the gap.
 
-    Under forces a body may also come closer as a whole until its first point touches, and is indented by 1 % of
-    its size at most: more is no small strain.
+    Under forces a body may also move as a whole until its first point touches, and is then indented by at most 1 % of
+    its size: more is not a small strain.
+
+    Args:
+        gap: (m,) [m].
+        size: of the bodies [m].
     """
     end = scene.steps.end
     moved = [a for support in scene.supports.values() for a in support.displacement.values()]
@@ -125,11 +134,12 @@ def can_touch(scene: Scene, gap: Any, size: float) -> Any:
 
 
 def _largest(amplitude: Amplitude, end: float) -> float:
+    """Largest absolute value up to the end [s]."""
     return max(abs(value_at(amplitude, t, end)) for t in (*listed_times(amplitude), end))
 
 
 def elements_across(surface: Surface) -> int:
-    """Facets met on the way across the surface where it is widest, edge to edge; halfway around if it has no edge."""
+    """Number of facets across the surface at its widest place, from edge to edge; halfway around if it is closed."""
     facets, n = surface.facets[:, : CORNERS[surface.shape]], len(surface.nodes)
     pairs = np.concatenate([facets[:, pair] for pair in EDGES.get(surface.shape, [(0, 1)])])
     ones = np.ones(len(pairs))
@@ -141,7 +151,7 @@ def elements_across(surface: Surface) -> int:
 
 
 def _edge_nodes(pairs: Any, facets: Any) -> Any:
-    """Nodes at the surface's edge; one node if it is closed."""
+    """Nodes on the edge of the surface; any one node if it is closed."""
     if facets.shape[1] == 2:
         found, count = np.unique(facets, return_counts=True)
         ends = found[count == 1]
@@ -152,7 +162,7 @@ def _edge_nodes(pairs: Any, facets: Any) -> Any:
 
 
 def look(scene: Scene) -> tuple[MeshReport, Choice, int]:
-    """The mesh report, what solves it, and how many displacements are unknown; meshes, but assembles nothing."""
+    """The mesh report, the choice of methods, and the number of unknown displacements; assembles nothing."""
     problem = resolve(scene)
     mesh = build_mesh(problem.shape, problem.request, MPI.COMM_WORLD)
     space = displacement_space(mesh)
@@ -164,7 +174,7 @@ def look(scene: Scene) -> tuple[MeshReport, Choice, int]:
 
 
 def count(scene: Scene) -> dict[str, Any]:
-    """Cells, nodes, unknowns, quality, and each contact's points, area and gap."""
+    """The mesh report and the choice of methods as plain data, for `stickslip plan --mesh`."""
     report, choice, unknown = look(scene)
     return {
         **asdict(report),

@@ -1,4 +1,4 @@
-"""Whether a scene is the one that earlier results were begun with."""
+"""Whether a scene is the same as that of earlier results."""
 
 from __future__ import annotations
 
@@ -12,17 +12,15 @@ from geometry.user_files.user_file import UserFile
 from solvers.scene.scene import Scene
 from workflows.scene_file.read import to_dict
 
-# keys of a scene that change no answer: titles, output, references, and when a step is given up
+# keys of a scene that do not change the answer: title, output, references, and the limit of iterations
 DECIDES_NOTHING = ("title", "output", "exact", "solver.max_iterations")
 
 
 def identity(scene: Scene, without: Collection[str]) -> dict[str, Any]:
     """The part of a scene that decides the answers, as plain JSON data; a geometry file counts by its content.
 
-    Changes of what `without` names are ignored.
-
     Args:
-        without: tables of the scene that change no answer, and keys of its tables, as "table.key".
+        without: tables to leave out, and keys of tables, as "table.key"; they do not change the answers.
     """
     plain = {key: value for key, value in to_dict(scene).items() if key not in without}
     for table, _, key in (name.partition(".") for name in without):

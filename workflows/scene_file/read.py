@@ -1,4 +1,4 @@
-"""A TOML file becomes a Scene: the registries say which tables exist, pydantic checks types."""
+"""Reads a scene from a TOML file: registries list the tables that exist, pydantic checks types."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def read(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
 
 
 def read_geometry(source: str | Path, overrides: Sequence[str] = ()) -> tuple[Model, Builder | UserFile]:
-    """Only model and geometry of a scene whose other tables may still wait for the names of sides.
+    """Read only model and geometry of a scene, whose other tables may be incomplete.
 
     Raises:
         SceneError: either of the two is wrong or missing.
@@ -92,7 +92,7 @@ def _load(source: str | Path, overrides: Sequence[str]) -> tuple[Path, dict[str,
 
 @contextmanager
 def named(source: str | Path) -> Iterator[None]:
-    """Put the scene file's name in front of what is wrong with the scene."""
+    """Context that puts the name of the scene file in front of errors of the scene."""
     try:
         yield
     except FolderError:
@@ -102,7 +102,11 @@ def named(source: str | Path) -> Iterator[None]:
 
 
 def find(source: str | Path) -> Path:
-    """The file that `source` names."""
+    """Path of a scene file, or of a ready scene by name.
+
+    Raises:
+        SceneError: there is no such file or ready scene.
+    """
     path = Path(source)
     ready = {p.stem: p for p in READY.glob("*.toml")}
     if path.is_file():
@@ -115,12 +119,12 @@ def find(source: str | Path) -> Path:
 
 
 def title_of(path: Path) -> str:
-    """Title of a scene file, whose geometry need not be there."""
+    """Title of a scene file; its geometry file may be missing."""
     return str(tomllib.loads(path.read_text(encoding="utf-8")).get("title", ""))
 
 
 def kinds_of_keys() -> dict[str, Any]:
-    """Type of every key of a scene: in [solver] stand the keys of all methods."""
+    """Type of every key of a scene; [solver] has the keys of all methods."""
     return get_type_hints(Scene, include_extras=True) | {"solver": Solver}
 
 
@@ -151,7 +155,7 @@ def from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Scene:
 
 
 def _geometry(table: Any, folder: Path) -> tuple[Any, Any]:
-    """Kind of a geometry by its key, and its table: the file's path absolute, free keys among its parameters."""
+    """Kind of a geometry (builder or file), and its table with an absolute path and unknown keys as parameters."""
     if not isinstance(table, Mapping) or "file" not in table:
         if isinstance(table, Mapping) and "builder" not in table:
             raise SceneError("geometry: needs either builder or file; both are missing")
@@ -171,7 +175,7 @@ def _geometry(table: Any, folder: Path) -> tuple[Any, Any]:
 
 
 def _output(table: Any) -> Output:
-    """The table [output]: its own keys, and those that writers add; a key at its default counts as left out."""
+    """The table [output]: its own keys, and those that writers add; writers' keys at their default are left out."""
     added, own = added_keys(), {f.name for f in fields(Output)} - {"writers"}
     if not isinstance(table, Mapping):
         table = _parse(dict[str, Any], table, ("output",))  # says that a table is expected
@@ -213,7 +217,7 @@ def _parse(kind: Any, value: Any, at: tuple[str, ...]) -> Any:
 
 
 def _explain(error: ValidationError, kind: Any, data: Mapping[str, Any], at: tuple[str, ...]) -> str:
-    """The most telling of pydantic's complaints, in one line of the scene's own words."""
+    """The most specific of pydantic's errors, in one line in terms of the scene's keys."""
     rank = {"unexpected_keyword_argument": 0, "value_error": 1, "missing": 2}
     problem = min(error.errors(include_url=False), key=lambda e: (rank.get(e["type"], 3), len(e["loc"])))
     path, node = list(at), data[at[0]]
