@@ -5,7 +5,7 @@ Of an effect that is off only `because` is called. An effect that is on adds wha
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import ABC
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
@@ -27,9 +27,10 @@ class Effect(ABC):
     name: ClassVar[str]  # row of the plan, and name of the scene's table if the effect has one
     table: ClassVar[Any] = None  # type of that table: an `EffectTable`, or a Mapping of them by name
 
-    @abstractmethod
     def because(self, scene: Scene) -> str | None:
-        """The scene key that switches the effect on; None: it is off."""
+        """The scene key that switches the effect on; None: it is off. An effect with a table is on with its table."""
+        named = [name for section, name in scene.effect_tables() if section == self.name]
+        return ", ".join(f"{self.name}.{name}" if name else self.name for name in named) or None
 
     def loads(self, problem: Problem, weak: WeakForms) -> Iterable[LoadTerm]:
         """Loads on the bodies; they enter the equilibrium, the external work and the audit."""
@@ -42,13 +43,18 @@ class Effect(ABC):
     def stiffness(self, problem: Problem, weak: WeakForms, u: UflExpr) -> Iterable[UflForm]:
         """Forms, linear in u and in `weak.v`, symmetric and positive, that are added to a(u, v).
 
-        They enter the stiffness matrix, the stored energy and the audit's inner forces. They do not count as supports
-        of a body.
+        They enter the stiffness matrix, the stored energy and the audit's inner forces. They do not count as supports:
+        a scene with a body that no support holds is refused. UFL is `geometry.dolfinx_versions.ufl`.
 
         Args:
             u: trial function, or a displacement Function [m].
         """
         return ()
+
+    @property
+    def stiffens(self) -> bool:
+        """Whether the effect adds stiffness: a rigid motion of the bodies is then no longer free of force."""
+        return type(self).stiffness is not Effect.stiffness
 
     def columns(self, problem: Problem, timeline: Timeline, time: float) -> Mapping[str, float]:
         """Numbers for steps.csv at a reported time [s], by name; the table's values in time are listed without this."""

@@ -43,9 +43,6 @@ class _Gravity(Effect):
     name = "gravity"
     table = Gravity
 
-    def because(self, scene: Scene) -> str | None:
-        return "gravity" if "gravity" in scene.sections else None
-
     def loads(self, problem: Problem, weak: WeakForms) -> Iterable[LoadTerm]:
         for body, material in problem.bodies.items():
             for axis in range(problem.dim):

@@ -39,8 +39,5 @@ class _Periodic(Effect):
     name = "periodic"
     table = Mapping[str, Periodic]
 
-    def because(self, scene: Scene) -> str | None:
-        return ", ".join(f"periodic.{name}" for section, name in scene.effect_tables() if section == "periodic") or None
-
 
 EFFECT = _Periodic()

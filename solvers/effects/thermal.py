@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from geometry.amplitude import Amplitude, check
-from geometry.errors import nearest, require
+from geometry.errors import SceneError, nearest
 from geometry.keys import Key
 from solvers.effects.effect import Effect
 from solvers.fem.terms import InitialStrain
@@ -33,7 +33,8 @@ class Thermal(EffectTable):
 
     def check(self, scene: Scene, key: str) -> None:
         body = key.removeprefix("thermal.")
-        require(body in scene.bodies, key, body, f"no such body; {nearest(body, scene.bodies)}")
+        if body not in scene.bodies:
+            raise SceneError(f"{key}: no such body in the geometry; {nearest(body, scene.bodies)}")
 
 
 class _Thermal(Effect):
@@ -41,9 +42,6 @@ class _Thermal(Effect):
 
     name = "thermal"
     table = Mapping[str, Thermal]
-
-    def because(self, scene: Scene) -> str | None:
-        return ", ".join(f"thermal.{name}" for section, name in scene.effect_tables() if section == "thermal") or None
 
     def initial_strains(self, problem: Problem) -> Iterable[InitialStrain]:
         for body, table in problem.tables["thermal"].items():

@@ -179,9 +179,8 @@ class VolumeNewton:
         self.iteration = 0
         weights = np.concatenate([c.node_weights for c in system.contacts])
         self.scale = problem.p_ref * float(np.linalg.norm(weights))
-        self.f = system.K_B.createVecRight()
         time = problem.cone.time
-        system.T.multTranspose(system.load(time) - system.K * system.prescribed(time), self.f)
+        self.f = system.pull(time, system.load(time), system.prescribed(time))
         self.snes = self._snes(system.K_B)
 
     def solve(self, q: Vec, level: float) -> Status:

@@ -11,12 +11,13 @@ from scipy import sparse
 
 from geometry import dolfinx_versions as dx
 from geometry.amplitude import value_at
-from geometry.arrays import Array, Ints
+from geometry.arrays import Array
 from geometry.protocols import CompiledForm, Function, Mat, Vec
 from solvers.contact.rows import ContactRows
 from solvers.fem.smoothed_laws import SmoothedContact, Widths
 from solvers.laws.friction import Tresca
 from solvers.parallel.replicated import Replicated
+from solvers.system.contact_interface import components
 from solvers.system.system import System
 
 
@@ -83,7 +84,7 @@ class Nodal:
         self.forms = SmoothedContact(weak, contact, widths, self.bound)
         self.S = _transformation(system, rows)  # displacements to coefficients of phi~
         self.P = self.S.matMult(system.T) if self.S else system.T
-        self.nodes = Replicated(system.vector(), _components(rows, system.mesh.dim))
+        self.nodes = Replicated(system.vector(), components(rows.surface.nodes, system.mesh.dim))
         sampled = self.nodes.read(dx.assemble_vector(weak.compile(self.forms.sampled())))
         _fill(self.forms.share, self._spread(np.repeat(rows.node_weights, system.mesh.dim) / sampled))
         _fill(self.forms.normal, self._spread(rows.frames[:, 0].ravel()))
@@ -137,11 +138,6 @@ class Nodal:
         return vector
 
 
-def _components(rows: ContactRows, dim: int) -> Ints:
-    """Numbers (n d,) of the displacement components at the nodes of a contact surface."""
-    return (rows.surface.nodes[:, None] * dim + np.arange(dim)).ravel()
-
-
 def _transformation(system: System, rows: ContactRows) -> Mat | None:
     """Matrix (all, all) from displacements to coefficients of phi~ on a contact surface; None if it is the identity."""
     surface, dim, K = rows.surface, system.mesh.dim, system.K
@@ -151,7 +147,7 @@ def _transformation(system: System, rows: ContactRows) -> Mat | None:
         return None
     low, high = K.getOwnershipRange()
     block = sparse.kron(change, sparse.identity(dim)).tocoo()
-    at = _components(rows, dim)
+    at = components(rows.surface.nodes, dim)
     i, j = at[block.row], at[block.col]
     own = (i >= low) & (i < high)
     shape = (high - low, K.size[1])

@@ -129,7 +129,7 @@ class Auditor:
         return float((free.norm(0) + np.abs(obstacles).sum()) / scale) if scale else 0.0
 
     def _inner(self, u: Vec) -> Vec:
-        """Inner forces ∫ sigma(u) : eps(v) dx over all displacement dofs [N]; u: displacement of all dofs [m]."""
+        """Inner forces of bodies and of effects that stiffen them [N]; u: displacement of all dofs [m]."""
         dx.petsc_vector(self._u).array[:] = u.array
         self._u.x.scatter_forward()
         return dx.assemble_vector(self._inner_forces)

@@ -51,7 +51,7 @@ class EffectTable(Noun):
 
 @dataclass(frozen=True, kw_only=True)
 class Scene(Noun):
-    """Frozen and validated; `sections` holds the tables that effects own (`gravity`, `periodic`)."""
+    """Frozen and validated; `sections` holds the tables that effects own."""
 
     model: Annotated[Model, Key("-", "kinematics; plane: per metre; axisymmetric: x radius, y axis, full circle")]
     geometry: Builder | UserFile
@@ -131,10 +131,6 @@ class Scene(Noun):
     def requested_times(self) -> tuple[float, ...]:
         """Times [s] at which results are asked for; see `Timeline.times`."""
         return self.timeline().times
-
-    def turns(self) -> frozenset[float]:
-        """Times [s] at which the rate of a load, a motion or a friction bound changes."""
-        return self.timeline().turns
 
     def drives(self) -> dict[Place, Amplitude]:
         """Every value in time by its place: loads, motions, friction bounds and those of effects."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from geometry.errors import SceneError
+from solvers.effects import active
 from solvers.scene.problem import PlanRow, Problem
 from solvers.scene.scene import Scene
 from solvers.simulation.applicable import refuse_method
@@ -37,6 +38,9 @@ def planned(scene: Scene) -> Problem:
     problem = resolve(scene)
     if problem.unheld:
         raise SceneError(f"supports: nothing resists the {problem.unheld}; add a support, a contact or friction")
+    for effect in active(problem):
+        if effect.stiffens and problem.rigid_modes.shape[1]:
+            raise SceneError(f"{effect.name}: needs bodies that their supports hold; add a support")
     refuse_method(problem)
     return problem
 

@@ -52,7 +52,7 @@ def displacement(system: System, time: float, q: Vec, u_s: Vec) -> tuple[Vec, Ve
     """
     moved = system.T * q
     u = moved + u_s
-    return u, u if system.lifting.followed(time) is None else moved
+    return u, u if system.rigid_motion(time) is None else moved
 
 
 def new_state(

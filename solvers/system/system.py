@@ -100,7 +100,7 @@ class System:
 
         If the supports prescribe a rigid motion, u_s is that rigid motion at all nodes.
         """
-        total, motion = self.vector(), self.lifting.followed(time)
+        total, motion = self.vector(), self.rigid_motion(time)
         if motion is None:
             self._prescribed.write(total, self.constraints.prescribed(time).ravel())
         else:
@@ -115,9 +115,16 @@ class System:
         """
         found = self.T.createVecRight()
         total = self.initial.added(load, self.initial.values(self.course, time))
-        resisted = self.lifting.followed(time) is None
+        resisted = self.rigid_motion(time) is None
         self.T.multTranspose(total - self.K * u_s if resisted else total, found)
         return found
+
+    def rigid_motion(self, time: float) -> Array | None:
+        """Coefficients of a rigid motion that is all that is prescribed and that nothing resists, or None.
+
+        See `RigidModes.followed`; where an effect adds stiffness, every motion is resisted.
+        """
+        return None if any(effect.stiffens for effect in active(self.problem)) else self.lifting.followed(time)
 
     @cached_property
     def lifting(self) -> RigidModes:

@@ -26,6 +26,10 @@ def foundation(keys: str) -> str:
 WRONG = {
     # names
     "unknown key": (["contacts.base.surfce='x'"], r"contacts\.base\.surfce: unknown key; did you mean surface\?"),
+    "row of a table without a value": (
+        ["supports.top.displacement.y=[[0,1],[1]]"],
+        r"supports\.top\.displacement\.y\.1 = \[1\]: expected a pair \[time, value\]",
+    ),
     "unknown key of a law": (["contacts.base.friction.nu=1"], r"friction\.nu: unknown key; known: k_T, law, mu"),
     "unknown key of the geometry": (["geometry.lenght=1"], r"geometry\.lenght: unknown key; did you mean length\?"),
     "unknown key of the solver": (["solver.tolerence=1"], r"solver\.tolerence: unknown key; did you mean tolerance\?"),

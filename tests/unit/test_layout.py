@@ -167,7 +167,7 @@ def test_ufl_is_written_where_forms_are() -> None:
         imported = any(isinstance(n, ast.ImportFrom) and any(a.name == "ufl" for a in n.names) for n in nodes)
         if imported or any(isinstance(n, ast.Attribute) and n.attr == "ufl" for n in nodes):
             written.add(name_of(path))
-    assert written - {VERSIONS} == set(FORMS)
+    assert {name for name in written if not name.startswith("solvers/effects/")} - {VERSIONS} == set(FORMS)
 
 
 def test_the_audit_imports_nothing_of_the_methods() -> None:

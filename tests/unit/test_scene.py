@@ -100,7 +100,7 @@ def test_times_of_obstacles_and_of_friction_bounds_are_requested(scene_of: Scene
     contacts = {"base": PRESSED["contacts"]["base"] | {"friction": friction}}
     scene = scene_of(**(PRESSED | {"obstacles": moving, "contacts": contacts}))
     assert scene.requested_times() == (0.2, 0.7, 1.0)
-    assert scene.turns() >= {0.2, 0.7}
+    assert scene.timeline().turns >= {0.2, 0.7}
 
 
 def test_every_value_in_time_has_its_place_and_can_be_changed_there(scene_of: SceneOf) -> None:

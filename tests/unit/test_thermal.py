@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,10 @@ from solvers.results.audit import Auditor, Record
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import Simulation, prepare
+from workflows.formats.steps_csv import read_steps_table
+from workflows.pictures.history_picture import panels_of
+from workflows.pictures.loops import from_rest
+from workflows.run.run import run
 from workflows.scene_file.read import from_dict
 from workflows.writers.steps_table import steps_row
 
@@ -165,12 +170,36 @@ def test_bodies_have_temperatures_of_their_own() -> None:
     assert max(audit(simulation, step).values()) < 1e-7
 
 
+def test_regularised_sees_the_heat_too() -> None:
+    """Held at its sides and top, warmed against the ground: the force of condensed-newton, but for smoothing."""
+    ground = {"ground": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
+    tables = {"obstacles": ground, "contacts": {"base": {"surface": "block.bottom", "against": "ground"}}}
+    force = {}
+    for method in ("condensed-newton", "regularised"):
+        found = scene("plane strain", ("left", "right", "top"), **tables, solver={"method": method})
+        simulation, (step,) = solved(found)
+        force[method] = step.contacts["base"].normal_force
+        assert audit(simulation, step)["equilibrium"] < 1e-8
+    assert force["condensed-newton"] > 1.0
+    assert force["regularised"] == pytest.approx(force["condensed-newton"], rel=1e-3)
+
+
+def test_a_history_of_temperatures_is_drawn(tmp_path: Path) -> None:
+    warm = {"block": {"expansion": ALPHA, "temperature": [[0.0, 0.0], [1.0, T], [2.0, 0.0]]}}
+    found = scene("plane strain", ("left", "right", "bottom", "top"), thermal=warm, steps={"end": 2.0, "count": 4})
+    outcome, _ = run(found, tmp_path / "out")
+    assert outcome.exit_code == 0
+    assert (tmp_path / "out" / "history.png").stat().st_size > 0
+    labels = [label for label, _ in panels_of(found, from_rest(read_steps_table(tmp_path / "out")))]
+    assert "temperature [K]" in labels
+
+
 @pytest.mark.parametrize(
     ("table", "message"),
     [
         (
             {"blok": {"expansion": 1e-5, "temperature": 1.0}},
-            r"thermal\.blok = blok: no such body; did you mean",
+            r"thermal\.blok: no such body in the geometry; did you mean block\?",
         ),
         ({"block": {"expansion": 1e-5}}, r"thermal\.block\.temperature: missing"),
         ({"block": {"expansion": 1e-5, "temperature": []}}, r"thermal\.block\.temperature = \[\]: a table needs"),

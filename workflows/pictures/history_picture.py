@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 from matplotlib.patches import Patch
 
 from geometry.amplitude import value_at
 from geometry.arrays import Array
+from geometry.keys import Key
 from geometry.obstacles.obstacle import AXES
 from solvers.results.step_result import SLIP, STICK
 from solvers.scene.scene import Scene
@@ -78,7 +79,8 @@ def panels_of(scene: Scene, steps: Columns) -> Iterator[tuple[str, Curves]]:
         axis = place.component if place.component in ("x", "y", "z", "normal") else ""
         label = ", ".join(word for word in (place.name, axis) if word)
         curve = np.concatenate([[at_rest], steps[column(place)][1:]])
-        prescribed.setdefault(panels[place.quantity], {})[label] = curve
+        panel = panels[place.quantity] if place.quantity in panels else _panel_of_effect(scene, place)
+        prescribed.setdefault(panel, {})[label] = curve
     yield from prescribed.items()
     found: Curves = {}
     for name, contact in scene.contacts.items():
@@ -90,6 +92,14 @@ def panels_of(scene: Scene, steps: Columns) -> Iterator[tuple[str, Curves]]:
     # the difference between dissipated energy and contact work shows whether the steps are small enough
     energies["dissipated (end of step)"] = "dissipated"
     yield f"energy [{per_metre(scene, 'J')}]", {label: steps[f"energy.{key}"] for label, key in energies.items()}
+
+
+def _panel_of_effect(scene: Scene, place: Place) -> str:
+    """Quantity and unit of a value in time that an effect's table declares."""
+    table = scene.effect_tables()[place.table, place.name]
+    hints = get_type_hints(type(table), include_extras=True)
+    unit = next(part.unit for part in get_args(hints[place.quantity]) if isinstance(part, Key))
+    return f"{place.quantity} [{unit}]"
 
 
 def _driven(scene: Scene) -> Iterator[tuple[Place, float]]:

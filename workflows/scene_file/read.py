@@ -222,13 +222,17 @@ def _explain(error: ValidationError, kind: Any, data: Mapping[str, Any], at: tup
     problem = min(error.errors(include_url=False), key=lambda e: (rank.get(e["type"], 3), len(e["loc"])))
     path, node = list(at), data[at[0]]
     for part in problem["loc"]:  # pydantic also names the branch of a choice; the file does not
-        if (isinstance(node, Mapping) and part in node) or (isinstance(node, list) and isinstance(part, int)):
+        if (isinstance(node, Mapping) and part in node) or (
+            isinstance(node, list) and isinstance(part, int) and part < len(node)
+        ):
             path.append(str(part))
             node = node[part]  # type: ignore[index]
     key, found = ".".join(path), json.dumps(node, ensure_ascii=False, default=str)
     what, context = problem["type"], problem.get("ctx", {})
     if what == "value_error":
         return f"{key}.{context['error']}" if isinstance(node, Mapping) else f"{key}: {context['error']}"
+    if what == "missing" and isinstance(node, list):  # a row of a value in time
+        return f"{key} = {found}: expected a pair [time, value]"
     if what in ("missing", "missing_argument", "missing_keyword_only_argument"):
         return f"{key}.{problem['loc'][-1]}: missing, it has no default"
     if what == "unexpected_keyword_argument":

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, TypeVar
 
 from geometry.errors import nearest, require
 from geometry.keys import Noun
+from geometry.protocols import Comm
 from solvers.results.step_result import MeshData, StepResult
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Output
@@ -36,7 +37,7 @@ class Job:
     folder: Path  # a writer writes below it only; `write_aside` and `make_folder` keep it readable at all times
     scene: Scene
     mesh: MeshData  # on rank 0, empty elsewhere
-    comm: Any  # for writers that every rank calls
+    comm: Comm  # for writers that every rank calls
 
 
 @dataclass(frozen=True, kw_only=True)

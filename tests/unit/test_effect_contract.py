@@ -1,0 +1,118 @@
+"""An effect that adds stiffness: an elastic bedding under a side, as a new file would bring it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Annotated
+
+import pytest
+from numpy.testing import assert_allclose
+
+from geometry.dolfinx_versions import ufl
+from geometry.errors import SceneError
+from geometry.keys import Key
+from geometry.protocols import UflExpr, UflForm
+from solvers import effects
+from solvers.effects.effect import Effect
+from solvers.fem.forms import WeakForms
+from solvers.results.audit import Auditor, Record
+from solvers.scene.problem import Problem
+from solvers.scene.scene import EffectTable, Scene
+from solvers.scene.timeline import Timeline
+from solvers.simulation import resolve
+from solvers.simulation.plan import make_plan
+from solvers.simulation.simulation import prepare
+from workflows.scene_file.read import from_dict
+
+K, E, MOVED = 500.0, 1000.0, -0.03
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bedding(EffectTable):
+    """Springs under a side."""
+
+    boundary: Annotated[str, Key("-", "side, as body.side")]
+    k: Annotated[float, Key("Pa/m", "stiffness of the springs, in every direction")]
+
+    def check(self, scene: Scene, key: str) -> None:
+        scene.require_side(self.boundary, f"{key}.boundary")
+
+
+class _Bedding(Effect):
+    name = "bedding"
+    table = Mapping[str, Bedding]
+
+    def stiffness(self, problem: Problem, weak: WeakForms, u: UflExpr) -> Iterable[UflForm]:
+        for table in problem.tables["bedding"].values():
+            yield weak.constant(table.k) * ufl.inner(u, weak.v) * weak.boundary(table.boundary)
+
+    def columns(self, problem: Problem, timeline: Timeline, time: float) -> Mapping[str, float]:
+        return {"bedding.k": problem.tables["bedding"]["floor"].k}
+
+
+@pytest.fixture(autouse=True)
+def bedding(monkeypatch: pytest.MonkeyPatch) -> None:
+    every = (*effects.EFFECTS, _Bedding())
+    for module in (effects, resolve):
+        monkeypatch.setattr(module, "EFFECTS", every)
+
+
+def on_springs(supports: dict[str, dict[str, object]], boundary: str = "block.bottom") -> Scene:
+    """A block 2 x 1, nu = 0, on springs under its base."""
+    scene = from_dict(
+        {
+            "model": "plane strain",
+            "geometry": {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.5},
+            "bodies": {"block": {"E": E, "nu": 0.0}},
+            "supports": supports,
+        }
+    )
+    return replace(scene, sections={"bedding": {"floor": Bedding(boundary=boundary, k=K)}})
+
+
+LID = {"lid": {"boundary": "block.top", "displacement": {"x": 0.0, "y": MOVED}}}  # alone it moves the block as a whole
+WALLS = LID | {"walls": {"boundary": "block.left", "displacement": {"x": 0.0}}}
+
+
+@pytest.mark.parametrize("supports", [LID, WALLS], ids=["a rigid motion prescribed", "more than that"])
+def test_springs_enter_forces_energy_and_audit(supports: dict[str, dict[str, object]]) -> None:
+    """Springs in series with the block: k E/h / (k + E/h) per area."""
+    simulation = prepare(on_springs(supports))
+    (step,) = simulation.steps()
+    stiffness = 2.0 * K * E / (K + E)
+    assert_allclose(step.supports["lid"].force[1], stiffness * MOVED, rtol=1e-10)
+    assert step.energy.stored == pytest.approx(stiffness * MOVED**2 / 2, rel=1e-10)
+    assert step.energy.external == pytest.approx(step.energy.stored, rel=1e-10)
+    assert step.columns == {"bedding.k": K}
+    record = Record(
+        time=step.time,
+        displacement=step.displacement,
+        p=step.p,
+        w=step.w,
+        reference=step.reference,
+        driven=step.driven,
+        searched=step.searched,
+        p_ref=step.p_ref,
+        u_ref=step.u_ref,
+        external_work=step.energy.external,
+    )
+    assert max(asdict(Auditor(simulation.problem, simulation.mesh)(record)).values()) < 1e-10
+
+
+def test_the_plan_names_it_and_its_table() -> None:
+    (row,) = (row for row in make_plan(on_springs(LID)) if row.effect == "bedding")
+    assert (row.on, row.because) == (True, "bedding.floor")
+
+
+def test_springs_alone_hold_no_body() -> None:
+    slides = {"lid": {"boundary": "block.top", "displacement": {"y": MOVED}}}
+    walls = {"walls": {"boundary": "block.left", "displacement": {"x": 0.0}}}
+    make_plan(on_springs(slides | walls))
+    with pytest.raises(SceneError, match=r"supports: nothing resists|bedding: needs bodies that their supports hold"):
+        make_plan(on_springs(slides))
+
+
+def test_its_own_check_refuses_a_wrong_side() -> None:
+    with pytest.raises(SceneError, match=r"bedding\.floor\.boundary = block\.botom: no such side; did you mean"):
+        on_springs(LID, "block.botom")
