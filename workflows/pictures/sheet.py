@@ -139,7 +139,7 @@ def _ticks(count: int) -> MaxNLocator:
 
 
 def span(values: Array, at_least: float = 0.0) -> Normalize:
-    """Range of colours from 0, or from the smallest value if negative, to the largest; of width 1 if these are equal."""
+    """Range of colours from 0, or from a negative smallest value, to the largest; of width 1 if these are equal."""
     low, high = min(0.0, float(values.min(initial=0.0))), max(at_least, float(values.max(initial=0.0)))
     return Normalize(low, high if high > low else low + 1.0)
 
