@@ -22,7 +22,7 @@ class CappedCoulomb(FrictionLaw):
     """
 
     mu: Annotated[float, Key("-", "coefficient of friction")]
-    s_max: Annotated[float, Key("Pa", "largest tangential traction, whatever the pressure")]
+    s_max: Annotated[float, Key("Pa", "largest tangential traction, at any pressure")]
     law: Annotated[Literal["capped_coulomb"], Key("-", "the law's name")] = "capped_coulomb"
 
     def __post_init__(self) -> None:

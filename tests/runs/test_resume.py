@@ -370,7 +370,7 @@ def test_disk_without_locks_is_told_and_used(number: int, tmp_path: Path, monkey
     monkeypatch.setattr("fcntl.flock", fail)
     outcome, _ = run(read("block", [*SMALL, "steps.count=1"]), tmp_path / "out")
     assert outcome.status == "converged"
-    assert "this disk knows no locks" in (tmp_path / "out" / "run.log").read_text()
+    assert "this disk has no locks" in (tmp_path / "out" / "run.log").read_text()
 
 
 def test_results_of_a_stopped_run_are_not_replaced_unasked(call: Call, whole: Path, stopped: Path) -> None:

@@ -120,7 +120,7 @@ class ResultsFolder:
                     raise FolderError(
                         f"{self.target}: {_who(folder)} is writing it; choose another folder with -o"
                     ) from None
-                self.notes = (f"{folder}: this disk knows no locks: see that no other run writes there",)
+                self.notes = (f"{folder}: this disk has no locks: make sure that no other run writes there",)
         self._held = weakref.finalize(self, os.close, descriptor)
 
     def release(self) -> None:
