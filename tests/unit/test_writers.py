@@ -25,7 +25,7 @@ from workflows.run.run import run
 from workflows.run.watch import Watch
 from workflows.scene_file.read import from_dict, read, to_dict
 from workflows.writers.tables import TableWriter
-from workflows.writers.writer import Ended, Keys, Turn, Writer, keys_of, registered
+from workflows.writers.writer import Ended, Keys, Turn, Writer, added_keys, keys_of, registered
 
 READY = {"Animation", "ContactTables", "FieldFiles", "HistoryTable", "Pictures", "ProbeTable", "StepsTable"}
 TWO = [*SMALL, "steps.count=2"]
@@ -64,6 +64,15 @@ def diary(turn: Turn, said: list[tuple[Any, ...]]) -> type[Writer]:
 def test_every_ready_writer_is_found_and_bases_are_not() -> None:
     assert {kind.__name__ for kind in registered()} >= READY
     assert TableWriter not in registered()
+
+
+@pytest.mark.parametrize("key", ["vtu", "pictures"])
+def test_a_key_that_is_there_already_is_an_error_of_the_writer(key: str) -> None:
+    namespace = {key: False, "__annotations__": {key: Annotated[bool, Key("-", "once more")]}}
+    again = dataclass(frozen=True, kw_only=True)(type("Again", (Keys,), namespace))
+    diary(Turn.AFTER, []).keys = again
+    with pytest.raises(TypeError, match=f"Diary adds output.{key}, which is there already"):
+        added_keys()
 
 
 def test_a_writer_is_called_in_its_turn(tmp_path: Path) -> None:

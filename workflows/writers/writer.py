@@ -136,8 +136,18 @@ def registered() -> list[type[Writer]]:
 
 
 def added_keys() -> dict[str, type[Keys]]:
-    """The keys that writers add to [output], and the dataclass that declares each."""
-    return {field.name: kind.keys for kind in registered() for field in fields(kind.keys)}
+    """The keys that writers add to [output], and the dataclass that declares each.
+
+    Raises:
+        TypeError: a writer adds a key that another writer or [output] itself has.
+    """
+    added: dict[str, type[Keys]] = {}
+    own = {field.name for field in fields(Output)}
+    for kind in registered():
+        for field in fields(kind.keys):
+            if field.name in own or added.setdefault(field.name, kind.keys) is not kind.keys:
+                raise TypeError(f"{kind.__name__} adds output.{field.name}, which is there already")
+    return added
 
 
 def wanted(scene: Scene) -> list[type[Writer]]:
