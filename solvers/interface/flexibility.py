@@ -49,7 +49,7 @@ class DelassusOperator(ABC):
     """
 
     rho: float  # [N/m]
-    exact: bool = False  # volume solves are right to rounding, whatever `error` allows
+    exact: bool = False  # volume solves are right to rounding, for every `error`
     linear_error: float = 0.0  # of the displacement last recovered: relative, in energy norm; zero: rounding only
 
     def __init__(self, *, N: Sparse, W: Array, R: Array, normal_rows: int, driven: int, counters: Counters) -> None:
