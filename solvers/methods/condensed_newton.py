@@ -15,7 +15,7 @@ from solvers.methods.applicability import Applicability
 from solvers.methods.method import Stateless, Turn
 from solvers.newton import condensed_system as newton_system
 from solvers.newton.active_set import linearise
-from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
+from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
 
 STALL_WINDOW = 12  # iterations in which the smallest residual must halve
 RETREATS = 6  # how often trial tractions that leave the bodies without hold are halved towards earlier ones
@@ -55,7 +55,7 @@ class CondensedNewton(Stateless):
         p, u_c, gamma = start.p, start.u_c, start.factor * problem.gamma
         w = problem.relative_displacement(u_c)
         p_hat = start.p_hat
-        least, found_at, status = np.inf, 0, Status.STALLED
+        status, stalled = Status.STALLED, Stall(STALL_WINDOW, 0.5)
         held = start.p_hat
         for k in range(ATTEMPT):
             residual = np.inf  # not defined until w is the displacement under p
@@ -72,9 +72,7 @@ class CondensedNewton(Stateless):
             if len(history) > self.max_it:
                 status = Status.MAX_IT
                 break
-            if residual < least / 2:
-                least, found_at = residual, k
-            elif k - found_at > STALL_WINDOW:
+            if stalled(k, residual):
                 break
             solved = _solve(problem, p_hat, held, gamma)
             if solved is None:

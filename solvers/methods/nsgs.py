@@ -15,7 +15,7 @@ from solvers.interface.problem import SurfaceProblem
 from solvers.laws.law import FrictionLaw, NormalLaw
 from solvers.methods.applicability import Applicability
 from solvers.methods.method import Method, Ready, SameEveryStep, Setup
-from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
+from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
 
 STALL_WINDOW = 500  # sweeps in which the smallest residual must halve
 LEAST = 1e-12  # smallest flexibility of a point, relative to the largest: for rows that move nothing
@@ -70,7 +70,7 @@ class Sweeps(SameEveryStep):
         loaded = problem.relative_displacement(problem.load.free) - problem.gap
         points = list(_points(problem, self.D))
         history: list[Step] = []
-        status, least, found_at = Status.MAX_IT, np.inf, 0
+        status, stalled = Status.MAX_IT, Stall(STALL_WINDOW, 0.5)
         for k in range(self.method.max_it + 1):
             u_c = problem.contact_displacement(p)
             w = problem.relative_displacement(u_c)
@@ -83,9 +83,7 @@ class Sweeps(SameEveryStep):
             if residual <= self.method.rtol:
                 status = Status.CONVERGED
                 break
-            if residual < least / 2:
-                least, found_at = residual, k
-            elif k - found_at > STALL_WINDOW:
+            if stalled(k, residual):
                 status = Status.STALLED
                 break
             if k == self.method.max_it:

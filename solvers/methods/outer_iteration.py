@@ -16,7 +16,7 @@ from geometry.protocols import Sparse
 from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.method import Keys
-from solvers.newton.solution import OnStep, Solution, Status, Step
+from solvers.newton.solution import OnStep, Solution, Stall, Status, Step
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class Outer:
         step = with_given_friction(problem, p) if frozen else problem
         history: list[Step] = []
         status = Status.MAX_IT
-        least, found_at = np.inf, 0
+        stalled = Stall(STALL_WINDOW)
         for k in range(self.max_it + 1):
             inner = solve(p)
             p, w = inner.p, problem.relative_displacement(inner.u_c)
@@ -143,9 +143,7 @@ class Outer:
             if residual <= self.rtol:
                 status = Status.CONVERGED
                 break
-            if residual < least:
-                least, found_at = residual, k
-            elif k - found_at > STALL_WINDOW:
+            if stalled(k, residual):
                 status = Status.STALLED
                 break
             if k == self.max_it:

@@ -15,7 +15,7 @@ from solvers.methods.applicability import Applicability
 from solvers.methods.method import Method, Ready, SameEveryStep, Setup, Turn
 from solvers.metrics.secants import Secants
 from solvers.metrics.surface_metric import SurfaceMetric, surface_metric
-from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
+from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
 from solvers.newton.surface_model import nearest_in_cone
 from solvers.newton.surface_system import Flexibility
 from solvers.parallel.serialise import Plain
@@ -75,7 +75,7 @@ class LearningIteration(SameEveryStep):
         w, forces = problem.relative_displacement(u_c), surface.forces(p)
         motion = np.zeros_like(u_c)
         balanced = not surface.floating or problem.p_ref == 0
-        least, found_at = np.inf, 0
+        stalled = Stall(STALL_WINDOW, 0.5)
         for k in range(self.max_it + 1):
             residual = problem.natural_residual(p, w) if balanced else np.inf  # until w is the displacement under p
             history.append(Step(k, residual, problem.volume_solves))
@@ -86,9 +86,7 @@ class LearningIteration(SameEveryStep):
             if residual + accuracy <= self.rtol:
                 status = Status.CONVERGED
                 break
-            if residual < least / 2:
-                least, found_at = residual, k
-            elif k - found_at > STALL_WINDOW:
+            if stalled(k, residual):
                 status = Status.STALLED
                 break
             if k == self.max_it:

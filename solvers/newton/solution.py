@@ -1,10 +1,12 @@
-"""What every method returns: tractions, its status, and the complementarity residual of each iteration."""
+"""What every method returns: tractions, its status, the residual of each iteration, and when it has stopped falling."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
+
+import numpy as np
 
 from geometry.arrays import Array
 
@@ -35,6 +37,27 @@ OnStep = Callable[[Step], None]
 
 def ignore(step: Step) -> None:
     """The callback that does nothing."""
+
+
+@dataclass
+class Stall:
+    """Notices a residual that has stopped falling: for `window` iterations none was below `factor` times the smallest.
+
+    >>> stall = Stall(window=2, factor=0.5)
+    >>> [stall(k, residual) for k, residual in enumerate((1.0, 0.6, 0.4, 0.3, 0.3, 0.3))]
+    [False, False, False, False, False, True]
+    """
+
+    window: int
+    factor: float = 1.0
+    least: float = field(default=np.inf, init=False)  # the smallest residual that counts
+    found_at: int = field(default=0, init=False)  # its iteration
+
+    def __call__(self, k: int, residual: float) -> bool:
+        """Whether the iteration has stalled at iteration k; called once in each, with its residual."""
+        if residual < self.factor * self.least:
+            self.least, self.found_at = residual, k
+        return k - self.found_at > self.window
 
 
 @dataclass(frozen=True)

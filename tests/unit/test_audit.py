@@ -12,6 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
+from shared.audited import record_of
 from solvers.parallel.gather import nodes_of
 from solvers.results.audit import Audit, Auditor, Record
 from solvers.results.step_result import OPEN, SLIP, STICK, StepResult
@@ -91,8 +92,7 @@ def case(scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Simula
     )
     simulation = simulation_of(scene)
     step = list(simulation.steps())[-1]
-    names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
-    record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
+    record = record_of(step)
     return Case(simulation, Auditor(resolve(scene), simulation.mesh), step, record)
 
 
@@ -191,8 +191,7 @@ def test_an_audit_without_contact_sees_equilibrium_only(
     scene = scene_of(supports=hold, loads={"pull": {"boundary": "block.bottom", "traction": [0.1, -0.2]}})
     simulation = simulation_of(scene)
     (step,) = simulation.steps()
-    names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
-    record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
+    record = record_of(step)
     audit = Auditor(resolve(scene), simulation.mesh)
     found = asdict(audit(record))
     assert found.pop("equilibrium") < 1e-13
@@ -218,8 +217,7 @@ def test_compliance_is_audited_by_the_form_and_by_its_law(
     )  # fmt: skip
     simulation = simulation_of(scene)
     (step,) = simulation.steps()
-    names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
-    record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
+    record = record_of(step)
     audit = Auditor(resolve(scene), simulation.mesh)
     assert max(asdict(audit(record)).values()) < CLEAN
     # the pressures of the rows are held against the law, those of equilibrium come from the form
@@ -248,8 +246,7 @@ def test_an_obstacle_that_a_force_drives_is_in_equilibrium_too(
     )
     simulation = simulation_of(scene)
     (step,) = simulation.steps()
-    names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
-    record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
+    record = record_of(step)
     assert max(asdict(Auditor(resolve(scene), simulation.mesh)(record)).values()) < CLEAN
     heavier = replace(scene, obstacles={"foundation": replace(scene.obstacles["foundation"], force={"y": 0.3})})
     assert Auditor(resolve(heavier), simulation.mesh)(record).equilibrium > PLAINLY

@@ -9,11 +9,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 
 from geometry.errors import SceneError
+from shared.audited import record_of
 from solvers.laws.capped_coulomb import CappedCoulomb
 from solvers.laws.compliance import Compliance
 from solvers.laws.law import NormalLaw
 from solvers.laws.unilateral import Unilateral
-from solvers.results.audit import Auditor, Record
+from solvers.results.audit import Auditor
 from solvers.results.step_result import SLIP, STICK
 from solvers.scene.contact import Contact
 from solvers.simulation.plan import make_plan
@@ -119,8 +120,7 @@ def test_a_block_is_capped_where_it_presses_hard_and_follows_mu_p_where_it_does_
     simulation = prepare(from_dict(data))
     audit = Auditor(simulation.problem, simulation.mesh)
     for step in simulation.steps():
-        names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
-        record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
+        record = record_of(step)
         assert max(asdict(audit(record)).values()) < 1e-9
     base = step.contacts["base"]
     capped, slipping = mu * base.pressure > s_max, base.status == SLIP

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import pytest
@@ -13,10 +13,10 @@ from geometry.dolfinx_versions import ufl
 from geometry.errors import SceneError
 from geometry.keys import Key
 from geometry.protocols import UflExpr, UflForm
+from shared.audited import audit
 from solvers import effects
 from solvers.effects.effect import Effect
 from solvers.fem.forms import WeakForms
-from solvers.results.audit import Auditor, Record
 from solvers.scene.problem import Problem
 from solvers.scene.scene import EffectTable, Scene
 from solvers.scene.timeline import Timeline
@@ -85,19 +85,7 @@ def test_springs_enter_forces_energy_and_audit(supports: dict[str, dict[str, obj
     assert step.energy.stored == pytest.approx(stiffness * MOVED**2 / 2, rel=1e-10)
     assert step.energy.external == pytest.approx(step.energy.stored, rel=1e-10)
     assert step.columns == {"bedding.k": K}
-    record = Record(
-        time=step.time,
-        displacement=step.displacement,
-        p=step.p,
-        w=step.w,
-        reference=step.reference,
-        driven=step.driven,
-        searched=step.searched,
-        p_ref=step.p_ref,
-        u_ref=step.u_ref,
-        external_work=step.energy.external,
-    )
-    assert max(asdict(Auditor(simulation.problem, simulation.mesh)(record)).values()) < 1e-10
+    assert max(audit(simulation, step).values()) < 1e-10
 
 
 def test_the_plan_names_it_and_its_table() -> None:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.audited import record_of
 from solvers.methods.uzawa import Uzawa
-from solvers.results.audit import Auditor, Record
-from solvers.results.step_result import SLIP, STICK, StepResult
+from solvers.results.audit import Auditor
+from solvers.results.step_result import SLIP, STICK
 from solvers.scene.scene import Scene
 from solvers.simulation.resolve import resolve
 from solvers.simulation.simulation import Simulation
@@ -48,11 +49,6 @@ def rubbed(
         steps={"end": 4.0, "count": count},
         solver={"method": method, "tolerance": 1e-10},
     )
-
-
-def record_of(step: StepResult) -> Record:
-    names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
-    return Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from geometry.errors import SceneError
-from solvers.results.audit import Auditor, Record
+from shared.audited import audit
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import Simulation, prepare
@@ -58,22 +57,6 @@ def clamped(model: str) -> Scene:
 def solved(found: Scene) -> tuple[Simulation, list[StepResult]]:
     simulation = prepare(found)
     return simulation, list(simulation.steps())
-
-
-def audit(simulation: Simulation, step: StepResult) -> dict[str, float]:
-    record = Record(
-        time=step.time,
-        displacement=step.displacement,
-        p=step.p,
-        w=step.w,
-        reference=step.reference,
-        driven=step.driven,
-        searched=step.searched,
-        p_ref=step.p_ref,
-        u_ref=step.u_ref,
-        external_work=step.energy.external,
-    )
-    return asdict(Auditor(simulation.problem, simulation.mesh)(record))
 
 
 def test_a_free_block_grows_without_stress() -> None:

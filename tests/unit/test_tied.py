@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from solvers.results.audit import Auditor, Record
+from shared.audited import record_of
+from solvers.results.audit import Auditor
 from solvers.results.step_result import STICK, StepResult
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import make_plan
@@ -81,8 +82,7 @@ def test_tied_surface_moves_as_a_support_would_move_it(
     # both are one linear solve: rounding times the condition of K, about 1e3
     assert_allclose(step.displacement, held.displacement, atol=1e-12 * 0.02)
     assert_allclose(step.contacts["base"].force, held.supports["base"][0], atol=1e-11)
-    names = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
-    record = Record(**{name: getattr(step, name) for name in names}, external_work=step.energy.external)
+    record = record_of(step)
     audit = Auditor(resolve(scene), tied.mesh)(record)
     assert max(vars(audit).values()) < 1e-10
     assert_allclose(step.energy.external, step.energy.stored, rtol=1e-8)  # nothing slips, nothing is stored between

@@ -240,7 +240,7 @@ def main() -> None:
 
 
 def _flushed(code: int) -> int:
-    """Flush stdout and stderr, and return the exit code: 1 instead of Python's 120 if the reader has gone."""
+    """Flush stdout and stderr, and return the exit code: 1 instead of Python's 120 if nothing reads stdout any more."""
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
