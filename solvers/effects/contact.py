@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, get_args, get_type_hints
+from typing import get_args, get_type_hints
 
 from solvers.effects.effect import Effect
 from solvers.laws import FrictionLaw, NormalLaw
@@ -19,7 +19,7 @@ class _Contact(Effect):
 class _Law(Effect):
     """Active if a contact has a law of the given kind under `key`, which is `normal` or `friction`."""
 
-    def __init__(self, name: str, key: str, kind: type[Any]) -> None:
+    def __init__(self, name: str, key: str, kind: type[object]) -> None:
         self.name, self.key, self.kind = name, key, kind  # type: ignore[misc]
 
     def because(self, scene: Scene) -> str | None:

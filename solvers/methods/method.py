@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar, Protocol, Self, get_args, get_type_hints
+from typing import ClassVar, Protocol, Self, get_args, get_type_hints
 
 from geometry.arrays import Array
 from geometry.keys import Key
@@ -150,7 +150,7 @@ class Stateless(Method, SameEveryStep):
 
 
 @cache
-def keys_of(kind: type[Method]) -> Mapping[str, Any]:
+def keys_of(kind: type[Method]) -> Mapping[str, object]:
     """Keys of [solver] that a method adds to those of every method, with their annotations."""
     hints = get_type_hints(kind, include_extras=True)
     return {name: hint for name, hint in hints.items() if any(isinstance(part, Key) for part in get_args(hint))}

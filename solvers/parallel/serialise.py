@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from itertools import repeat
 from types import NoneType, UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from geometry.arrays import AnyArray
 from geometry.protocols import Comm
 
 Plain = Any  # a dict with words as keys, a list, a word, a number, None, an array, or values by node
+T = TypeVar("T")
 WORDS = (str, bool, int, float, NoneType)
 
 
@@ -31,7 +32,7 @@ class ByNode:
     values: AnyArray
 
 
-def serialise(value: Any, whole: Callable[[Own], Plain] | None = None, without: Collection[str] = ()) -> Plain:
+def serialise(value: object, whole: Callable[[Own], Plain] | None = None, without: Collection[str] = ()) -> Plain:
     """Plain data of a value.
 
     Args:
@@ -67,11 +68,11 @@ def serialise(value: Any, whole: Callable[[Own], Plain] | None = None, without: 
     return value
 
 
-def deserialise(kind: Any, plain: Plain, vector: Callable[[ByNode], Any] | None = None, **given: Any) -> Any:
+def deserialise(kind: type[T], plain: Plain, vector: Callable[[ByNode], object] | None = None, **given: object) -> T:
     """The value of type `kind` that `serialise` turned into plain data.
 
     Args:
-        kind: a type, or a type hint such as `dict[str, float]` or `State | None`.
+        kind: a type, with type hints such as `dict[str, float]` or `State | None` of its fields.
         plain: what `serialise` returned, perhaps written to a file and read again.
         vector: what `ByNode` becomes; collective.
         given: fields of a dataclass that the plain data leave out.
@@ -82,28 +83,33 @@ def deserialise(kind: Any, plain: Plain, vector: Callable[[ByNode], Any] | None 
     >>> deserialise(dict[str, float], {"a": 1.0})
     {'a': 1.0}
     """
+    value: T = _value(kind, plain, vector, **given)
+    return value
+
+
+def _value(kind: Any, plain: Plain, vector: Callable[[ByNode], object] | None, **given: object) -> Any:
     if isinstance(plain, ByNode):
         assert vector is not None
         return vector(plain)
     if is_dataclass(kind) and isinstance(kind, type):
         hints = get_type_hints(kind)
         names = [f.name for f in fields(kind) if f.init and f.name not in given]
-        return kind(**{name: deserialise(hints[name], plain[name], vector) for name in names}, **given)
+        return kind(**{name: _value(hints[name], plain[name], vector) for name in names}, **given)
     origin, inner = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
         inner = tuple(k for k in inner if k is not NoneType)
-        return None if plain is None else deserialise(inner[0], plain, vector)
+        return None if plain is None else _value(inner[0], plain, vector)
     if isinstance(plain, dict):
         of = inner[1] if inner else Any
-        return {key: deserialise(of, item, vector) for key, item in plain.items()}
+        return {key: _value(of, item, vector) for key, item in plain.items()}
     if isinstance(plain, list) and isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields"):
         hints = get_type_hints(kind)
         if len(plain) != len(hints):
             raise KeyError(f"{kind.__name__} has {len(hints)} fields, not {len(plain)}")
-        return kind(*(deserialise(hint, item, vector) for hint, item in zip(hints.values(), plain, strict=True)))
+        return kind(*(_value(hint, item, vector) for hint, item in zip(hints.values(), plain, strict=True)))
     if isinstance(plain, list):
         each = repeat(inner[0] if inner else Any) if not inner or inner[-1] is Ellipsis or origin is list else inner
-        found = [deserialise(k, item, vector) for k, item in zip(each, plain, strict=False)]
+        found = [_value(k, item, vector) for k, item in zip(each, plain, strict=False)]
         return tuple(found) if origin is tuple else found
     return plain
 

@@ -220,3 +220,18 @@ def test_below_the_simulation_nobody_asks_the_scene() -> None:
     assert not {name_of(path) for path in below if "solvers.scene.scene" in imports(path)}
     attributes = {(name_of(p), n.attr) for p in below for n in ast.walk(tree_of(p)) if isinstance(n, ast.Attribute)}
     assert not {name for name, attribute in attributes if attribute == "scene"}
+
+
+def test_signatures_of_the_solvers_name_their_types() -> None:
+    """No public function of a module or class of solvers/ takes or returns `Any`; mypy holds the rest."""
+    vague = set()
+    for path in (p for p in SOURCES if name_of(p).startswith("solvers/")):
+        tree = tree_of(path)
+        owners = [tree, *(n for n in ast.walk(tree) if isinstance(n, ast.ClassDef))]
+        for function in (n for owner in owners for n in owner.body if isinstance(n, ast.FunctionDef)):
+            arguments = [n.annotation for n in ast.walk(function.args) if isinstance(n, ast.arg)]
+            named = [n for a in (*arguments, function.returns) if a is not None for n in ast.walk(a)]
+            public = not function.name.startswith("_") or function.name.startswith("__")
+            if public and any(isinstance(n, ast.Name) and n.id == "Any" for n in named):
+                vague.add(f"{name_of(path)}: {function.name}")
+    assert not vague
