@@ -81,6 +81,19 @@ def vector_space(domain: DolfinxMesh, degree: int) -> FunctionSpace:
     return space
 
 
+def cells_of_points(count: int) -> FunctionSpace:
+    """Space with one value a cell, on a mesh of this rank alone with `count` >= 1 cells, one for each of some points.
+
+    UFL writes pointwise functions on it: see `CellExpression`.
+    """
+    from mpi4py import MPI
+
+    domain = with_compiled_coordinate_element(mesh.create_interval(MPI.COMM_SELF, count, [0.0, float(count)]))
+    new = hasattr(fem, "functionspace")
+    space: FunctionSpace = fem.functionspace(domain, ("DG", 0)) if new else fem.FunctionSpace(domain, ("DG", 0))
+    return space
+
+
 def petsc_vector(function: Function) -> Vec:
     """PETSc vector that shares the memory of the function's coefficients."""
     vector: Vec = function.x.petsc_vec if hasattr(function.x, "petsc_vec") else function.vector  # type: ignore[attr-defined]

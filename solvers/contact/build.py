@@ -179,6 +179,7 @@ def build_rows(
         if contact.normal.at_quadrature:
             points = coupling.points(contact.degree(coupling.surface.degree))
             N_n, W_n, psi, gap_n = _normal_rows(points), points.weights, points.psi, points.gap + contact.gap_offset
+            directions = points.normals
             dropped = 0
         else:
             carrier = normal_carriers[name]
@@ -188,6 +189,7 @@ def build_rows(
                     "carry no contact pressure; free it or remove the contact"
                 )
             N_n, W_n = carrier.rows(coupling)
+            directions = carrier.directions[:, 0]
             psi = carrier.share.T.multiply(weights[:, None]).tocsr()
             gap_n = carrier.mean(weights)[0] @ gap
             dropped = int(np.sum(weights != 0)) - len(W_n)
@@ -204,7 +206,7 @@ def build_rows(
             ContactRows(
                 name=name, surface=coupling.surface, master=coupling.master, normal=contact.normal, friction=friction,
                 frames=frames[name], node_weights=weights, node_gap=gap, relative=coupling.relative,
-                N_n=N_n, W_n=W_n, gap=gap_n, N_t=N_t, W_t=W_t,
+                N_n=N_n, W_n=W_n, normals=directions, gap=gap_n, N_t=N_t, W_t=W_t,
                 tangents=carrier.directions, free=carrier.free, psi=psi, share_t=carrier.share, dropped=dropped,
             )
         )  # fmt: skip

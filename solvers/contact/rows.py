@@ -31,6 +31,7 @@ class ContactRows:
     relative: Sparse  # (n, n_all): displacement of `nodes` to relative displacement at the slave's nodes
     N_n: Sparse  # (m_n, n_all d)
     W_n: Array  # (m_n,) weights [m^(d-1)]
+    normals: Array  # (m_n, d) directions of the rows of N_n, unit
     gap: Array  # (m_n,) [m], positive when open
     N_t: Sparse  # (m_t (d-1), n_all d)
     W_t: Array  # (m_t,) weights [m^(d-1)]

@@ -39,6 +39,12 @@ def elastic_stress(strain: Array, material: Material, plane_stress: bool) -> Arr
     return np.asarray(2 * lame_mu * strain + lame_lambda * np.trace(strain) * np.eye(3))
 
 
+def compliant_pressure(c_n: UflExpr, m_n: float, penetration: UflExpr) -> UflExpr:
+    """p_n = c_n (u_n - g)_+^m_n [Pa], the density of j_n; c_n: a constant [Pa/m^m_n], penetration: u_n - g [m]."""
+    found: UflExpr = c_n * ufl.max_value(penetration, 0) ** m_n
+    return found
+
+
 @dataclass(frozen=True)
 class Revolved:
     """A measure of the meridian plane, extended to the full circle: dx becomes 2 pi r dx."""
@@ -209,11 +215,9 @@ class WeakForms:
     def normal_compliance(self, u: UflExpr, contact: Contact, law: Compliance) -> UflForm:
         """j_n(u, v) = ∫ c_n (u_n - g)_+^m_n v_n ds, u the displacement Function relative to the obstacle [m]."""
         gap, normal = self.gap(contact)
-        penetration = ufl.max_value(ufl.inner(u, normal) - gap, 0)
         degree, side = contact.degree(self.mesh.degree), contact.surface
-        found: UflForm = (
-            self.constant(law.c_n) * penetration**law.m_n * ufl.inner(self.v, normal) * self.boundary(side, degree)
-        )
+        pressure = compliant_pressure(self.constant(law.c_n), law.m_n, ufl.inner(u, normal) - gap)
+        found: UflForm = pressure * ufl.inner(self.v, normal) * self.boundary(side, degree)
         return found
 
     def compile(self, form: UflForm) -> CompiledForm:

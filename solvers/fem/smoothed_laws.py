@@ -8,9 +8,9 @@ from typing import Any
 
 from geometry import dolfinx_versions as dx
 from geometry.dolfinx_versions import ufl
-from geometry.protocols import Constant, Function, Measure, UflForm
-from geometry.surfaces.surface import FACET_OF
-from solvers.fem.forms import WeakForms
+from geometry.protocols import Constant, Function, UflForm
+from solvers.fem.contact_forms import NodalRule
+from solvers.fem.forms import WeakForms, compliant_pressure
 from solvers.laws.compliance import Compliance
 from solvers.laws.friction import Coulomb, Tresca
 from solvers.scene.contact import Contact
@@ -48,11 +48,11 @@ class SmoothedContact:
 
         motion  displacement relative to the obstacle, less g n, so that motion . n = u_n - g [m],
         before  the same at the last accepted step [m],
-        normal  n, towards the obstacle [-],
-        share   W_j over the weight that the nodal rule gives node j, in every component [-].
+        normal  n, towards the obstacle [-].
     """
 
     weak: WeakForms
+    rule: NodalRule
     contact: Contact
     widths: Widths
     bound: Constant  # bound of Tresca's law at the time of the step [Pa]
@@ -73,34 +73,9 @@ class SmoothedContact:
         return found
 
     @cached_property
-    def share(self) -> Function:
-        found: Function = dx.fem.Function(self.weak.space)
-        return found
-
-    @cached_property
     def relative(self) -> Function:
         """Displacement relative to the obstacle [m], for the normal compliance form."""
         found: Function = dx.fem.Function(self.weak.space)
-        return found
-
-    @cached_property
-    def nodes(self) -> Measure:
-        """Measure that samples the side at its nodes, with equal weights."""
-        mesh = self.weak.mesh
-        points = dx.reference_nodes(FACET_OF[mesh.domain.topology.cell_type.name], mesh.degree)
-        rule = {
-            "quadrature_rule": "custom",
-            "quadrature_degree": mesh.degree,
-            "quadrature_points": points.tolist(),
-            "quadrature_weights": [1 / len(points)] * len(points),
-        }
-        measure = ufl.Measure("ds", domain=mesh.domain, subdomain_data=mesh.facet_tags, metadata=rule)
-        found: Measure = measure(mesh.sides[self.contact.surface])
-        return found
-
-    def sampled(self) -> UflForm:
-        """Linear form whose entries are the weights that the nodal rule gives each node, in every component."""
-        found: UflForm = sum(self.weak.v[i] for i in range(self.weak.mesh.dim)) * self.nodes
         return found
 
     def works(self) -> list[tuple[Function, UflForm, UflForm]]:
@@ -114,7 +89,7 @@ class SmoothedContact:
         if self.contact.friction is not None:
             tractions.append(self._limit(p) * self._direction())
         if tractions:
-            found.append((self.motion, self.share[0] * ufl.inner(sum(tractions), self.weak.v) * self.nodes))
+            found.append((self.motion, self.rule.integral(ufl.inner(sum(tractions), self.weak.v))))
         return [(field, form, ufl.derivative(form, field)) for field, form in found]
 
     def _direction(self) -> Any:
@@ -126,10 +101,9 @@ class SmoothedContact:
     def _pressure(self, penetration: Any) -> Any:
         """p_n [Pa]: from the law if it is a compliance law, otherwise by penalty."""
         law = self.contact.normal
-        closed = ufl.max_value(penetration, 0)
         if isinstance(law, Compliance):
-            return self.weak.constant(law.c_n) * closed**law.m_n
-        return (penetration if law.sides == 2 else closed) / self.widths.flexibility
+            return compliant_pressure(self.weak.constant(law.c_n), law.m_n, penetration)
+        return (penetration if law.sides == 2 else ufl.max_value(penetration, 0)) / self.widths.flexibility
 
     def _limit(self, p: Any) -> Any:
         """Friction bound s [Pa]; the jump of Tresca's law at p = 0 becomes a ramp."""

@@ -20,17 +20,22 @@ from solvers.interface.factorised import FactorisedVolume
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
 from solvers.interface.schur_complement import CondensedSurface
+from solvers.interface.sparse import SparseSurface, SparseVolume
 from solvers.system.system import System
 
-Form = Literal["condensed", "matrix-free"]  # of the bodies
+Form = Literal["condensed", "matrix-free", "sparse"]  # of the bodies
+Volume = FactorisedVolume | IterativeVolume | SparseVolume
 SURFACES: Mapping[type, Callable[..., DelassusOperator]] = {
     FactorisedVolume: CondensedSurface,
     IterativeVolume: MatrixFreeSurface,
+    SparseVolume: SparseSurface,
 }
 
 
-def prepare_volume(system: System, form: Form) -> FactorisedVolume | IterativeVolume:
-    """The bodies prepared for volume solves: factorised ("condensed") or iterative ("matrix-free"); collective."""
+def prepare_volume(system: System, form: Form) -> Volume:
+    """The bodies prepared for volume solves: factorised ("condensed"), iterative ("matrix-free"), or as they are."""
+    if form == "sparse":
+        return SparseVolume(system)
     if form == "matrix-free":
         return IterativeVolume(system)
     return FactorisedVolume(system.K_B, system.interface.dofs, system.counters)
@@ -41,8 +46,10 @@ def prepare_surface(system: System, volume: FactorisedVolume) -> CondensedSurfac
 @overload
 def prepare_surface(system: System, volume: IterativeVolume) -> MatrixFreeSurface: ...
 @overload
-def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) -> DelassusOperator: ...
-def prepare_surface(system: System, volume: FactorisedVolume | IterativeVolume) -> DelassusOperator:
+def prepare_surface(system: System, volume: SparseVolume) -> SparseSurface: ...
+@overload
+def prepare_surface(system: System, volume: Volume) -> DelassusOperator: ...
+def prepare_surface(system: System, volume: Volume) -> DelassusOperator:
     """The Delassus operator of all contacts stacked: normal rows first, then tangential rows."""
     contacts, c = system.contacts, len(system.interface.dofs)
     traces = [system.interface.trace(rows) for rows in contacts]
@@ -76,6 +83,11 @@ def condensed(bodies: DelassusOperator) -> CondensedSurface:
 def matrix_free(bodies: DelassusOperator) -> MatrixFreeSurface:
     """The bodies of a method that solves them iteratively: the choice of stages has seen to their form."""
     return cast(MatrixFreeSurface, bodies)
+
+
+def uncondensed(bodies: DelassusOperator) -> SparseSurface:
+    """The bodies of a method that assembles the block system: the choice of stages has seen to their form."""
+    return cast(SparseSurface, bodies)
 
 
 def _driven_columns(system: System, rows: ContactRows, N: Sparse) -> Array:

@@ -57,14 +57,15 @@ def gamg(K: Mat, motions: Array, prefix: str) -> PC:
 
 def _set_up(K: Mat, kind: str, prefix: str, options: Mapping[str, str | int | float]) -> PC:
     known = PETSc.Options()
-    for key, value in options.items():
-        known[f"{prefix}{key}"] = value
+    ours = {f"{prefix}{key}": value for key, value in options.items() if not known.hasName(f"{prefix}{key}")}
+    for name, value in ours.items():  # what a user has set stays
+        known[name] = value
     pc: PC = PETSc.PC().create(K.comm)
     pc.setOptionsPrefix(prefix)
     pc.setType(kind)
     pc.setOperators(K)
     pc.setFromOptions()
     pc.setUp()
-    for key in options:
-        del known[f"{prefix}{key}"]
+    for name in ours:
+        del known[name]
     return pc

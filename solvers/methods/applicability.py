@@ -15,13 +15,14 @@ class Applicability:
     """
 
     floating: bool  # bodies that only contact and friction hold, and obstacles that a force moves
+    bedded: bool = False  # floating bodies, if compliant contact alone resists their rigid modes
     normal: tuple[str, ...] | None = None  # names of the supported normal laws; None: all
     friction: tuple[str, ...] | None = None  # names of the supported friction laws; None: all
     k_T: bool = True  # tangential stiffness before slip
     operators: tuple[str, ...] | None = None  # supported contact operators: RIGID, and those between bodies; None: all
     sliding: bool = True  # contact that is searched again on the deformed bodies
     matrix_free: bool = True  # bodies in matrix-free form: iterative volume solves
-    condensed: bool = True  # bodies in condensed form: a dense stiffness of the contact dofs
+    condensed: bool = True  # bodies in condensed form: a dense stiffness of the contact dofs; in neither form: sparse
     contends: bool = True  # whether a cost study that may choose the method tries this one
 
     def knows(self, what: str, name: str) -> bool:

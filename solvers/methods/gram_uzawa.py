@@ -10,7 +10,7 @@ from geometry.arrays import Array
 from geometry.keys import Key
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.applicability import Applicability
-from solvers.methods.method import Method, Ready, Refusal, SameEveryStep, Setup
+from solvers.methods.method import Keys, Method, Ready, Refusal, SameEveryStep, Setup
 from solvers.methods.outer_iteration import Outer, Relaxation, Solved
 from solvers.metrics.gram import GramMetric
 from solvers.newton.solution import OnStep, Solution, ignore
@@ -20,7 +20,16 @@ from solvers.scene.problem import Problem
 
 
 @dataclass(frozen=True, kw_only=True)
-class GramUzawa(Relaxation, Method):
+class GramKeys(Keys):
+    """Key of [solver] for the Gram matrix of the published preconditioner."""
+
+    gram: Annotated[Gram, Key("-", "preconditioner of gram-uzawa, and of block-uzawa with preconditioner = gram")] = (
+        Gram()
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GramUzawa(Relaxation, GramKeys, Method):
     """p <- argmin over the cone of |q - p_hat|_Q, p_hat = p + alpha Q^-1 (B u - R_C), alpha = relaxation / lambda_max.
 
     lambda_max is that of Q^-1 B K_B^-1 B^T. The source can be read in two ways: Q is the Gram matrix of the
@@ -46,8 +55,6 @@ class GramUzawa(Relaxation, Method):
     )
     WORKS_WITH: ClassVar = Applicability(floating=False, matrix_free=False, contends=False)
     ROW: ClassVar = 3
-
-    gram: Annotated[Gram, Key("-", "preconditioner of gram-uzawa")] = Gram()
 
     def refusals(self, problem: Problem) -> Iterator[Refusal]:
         """Values of `gram` that need a basis of the tractions, which tractions at quadrature points do not have."""

@@ -35,17 +35,20 @@ class InnerTolerance:
     rule: InnerRule = "elman-golub"
     share: float = 0.3
 
-    def __call__(self, problem: SurfaceProblem, last: Solved | None, p: Array) -> Allowed:
+    def __call__(
+        self, problem: SurfaceProblem, last: Solved | None, p: Array, norm: Callable[[Array], float] | None = None
+    ) -> Allowed:
         """Tolerance of an inner solve; for the first one it is relative to ||delta|| at its start.
 
         Args:
             last: the inner solve before; None: this is the first one.
             p: tractions (rows,) [Pa] that load the bodies.
+            norm: of a change of tractions (rows,) [Pa] in the metric Q / alpha [J^(1/2)]; None: Q = W.
         """
         if last is None or self.rule == "bramble-pasciak-vassilev":
             return lambda start: self.share * start
         change = p - last.p
-        outer = np.sqrt(change @ (problem.surface.W * change) / last.alpha)
+        outer = norm(change) if norm else np.sqrt(change @ (problem.surface.W * change) / last.alpha)
         return constant(problem, self.share * outer)
 
 

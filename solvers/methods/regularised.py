@@ -105,13 +105,6 @@ class OnVolume(Ready):
         self.rtol, self.max_it = method.rtol, method.max_it
         self.levels = levels(method.smoothing)
 
-    def free_part(self, u: Vec, time: float) -> Vec:
-        """q with u = T q + u_s(t) at time t [s]; the prescribed part of u is ignored."""
-        T = self.system.T  # its columns are orthogonal to each other
-        q = self.system.K_B.createVecRight()
-        T.multTranspose(u - self.system.prescribed(time), q)
-        return q / T.transposeMatMult(T).getDiagonal()
-
     def after(self, state: Before) -> Solve:
         return NextStep(self, state.u, state.motion)
 
@@ -142,7 +135,7 @@ class NextStep:
         method = self.method
         method.contact.begin(self.u, self.motion, problem.cone.time)
         newton = VolumeNewton(method, problem, on_step)
-        found, status = [method.free_part(self.u, problem.cone.time)], Status.CONVERGED
+        found, status = [method.system.free_part(self.u, problem.cone.time)], Status.CONVERGED
         for level in method.levels:
             method.contact.widths.set(level, problem.u_ref, problem.p_ref)
             found.append(_predicted(found))

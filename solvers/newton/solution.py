@@ -60,6 +60,23 @@ class Stall:
         return k - self.found_at > self.window
 
 
+@dataclass(frozen=True, kw_only=True)
+class Convergence:
+    """What theory says of Uzawa's iteration on a step, beside what happened.
+
+    Without projection and with fixed bounds the error falls by max |1 - alpha lambda_i| an iteration in the metric Q,
+    and converges for 0 < alpha < 2 / lambda_1 only. lambda_i are the eigenvalues of Q^-1 (B F'^-1 B^T).
+    """
+
+    preconditioner: str  # Q
+    alpha: float  # step size; its unit is that of 1 / lambda_1
+    lambda_1: float  # the largest eigenvalue, by power iteration
+    lambda_m: float | None  # the smallest eigenvalue; None: not asked for
+    bound: float | None  # max |1 - alpha lambda_i| [-]; None: lambda_m was not asked for
+    observed: float | None  # mean factor of the residual [-], over the second half of the iterations; None: too few
+    residuals: tuple[float, ...]  # natural residual of each iteration [-]
+
+
 @dataclass(frozen=True)
 class Solution:
     """Tractions p (rows,) [Pa] and relative displacement w (rows,) [m], flat as in `SurfaceProblem`, and u_c (c,) [m].
@@ -76,6 +93,7 @@ class Solution:
     law_error: float = (
         0.0  # contact-law residual that the method's approximation of the laws leaves, in energy norm [J^(1/2)]
     )
+    convergence: Convergence | None = None  # of methods that measure it
     slack: float = 1e-6  # part of the friction bound by which the traction of a slipping point may be smaller
 
     @property

@@ -167,6 +167,7 @@ class Observer:
             searched=accepted.stepper.searched,
             p_ref=accepted.problem.p_ref,
             u_ref=accepted.problem.u_ref,
+            convergence=accepted.convergence,
             history=tuple(row.as_tuple() for row in accepted.history),
             columns=self._columns(state.time),
         )

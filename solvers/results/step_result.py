@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry.arrays import Array, Ints
+from solvers.newton.solution import Convergence
 from solvers.stepping.history import HistoryTuple
 from solvers.stepping.state import Energy
 
@@ -109,6 +110,7 @@ class StepResult:
     u_ref: float  # scale of relative displacements in the residual [m]
     history: tuple[HistoryTuple, ...]  # each iteration: time, iteration, residual, volume solves, seconds, method
     linear_error: float = 0.0  # error left by an iterative volume solve, energy norm, relative [-]; 0: direct solver
+    convergence: Convergence | None = None  # of Uzawa's iteration, from methods that measure it
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 
     def without_fields(self) -> StepResult:

@@ -58,6 +58,7 @@ class Problem:
     plan: tuple[PlanRow, ...]
     timeline: Timeline
     rigid_modes: Array  # (k, r) rigid modes of the bodies that no support resists, see `UnresistedModes`
+    bedded: bool  # whether supports and compliant pressures together resist all rigid modes
     unheld: str  # in words, a rigid mode that no support, contact or friction resists; empty if all are resisted
     solver: Solver
 

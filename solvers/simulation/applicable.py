@@ -33,7 +33,7 @@ def refusals(problem: Problem) -> Iterator[str]:
         contact = pair.contact
         for key, value, reason in _contact(contact, pair.obstacle is not None, table):
             yield f"contacts.{name}.{key} = {value}: {method} {reason}; use condensed-newton"
-    for reason in _floating(problem) if not table.floating else ():
+    for reason in _floating(problem, table) if not table.floating else ():
         yield f"{method}: {reason}; use condensed-newton"
 
 
@@ -50,6 +50,9 @@ def _keys(problem: Problem, asked: type[Method]) -> Iterator[Refusal]:
 def _forms(problem: Problem, table: Applicability) -> Iterator[Refusal]:
     """A form of the bodies that the method does not work with."""
     solver = problem.solver
+    if solver.surface != "auto" and not (table.matrix_free or table.condensed):
+        yield "surface", solver.surface, "solves the bodies as they are, by inner solves; leave it out"
+        return
     if solver.surface == "matrix-free" and not table.matrix_free:
         yield "surface", solver.surface, "needs the condensed form of the bodies; use surface-uzawa"
     if solver.surface == "condensed" and not table.condensed:
@@ -73,9 +76,10 @@ def _contact(contact: Contact, rigid: bool, table: Applicability) -> Iterator[Re
             yield f"{key}.law", chosen, f"works with {', '.join(getattr(table, key))}"
 
 
-def _floating(problem: Problem) -> Iterator[str]:
+def _floating(problem: Problem, table: Applicability) -> Iterator[str]:
     """Why a method cannot solve a problem with floating bodies or driven obstacles."""
-    if problem.rigid_modes.shape[1]:
-        yield "needs bodies that their supports hold; this one is held by contact alone"
+    if problem.rigid_modes.shape[1] and not (table.bedded and problem.bedded):
+        what = "supports or compliant pressures" if table.bedded else "supports"
+        yield f"needs bodies that their {what} hold; this one is held by contact alone"
     for name in dict.fromkeys(name for name, _ in problem.driven):
         yield f"cannot move obstacles.{name} by a force"

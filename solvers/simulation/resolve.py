@@ -42,6 +42,7 @@ def resolve(scene: Scene) -> Problem:
         plan=plan,
         timeline=scene.timeline(),
         rigid_modes=modes.rigid_modes,
+        bedded=modes.bedded,
         unheld=modes.unheld,
         solver=scene.solver,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import null_space
@@ -25,6 +25,7 @@ class UnresistedModes:
     """
 
     rigid_modes: Array  # (k, r) orthonormal basis of the modes that no support resists
+    bedded: bool  # supports and compliant pressures together resist all modes of the bodies
     unheld: str  # a mode, in words, that no support, contact or friction resists either; empty if there is none
 
 
@@ -46,12 +47,18 @@ def unresisted_modes(scene: Scene) -> UnresistedModes:
         )
         blocks.extend(here - there)
     supported = np.concatenate(blocks)[:, : len(motions.bodies) * motions.each]
+    beds = [c for c in scene.contacts.values() if c.normal.at_quadrature]
+    bedding = blocks + [
+        block for contact in beds for block in _touching(scene, replace(contact, friction=None), motions)
+    ]
     for contact in scene.contacts.values():
         blocks += _touching(scene, contact, motions)
     left = np.asarray(null_space(np.concatenate(blocks), rcond=PARALLEL))
     most = int(np.argmax(np.linalg.norm(left, axis=1))) if left.shape[1] else -1
     return UnresistedModes(
-        rigid_modes=np.asarray(null_space(supported, rcond=PARALLEL)), unheld=motions.kinds[most] if most >= 0 else ""
+        rigid_modes=np.asarray(null_space(supported, rcond=PARALLEL)),
+        bedded=not null_space(np.concatenate(bedding)[:, : len(motions.bodies) * motions.each], rcond=PARALLEL).size,
+        unheld=motions.kinds[most] if most >= 0 else "",
     )
 
 

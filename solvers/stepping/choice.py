@@ -103,7 +103,7 @@ def choose(system: System) -> Choice:
 
 def fits(system: System, form: Form) -> bool:
     """Whether a form of the bodies fits in the memory that is free now; collective."""
-    return form == "matrix-free" or _size(system).dense_bytes < SHARE * _memory(system)
+    return form != "condensed" or _size(system).dense_bytes < SHARE * _memory(system)
 
 
 def _size(system: System) -> Size:
@@ -138,6 +138,8 @@ def chain(form: Form) -> tuple[Stage, ...]:
 def _form(size: Size, solver: Solver, fits: bool) -> tuple[Form, str]:
     """The form of the bodies, and the reason for it; `fits`: whether the condensed form fits in memory."""
     table = METHODS[solver.method].WORKS_WITH
+    if not (table.condensed or table.matrix_free):
+        return "sparse", f"solver.method = {solver.method}"
     wanted = "condensed" if not table.matrix_free else "matrix-free" if not table.condensed else solver.surface
     if wanted == "matrix-free":
         because = "surface = matrix-free" if solver.surface == wanted else f"method = {solver.method}"

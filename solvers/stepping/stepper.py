@@ -18,7 +18,7 @@ from solvers.interface.flexibility import Load
 from solvers.interface.limit_analysis import unbalanced_motion
 from solvers.interface.prepare import prepare_surface, trial_stiffness
 from solvers.interface.problem import SurfaceProblem
-from solvers.newton.solution import OnStep, Solution, Status, Step
+from solvers.newton.solution import Convergence, OnStep, Solution, Status, Step
 from solvers.stepping import failure
 from solvers.stepping.attempts import Attempts
 from solvers.stepping.failure import describe_motion
@@ -51,6 +51,7 @@ class Accepted:
     residual: float  # relative natural residual of the last substep [-]
     slack: float  # relative distance to the friction bound at which a point still counts as slipping, see `Solution`
     linear_error: float  # of the last substep [-], see `DelassusOperator`
+    convergence: Convergence | None  # of the last substep, see `Solution`
     history: tuple[HistoryRow, ...]  # every iteration of every attempt
 
 
@@ -191,6 +192,7 @@ class Stepper:
                 residual=solution.residual,
                 slack=solution.slack,
                 linear_error=stepper.surface.linear_error,
+                convergence=solution.convergence,
                 history=tuple(history),
             )
         return accepted

@@ -108,6 +108,14 @@ class System:
             total.array[:] = self.lifting.displacement(motion, nodes.points[own], nodes.part[own]).ravel()
         return total
 
+    def free_part(self, u: Vec, time: float) -> Vec:
+        """q with u = T q + u_s(t) at time t [s] over the free displacements; the prescribed part of u is ignored."""
+        q, T = self.T.createVecRight(), self.T  # its columns are orthogonal to each other
+        T.multTranspose(u - self.prescribed(time), q)
+        norms = T.transposeMatMult(T).getDiagonal()
+        norms.array[norms.array_r == 0] = 1.0  # eliminated entries
+        return q / norms
+
     def pull(self, time: float, load: Vec, u_s: Vec) -> Vec:
         """T^T (load + load of initial strains - K u_s) over the free displacements [N].
 

@@ -21,14 +21,15 @@ SOURCES = [ROOT / "stickslip.py", *sorted(p for name in PACKAGES for p in (ROOT 
 FLOORS = {  # from the ground up
     "geometry": "errors keys arrays protocols amplitude shape dolfinx_versions mesh surfaces user_files builders"
     " obstacles",
-    "solvers": "parallel linear laws scene fem contact effects system interface metrics newton methods stepping results"
-    " simulation analysis",
+    "solvers": "parallel linear laws scene fem contact effects system interface blocks metrics newton methods stepping"
+    " results simulation analysis",
     "workflows": "formats pictures writers scene_file run cost verification commands",
     "": "stickslip",  # the public face; what stands on it is a script that a user might have written
     "workflows above": "reference benchmarks studies",
 }
 VERSIONS = "geometry/dolfinx_versions.py"
-FORMS = ("solvers/fem/smoothed_laws.py", "solvers/fem/forms.py")  # where UFL is written
+UFL = ("smoothed_laws", "contact_forms", "point_laws", "forms")
+FORMS = tuple(f"solvers/fem/{name}.py" for name in UFL)  # where UFL is written
 
 
 def name_of(path: Path) -> str:

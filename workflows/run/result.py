@@ -146,6 +146,7 @@ def _step(step: StepResult, audit: Audit | None) -> dict[str, Any]:
             "time_remainder": energy.time_remainder,
         },
         "audit": audit and asdict(audit),
+        "convergence": step.convergence and asdict(step.convergence),
     }
 
 

@@ -1,0 +1,150 @@
+"""B and C of the block system: from UFL forms on the sides that touch rigid obstacles, by the mortar between bodies.
+
+Rows are those of all multipliers: pressures of rigid normal laws, then tangential tractions, contact by contact in the
+order of `AdmissibleSet`. Compliant pressures have no row: they are a function of the displacement, j_n.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from petsc4py import PETSc
+from scipy import sparse
+
+from geometry import dolfinx_versions as dx
+from geometry.arrays import Array, Ints
+from geometry.protocols import Mat, Sparse, Vec
+from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
+from solvers.interface.flexibility import DelassusOperator
+from solvers.parallel.replicated import Replicated
+from solvers.system.nodal_contact import NodalContact
+from solvers.system.system import System
+
+
+@dataclass(frozen=True)
+class Multipliers:
+    """The m rows among all that carry multipliers, and a distributed vector of them."""
+
+    rows: Ints  # (m,) numbers among all rows
+    at: Replicated  # all entries of a distributed vector of multipliers
+    like: Vec
+
+    @staticmethod
+    def of(system: System, cone: AdmissibleSet) -> Multipliers:
+        """The multipliers of a system's contacts; the rows are shared out evenly among the ranks."""
+        rigid = np.ones(cone.size, bool)
+        for place in cone.places:
+            rigid[place.normal] = not place.rows.normal.at_quadrature
+        rows = np.flatnonzero(rigid)
+        like = PETSc.Vec().createMPI(len(rows), comm=system.K_B.comm)
+        return Multipliers(rows, Replicated(like, np.arange(len(rows))), like)
+
+    def vector(self, p: Array) -> Vec:
+        """Tractions p (rows,) [Pa] of all rows as a distributed vector of the multipliers."""
+        found = self.like.duplicate()
+        self.at.write(found, p[self.rows])
+        return found
+
+    def matrix(self, local: Sparse, columns: Vec) -> Mat:
+        """Distributed matrix (m, columns) of a sparse one that every rank has whole; `columns` has their layout."""
+        low, high = self.like.getOwnershipRange()
+        own = local.tocsr()[low:high]
+        sizes = (high - low, len(self.rows)), (columns.getLocalSize(), columns.getSize())
+        matrix = PETSc.Mat().createAIJ(
+            sizes, csr=(own.indptr, own.indices.astype(PETSc.IntType), own.data), comm=columns.comm
+        )
+        matrix.assemble()
+        found: Mat = matrix
+        return found
+
+
+def assemble_B(system: System, surface: DelassusOperator, cone: AdmissibleSet, multipliers: Multipliers) -> Mat:
+    """B (m, free dofs): virtual work of unit tractions [m^(d-1)]; B^T p are forces [N]; collective.
+
+    Against rigid obstacles it is the matrix of `ContactForms`, restricted to the multipliers of the sides; between
+    bodies, W N of the contact operator.
+    """
+    free = system.T.createVecRight()
+    dofs, total = system.interface.dofs, None
+    for place in cone.places:
+        if place.rows.master is None:
+            part = _by_forms(system, place, multipliers)
+        else:
+            mine = np.zeros(cone.size, bool)
+            mine[place.normal], mine[place.tangential] = True, True
+            weighted = (sparse.diags(surface.W * mine) @ surface.N)[multipliers.rows].tocoo()
+            shape = len(multipliers.rows), free.getSize()
+            spread = sparse.csr_matrix((weighted.data, (weighted.row, dofs[weighted.col])), shape=shape)
+            part = multipliers.matrix(spread, free)
+        if total is None:
+            total = part
+        else:
+            total.axpy(1.0, part, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    return total or multipliers.matrix(sparse.csr_matrix((len(multipliers.rows), free.getSize())), free)
+
+
+def traction_fields(place: ContactBlock, number: Array) -> Sparse:
+    """Which traction field each multiplier of a contact stands for (rows of all, n d): vectors at the slave's nodes.
+
+    A node that carries no multiplier has a share of those of its neighbours.
+
+    Args:
+        place: the contact.
+        number: (rows,) numbers of the rows to be returned, -1 for those left out.
+    """
+    c, d = place.rows, place.rows.surface.dim
+    n = len(c.surface.nodes)
+    blocks = []
+    if not c.normal.at_quadrature:
+        share = (
+            c.psi.T @ sparse.diags(np.divide(1.0, c.node_weights, where=c.node_weights > 0, out=np.zeros(n)))
+        ).tocoo()
+        rows, values = place.normal.start + share.row, share.data[:, None] * c.normals[share.row]
+        blocks.append((rows[:, None].repeat(d, 1), share.col[:, None] * d + np.arange(d), values))
+    share, k = c.share_t.tocoo(), d - 1
+    for i in range(k):
+        rows = place.tangential.start + share.row * k + i
+        values = (share.data * c.free[share.row, i])[:, None] * c.tangents[share.row, i]
+        blocks.append((rows[:, None].repeat(d, 1), share.col[:, None] * d + np.arange(d), values))
+    rows, columns, values = (np.concatenate([b[j].ravel() for b in blocks]) for j in range(3))
+    kept = number[rows] >= 0
+    shape = int(number.max(initial=-1)) + 1, n * d
+    found: Sparse = sparse.csr_matrix((values[kept], (number[rows[kept]], columns[kept])), shape=shape)
+    return found
+
+
+def _by_forms(system: System, place: ContactBlock, multipliers: Multipliers) -> Mat:
+    """B of one contact with a rigid obstacle, by dolfinx: the matrix of b over all displacements, restricted."""
+    nodal, weak = NodalContact(system, place.rows), system.weak
+    works = dx.assemble_matrix(weak.compile(nodal.forms.friction_work(weak.u, weak.v)))
+    on_free = nodal.change.matMult(system.T) if nodal.change else system.T
+    number = np.full(int(max(place.normal.stop, place.tangential.stop, multipliers.rows.max(initial=0) + 1)), -1)
+    number[multipliers.rows] = np.arange(len(multipliers.rows))
+    fields = traction_fields(place, number).tocoo()
+    dim, nodes = system.mesh.dim, place.rows.surface.nodes
+    columns = nodes[fields.col // dim] * dim + fields.col % dim
+    shape = len(multipliers.rows), system.vector().getSize()
+    spread = sparse.csr_matrix((fields.data, (fields.row, columns)), shape=shape)
+    return multipliers.matrix(spread, system.vector()).matMult(works).matMult(on_free)
+
+
+def assemble_C(system: System, cone: AdmissibleSet, multipliers: Multipliers) -> Mat:
+    """C (m, m), diagonal: W / k_T [m^(d+1)/N] on tangential rows with a stiffness before slip, else zero; collective.
+
+    Against rigid obstacles the weights are those that the form of the elastic slip has at the nodes, lumped on the
+    nodes that carry multipliers.
+    """
+    diagonal = np.zeros(cone.size)
+    for place in cone.with_friction():
+        c = place.rows
+        k_T = c.friction.k_T if c.friction is not None else None
+        if not k_T:
+            continue
+        per_node = c.node_weights / k_T
+        if c.master is None:
+            nodal = NodalContact(system, c)
+            form = nodal.forms.elastic_slip(system.weak.v, k_T)
+            per_node = nodal.at_nodes(form).reshape(-1, system.mesh.dim)[:, 0]
+        diagonal[place.tangential] = np.repeat(c.share_t @ per_node, c.free.shape[1]) * c.free.ravel()
+    return multipliers.matrix(sparse.diags(diagonal[multipliers.rows], format="csr"), multipliers.like)

@@ -1,0 +1,233 @@
+"""Block Uzawa: the method as published, on the block system that dolfinx assembles from UFL forms.
+
+[ F'  B^T ] [u]   [f]     F(u) = K u + j_n(u),  F' by ufl.derivative
+[ B   -C  ] [p] = [g]     p = (p_n, t),  t = s lambda,  |lambda| <= 1
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+
+from geometry.arrays import Array
+from geometry.errors import require
+from geometry.keys import Key
+from geometry.protocols import Vec
+from solvers.blocks.block_system import BlockSystem
+from solvers.blocks.nest import options_of, use_options
+from solvers.interface.flexibility import DelassusOperator
+from solvers.interface.prepare import uncondensed
+from solvers.interface.problem import SurfaceProblem
+from solvers.linear.power_iteration import Eigenvalue, largest_eigenvalue
+from solvers.methods.applicability import Applicability
+from solvers.methods.gram_uzawa import GramKeys
+from solvers.methods.inner_tolerance import InnerKeys
+from solvers.methods.method import Before, Method, Ready, Setup, Solve
+from solvers.methods.outer_iteration import FixedStep, Outer, Solved, projected
+from solvers.metrics.dense import DenseMetric, inverse_root
+from solvers.metrics.gram import GramMetric
+from solvers.newton.solution import Convergence, OnStep, Solution, ignore
+from solvers.newton.surface_model import nearest_in_cone
+from solvers.parallel.serialise import Plain
+
+ENOUGH = 8  # iterations of which the second half tells a rate
+FINE, MANY = 1e-6, 1000  # tolerance and iterations of the smallest eigenvalue
+NEVER = -1
+
+
+@dataclass(frozen=True, kw_only=True)
+class BlockUzawa(FixedStep, GramKeys, InnerKeys, Method):
+    """F(u_{k+1}) = f - B^T p_k + delta_k, then p_{k+1} = P_C(p_k + alpha Q^-1 (B u_{k+1} - C p_k - g)).
+
+    p holds the pressures of rigid laws and the tangential tractions t = s lambda. The projection is onto p_n >= 0 and
+    |lambda| <= 1, as |t| <= s, so that nothing is divided by s = 0; C enters implicitly, which is (1.2) with the
+    preconditioner Q + alpha C. sigma_T = -s lambda after (2.6); the last inner solve gives the u that belongs to it.
+
+    Exact inner solves (1.1), or inexact ones (1.2) with ||delta_k|| <= tau_k by `inner_rule`; with compliance F is not
+    linear (1.3). Q: the surface mass W (`mass`), or the trailing block of the Cholesky factor of a Gram matrix of H1
+    (`gram`, (5.6)), complete or incomplete. alpha = relaxation / lambda_1, lambda_1 the largest eigenvalue of
+    Q^-1 B F'^-1 B^T by power iteration, measured again when F' is.
+
+    Nothing is condensed: what the condensed methods compute is held to this method, and this method to them.
+
+    Source: Pop (1999), (1.1)-(1.3), (2.6), (5.3)-(5.7); Elman & Golub, SIAM J. Numer. Anal. 31 (1994); Bramble, Pasciak
+    & Vassilev, ibid. 34 (1997); Chen, ibid. 35 (1998).
+    """
+
+    NAME: ClassVar = "block-uzawa"
+    WHEN: ClassVar = (
+        "the sentence of the source, to read and to check by: UFL forms, dolfinx's block matrices, Uzawa on λ; inner "
+        "solves by PETSc, any fieldsplit by `petsc_options`"
+    )
+    WORKS_WITH: ClassVar = Applicability(
+        floating=False, bedded=True, condensed=False, matrix_free=False, contends=False
+    )
+    ROW: ClassVar = 8
+
+    preconditioner: Annotated[
+        Literal["gram", "mass"], Key("-", "block-uzawa: Q, from the Gram matrix `gram`, or the surface mass")
+    ] = "gram"
+    inner_solves: Annotated[
+        Literal["exact", "inexact"],
+        Key("-", "block-uzawa: by a factor; or by conjugate gradients with multigrid to inner_tolerance"),
+    ] = "exact"
+    rates: Annotated[bool, Key("-", "block-uzawa: also measure the smallest eigenvalue, for the theorem's rate")] = (
+        False
+    )
+    petsc_options: Annotated[
+        str,
+        Key("-", 'block-uzawa: options of PETSc, for example "-fieldsplit_u_ksp_type cg -fieldsplit_u_pc_type gamg"'),
+    ] = ""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        tuple(options_of(self.petsc_options))  # refuses what is no option
+        ignored = self.preconditioner == "gram" and self.alpha is not None
+        require(not ignored, "alpha", self.alpha, 'is the step of Q = W; set preconditioner = "mass"')
+
+    def build(self, setup: Setup) -> Ready:
+        return OnBlocks(self, setup)
+
+
+class OnBlocks(Ready):
+    """The iteration on the assembled blocks."""
+
+    def __init__(self, method: BlockUzawa, setup: Setup, known: Eigenvalue | None = None) -> None:
+        """Assemble the blocks, and the Gram matrix if it is asked for; collective.
+
+        Args:
+            known: lambda_1 of other contact rows of the same bodies, to start from.
+        """
+        self.method, self.surface = method, uncondensed(setup.surface)
+        self.surface.volume.iterative = method.inner_solves == "inexact"
+        use_options(method.petsc_options)
+        self.blocks = BlockSystem(setup.system, self.surface)
+        self.largest, self._measured_at = known, NEVER
+        gram = method.preconditioner == "gram" and len(self.blocks.rows) > 0
+        self._gram = GramMetric(setup.system, method.gram) if gram else None
+        self._dense: DenseMetric | None = None
+
+    def renewed(self, setup: Setup) -> Ready:
+        return OnBlocks(self.method, setup, self.largest)
+
+    def snapshot(self) -> dict[str, Plain]:
+        known = self.largest
+        return {"lambda_1": known and known.value, "direction": known and known.direction}
+
+    def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
+        if snapshot["lambda_1"] is not None:
+            self.largest = Eigenvalue(float(snapshot["lambda_1"]), np.asarray(snapshot["direction"]), 0)
+            self._measured_at = 0
+
+    def after(self, state: Before) -> Solve:
+        return partial(self.step, state.u)
+
+    def step(self, u: Vec, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
+        """Solve one step from displacement u [m] of all dofs and tractions p (rows,) [Pa]; see `SameEveryStep`."""
+        method, blocks, inexact = self.method, self.blocks, self.method.inner_solves == "inexact"
+        q = blocks.begin(problem, u)
+        last: Solved | None = None
+
+        def solve(p: Array) -> Solved:  # F(u_{k+1}) = f - B^T p_k + delta_k
+            nonlocal last
+            allowed = method.inner(problem, last, p, self._norm) if inexact else None
+            p, u_c = blocks.solve(p, q, allowed)
+            if inexact and problem.natural_residual(p, problem.relative_displacement(u_c)) <= method.rtol:
+                p, u_c = blocks.solve(p, q, None)  # delta = 0: the residual is that of the answer
+            self._measure()
+            last = Solved(p, u_c, self.alpha)
+            return last
+
+        def advance(step: SurfaceProblem, found: Solved, w: Array, residual: float) -> Array | None:
+            if self._gram is None:  # p_{k+1} = P_C(p_k + alpha W^-1 (B u_{k+1} - C p - g)), point by point
+                return projected(step, found, w, residual)
+            nearest = nearest_in_cone(step, self._metric, found.p, w, max(residual, method.rtol))
+            return None if nearest is None else nearest.p
+
+        outer = Outer(rtol=method.rtol, max_it=method.max_it, friction_update=method.friction_update, advance=advance)
+        found = outer(problem, p, solve, on_step)
+        self.surface.q = q  # u after (2.6): of these tractions
+        return replace(found, convergence=self._convergence(found))
+
+    @property
+    def alpha(self) -> float:
+        """alpha = relaxation / lambda_1, below 2 / lambda_1; or as given."""
+        assert self.largest is not None
+        return self.method.alpha or self.method.relaxation / self.largest.value
+
+    @cached_property
+    def _root(self) -> Array:
+        """T with T T^T = Q^-1 on the multipliers that may be non-zero: dense for a Gram matrix, else W^(-1/2) (m,)."""
+        rows = self.blocks.rows
+        if self._gram is None:
+            return np.asarray(1 / np.sqrt(self.surface.W[rows]))
+        return inverse_root(self._Q[np.ix_(rows, rows)])
+
+    @cached_property
+    def _Q(self) -> Array:
+        """The Gram matrix on the rows of the multipliers (rows, rows), zero elsewhere."""
+        assert self._gram is not None
+        rows, Q = self.blocks.rows, self._gram.on_tractions(self.surface, self.blocks.cone)
+        found = np.zeros_like(Q)
+        found[np.ix_(rows, rows)] = Q[np.ix_(rows, rows)]
+        return found
+
+    @property
+    def _metric(self) -> DenseMetric:
+        """Q / alpha; compliant rows keep their pressure in it."""
+        if self._dense is None or self._dense.alpha != self.alpha:
+            on = np.zeros(len(self._Q), bool)
+            on[self.blocks.rows] = True
+            self._dense = DenseMetric(surface=self.surface, Q=self._Q, carrying=on, root=self._root, alpha=self.alpha)
+        return self._dense
+
+    def _norm(self, p: Array) -> float:
+        """Norm of a change of tractions (rows,) [Pa] in the metric Q / alpha: about an energy norm [J^(1/2)]."""
+        weighted = self.surface.W * p if self._gram is None else self._Q @ p
+        return float(np.sqrt(max(float(p @ weighted), 0.0) / self.alpha))
+
+    def _preconditioned(self, x: Array) -> Array:
+        """T^T (B F'^-1 B^T) T x: similar to Q^-1 B F'^-1 B^T."""
+        T, counters = self._root, self.surface.counters
+        p, before = np.zeros(len(self.surface.W)), (counters.volume_solves, counters.linear_iterations)
+        p[self.blocks.rows] = T * x if T.ndim == 1 else T @ x
+        forces = self.surface.W[self.blocks.rows] * self.blocks.response(p)[self.blocks.rows]
+        counters.lanczos_applications += 1
+        counters.volume_solves, counters.linear_iterations = before
+        return np.asarray(T * forces if T.ndim == 1 else T.T @ forces)
+
+    def _measure(self) -> None:
+        """Measure lambda_1, unless F' is still that of the last measurement; collective."""
+        if self._measured_at == self.blocks.renewals and self.largest is not None:
+            return
+        start = self.largest.direction if self.largest else None
+        self.largest = largest_eigenvalue(self._preconditioned, self._root.shape[-1], start)
+        self._measured_at = self.blocks.renewals
+
+    def _convergence(self, found: Solution) -> Convergence | None:
+        """What theory says of the step, beside what happened; collective if `rates` is asked for."""
+        if self.largest is None or not len(self.blocks.rows):
+            return None
+        alpha, lambda_1, lambda_m = self.alpha, self.largest.value, None
+        if self.method.rates:
+            shifted = largest_eigenvalue(
+                lambda x: lambda_1 * x - self._preconditioned(x), self._root.shape[-1], tolerance=FINE, most=MANY
+            )
+            lambda_m = lambda_1 - shifted.value
+        residuals = tuple(step.residual for step in found.history)
+        half = len(residuals) // 2
+        observed = None
+        if len(residuals) >= ENOUGH and residuals[half] > 0:
+            observed = (residuals[-1] / residuals[half]) ** (1 / (len(residuals) - 1 - half))
+        return Convergence(
+            preconditioner=self.method.preconditioner,
+            alpha=alpha,
+            lambda_1=lambda_1,
+            lambda_m=lambda_m,
+            bound=None if lambda_m is None else max(abs(1 - alpha * lambda_1), abs(1 - alpha * lambda_m)),
+            observed=observed,
+            residuals=residuals,
+        )

@@ -1,0 +1,124 @@
+"""A contact with a rigid obstacle at the nodes of its side: the data of `NodalRule`, and forces from its forms."""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+from scipy import sparse
+
+from geometry import dolfinx_versions as dx
+from geometry.arrays import Array
+from geometry.protocols import CompiledForm, Function, Mat, Vec
+from solvers.contact.rows import ContactRows
+from solvers.fem.contact_forms import ContactForms, NodalRule
+from solvers.parallel.replicated import Replicated
+from solvers.system.contact_interface import components
+from solvers.system.system import System
+
+NOTHING: Array = np.zeros(0)
+
+
+class NodalContact:
+    """One contact: its nodal rule with the weights of its rows, and fields that are given at its nodes."""
+
+    def __init__(self, system: System, rows: ContactRows) -> None:
+        """Sample the side; collective."""
+        self.system, self.rows = system, rows
+        self.rule = NodalRule(system.weak, system.problem.pairs[rows.name].slave)
+        self.forms = ContactForms(system.weak, self.rule)
+        self.change = change_of_basis(system, rows)
+        self._nodes = Replicated(system.vector(), components(rows.surface.nodes, system.mesh.dim))
+        sampled = self.at_nodes(self.rule.sampled())
+        fill(self.rule.share, self.spread(np.repeat(rows.node_weights, system.mesh.dim) / sampled))
+
+    def at_nodes(self, form: object) -> Array:
+        """Entries (n d,) of a linear form at the nodes of the side; collective."""
+        return self._nodes.read(dx.assemble_vector(self.system.weak.compile(form)))  # type: ignore[arg-type]
+
+    def spread(self, values: Array) -> Vec:
+        """Vector over all displacements with values (n d,) at the nodes of the side, zero elsewhere."""
+        vector = self.system.vector()
+        self._nodes.write(vector, values)
+        return vector
+
+    def coefficients(self, u: Vec) -> Vec:
+        """Coefficients of phi~ on the side of a displacement u over all dofs [m]."""
+        return self.change * u if self.change else u.copy()
+
+    def on_displacements(self, forces: Vec) -> Vec:
+        """Forces over all displacements [N] of forces dual to the coefficients of phi~."""
+        if not self.change:
+            return forces
+        found = forces.duplicate()
+        self.change.multTranspose(forces, found)
+        return found
+
+
+def change_of_basis(system: System, rows: ContactRows) -> Mat | None:
+    """Matrix (all, all) from displacements to coefficients of phi~ on a contact surface; None if it is the identity."""
+    surface, dim, K = rows.surface, system.mesh.dim, system.T
+    change = sparse.coo_matrix(surface.transform - sparse.identity(len(surface.nodes)))
+    change.eliminate_zeros()
+    if not change.nnz:
+        return None
+    low, high = K.getOwnershipRange()
+    block = sparse.kron(change, sparse.identity(dim)).tocoo()
+    at = components(rows.surface.nodes, dim)
+    i, j = at[block.row], at[block.col]
+    own = (i >= low) & (i < high)
+    shape = (high - low, K.size[0])
+    local = sparse.coo_matrix((block.data[own], (i[own] - low, j[own])), shape=shape)
+    diagonal = sparse.eye(*shape, k=low)
+    csr = (local + diagonal).tocsr()
+    matrix = PETSc.Mat().createAIJ((K.sizes[0], K.sizes[0]), csr=(csr.indptr, csr.indices, csr.data), comm=K.comm)
+    matrix.assemble()
+    found: Mat | None = matrix
+    return found
+
+
+def relative_to_obstacle(system: System, pair: str, u: Vec, time: float, driven: Array = NOTHING) -> Vec:
+    """Displacement u less the motion of a pair's obstacle [m], evaluated at the nodes of the body.
+
+    Args:
+        pair: name of the contact.
+        u: over all displacements [m].
+        time: [s].
+        driven: motions (o,) of the obstacles that forces drive [m].
+    """
+    points = system.nodes.points[: system.nodes.owned]
+    relative = u.copy()
+    relative.array[:] -= system.obstacles.motion(pair, points, time, driven).ravel()
+    return relative
+
+
+def fill(function: Function, vector: Vec) -> None:
+    """Copy a vector into a function, ghosts included."""
+    dx.petsc_vector(function).array[:] = vector.array
+    function.x.scatter_forward()
+
+
+class FormOfPart:
+    """A form of the field u = P q + shift, its derivative by the field, and both on the free displacements q."""
+
+    def __init__(self, field: Function, P: Mat, shift: Vec, work: CompiledForm, tangent: CompiledForm) -> None:
+        """
+        Args:
+            field: that the forms contain.
+            P: (all, free).
+            shift: over all displacements [m], set for each step.
+            work: linear form: virtual work of the contact forces.
+            tangent: its derivative by the field.
+        """
+        self.field, self.P, self.shift, self.work, self.tangent = field, P, shift, work, tangent
+
+    def at(self, q: Vec) -> None:
+        """Set the field of free displacements q [m]."""
+        fill(self.field, self.P * q + self.shift)
+
+    def add_forces(self, total: Vec) -> None:
+        """Add the forces [N] over the free displacements at the field as it is."""
+        self.P.multTransposeAdd(dx.assemble_vector(self.work), total, total)
+
+    def add_tangent(self, J: Mat) -> None:
+        """J += d forces / d q; contact only couples displacements of the same cell, so the pattern of J suffices."""
+        J.axpy(1.0, dx.assemble_matrix(self.tangent).PtAP(self.P), PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
