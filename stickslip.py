@@ -75,7 +75,7 @@ Effects           Gravity, Periodic
 Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: HistoryRow,
                   HistoryTuple, Step, Status
 Results           StepResult, ContactState, OPEN, SLIP, STICK, Reaction, ObstacleState, ProbeValue,
-                  Energy, MeshData, SurfaceMesh
+                  Energy, MeshData, SurfaceMesh, Convergence
 Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended)
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,
                   NoEquilibriumError, MachineError, DamagedError
@@ -129,7 +129,7 @@ from solvers.laws.tangential_compliance import TangentialCompliance
 from solvers.laws.tied import Tied
 from solvers.laws.unilateral import Unilateral
 from solvers.methods import Solver
-from solvers.newton.solution import Status, Step
+from solvers.newton.solution import Convergence, Status, Step
 from solvers.parallel.counters import Counters
 from solvers.results.step_result import (
     OPEN,
@@ -221,6 +221,7 @@ __all__ = [
     "Contact",
     "ContactReport",
     "ContactState",
+    "Convergence",
     "Coulomb",
     "Counters",
     "Cylinder",

@@ -107,8 +107,8 @@ class InnerProblem:
             self._fresh = False
             size = float(np.sqrt(max(slope, 0.0)))
             first = first or size
-            stored = abs(float(q.dot(rhs)))
-            if size <= max(allowed(first) if allowed else 0.0, ROUNDING * np.sqrt(stored)):
+            rounding = ROUNDING * max(first, float(np.sqrt(max((self.K * q).dot(q), 0.0))))
+            if size <= max(allowed(first) if allowed else 0.0, rounding):
                 return
             q.axpy(self._length(rhs, q, dq, slope), dq)
             before = size

@@ -51,7 +51,7 @@ def _forms(problem: Problem, table: Applicability) -> Iterator[Refusal]:
     """A form of the bodies that the method does not work with."""
     solver = problem.solver
     if solver.surface != "auto" and not (table.matrix_free or table.condensed):
-        yield "surface", solver.surface, "solves the bodies as they are, by inner solves; leave it out"
+        yield "surface", solver.surface, "solves the bodies as they are; leave it out, or use condensed-newton"
         return
     if solver.surface == "matrix-free" and not table.matrix_free:
         yield "surface", solver.surface, "needs the condensed form of the bodies; use surface-uzawa"

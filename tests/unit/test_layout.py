@@ -158,7 +158,7 @@ def test_petsc_is_met_where_matrices_are() -> None:
     astray = {name for name in users("petsc4py") if not name.startswith("solvers/")} - {VERSIONS}
     assert not astray
     inside = {name for name in users("petsc4py") if name.startswith("solvers/methods/")}  # methods see arrays
-    assert inside == {f"solvers/methods/{name}.py" for name in ("regularised", "smoothed_forces")}
+    assert inside == {"solvers/methods/regularised.py"}
 
 
 def test_ufl_is_written_where_forms_are() -> None:
