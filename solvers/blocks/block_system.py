@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from geometry.arrays import Array, Ints
-from geometry.protocols import Mat, Vec
+from geometry.protocols import Mat, Sparse, Vec
 from solvers.blocks.contact_matrices import Multipliers, assemble_B, assemble_C
 from solvers.blocks.inner_problem import InnerProblem
 from solvers.blocks.nest import nested
@@ -52,6 +52,10 @@ class BlockSystem:
     def nest(self, q: Vec) -> Mat:
         """[[F'(q), B^T], [B, -C]] as one nested PETSc matrix; collective."""
         return nested(self.inner.tangent(q), self.B, self.C)
+
+    def on_free(self, rows: Sparse) -> Mat:
+        """Matrix (m, free) of one (m, c) on the contact dofs."""
+        return self.multipliers.on_free(self.system, rows)
 
     def begin(self, problem: SurfaceProblem, u: Vec) -> Vec:
         """Set the data of a step; collective.

@@ -58,6 +58,13 @@ class Multipliers:
         found: Mat = matrix
         return found
 
+    def on_free(self, system: System, rows: Sparse) -> Mat:
+        """Distributed matrix (m, free dofs) of a sparse one (m, c) on the contact dofs, which every rank has whole."""
+        entries, free = rows.tocoo(), system.T.createVecRight()
+        columns = system.interface.dofs[entries.col]
+        shape = len(self.rows), free.getSize()
+        return self.matrix(sparse.csr_matrix((entries.data, (entries.row, columns)), shape=shape), free)
+
 
 def assemble_B(system: System, surface: DelassusOperator, cone: AdmissibleSet, multipliers: Multipliers) -> Mat:
     """B (m, free dofs): virtual work of unit tractions [m^(d-1)]; B^T p are forces [N]; collective.
@@ -66,17 +73,15 @@ def assemble_B(system: System, surface: DelassusOperator, cone: AdmissibleSet, m
     bodies, W N of the contact operator.
     """
     free = system.T.createVecRight()
-    dofs, total = system.interface.dofs, None
+    total = None
     for place in cone.places:
         if place.rows.master is None:
             part = _by_forms(system, place, multipliers)
         else:
             mine = np.zeros(cone.size, bool)
             mine[place.normal], mine[place.tangential] = True, True
-            weighted = (sparse.diags(surface.W * mine) @ surface.N)[multipliers.rows].tocoo()
-            shape = len(multipliers.rows), free.getSize()
-            spread = sparse.csr_matrix((weighted.data, (weighted.row, dofs[weighted.col])), shape=shape)
-            part = multipliers.matrix(spread, free)
+            weighted = (sparse.diags(surface.W * mine) @ surface.N)[multipliers.rows]
+            part = multipliers.on_free(system, weighted)
         if total is None:
             total = part
         else:

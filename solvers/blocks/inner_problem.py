@@ -127,9 +127,7 @@ class InnerProblem:
             p = np.zeros(len(self.problem.gap))
             p[face.place.normal] = face.law.pressure(face.penetration(self.problem, u_c))
             force, between = force + self.surface.forces(p), True
-        if between:
-            self.contact.add(total, force)
-        return total
+        return total + self.on_contact(force) if between else total
 
     def tangent(self, q: Vec) -> Mat:
         """F'(q) = K + dj_n/du (free, free) [N/m]; collective."""
@@ -142,6 +140,19 @@ class InnerProblem:
                 k = face.law.stiffness(face.penetration(self.problem, u_c))
                 J.axpy(1.0, self._springs(face, k), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         return J
+
+    def with_springs(self, k: Array) -> Mat:
+        """K + N^T W k N (free, free) [N/m] with springs k (rows,) [Pa/m] at the points of compliant faces."""
+        J = self.K.copy() if self.faces else self.K
+        for face in self.faces or ():
+            J.axpy(1.0, self._springs(face, k[face.place.normal]), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        return J
+
+    def on_contact(self, forces: Array) -> Vec:
+        """Forces (c,) [N] at the contact dofs over the free displacements."""
+        found = self.K.createVecRight()
+        self.contact.write(found, forces)
+        return found
 
     def tractions(self, p: Array, u_c: Array) -> Array:
         """p (rows,) [Pa] with the pressures of compliant faces replaced by those at u_c (c,) [m]."""
@@ -185,12 +196,11 @@ class InnerProblem:
         faces = self.faces or ()
         if not self.surface.floating or any(np.any(face.penetration(self.problem, u_c) > 0) for face in faces):
             return
-        bedded, p_ref = self.K.copy(), max(self.problem.p_ref, np.finfo(float).tiny)
+        k, p_ref = np.zeros(len(self.problem.gap)), max(self.problem.p_ref, np.finfo(float).tiny)
         for face in faces:
             p = np.full(len(face.place.rows.W_n), p_ref)
-            k = p / face.nominal.penetration(p)  # secant
-            bedded.axpy(1.0, self._springs(face, k), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        dq = q.duplicate()
+            k[face.place.normal] = p / face.nominal.penetration(p)  # secant
+        dq, bedded = q.duplicate(), self.with_springs(k)
         InnerSolver(bedded, PREFIX, self.counters, iterative=False).solve(rhs - self.K * q, dq)
         q += dq
 

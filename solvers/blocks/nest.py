@@ -9,12 +9,17 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator
+from typing import Any
 
+import numpy as np
 from petsc4py import PETSc
 
 from geometry.errors import SceneError
 from geometry.protocols import KSP, Mat, Vec
+from solvers.linear.inner_solver import mumps_workspace
+from solvers.linear.petsc_library import option_used
 
+RTOL = 1e-12  # relative residual at which an iterative solve of the nest stops
 PREFIX = "block_"  # of PETSc's options; solver.petsc_options are without it
 
 
@@ -29,24 +34,59 @@ def nested(V: Mat, B: Mat, C: Mat) -> Mat:
     return nest
 
 
-def nested_vector(u: Vec, p: Vec) -> Vec:
-    """The vector (u, p) of the nest."""
-    found: Vec = PETSc.Vec().createNest([u, p], comm=u.comm)
-    return found
+def solve(nest: Mat, f: Vec, g: Vec, u: Vec, p: Vec) -> KSP:
+    """Solve nest (u, p) = (f, g) by a sparse LU factor, or as PETSc's options with PREFIX say; returns the KSP.
 
-
-def solver_of(nest: Mat) -> KSP:
-    """A KSP of the nest with fieldsplit, splits `u` and `lambda`; PETSc's options with PREFIX change it."""
+    The splits are `u` and `lambda`; u and p are the start of an iterative solve, then the solution.
+    """
     ksp: KSP = PETSc.KSP().create(nest.comm)
     ksp.setOptionsPrefix(PREFIX)
     ksp.setOperators(nest)
-    ksp.setType("fgmres")
+    ksp.setType("preonly")
     pc = ksp.getPC()
-    pc.setType("fieldsplit")
-    (of_u, of_lambda), _ = nest.getNestISs()
-    pc.setFieldSplitIS(("u", of_u), ("lambda", of_lambda))
+    pc.setType("lu")
+    pc.setFactorSolverType("mumps")
+    ksp.setTolerances(rtol=RTOL)
     ksp.setFromOptions()
+    (of_u, of_lambda), _ = nest.getNestISs()
+    mumps_workspace(pc)
+    whole = nest if pc.getType() == "fieldsplit" else nest.convert("aij", PETSc.Mat())  # factors need it in one piece
+    ksp.setOperators(whole)
+    if pc.getType() == "fieldsplit":
+        pc.setFieldSplitIS(("u", of_u), ("lambda", of_lambda))
+    ksp.setInitialGuessNonzero(ksp.getType() != "preonly")
+    right, found = whole.createVecLeft(), whole.createVecRight()
+    for split, given, start in ((of_u, f, u), (of_lambda, g, p)):
+        _copy(given, right, split)
+        _copy(start, found, split)
+    ksp.solve(right, found)
+    for split, part in ((of_u, u), (of_lambda, p)):
+        of_found = found.getSubVector(split)
+        of_found.copy(part)
+        found.restoreSubVector(split, of_found)
     return ksp
+
+
+def backward_error(nest: Mat, right: tuple[Vec, Vec], found: tuple[Vec, Vec]) -> float:
+    """Largest |b - A x| / (|A| |x| + |b|) of the two rows of blocks, each in the maximum norm [-]."""
+    largest, worst = PETSc.NormType.INFINITY, 0.0
+    for row, given in enumerate(right):
+        left, scale = given.copy(), given.norm(largest)
+        for column, part in enumerate(found):
+            block = nest.getNestSubMatrix(row, column)
+            left -= block * part
+            scale += block.norm(largest) * part.norm(largest)
+        worst = max(worst, left.norm(largest) / scale if scale else 0.0)
+        if not np.isfinite(worst):
+            return float("inf")
+    return worst
+
+
+def _copy(part: Vec, whole: Vec, split: Any) -> None:
+    """Copy a vector into its split of a whole one."""
+    there = whole.getSubVector(split)
+    part.copy(there)
+    whole.restoreSubVector(split, there)
 
 
 def use_options(text: str) -> None:
@@ -55,12 +95,21 @@ def use_options(text: str) -> None:
     for name in _used:
         known.delValue(name)
     _used.clear()
+    _named.clear()
     for name, value in options_of(text):
         known.setValue(name, value)
         _used.append(name)
 
 
+def unused_options() -> list[str]:
+    """The options of `use_options` that PETSc has not asked for, as the user wrote them; each is named only once."""
+    found = [name for name in _used if name not in _named and not option_used(name)]
+    _named.update(found)
+    return [f"-{name.removeprefix(PREFIX)}" for name in found]
+
+
 _used: list[str] = []  # names that `use_options` has set
+_named: set[str] = set()  # those of them that `unused_options` has returned
 
 
 def options_of(text: str) -> Iterator[tuple[str, str | None]]:

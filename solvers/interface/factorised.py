@@ -7,7 +7,6 @@ on several ranks K_ii is factorised and a block of right-hand sides gives S.
 from __future__ import annotations
 
 import ctypes
-from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -15,6 +14,7 @@ from petsc4py import PETSc
 from geometry.arrays import Array, Ints
 from geometry.errors import MachineError
 from geometry.protocols import KSP, Mat, Vec
+from solvers.linear.petsc_library import call, petsc_library
 from solvers.parallel.counters import Counters
 from solvers.parallel.replicated import Replicated
 
@@ -106,7 +106,7 @@ class FactorisedVolume:
             factor.setMumpsIcntl(14, percent)
             if len(schur):
                 index = PETSc.IS().createGeneral(np.asarray(schur, PETSc.IntType), comm=PETSc.COMM_SELF)
-                _call(_petsc_library().MatFactorSetSchurIS, factor.handle, index.handle)
+                call(petsc_library().MatFactorSetSchurIS, factor.handle, index.handle)
             try:
                 self._ksp.setUp()
             except PETSc.Error as error:
@@ -126,7 +126,7 @@ class FactorisedVolume:
         if not len(contact_dofs):
             self.S = np.zeros((0, 0))
             return
-        self.S = _schur_complement(_petsc_library(), factor, len(contact_dofs))
+        self.S = _schur_complement(petsc_library(), factor, len(contact_dofs))
         factor.setMumpsIcntl(26, 0)  # from here on, solve with the interior block alone
 
     def _factor_interior(self, contact_dofs: Ints) -> None:
@@ -153,19 +153,6 @@ class FactorisedVolume:
             self.S[np.ix_(self.contact.mine, block)] = direct - correction
         self.S = self.K.comm.tompi4py().allreduce(self.S)
         self.S = (self.S + self.S.T) / 2
-
-
-def _petsc_library() -> ctypes.CDLL:
-    """The PETSc library: petsc4py 3.18 does not wrap its calls for Schur complements."""
-    with open("/proc/self/maps") as maps:
-        return ctypes.CDLL(next(line.split()[-1] for line in maps if "libpetsc" in line))
-
-
-def _call(function: Any, *handles: int) -> None:
-    """Call a function of the PETSc library with the handles of PETSc objects."""
-    code = function(*(ctypes.c_void_p(handle) for handle in handles))
-    if code:
-        raise MachineError(f"PETSc error {code} in {function.__name__}")
 
 
 def _schur_complement(petsc: ctypes.CDLL, factor: Mat, count: int) -> Array:

@@ -8,14 +8,23 @@ import numpy as np
 from petsc4py import PETSc
 
 from geometry.errors import SolverError
-from geometry.protocols import KSP, Mat, Vec
+from geometry.protocols import KSP, PC, Mat, Vec
 from solvers.linear.multigrid import boomeramg
 from solvers.parallel.counters import Counters
 
-METIS = 5  # MUMPS' value of ICNTL(7)
+METIS, WORKSPACE = 5, 200  # MUMPS' ICNTL(7), and ICNTL(14) [percent]
 EXACT = 1e-13  # relative residual of an iterative solve that stands for an exact one: rounding
 MAX_IT = 10000
 Allowed = Callable[[float], float]  # from ||delta|| at the start of a solve to the largest one at its end
+
+
+def mumps_workspace(pc: PC) -> None:
+    """Options of MUMPS for a factor: its ordering, and memory for pivots beyond its own estimate."""
+    prefix, known = pc.getOptionsPrefix() or "", PETSc.Options()
+    for key, value in (("7", METIS), ("14", WORKSPACE)):
+        name = f"{prefix}mat_mumps_icntl_{key}"
+        if not known.hasName(name):
+            known.setValue(name, str(value))
 
 
 class InnerSolver:
@@ -52,8 +61,7 @@ class InnerSolver:
             pc = ksp.getPC()
             pc.setType("cholesky")
             pc.setFactorSolverType("mumps")
-            pc.setFactorSetUpSolverType()
-            pc.getFactorMatrix().setMumpsIcntl(7, METIS)
+            mumps_workspace(pc)
         ksp.setTolerances(rtol=EXACT, atol=0.0, max_it=MAX_IT)
         ksp.setFromOptions()
         if ksp.getType() != "preonly":
@@ -67,7 +75,7 @@ class InnerSolver:
         self.counters.factorisations += 1
 
     def solve(self, r: Vec, x: Vec, allowed: Allowed | None = None) -> None:
-        """Improve x until ||r - V x|| is small enough; collective.
+        """Improve x until ||r - V x|| is small enough; collective. With a factor every solve is exact.
 
         Args:
             r: right-hand side [N].
@@ -77,10 +85,8 @@ class InnerSolver:
         Raises:
             SolverError: it does not converge.
         """
-        if allowed is not None:
-            self.ksp.setConvergenceTest(_Test(allowed))
-        else:
-            self.ksp.setTolerances(rtol=EXACT, atol=0.0, max_it=MAX_IT)
+        if self.iterative:
+            self.ksp.setConvergenceTest(_Test(allowed or (lambda start: 0.0), EXACT * self._natural_norm(r)))
         self.ksp.solve(r, x)
         self.counters.volume_solves += 1
         if self.ksp.getType() != "preonly":
@@ -89,17 +95,22 @@ class InnerSolver:
         if reason < 0 or not np.isfinite(x.norm()):
             raise SolverError(f"the inner solver {self.ksp.getType()} did not converge: PETSc reason {reason}")
 
+    def _natural_norm(self, r: Vec) -> float:
+        z = r.duplicate()
+        self.ksp.getPC().apply(r, z)
+        return float(np.sqrt(max(r.dot(z), 0.0)))
+
 
 class _Test:
     """Converged when the residual is below what the outer iteration allows, or at rounding."""
 
-    def __init__(self, allowed: Allowed) -> None:
-        self.allowed, self.least = allowed, 0.0
+    def __init__(self, allowed: Allowed, rounding: float) -> None:
+        self.allowed, self.rounding, self.enough = allowed, rounding, 0.0
 
     def __call__(self, ksp: KSP, iteration: int, norm: float) -> int:
         if iteration == 0:
-            self.least, self.first = self.allowed(norm), norm
-        if norm <= max(self.least, EXACT * self.first):
+            self.enough = max(self.allowed(norm), self.rounding)
+        if norm <= self.enough:
             return int(PETSc.KSP.ConvergedReason.CONVERGED_ATOL)
         if not np.isfinite(norm):
             return int(PETSc.KSP.ConvergedReason.DIVERGED_NANORINF)

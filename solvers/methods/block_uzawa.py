@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Annotated, ClassVar, Literal
@@ -17,7 +18,7 @@ from geometry.errors import require
 from geometry.keys import Key
 from geometry.protocols import Vec
 from solvers.blocks.block_system import BlockSystem
-from solvers.blocks.nest import options_of, use_options
+from solvers.blocks.nest import options_of, unused_options, use_options
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.prepare import uncondensed
 from solvers.interface.problem import SurfaceProblem
@@ -29,10 +30,13 @@ from solvers.methods.method import Before, Method, Ready, Setup, Solve
 from solvers.methods.outer_iteration import FixedStep, Outer, Solved, projected
 from solvers.metrics.dense import DenseMetric, inverse_root
 from solvers.metrics.gram import GramMetric
+from solvers.newton.nested_system import NestedSystem
+from solvers.newton.semismooth import SemismoothNewton
 from solvers.newton.solution import Convergence, OnStep, Solution, ignore
 from solvers.newton.surface_model import nearest_in_cone
 from solvers.parallel.serialise import Plain
 
+log = logging.getLogger(__name__)
 ENOUGH = 8  # iterations of which the second half tells a rate
 FINE, MANY = 1e-6, 1000  # tolerance and iterations of the smallest eigenvalue
 NEVER = -1
@@ -74,6 +78,10 @@ class BlockUzawa(FixedStep, GramKeys, InnerKeys, Method):
         Literal["exact", "inexact"],
         Key("-", "block-uzawa: by a factor; or by conjugate gradients with multigrid to inner_tolerance"),
     ] = "exact"
+    outer: Annotated[
+        Literal["uzawa", "ksp"],
+        Key("-", "block-uzawa: Uzawa's iteration; or semismooth Newton, the nest of each active set solved by a KSP"),
+    ] = "uzawa"
     rates: Annotated[bool, Key("-", "block-uzawa: also measure the smallest eigenvalue, for the theorem's rate")] = (
         False
     )
@@ -127,8 +135,22 @@ class OnBlocks(Ready):
 
     def step(self, u: Vec, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         """Solve one step from displacement u [m] of all dofs and tractions p (rows,) [Pa]; see `SameEveryStep`."""
+        q = self.blocks.begin(problem, u)
+        solve = self._newton if self.method.outer == "ksp" else self._uzawa
+        found = solve(problem, p, q, on_step)
+        for option in unused_options():
+            log.warning("solver.petsc_options: PETSc does not use %s; -ksp_view shows what it uses", option)
+        self.surface.q = q  # u after (2.6): of these tractions
+        return found
+
+    def _newton(self, problem: SurfaceProblem, p: Array, q: Vec, on_step: OnStep) -> Solution:
+        """Semismooth Newton on the nest; improves q [m] in place."""
+        linear = NestedSystem(self.blocks, q)
+        return SemismoothNewton(rtol=self.method.rtol, max_it=self.method.max_it, linear=linear)(problem, p, on_step)
+
+    def _uzawa(self, problem: SurfaceProblem, p: Array, q: Vec, on_step: OnStep) -> Solution:
+        """Uzawa's iteration; improves q [m] in place."""
         method, blocks, inexact = self.method, self.blocks, self.method.inner_solves == "inexact"
-        q = blocks.begin(problem, u)
         last: Solved | None = None
 
         def solve(p: Array) -> Solved:  # F(u_{k+1}) = f - B^T p_k + delta_k
@@ -149,7 +171,6 @@ class OnBlocks(Ready):
 
         outer = Outer(rtol=method.rtol, max_it=method.max_it, friction_update=method.friction_update, advance=advance)
         found = outer(problem, p, solve, on_step)
-        self.surface.q = q  # u after (2.6): of these tractions
         return replace(found, convergence=self._convergence(found))
 
     @property

@@ -1,0 +1,93 @@
+"""One semismooth Newton system as the nested block system [[F', B^T], [B, -C]] of its active set, solved by a KSP.
+
+Rows of open points and of slip are in place of those of B and -C; all others are those of the source, (5.3).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+from scipy import sparse
+
+from geometry.arrays import Array, Ints
+from geometry.protocols import Mat, Sparse, Vec
+from solvers.blocks.block_system import BlockSystem
+from solvers.blocks.nest import backward_error, solve
+from solvers.newton.active_set import ActiveSet
+
+RESIDUAL = 1e-8  # backward error, and relative force out of balance, above which the linear system counts as singular
+
+
+class NestedSystem:
+    """Solves the linearised laws together with the bodies on the free displacements; `q` is the last answer."""
+
+    def __init__(self, blocks: BlockSystem, q: Vec) -> None:
+        self.blocks, self.q = blocks, q
+
+    def __call__(self, laws: ActiveSet) -> tuple[Array, Array]:
+        """Tractions (rows,) [Pa] and displacement of the contact dofs (c,) [m]; collective.
+
+        Raises:
+            LinAlgError: the active set leaves a rigid mode free.
+        """
+        blocks, problem, surface = self.blocks, laws.problem, laws.problem.surface
+        multipliers = blocks.multipliers
+        m = multipliers.rows
+        on = np.zeros(len(surface.W), bool)
+        on[m] = True
+        faces = np.flatnonzero(~on)  # compliant rows: p = rhs + k w
+        A_p, k = laws.A_p[m], laws.k
+        through = A_p[:, faces] @ sparse.diags(k[faces])
+        A_w = laws.A_w[m] + _in_columns(through, faces, len(surface.W))
+        right = laws.rhs[m] - A_p[:, faces] @ laws.rhs[faces] - A_w @ problem.offset
+        soft = k[m] > 0
+        # rows of B where points are closed, and of -C where they are open or stick elastically: symmetric but for slip
+        scale = surface.W[m] * np.where(soft, -1 / np.where(soft, k[m], 1.0), 1 / problem.gamma[m])
+        scale *= np.where(~soft & laws.given[m], -1.0, 1.0)
+        V = blocks.inner.with_springs(np.where(on, 0.0, k))
+        L = blocks.on_free(sparse.diags(scale) @ A_w @ surface.N)
+        M = multipliers.matrix(sparse.diags(scale) @ A_p[:, m], multipliers.like)
+        transposed = PETSc.Mat()
+        blocks.B.transpose(transposed)
+        nest: Mat = PETSc.Mat().createNest([[V, transposed], [L, M]], comm=V.comm)
+        nest.assemble()
+        resting = np.where(on, 0.0, laws.rhs + k * problem.offset)  # p of compliant faces at u = 0
+        f, g = problem.load.f_q - blocks.inner.on_contact(surface.forces(resting)), multipliers.like.duplicate()
+        multipliers.at.write(g, scale * right)
+        x, y = self.q, multipliers.like.duplicate()
+        self._solve(nest, (f, g), (x, y))
+        u_c = blocks.inner.contact.read(x)
+        p = np.where(on, 0.0, laws.rhs + k * problem.relative_displacement(u_c))
+        p[m] = multipliers.at.read(y)
+        given = laws.given & on
+        p[given] = 0.0  # exact zeros: the diagonal of A_p is 1 there
+        p[given] = (laws.rhs - laws.A_p @ p)[given]
+        self._check_balance(laws, p)
+        return p, u_c
+
+    def _solve(self, nest: Mat, right: tuple[Vec, Vec], found: tuple[Vec, Vec]) -> None:
+        counters = self.blocks.surface.counters
+        try:
+            ksp = solve(nest, *right, *found)
+        except PETSc.Error as error:
+            raise np.linalg.LinAlgError(f"the block system cannot be solved: PETSc error {error.ierr}") from None
+        counters.factorisations += 1
+        counters.volume_solves += 1
+        counters.linear_iterations += ksp.getIterationNumber() if ksp.getType() != "preonly" else 0
+        if not backward_error(nest, right, found) <= RESIDUAL:
+            raise np.linalg.LinAlgError("the block system is singular, or its KSP did not converge")
+
+    def _check_balance(self, laws: ActiveSet, p: Array) -> None:
+        """Raise if the tractions p (rows,) [Pa] do not balance the load of a floating body."""
+        surface, load = laws.problem.surface, laws.problem.load.resultant
+        held = surface.R.T @ surface.forces(p)
+        if np.abs(load - held).sum() > RESIDUAL * (np.abs(load).sum() + np.abs(surface.forces(p)).sum()):
+            raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
+
+
+def _in_columns(block: Sparse, columns: Ints, count: int) -> Sparse:
+    """The matrix (m, count) with the columns of `block` at the given places, zero elsewhere."""
+    entries = block.tocoo()
+    shape = block.shape[0], count
+    found: Sparse = sparse.csr_matrix((entries.data, (entries.row, columns[entries.col])), shape=shape)
+    return found
