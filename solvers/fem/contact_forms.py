@@ -96,10 +96,6 @@ class ContactForms:
         softness = self.weak.constant(1 / k_T)
         return self.rule.integral(softness * sum(v[i] for i in range(self.weak.mesh.dim)))
 
-    def mass(self, v: UflExpr) -> UflForm:
-        """∫ v ds in every component: the lumped surface mass, the diagonal of the metric Q = W."""
-        return self.rule.integral(sum(v[i] for i in range(self.weak.mesh.dim)))
-
 
 @dataclass(frozen=True)
 class ComplianceForms:

@@ -22,7 +22,7 @@ from solvers.blocks.nest import options_of, unused_options, use_options
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.prepare import uncondensed
 from solvers.interface.problem import SurfaceProblem
-from solvers.linear.power_iteration import Eigenvalue, largest_eigenvalue
+from solvers.linear.eigenvalues import Eigenvalue, largest_eigenvalue, smallest_eigenvalue
 from solvers.methods.applicability import Applicability
 from solvers.methods.gram_uzawa import GramKeys
 from solvers.methods.inner_tolerance import InnerKeys
@@ -38,7 +38,6 @@ from solvers.parallel.serialise import Plain
 
 log = logging.getLogger(__name__)
 ENOUGH = 8  # iterations of which the second half tells a rate
-FINE, MANY = 1e-6, 1000  # tolerance and iterations of the smallest eigenvalue
 NEVER = -1
 
 
@@ -123,11 +122,12 @@ class OnBlocks(Ready):
 
     def snapshot(self) -> dict[str, Plain]:
         known = self.largest
-        return {"lambda_1": known and known.value, "direction": known and known.direction}
+        return {"lambda_1": known and [known.quotient, known.apart], "direction": known and known.direction}
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
         if snapshot["lambda_1"] is not None:
-            self.largest = Eigenvalue(float(snapshot["lambda_1"]), np.asarray(snapshot["direction"]), 0)
+            quotient, apart = snapshot["lambda_1"]
+            self.largest = Eigenvalue(quotient, apart, np.asarray(snapshot["direction"]), 0)
             self._measured_at = 0
 
     def after(self, state: Before) -> Solve:
@@ -234,10 +234,7 @@ class OnBlocks(Ready):
             return None
         alpha, lambda_1, lambda_m = self.alpha, self.largest.value, None
         if self.method.rates:
-            shifted = largest_eigenvalue(
-                lambda x: lambda_1 * x - self._preconditioned(x), self._root.shape[-1], tolerance=FINE, most=MANY
-            )
-            lambda_m = lambda_1 - shifted.value
+            lambda_m = smallest_eigenvalue(self._preconditioned, self._root.shape[-1])
         residuals = tuple(step.residual for step in found.history)
         half = len(residuals) // 2
         observed = None

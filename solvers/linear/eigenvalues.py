@@ -1,0 +1,81 @@
+"""The ends of the spectrum of a symmetric positive definite operator: the largest eigenvalue by power iteration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from geometry.arrays import Array
+
+TOLERANCE = 1e-3  # relative change of the Rayleigh quotient, four iterations in a row, at which it stops
+MOST = 60  # iterations
+LANCZOS = 1e-4  # relative error of the smallest eigenvalue
+VECTORS = 40  # that Lanczos' method keeps
+
+
+@dataclass(frozen=True)
+class Eigenvalue:
+    """An eigenvalue and its direction."""
+
+    quotient: float  # Rayleigh quotient: not above the largest eigenvalue
+    apart: float  # norm of its residual: some eigenvalue is not farther from it
+    direction: Array  # (n,) unit
+    iterations: int
+
+    @property
+    def value(self) -> float:
+        """The largest eigenvalue with its error added, so that a step size that divides by it is rather too small."""
+        return self.quotient + self.apart
+
+
+def largest_eigenvalue(
+    apply: Callable[[Array], Array],
+    size: int,
+    start: Array | None = None,
+    tolerance: float = TOLERANCE,
+    most: int = MOST,
+) -> Eigenvalue:
+    """The largest eigenvalue of an operator on vectors (size,).
+
+    Args:
+        apply: the operator.
+        size: of the vectors.
+        start: (size,) of an earlier call; None: a vector without symmetry, the same on every rank.
+        tolerance: see TOLERANCE.
+        most: largest number of iterations.
+
+    >>> found = largest_eigenvalue(lambda x: np.array([1.0, 3.0]) * x, 2)
+    >>> round(found.quotient, 3)
+    3.0
+    """
+    if not size:
+        return Eigenvalue(1.0, 0.0, np.zeros(0), 0)
+    x = 1 + np.sin(np.arange(size)) if start is None or len(start) != size else start
+    x, value, apart, small, taken = x / np.linalg.norm(x), 0.0, 0.0, 0, 0
+    for k in range(1, most + 1):
+        taken = k
+        y = apply(x)
+        before, value = value, float(x @ y)
+        small = small + 1 if abs(value - before) <= tolerance * abs(value) else 0
+        apart = float(np.linalg.norm(y - value * x))
+        if not value or small == 4 or k == most:
+            break
+        x = y / np.linalg.norm(y)
+    return Eigenvalue(value, apart, x, taken)
+
+
+def smallest_eigenvalue(apply: Callable[[Array], Array], size: int) -> float:
+    """The smallest eigenvalue of an operator on vectors (size,), by Lanczos' method: small ones are crowded here.
+
+    >>> round(smallest_eigenvalue(lambda x: np.arange(1.0, 61.0) * x, 60), 3)
+    1.0
+    """
+    if size <= VECTORS:
+        return float(np.linalg.eigvalsh(np.column_stack([apply(unit) for unit in np.eye(size)]))[0])
+    operator = LinearOperator((size, size), matvec=apply, dtype=float)
+    start = 1 + np.sin(np.arange(size))
+    (found,) = eigsh(operator, k=1, which="SA", v0=start, tol=LANCZOS, ncv=VECTORS, return_eigenvectors=False)
+    return float(found)
