@@ -1,4 +1,4 @@
-"""Power iteration: the largest eigenvalue of a symmetric positive definite operator, from above."""
+"""Power iteration: the largest eigenvalue of a symmetric positive definite operator, from below."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ def largest_eigenvalue(
     tolerance: float = TOLERANCE,
     most: int = MOST,
 ) -> Eigenvalue:
-    """The largest eigenvalue of an operator on vectors (size,).
+    """The largest eigenvalue of an operator on vectors (size,), by its Rayleigh quotient: never above it.
+
+    Where other eigenvalues lie close to it, the quotient changes little from one iteration to the next, although its
+    error is still larger than `tolerance`.
 
     Args:
         apply: the operator.
