@@ -74,7 +74,7 @@ class ContactForms:
         """b(lambda, v; s) = ∫ s lambda . v_T ds, |lambda| <= 1; lambda is tangential, so lambda . v_T = lambda . v.
 
         Args:
-            lam: lambda [-], vectors in the tangent plane; the trial function for the matrix of b.
+            lam: lambda [-], vectors in the tangent plane. For B: the trial function, with s = 1, so t = s lambda [Pa].
             v: test function.
             s: friction bound [Pa].
 

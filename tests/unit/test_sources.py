@@ -1,35 +1,14 @@
 """solvers/SOURCES.md: every numbered equation of the source has its row, and every name in it exists."""
 
-import ast
 import re
-from functools import cache
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from shared.names import ROOT, definitions, named
+
 TEXT = (ROOT / "solvers/SOURCES.md").read_text(encoding="utf-8")
 NUMBERED = {1: 3, 2: 6, 4: 5, 5: 7}  # Pop (1999): the last number of each section; those of its section 3 go on from 2
-NAMES = sorted(set(re.findall(r"`([^`\s]+)::([^`\s]+)`", TEXT)))
-
-
-@cache
-def names_in(path: Path) -> frozenset[str]:
-    """All that a file defines: name, and Class.name."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return frozenset(_defined(tree.body, ""))
-
-
-def _defined(body: list[ast.stmt], prefix: str) -> list[str]:
-    found: list[str] = []
-    for node in body:
-        if isinstance(node, ast.ClassDef | ast.FunctionDef):
-            found.append(prefix + node.name)
-        if isinstance(node, ast.ClassDef):
-            found += _defined(node.body, f"{prefix}{node.name}.")
-        assigned = getattr(node, "targets", [getattr(node, "target", None)])
-        found += [prefix + target.id for target in assigned if isinstance(target, ast.Name)]
-    return found
+NAMES = named(TEXT)
 
 
 def test_it_names_many_things() -> None:
@@ -39,7 +18,7 @@ def test_it_names_many_things() -> None:
 @pytest.mark.parametrize(("file", "name"), NAMES)
 def test_every_name_exists(file: str, name: str) -> None:
     assert (ROOT / file).is_file()
-    assert name in names_in(ROOT / file)
+    assert name in definitions(file)
 
 
 def test_what_stands_in_code_type_is_such_a_name() -> None:
