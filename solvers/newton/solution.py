@@ -73,7 +73,7 @@ class Convergence:
     preconditioner: str  # Q
     alpha: float  # step size; its unit is that of 1 / lambda_1
     lambda_1: float  # the largest eigenvalue, by power iteration: from below
-    lambda_m: float | None  # the smallest eigenvalue, from above; None: not asked for
+    lambda_m: float | None  # the smallest eigenvalue, by Lanczos' method; None: not asked for
     bound: float | None  # max |1 - alpha lambda_i| [-]; None: lambda_m was not asked for
     observed: float | None  # mean factor of the residual [-], over the second half of the iterations; None: too few
     residuals: tuple[float, ...]  # natural residual of each iteration [-]
