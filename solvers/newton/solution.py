@@ -65,14 +65,12 @@ class Convergence:
     """What theory says of Uzawa's iteration on a step, beside what happened.
 
     Without projection and with fixed bounds the error falls by max |1 - alpha lambda_i| an iteration in the metric Q,
-    and converges for 0 < alpha < 2 / lambda_1 only. lambda_i are the eigenvalues of S = Q^-1 (B F'^-1 B^T).
-    The smallest is by power iteration of lambda_1 - S; where small eigenvalues lie close together it is too large, and
-    `bound` too small.
+    and converges for 0 < alpha < 2 / lambda_1 only. lambda_i are the eigenvalues of Q^-1 B F'^-1 B^T.
     """
 
     preconditioner: str  # Q
     alpha: float  # step size; its unit is that of 1 / lambda_1
-    lambda_1: float  # the largest eigenvalue, by power iteration: from below
+    lambda_1: float  # the largest eigenvalue, by power iteration, with its error added
     lambda_m: float | None  # the smallest eigenvalue, by Lanczos' method; None: not asked for
     bound: float | None  # max |1 - alpha lambda_i| [-]; None: lambda_m was not asked for
     observed: float | None  # mean factor of the residual [-], over the second half of the iterations; None: too few

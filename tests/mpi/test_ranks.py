@@ -227,6 +227,32 @@ def test_regularised_finds_on_two_ranks_what_it_finds_on_one(tmp_path: Path) -> 
         assert other["iterations"] == mine["iterations"]
 
 
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("block", ["solver.rates=true"]),
+        ("foundation", []),
+        pytest.param("block", ["solver.inner_solves=inexact"], marks=pytest.mark.slow),
+        pytest.param("cube", ["solver.outer=ksp"], marks=pytest.mark.slow),
+        *(pytest.param(name, [], marks=pytest.mark.slow) for name in ("cube", "half_ball", "axisymmetric")),
+        *(pytest.param(name, [], marks=pytest.mark.slow) for name in ("two_blocks", "cylinders", "sliding")),
+    ],
+)
+def test_the_block_system_gives_on_two_ranks_what_the_condensed_bodies_give_on_one(
+    name: str, more: list[str], tmp_path: Path
+) -> None:
+    words = [*SCENES[name], *ALWAYS]
+    run(read(name, [*words, "solver.method=condensed-newton"]), tmp_path / "one")
+    done = mpirun(2, ["run", name, "-q", "-o", "two", *options([*words, *more, "solver.method=block-uzawa"])], tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    steps = json.loads((tmp_path / "one" / "result.json").read_text())["steps"]
+    for index in range(1, len(steps) + 1):
+        one, two = (read_step(tmp_path / folder / step_name(index)) for folder in ("one", "two"))
+        for key in ("displacement", "p", "w"):
+            mine, other = getattr(one, key), getattr(two, key)
+            assert_allclose(other, mine, atol=10 * SAME * np.abs(mine).max(), err_msg=f"step {index}, {key}")
+
+
 def test_iterative_solves_give_on_every_number_of_ranks_what_the_condensed_bodies_give(
     tmp_path: Path,
 ) -> None:

@@ -40,13 +40,21 @@ HISTORIES = {
     "perturbed-lagrangian": ("block", [*SMALL, "solver.method=perturbed-lagrangian"]),
     "regularised": ("block", [*SMALL, "solver.method=regularised"]),
     "gram-uzawa": ("block", [*SMALL, "solver.method=gram-uzawa"]),
+    "block-uzawa": ("block", [*SMALL, "solver.method=block-uzawa", "solver.rates=true"]),
+    "block-uzawa, inexact": ("block", [*SMALL, "solver.method=block-uzawa", "solver.inner_solves=inexact"]),
+    "block-uzawa, sliding": ("sliding", [*SLIDING, "solver.method=block-uzawa"]),
+    "block-uzawa, compliance": (
+        "foundation",
+        ["geometry.mesh_size=0.4", "output.pictures=false", "steps.count=4", "solver.method=block-uzawa"],
+    ),
+    "block-uzawa, nest": ("block", [*SMALL, "solver.method=block-uzawa", "solver.outer=ksp"]),
     "substeps": ("half_disc", [*CUT, "solver.method=condensed-newton", "solver.max_iterations=3"]),
     "sliding": ("sliding", SLIDING),
     "sliding, iterative": ("sliding", [*SLIDING, *LEARNS]),
     "compliance": ("foundation", ["geometry.mesh_size=0.4", "output.pictures=false", "steps.count=4"]),
     "floating": ("stack", ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"]),
 }
-QUICK = ("substeps", "surface-uzawa", "sliding")
+QUICK = ("substeps", "surface-uzawa", "sliding", "block-uzawa, compliance")
 EACH = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in HISTORIES]
 
 
