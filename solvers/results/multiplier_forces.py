@@ -29,17 +29,17 @@ class MultiplierForces:
             system: at the start.
             rows: of the contact, at the start; with a pressure multiplier or friction.
         """
-        self._nodal, self._compile = NodalContact(system, rows), system.weak.compile
+        self._nodal, compile_ = NodalContact(system, rows), system.weak.compile
         self._pressure, self._lam, self._bound = (dx.fem.Function(system.space) for _ in range(3))
         sliding = system.problem.pairs[rows.name].contact.sliding
         self._moved = dx.fem.Function(system.space) if sliding else None
-        self._areas = self._compile(self._nodal.rule.areas(self._moved))
+        self._areas = compile_(self._nodal.rule.areas(self._moved))
         forms, v, works = self._nodal.forms, system.weak.v, []
         if not rows.normal.at_quadrature:
             works.append(forms.normal_work(self._pressure, v))
         if rows.friction is not None:
             works.append(forms.friction_work(self._lam, v, self._bound[0]))
-        self._work = self._compile(sum(works[1:], start=works[0]))
+        self._work = compile_(sum(works[1:], start=works[0]))
         self._weigh()
 
     def _weigh(self) -> None:
