@@ -18,7 +18,7 @@ from geometry.protocols import Mat, Sparse, Vec
 from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.interface.flexibility import DelassusOperator
 from solvers.parallel.replicated import Replicated
-from solvers.system.nodal_contact import NodalContact
+from solvers.system.nodal_contact import NodalContact, traction_fields
 from solvers.system.system import System
 
 
@@ -89,48 +89,18 @@ def assemble_B(system: System, surface: DelassusOperator, cone: AdmissibleSet, m
     return total or multipliers.matrix(sparse.csr_matrix((len(multipliers.rows), free.getSize())), free)
 
 
-def traction_fields(place: ContactBlock, number: Array) -> Sparse:
-    """Which traction field each multiplier of a contact stands for (rows of all, n d): vectors at the slave's nodes.
-
-    A node that carries no multiplier has a share of those of its neighbours.
-
-    Args:
-        place: the contact.
-        number: (rows,) numbers of the rows to be returned, -1 for those left out.
-    """
-    c, d = place.rows, place.rows.surface.dim
-    n = len(c.surface.nodes)
-    blocks = []
-    if not c.normal.at_quadrature:
-        share = (
-            c.psi.T @ sparse.diags(np.divide(1.0, c.node_weights, where=c.node_weights > 0, out=np.zeros(n)))
-        ).tocoo()
-        rows, values = place.normal.start + share.row, share.data[:, None] * c.normals[share.row]
-        blocks.append((rows[:, None].repeat(d, 1), share.col[:, None] * d + np.arange(d), values))
-    share, k = c.share_t.tocoo(), d - 1
-    for i in range(k):
-        rows = place.tangential.start + share.row * k + i
-        values = (share.data * c.free[share.row, i])[:, None] * c.tangents[share.row, i]
-        blocks.append((rows[:, None].repeat(d, 1), share.col[:, None] * d + np.arange(d), values))
-    rows, columns, values = (np.concatenate([b[j].ravel() for b in blocks]) for j in range(3))
-    kept = number[rows] >= 0
-    shape = int(number.max(initial=-1)) + 1, n * d
-    found: Sparse = sparse.csr_matrix((values[kept], (number[rows[kept]], columns[kept])), shape=shape)
-    return found
-
-
 def _by_forms(system: System, place: ContactBlock, multipliers: Multipliers) -> Mat:
     """B of one contact with a rigid obstacle, by dolfinx: the matrix of b over all displacements, restricted."""
     nodal, weak = NodalContact(system, place.rows), system.weak
     works = dx.assemble_matrix(weak.compile(nodal.forms.friction_work(weak.u, weak.v)))
     on_free = nodal.change.matMult(system.T) if nodal.change else system.T
-    number = np.full(int(max(place.normal.stop, place.tangential.stop, multipliers.rows.max(initial=0) + 1)), -1)
-    number[multipliers.rows] = np.arange(len(multipliers.rows))
-    fields = traction_fields(place, number).tocoo()
     dim, nodes = system.mesh.dim, place.rows.surface.nodes
-    columns = nodes[fields.col // dim] * dim + fields.col % dim
+    normal, tangential = (part.tocoo() for part in traction_fields(place.rows))
+    rows = np.concatenate([place.normal.start + normal.row, place.tangential.start + tangential.row])
+    at = np.concatenate([normal.col, tangential.col])
+    values, columns = np.concatenate([normal.data, tangential.data]), nodes[at // dim] * dim + at % dim
     shape = len(multipliers.rows), system.vector().getSize()
-    spread = sparse.csr_matrix((fields.data, (fields.row, columns)), shape=shape)
+    spread = sparse.csr_matrix((values, (np.searchsorted(multipliers.rows, rows), columns)), shape=shape)
     return multipliers.matrix(spread, system.vector()).matMult(works).matMult(on_free)
 
 

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from geometry import dolfinx_versions as dx
 from geometry.dolfinx_versions import ufl
 from geometry.protocols import Function, Measure, UflExpr, UflForm
@@ -60,6 +62,27 @@ class NodalRule:
     def sampled(self) -> UflForm:
         """Linear form whose entries are the weights that the rule itself gives each node, in every component."""
         found: UflForm = sum(self.weak.v[i] for i in range(self.weak.mesh.dim)) * self.measure
+        return found
+
+    def areas(self, moved: Function | None = None) -> UflForm:
+        """∫ v ds in every component, by a quadrature of the facets: areas that do not come from `Surface`.
+
+        Args:
+            moved: displacement [m]; ds is then that of the side as moved by it, |cof(I + grad moved) n| times that of
+                the start. Only its values at the nodes of the side matter.
+        """
+        mesh, v = self.weak.mesh, self.weak.v
+        degree = 2 * mesh.degree + mesh.axisymmetric
+        density = sum(v[i] for i in range(mesh.dim))
+        if moved is None:
+            found: UflForm = density * self.weak.boundary(self.side, degree)
+            return found
+        F = ufl.Identity(mesh.dim) + ufl.grad(moved)
+        stretched = ufl.dot(ufl.cofac(F), ufl.FacetNormal(mesh.domain))
+        measure = ufl.Measure("ds", domain=mesh.domain, subdomain_data=mesh.facet_tags)
+        around = 2 * np.pi * (ufl.SpatialCoordinate(mesh.domain)[0] + moved[0]) if mesh.axisymmetric else 1
+        area = density * around * ufl.sqrt(ufl.inner(stretched, stretched))
+        found = area * measure(mesh.sides[self.side], metadata={"quadrature_degree": degree})
         return found
 
 

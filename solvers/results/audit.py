@@ -1,8 +1,8 @@
 """The audit: checks displacement and tractions, as the step files hold them, against equilibrium and contact laws.
 
 It is independent of the solver: inner forces are integrated over the cells without a stiffness matrix, which also saves
-its memory; contact rows are built anew; no method is imported. Gap and slip are those of the step file, not recomputed
-from its displacement.
+its memory; contact forces on rigid obstacles are UFL forms of the tractions, not the solver's N^T W p; contact rows are
+built anew; no method is imported. Gap and slip are those of the step file, not recomputed from its displacement.
 """
 
 from __future__ import annotations
@@ -17,11 +17,15 @@ from petsc4py import PETSc
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
 from geometry.mesh.mesh import Mesh
-from geometry.protocols import Vec
+from geometry.protocols import CompiledForm, Vec
 from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
+from solvers.contact.rows import ContactRows
+from solvers.fem.contact_forms import ComplianceForms
 from solvers.laws.compliance import Compliance
 from solvers.parallel.counters import Counters
+from solvers.results.multiplier_forces import MultiplierForces
 from solvers.scene.problem import Problem
+from solvers.system.nodal_contact import fill, relative_to_obstacle
 from solvers.system.system import System, assemble, inner_forces
 
 ROUNDED = 1e-9  # of p_ref; smaller bounds count as zero
@@ -78,6 +82,8 @@ class Auditor:
         self.start: System = assemble(problem, mesh, Counters())
         self._u = dx.fem.Function(self.start.space)
         self._inner_forces = self.start.weak.compile(inner_forces(problem, self.start.weak, self._u))
+        self._multiplier_forces: dict[str, MultiplierForces] = {}  # by contact, compiled at the first step
+        self._j_n: dict[str, tuple[ComplianceForms, CompiledForm]] = {}  # likewise
         self._set_system(self.start)
 
     def _set_system(self, system: System) -> None:
@@ -103,7 +109,7 @@ class Auditor:
     def _equilibrium(self, record: Record) -> float:
         """Defect of K u - f + B^T p at free dofs and of forces on driven obstacles, relative to all forces [-].
 
-        Where a contact with compliance against a rigid obstacle does not slide, its forces are those of the form j_n.
+        The contact forces are those of `_contact_force`.
         """
         system = self.system
         own = system.nodes.input[: system.nodes.owned]
@@ -143,24 +149,50 @@ class Auditor:
         return float(self._inner(signs).norm(PETSc.NormType.INFINITY))
 
     def _contact_force(self, place: ContactBlock, u: Vec, record: Record) -> Vec:
-        """Nodal forces B^T p of one contact over all displacement dofs [N]; with compliance p_n is that of u."""
-        system, rows, law = self.system, place.rows, place.rows.normal
+        """Nodal forces B^T p of one contact over all displacement dofs [N]; with compliance p_n is that of u.
+
+        Against a rigid obstacle those of multipliers come from forms. Between bodies no form over one mesh has them:
+        there they are the rows' own, N^T W p.
+        """
+        system, rows = self.system, place.rows
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
-        if not isinstance(law, Compliance):
-            return system.interface.force_of(rows, p_n, t)
-        if rows.master is not None or rows.name in record.searched:  # UFL knows one side, where it was at the start
-            (index,) = (i for i, c in enumerate(system.contacts) if c.name == rows.name)
-            motion = system.obstacles.motions((rows,), record.time, record.driven)[rows.name]
-            w = rows.N_n @ (system.interface.displacement(u)[index] - motion).ravel()
-            return system.interface.force_of(rows, law.pressure(w - rows.gap), t)
-        contact = system.problem.pairs[rows.name].contact
-        relative = dx.fem.Function(system.space)
-        dx.petsc_vector(relative).array[:] = u.array
-        relative.x.scatter_forward()
-        motion = system.obstacles.motion(rows.name, system.nodes.points, record.time, record.driven)
-        relative.x.array[:] -= motion.ravel()
-        form = system.weak.normal_compliance(relative, contact, law)
-        return dx.assemble_vector(system.weak.compile(form)) + system.interface.force_of(rows, np.zeros_like(p_n), t)
+        compliant = isinstance(rows.normal, Compliance)
+        if rows.master is not None:
+            return system.interface.force_of(rows, self._pressure_of_law(rows, u, record) if compliant else p_n, t)
+        force = self._compliant_force(rows, u, record) if compliant else system.vector()
+        if compliant and rows.friction is None:
+            return force
+        if rows.name not in self._multiplier_forces:
+            (start,) = (c for c in self.start.contacts if c.name == rows.name)
+            self._multiplier_forces[rows.name] = MultiplierForces(self.start, start)
+        s = self.cone.at(record.time).bound(place, p_n) if rows.friction is not None else np.zeros(0)
+        return force + self._multiplier_forces[rows.name](rows, p_n, t, s, record.p_ref, record.searched.get(rows.name))
+
+    def _compliant_force(self, rows: ContactRows, u: Vec, record: Record) -> Vec:
+        """Nodal forces of a compliant pressure against a rigid obstacle [N]: j_n of u, as the side was at the start.
+
+        Where contact slides, normals and gaps are those of the rows, and so are the forces.
+        """
+        system, law = self.system, rows.normal
+        assert isinstance(law, Compliance)
+        if rows.name in record.searched:
+            p_n = self._pressure_of_law(rows, u, record)
+            return system.interface.force_of(rows, p_n, np.zeros(rows.free.shape))
+        if rows.name not in self._j_n:
+            forms = ComplianceForms(system.weak, system.problem.pairs[rows.name].contact, law)
+            self._j_n[rows.name] = forms, system.weak.compile(forms.work)
+        forms, work = self._j_n[rows.name]
+        fill(forms.relative, relative_to_obstacle(system, rows.name, u, record.time, record.driven))
+        return dx.assemble_vector(work)
+
+    def _pressure_of_law(self, rows: ContactRows, u: Vec, record: Record) -> Array:
+        """Compliant pressures (m_n,) [Pa] of a displacement, at the quadrature points of the rows."""
+        system, law = self.system, rows.normal
+        assert isinstance(law, Compliance)
+        (index,) = (i for i, c in enumerate(system.contacts) if c.name == rows.name)
+        motion = system.obstacles.motions((rows,), record.time, record.driven)[rows.name]
+        w = rows.N_n @ (system.interface.displacement(u)[index] - motion).ravel()
+        return law.pressure(w - rows.gap)
 
     def _normal(self, place: ContactBlock, record: Record) -> tuple[float, float, float]:
         """Penetration, negative pressure and complementarity of one contact, see `Audit` [-]."""

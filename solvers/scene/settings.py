@@ -87,6 +87,9 @@ class Output(Noun):
     animation: Annotated[
         Literal["none", "gif"], Key("-", "gif: draw animation.gif, the bodies and contacts from step to step")
     ] = "none"
+    audit: Annotated[
+        bool, Key("-", "after the run, check every step's file against equilibrium and the contact laws")
+    ] = True
     linear_reference: Annotated[bool, Key("-", "after the run, time one linear solve of the same mesh")] = False
     writers: Mapping[str, Any] = field(default_factory=dict)
 

@@ -8,7 +8,7 @@ from scipy import sparse
 
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
-from geometry.protocols import CompiledForm, Function, Mat, Vec
+from geometry.protocols import CompiledForm, Function, Mat, Sparse, Vec
 from solvers.contact.rows import ContactRows
 from solvers.fem.contact_forms import ContactForms, NodalRule
 from solvers.parallel.replicated import Replicated
@@ -28,12 +28,20 @@ class NodalContact:
         self.forms = ContactForms(system.weak, self.rule)
         self.change = change_of_basis(system, rows)
         self._nodes = Replicated(system.vector(), components(rows.surface.nodes, system.mesh.dim))
-        sampled = self.at_nodes(self.rule.sampled())
-        fill(self.rule.share, self.spread(np.repeat(rows.node_weights, system.mesh.dim) / sampled))
+        self._sampled = self.at_nodes(self.rule.sampled())
+        self.weigh(rows.node_weights)
+
+    def weigh(self, weights: Array) -> None:
+        """Give the nodal rule the weights W_j (n,) [m^(d-1)] of the nodes."""
+        fill(self.rule.share, self.spread(np.repeat(weights, self.system.mesh.dim) / self._sampled))
 
     def at_nodes(self, form: object) -> Array:
         """Entries (n d,) of a linear form at the nodes of the side; collective."""
-        return self._nodes.read(dx.assemble_vector(self.system.weak.compile(form)))  # type: ignore[arg-type]
+        return self.assembled_at_nodes(self.system.weak.compile(form))  # type: ignore[arg-type]
+
+    def assembled_at_nodes(self, form: CompiledForm) -> Array:
+        """Entries (n d,) of a compiled linear form at the nodes of the side; collective."""
+        return self._nodes.read(dx.assemble_vector(form))
 
     def spread(self, values: Array) -> Vec:
         """Vector over all displacements with values (n d,) at the nodes of the side, zero elsewhere."""
@@ -52,6 +60,34 @@ class NodalContact:
         found = forces.duplicate()
         self.change.multTranspose(forces, found)
         return found
+
+
+def traction_fields(c: ContactRows) -> tuple[Sparse, Sparse]:
+    """Which traction field each multiplier of a contact stands for: vectors at the slave's nodes, flattened (n d).
+
+    A node that carries no multiplier has a share of those of its neighbours.
+
+    Returns:
+        Fields of unit pressures p_n (m_n, n d), without entries where the law gives p_n by the displacement, and of
+        unit tangential multipliers (m_t (d-1), n d).
+    """
+    n, d = c.surface.points.shape
+    normal = sparse.coo_matrix((len(c.W_n), n * d))
+    if not c.normal.at_quadrature:
+        per_weight = np.divide(1.0, c.node_weights, where=c.node_weights > 0, out=np.zeros(n))
+        normal = _vectors((c.psi.T @ sparse.diags(per_weight)).tocoo(), c.normals[:, None])
+    return normal.tocsr(), _vectors(c.share_t.tocoo(), c.tangents * c.free[:, :, None]).tocsr()
+
+
+def _vectors(share: Sparse, directions: Array) -> Sparse:
+    """Matrix (m k, n d) of shares (m, n), COO, along k directions (m, k, d) of each row."""
+    (m, k, d), n = directions.shape, share.shape[1]
+    values = share.data[:, None, None] * directions[share.row]
+    i = share.row[:, None, None] * k + np.arange(k)[:, None]
+    j = share.col[:, None, None] * d + np.arange(d)
+    i, j = np.broadcast_to(i, values.shape), np.broadcast_to(j, values.shape)
+    found: Sparse = sparse.coo_matrix((values.ravel(), (i.ravel(), j.ravel())), shape=(m * k, n * d))
+    return found
 
 
 def change_of_basis(system: System, rows: ContactRows) -> Mat | None:

@@ -59,7 +59,7 @@ def leaves(value: Any, path: tuple[str, ...] = ()) -> Iterator[Leaf]:
 def kind_of(path: tuple[str, ...]) -> str:
     """What a number is: its key, or that of the list it stands in."""
     key = path[-2] if path[-1].isdigit() and len(path) > 1 else path[-1]
-    if "audit" in path or key in DEFECTS:
+    if path[0] != "scene" and ("audit" in path or key in DEFECTS):
         return "defect"
     return KIND.get(key, "") if path[0] == "steps" else ""
 

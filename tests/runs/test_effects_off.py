@@ -8,6 +8,7 @@ import pytest
 from shared.solved import ZERO, Solved, coarse, solve
 from solvers.scene.loads import Support
 from solvers.scene.scene import Scene
+from workflows.run.terminal import Reporter
 from workflows.scene_file.read import read
 
 
@@ -82,3 +83,25 @@ def test_each_effect_taken_away_takes_its_forms_along(with_everything: Scene, tm
     free = replace(light, contacts={}, obstacles={}, supports=held, exact=replace(light.exact, values={}))
     counted = [forms(with_everything, "everything"), forms(light, "no gravity"), forms(free, "no contact")]
     assert counted[0] > counted[1] >= counted[2] > 0  # gravity is a form; a rigid obstacle is matrix rows, not forms
+
+
+def test_an_audit_that_is_left_out_compiles_nothing_and_is_null(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    block = read("block", coarse("block"))
+    audited = solve(block, tmp_path / "with").result
+
+    def built(*_: object) -> None:
+        raise AssertionError("an auditor was built")
+
+    monkeypatch.setattr("workflows.run.audit.Auditor", built)
+    silent = solve(replace(block, output=replace(block.output, audit=False)), tmp_path / "without").result
+    assert silent["counters"].pop("forms") < audited["counters"].pop("forms")
+    assert silent["counters"] == audited["counters"]
+    assert {step["audit"] for step in silent["steps"]} == set(silent["audit"].values()) == {None}
+    assert silent["audit"].keys() == audited["audit"].keys()
+    for result in (audited, silent):
+        Reporter(quiet=False, verbose=False).table(result)
+    shown = capsys.readouterr().out
+    assert shown.count("audit (relative defects): equilibrium") == 1
+    assert shown.count("audit: left out, output.audit = false") == 1

@@ -16,6 +16,8 @@ from workflows.run.collective import from_rank_0
 def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult]) -> list[Audit]:
     """One audit a step; collective. Rank 0 alone reads the files: on another machine they may not be there yet.
 
+    The forms it compiles are counted with those of the run.
+
     Raises:
         MachineError: on every rank: a file cannot be read back.
     """
@@ -26,6 +28,7 @@ def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult
     for index, step in enumerate(steps, start=1):
         read = partial(_record, folder / step_name(index), step, simulation.mesh.dim)
         audits.append(auditor(from_rank_0(comm, read)))
+    simulation.counters.forms += auditor.start.counters.forms
     return audits
 
 

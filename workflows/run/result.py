@@ -53,7 +53,7 @@ def summary(
     """The content of result.json.
 
     Args:
-        audits: one a step, or none where the run was stopped.
+        audits: one a step, or none where the run was stopped or the scene leaves the audit out.
     """
     scene, counters = simulation.scene, simulation.counters
     contacts, attempts = simulation.system.contacts, simulation.stepper.attempts

@@ -126,11 +126,13 @@ class Run:
     def finish(self, status: str, began: float) -> dict[str, Any]:
         """Audit, write result.json and finish the outputs: the content of result.json.
 
-        A run that was told to stop has no time for an audit. result.json is written before the outputs that can fail.
+        A run that was told to stop has no time for an audit, and a scene may leave it out. result.json is written
+        before the outputs that can fail.
         """
         simulation, finishing = self._simulation, clock.perf_counter()
         ended = Ended(status=status, steps=self.steps)
-        audits = [] if ended.in_haste else audit_steps(simulation, self._folder, self.steps)
+        audited = simulation.scene.output.audit and not ended.in_haste
+        audits = audit_steps(simulation, self._folder, self.steps) if audited else []
         reference: LinearReference | None = None
 
         def content() -> dict[str, Any]:

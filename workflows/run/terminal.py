@@ -105,6 +105,8 @@ class Reporter:
         )
         if defects:
             out.print(f"audit (relative defects): {defects}")
+        elif not content["scene"]["output"]["audit"]:
+            out.print("audit: left out, output.audit = false")
         if content["steps"] and content["steps"][-1]["energy"]["dissipated"] > 0:
             energy, unit = (
                 content["steps"][-1]["energy"],
