@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from typing import Any
+from collections.abc import Callable
 
 from geometry.errors import MachineError
 
@@ -14,7 +14,7 @@ def petsc_library() -> ctypes.CDLL:
         return ctypes.CDLL(next(line.split()[-1] for line in maps if "libpetsc" in line))
 
 
-def call(function: Any, *handles: int) -> None:
+def call(function: Callable[..., int], *handles: int) -> None:
     """Call a function of the PETSc library with the handles of PETSc objects.
 
     Raises:

@@ -55,7 +55,7 @@ class PerturbedLagrangian(Method):
     WORKS_WITH: ClassVar = Applicability(
         floating=True,
         normal=("unilateral", "bilateral", "tied"),
-        friction=("coulomb", "tresca", "stick"),
+        friction=("coulomb", "tresca", "stick", "capped_coulomb"),
         matrix_free=False,
         contends=False,
     )

@@ -21,14 +21,13 @@ from geometry.keys import Key
 from geometry.protocols import Vec
 from solvers.interface.factorised import METIS
 from solvers.interface.flexibility import DelassusOperator
-from solvers.interface.prepare import condensed
 from solvers.interface.problem import SurfaceProblem
-from solvers.interface.schur_complement import CondensedSurface
 from solvers.laws.compliance import Compliance
 from solvers.methods.applicability import RIGID, Applicability
 from solvers.methods.method import Before, Method, Ready, Setup, Solve
 from solvers.methods.smoothed_forces import SmoothedForces
 from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
+from solvers.parallel.replicated import Replicated
 from solvers.system.system import System
 
 FACTOR = 10**0.5  # from level to level; with 10, Newton's method becomes slow
@@ -77,7 +76,6 @@ class Regularised(Method):
         k_T=False,
         operators=(RIGID,),
         sliding=False,
-        matrix_free=False,
     )
     ROW: ClassVar = 7
 
@@ -91,15 +89,16 @@ class Regularised(Method):
         require(0 < self.smoothing <= 1, "smoothing", self.smoothing, "must be above 0 and at most 1, for example 1e-4")
 
     def build(self, setup: Setup) -> Ready:
-        return OnVolume(self, setup.system, condensed(setup.surface))
+        return OnVolume(self, setup.system, setup.surface)
 
 
 class OnVolume(Ready):
     """The compiled smoothed laws of a system."""
 
-    def __init__(self, method: Regularised, system: System, surface: CondensedSurface) -> None:
+    def __init__(self, method: Regularised, system: System, surface: DelassusOperator) -> None:
         """Compile the forms; collective."""
-        self.system, self.volume = system, surface.volume
+        self.system = system
+        self.contact_dofs = Replicated(system.K_B.createVecRight(), system.interface.dofs)
         self.contact = SmoothedForces(system)
         self.rows = _Recovery(system, surface)
         self.rtol, self.max_it = method.rtol, method.max_it
@@ -145,9 +144,9 @@ class NextStep:
         q, step = found[-1], found[-1] - found[-2]
         apart = float(np.sqrt(max((method.system.K_B * step).dot(step), 0.0)))
         newton.snes.destroy()  # breaks the reference cycle with its callbacks
-        u_c = method.volume.contact.read(q)
+        u_c = method.contact_dofs.read(q)
         w = problem.relative_displacement(u_c)
-        read, given = method.volume.contact.read, newton.f - method.system.K_B * q
+        read, given = method.contact_dofs.read, newton.f - method.system.K_B * q
         p = method.rows.tractions(w - problem.gap, asked=read(method.contact.forces(q)), given=read(given))
         residual = problem.natural_residual(p, w)
         history = tuple(newton.history)

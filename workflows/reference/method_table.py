@@ -26,7 +26,7 @@ def columns(method: Applicability) -> tuple[str, ...]:
 
     >>> columns(METHODS["regularised"].WORKS_WITH)
     ('unilateral, bilateral, compliance', 'coulomb, tresca; no k_T', 'rigid; no sliding', 'held by supports',
-     'condensed')
+     'condensed or matrix-free')
     """
     return (
         _known(method.normal),
