@@ -11,7 +11,7 @@ import numpy as np
 
 from geometry.arrays import Array
 from geometry.protocols import Mat, Sparse, Vec
-from solvers.interface.flexibility import DelassusOperator, Load
+from solvers.interface.flexibility import DelassusOperator, Load, T
 from solvers.linear.inner_solver import InnerSolver
 from solvers.parallel.replicated import Replicated
 from solvers.parallel.serialise import Plain
@@ -58,14 +58,16 @@ class SparseVolume:
 class SparseSurface(DelassusOperator):
     """The Delassus operator by solves with K_B; `q` is the displacement that the last solve left."""
 
-    exact = True
-
     def __init__(self, volume: SparseVolume, *, N: Sparse, W: Array, R: Array, normal_rows: int, driven: int = 0):
         """See `DelassusOperator`."""
         super().__init__(N=N, W=W, R=R, normal_rows=normal_rows, driven=driven, counters=volume.counters)
         self.volume = volume
         self.rho = 1.0
         self.q: Vec = volume.K.createVecRight()
+
+    @property
+    def exact(self) -> bool:  # type: ignore[override]
+        return not self.volume.iterative
 
     def load(self, f_q: Vec, driving: Array, error: float = 0.0) -> Load:
         resultant = np.concatenate([self.volume.floating.resultant(f_q.array_r), driving])
@@ -89,8 +91,19 @@ class SparseSurface(DelassusOperator):
         return self.volume.contact.read(self.q)
 
     def recover(self, load: Load, p: Array, u_c: Array) -> Vec:
-        """The displacement of the last solve: the method has made it exact."""
+        """The displacement of the last solve: the method has made it as exact as its inner solver can."""
+        if not self.volume.solver.direct:
+            out = load.f_q - self.volume.K * self.q
+            balance = self.q.duplicate()
+            self.volume.contact.write(balance, self.forces(p))
+            stored = max(float((self.volume.K * self.q).dot(self.q)), 0.0)
+            self.linear_error = self.volume.solver.norm(out - balance) / np.sqrt(stored) if stored else 0.0
         return self.q.copy()
+
+    def agreed(self, value: T) -> T:
+        """The value of rank 0: solves are collective, so if ranks stopped at different iterations they would hang."""
+        agreed: T = self.volume.K.comm.tompi4py().bcast(value)
+        return agreed
 
     def adopt(self, other: DelassusOperator) -> None:
         assert isinstance(other, SparseSurface)

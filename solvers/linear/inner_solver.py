@@ -86,16 +86,22 @@ class InnerSolver:
             SolverError: it does not converge.
         """
         if self.iterative:
-            self.ksp.setConvergenceTest(_Test(allowed or (lambda start: 0.0), EXACT * self._natural_norm(r)))
+            self.ksp.setConvergenceTest(_Test(allowed or (lambda start: 0.0), EXACT * self.norm(r)))
         self.ksp.solve(r, x)
         self.counters.volume_solves += 1
-        if self.ksp.getType() != "preonly":
+        if not self.direct:
             self.counters.linear_iterations += self.ksp.getIterationNumber()
         reason = self.ksp.getConvergedReason()
         if reason < 0 or not np.isfinite(x.norm()):
             raise SolverError(f"the inner solver {self.ksp.getType()} did not converge: PETSc reason {reason}")
 
-    def _natural_norm(self, r: Vec) -> float:
+    @property
+    def direct(self) -> bool:
+        """Whether a solve is one application of a factor."""
+        return self.ksp.getType() == "preonly"
+
+    def norm(self, r: Vec) -> float:
+        """Natural norm of a residual r [N], about the energy norm of the error that it leaves [J^(1/2)]; collective."""
         z = r.duplicate()
         self.ksp.getPC().apply(r, z)
         return float(np.sqrt(max(r.dot(z), 0.0)))

@@ -210,6 +210,15 @@ def test_every_variant_finds_the_answer(cell: Cell, variant: str) -> None:
         assert_allclose(u, u_ref, atol=1e-8 * np.abs(u_ref).max())
 
 
+def test_the_nest_knows_the_displacement_of_a_step_that_needs_no_iteration() -> None:
+    """The tractions that the second step starts from, extrapolated, are its answer: all sticks, all loads double."""
+    scene = Cell("block-uzawa", normal="bilateral", friction="stick").scene(TOLERANCE)
+    held = {"top": replace(scene.supports["top"], displacement={"x": ((2, 0.01),), "y": ((2, -0.02),)})}
+    first, second = prepare(with_solver(replace(scene, supports=held), outer="ksp")).steps()
+    assert second.iterations == 0
+    assert_allclose(second.displacement, 2 * first.displacement, atol=1e-12)
+
+
 def test_without_friction_another_answer_is_found() -> None:
     """So that the agreement above is no matter of course."""
     rough, smooth = (list(answers(Cell("block-uzawa", friction=f).scene(TOLERANCE)))[-1][1] for f in ("coulomb", None))
@@ -244,6 +253,17 @@ def test_inner_solves_follow_the_outer_residual() -> None:
         return simulation.counters.linear_iterations
 
     assert iterations(inner_tolerance=0.3) < 0.5 * iterations(inner_tolerance=1e-9)
+
+
+def test_an_inner_solver_that_is_not_exact_states_its_error() -> None:
+    def stated(options: str) -> float:
+        scene = with_solver(Cell("block-uzawa").scene(1e-6), petsc_options=options)
+        return max(step.linear_error for step in prepare(scene).steps())
+
+    loose = "-fieldsplit_u_ksp_type cg -fieldsplit_u_pc_type gamg -fieldsplit_u_ksp_rtol"
+    assert stated("") == 0.0
+    assert 1e-13 < stated(f"{loose} 1e-8") < 1e-6
+    assert stated(f"{loose} 1e-12") < 1e-3 * stated(f"{loose} 1e-8")
 
 
 def test_a_factor_counts_once_where_F_is_linear() -> None:
