@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter
 
-from workflows.cost.picture import LETTERS, LINES, MARKERS, log_log
+from workflows.cost.picture import DECADES, LETTERS, LINES, MARKERS, log_log
 from workflows.cost.run_record import Run
 from workflows.cost.side_by_side import Line
 from workflows.pictures.sheet import CURVES, INK, PALE, Sheet
 
+ROOM = 1.6  # factor beyond the smallest and the largest value
 Number = Callable[[Run], float]
 KINDS: tuple[tuple[str, Number], ...] = (
-    ("seconds on one core: mesh, assemble, prepare, iterate", lambda run: run.seconds),
+    ("seconds on one core, all phases", lambda run: run.seconds),
     ("volume solves", lambda run: run.volume_solves),
 )
 
@@ -41,6 +44,7 @@ def draw_methods(folder: Path, title: str, found: Sequence[Line], methods: Seque
                     [run.h for run in runs], [number(run) or None for run in runs], color=colours[method],
                     linestyle=LINES[order], linewidth=1.0, marker=MARKERS[order], markersize=5.5,
                 )  # fmt: skip
+        _y_axis(axes, [number(run) for line in found for run in line.runs if run and run.converged])
         axes.set_xlabel("edge length of cells at the contact [m]", fontsize=9, color=INK)
         axes.set_ylabel(name, fontsize=9, color=INK)
         axes.invert_xaxis()
@@ -54,3 +58,15 @@ def draw_methods(folder: Path, title: str, found: Sequence[Line], methods: Seque
     if said:
         sheet.write(0.85, 0.16, said, fontsize=min(9.0, 9.0 * LETTERS / len(said)), fontweight="bold")
     return sheet.save(folder / "cost_methods.png")
+
+
+def _y_axis(axes: Any, values: Sequence[float]) -> None:
+    """Limits around the values, and labels that are plain numbers where these span few decades."""
+    known = [value for value in values if value > 0]
+    if not known:
+        return
+    axes.set_ylim(min(known) / ROOM, max(known) * ROOM)
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    if max(known) < DECADES * min(known):
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
