@@ -75,7 +75,21 @@ def test_a_measurement_that_takes_too_long_is_a_row_that_says_so() -> None:
     row = measure.measure(case, 0.01)
     assert row["status"] == "stopped after 0.01 s"
     assert "seconds" not in row
+    assert row["stopped"] == 0.01
     assert measure.measure(replace(case, n=4), LIMIT)["status"] == "converged"  # nothing is left of the limit
+
+
+def test_what_was_stopped_is_tried_again_only_with_more_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    limits: list[float] = []
+
+    def stopped(case: Case, limit: float) -> Row:
+        limits.append(limit)
+        return {"status": f"stopped after {limit:g} s", "stopped": limit}
+
+    monkeypatch.setattr(measure, "measure", stopped)
+    for limit in (5.0, 5.0, 2.0, 60.0, 30.0):
+        measure.row_of(Case(dim=2, n=4, method=MASS), tmp_path, limit)
+    assert limits == [5.0, 60.0]
 
 
 def test_no_two_measurements_share_a_file() -> None:

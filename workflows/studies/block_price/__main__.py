@@ -1,6 +1,7 @@
 """The page: `python -m workflows.studies.block_price [-o DIR] [--page FILE] [--small]`, one process on one thread.
 
-Every measurement is saved in DIR/rows when it ends; one that exists is not repeated. Remove DIR to begin anew.
+Every measurement is saved in DIR/rows when it ends; one that exists is not repeated, unless it was stopped by a shorter
+--limit. Remove DIR to begin anew.
 """
 
 from __future__ import annotations
