@@ -35,7 +35,8 @@ complete, with a drop tolerance of 1e-3, or without fill (`ic0`). Inner solves a
 set up multigrid, and what the method prepares; meshing and assembly of the stiffness are not in it. *Ratio*: prepare
 and iterate, divided by the time of `{REFERENCE}` for the same problem. *Errors* are those at the end, against
 `{REFERENCE}` at tolerance {EXACT:g} on the same mesh: of λ at the nodes where s > 0, the largest one and the root of
-the mean square, weighted with the nodes' areas; of u in the energy norm, relative."""
+the mean square, weighted with the nodes' areas; of u in the energy norm, relative. Memory is not measured here, but by
+`python -m workflows.benchmarks.price`."""
 SECTIONS: Mapping[str, tuple[str, str]] = {
     "h": ("Against the mesh size", "Two steps, mu = 0.3."),
     "mu": ("Against friction", "Two steps."),
@@ -130,7 +131,15 @@ def _numbers(row: Row, beside: Sequence[Row]) -> list[str]:
     ratio = f"{row['seconds'] / reference[0]['seconds']:.3g}" if reference else ""
     counts = [str(row[key]) for key in ("iterations", "volume_solves", "for_lambda_1", "linear_iterations")]
     times = [f"{row[key]:.2g}" for key in ("prepare", "iterate")]
-    return [*counts, *times, ratio, *(f"{row[key]:.0e}" for key in ("lam_max", "lam_l2", "u_error"))]
+    return [*counts, *times, ratio, *(_error(row[key]) for key in ("lam_max", "lam_l2", "u_error"))]
+
+
+def _error(value: float) -> str:
+    """
+    >>> _error(2.34e-7), _error(0.0)
+    ('2e-07', '0')
+    """
+    return f"{value:.0e}" if value else "0"
 
 
 def _by_mesh(rows: list[Row]) -> Iterator[str]:
