@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -180,6 +181,34 @@ def test_a_changed_scene_is_not_resumed(call: Call, folder: Path, monkeypatch: p
     assert sorted(path.name for path in folder.iterdir()) == ["out"]
 
 
+def test_methods_are_laid_side_by_side(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On the same meshes, whatever the scene names; without the option nothing of it is written."""
+
+    def solver(scene: Scene, rung: Rung, *more: Any) -> Run:
+        run, slow = quick(scene, rung, *more), 5 if rung.method == "block-uzawa" else 1
+        phases = {phase: slow * value for phase, value in run.phases.items()}
+        return replace(run, phases=phases, spent=slow * run.spent, volume_solves=100 * slow)
+
+    monkeypatch.setattr(workflows.cost.command, "measure", solver)
+    code, out, err = call(*SMALL, "--methods", "block-uzawa, uzawa", "--budget", "90")
+    assert code == 0, err
+    done = content(folder / "out")
+    assert {run["rung"]["method"] for run in done["runs"]} == {"block-uzawa", "uzawa"}
+    both = [line for line in done["side_by_side"] if all(line["methods"].values())]
+    assert len(both) >= 3
+    for line in both:
+        block, plain = line["methods"]["block-uzawa"], line["methods"]["uzawa"]
+        assert (block["volume_solves"], plain["volume_solves"]) == (500, 100)
+        assert block["seconds"] == pytest.approx(5 * plain["seconds"])
+    assert done["comparison"].endswith("block-uzawa 5 times the seconds, 5 times the volume solves.")
+    assert done["comparison"] in err
+    assert "block-uzawa" in out
+    assert (folder / "out" / "cost_methods.png").read_bytes().startswith(b"\x89PNG")
+    assert call(*SMALL[:3], "plain", *SMALL[4:], "--budget", "20", "-q")[0] == 0
+    assert {"side_by_side", "comparison"}.isdisjoint(content(folder / "plain"))
+    assert not (folder / "plain" / "cost_methods.png").exists()
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -189,6 +218,9 @@ def test_a_changed_scene_is_not_resumed(call: Call, folder: Path, monkeypatch: p
         (["--budget", "-3"], "must be positive"),
         (["--set=solver.method=uzwa"], "did you mean uzawa?"),
         (["--resume"], "out: holds no cost study to resume"),
+        (["--methods", "uzawa,block-uzava"], "--methods block-uzava: no such method; did you mean block-uzawa?"),
+        (["--methods", ""], "no such method; known: auto, block-uzawa"),
+        (["--set=contacts.base.friction.k_T=1.0", "--methods", "uzawa,regularised"], "--methods regularised: "),
         (['--set=exact.values={"base.presure"=1.0}'], "no such quantity"),
     ],
 )

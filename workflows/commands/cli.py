@@ -128,6 +128,9 @@ def cost_command(
     quantity: Annotated[
         list[str] | None, typer.Option("--quantity", metavar="NAME", help="e.g. base.normal_force, energy.stored")
     ] = None,
+    methods: Annotated[
+        str | None, typer.Option("--methods", metavar="NAME,NAME", help="lay these side by side on the same meshes")
+    ] = None,
     override: SetOption = None,
     resume: Annotated[bool, typer.Option("--resume", help="go on with the runs of an earlier study")] = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="say nothing but the sentence")] = False,
@@ -140,7 +143,8 @@ def cost_command(
     loaded = read(scene, override or ())
     folder = output or Path("results") / f"{find(scene).stem}_cost"
     with named(scene):
-        answer = cost(loaded, folder, budget, quantity or (), resume, Teller(budget, quiet))
+        beside = [name.strip() for name in methods.split(",")] if methods is not None else []
+        answer = cost(loaded, folder, budget, quantity or (), resume, Teller(budget, quiet), beside)
     typer.echo(answer.sentence)
     if answer.complaint:
         typer.echo(f"stickslip: {answer.complaint}", err=True)

@@ -1,4 +1,7 @@
-"""Climb the ladder within the budget: the cheapest remaining run comes next, as long as it fits."""
+"""Climb the ladder within the budget: the cheapest remaining run comes next, as long as it fits.
+
+Of methods that are laid side by side all are on a mesh before any goes to a finer one.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +52,7 @@ def climb(
         fits = [rung for rung in small if costs[rung] <= left]
         if not fits:
             return True, [_left_out(rung, costs[rung], left, rung in small) for rung in waiting]
-        run = measure(min(fits, key=lambda rung: (costs[rung], rung)), left)
+        run = measure(min(fits, key=lambda rung: (ladder.turn(rung), costs[rung], rung)), left)
         if run is None:
             return False, []
         runs.append(replace(run, number=1 + max((each.number for each in runs), default=0)))

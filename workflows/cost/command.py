@@ -20,6 +20,7 @@ from workflows.cost.quantity import check, chosen
 from workflows.cost.run_record import Run
 from workflows.cost.rung import Rung
 from workflows.cost.sentence import headline, sentence
+from workflows.cost.side_by_side import Line, comparison, lines, plain
 from workflows.cost.study import Study
 from workflows.cost.table import summary, write_csv, write_summary
 from workflows.cost.truth import truth_of
@@ -39,8 +40,20 @@ class Answer:
     complaint: str = ""  # notes for standard error
 
 
-def cost(scene: Scene, target: Path, budget: float, asked: Sequence[str], resume: bool, teller: Teller) -> Answer:
+def cost(
+    scene: Scene,
+    target: Path,
+    budget: float,
+    asked: Sequence[str],
+    resume: bool,
+    teller: Teller,
+    named: Sequence[str] = (),
+) -> Answer:
     """Study the scene and write the results to `target`.
+
+    Args:
+        asked: names of quantities; empty: the usual ones.
+        named: names of methods to lay side by side; empty: the scene's, or those that may be cheapest.
 
     Raises:
         SceneError: known before the first run; nothing is written.
@@ -51,7 +64,7 @@ def cost(scene: Scene, target: Path, budget: float, asked: Sequence[str], resume
     if "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ:
         raise SceneError("cost: measures runs on one core; start it without mpirun")
     check(asked, scene)
-    ladder, notes = ladder_of(scene)
+    ladder, notes = ladder_of(scene, named)
     kept, limits = Kept(target, scene, resume), Budget(budget, OF_MEMORY * available(), scene.dim)
     runs = retry(kept.runs, limits)
     with Interrupt() as interrupt, teller:
@@ -78,11 +91,17 @@ def cost(scene: Scene, target: Path, budget: float, asked: Sequence[str], resume
                 raise KeyboardInterrupt
             return Answer(3, "No run fits into the budget.", "give it a larger --budget")
         studies = judge(scene, runs, asked, ladder.tolerance)
+        beside = lines(runs, ladder.methods, ladder.tolerance) if named else []
+        compared = comparison(beside, ladder.methods)
         write_csv(kept.path / "cost.csv", runs, studies)
         status = "complete" if whole else "interrupted"
-        write_summary(kept.path / "cost.json", summary(scene, runs, studies, status, budget, [*notes, *left_out]))
+        content = summary(scene, runs, studies, status, budget, [*notes, *left_out])
+        if named:
+            content |= {"side_by_side": plain(beside, ladder.methods), "comparison": compared}
+        write_summary(kept.path / "cost.json", content)
         if scene.output.pictures:
             _draw(kept.path, scene, studies)
+            _draw_methods(kept.path, scene, beside, ladder.methods, compared)
         place = kept.finish()
     share = core_share(runs)
     if share < BUSY:
@@ -93,6 +112,9 @@ def cost(scene: Scene, target: Path, budget: float, asked: Sequence[str], resume
         if study.truth.warning:
             teller.note(study.truth.warning)
     teller.table(studies)
+    teller.methods(beside, ladder.methods)
+    if compared:
+        teller.note(compared)
     teller.note(f"results in {place}: cost.csv, cost.json, a picture of each quantity")
     return _ending(whole, runs, "\n".join(map(sentence, studies)) if asked and studies else headline(studies))
 
@@ -124,6 +146,13 @@ def _ending(whole: bool, runs: Sequence[Run], said: str) -> Answer:
             return Answer(3, said, f"no run converged; the first one: {runs[0].sentence}")
         return Answer(3, said, f"fewer than {MESHES} meshes of one method were solved; give it a larger --budget")
     return Answer(0, said)
+
+
+def _draw_methods(folder: Path, scene: Scene, found: Sequence[Line], methods: Sequence[str], said: str) -> None:
+    from workflows.cost.methods_picture import draw_methods
+
+    if found:
+        draw_methods(folder, scene.title, found, methods, said)
 
 
 def _draw(folder: Path, scene: Scene, studies: Sequence[Study]) -> None:

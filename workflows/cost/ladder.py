@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
-from geometry.errors import SceneError
+from geometry.errors import SceneError, nearest
 from solvers.methods import METHODS
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import make_plan
@@ -31,6 +31,7 @@ class Ladder:
     orders: tuple[Literal[1, 2], ...]
     methods: tuple[str, ...]
     tolerance: float
+    together: bool = False  # the methods are laid side by side: all climb over the same meshes
 
     def candidates(self, runs: Sequence[Run]) -> Iterator[Rung]:
         """The next mesh of every chain, and looser tolerances on the meshes from the scene's own on."""
@@ -39,24 +40,41 @@ class Ladder:
             for method in self.methods:
                 mine = [run for run in runs if run.rung.chain == (order, method)]
                 tight = sorted((r for r in mine if r.rung.tolerance == self.tolerance), key=lambda r: r.rung.level)
-                level = tight[-1].rung.level + _stride(tight[-1], start) if tight else COARSEST
+                level = self._next(tight, order, runs, start)
                 if level <= FINEST and not _ended(tight):
                     yield Rung(order, method, level, self.tolerance)
                 if not _in_vain(mine, self.tolerance):
                     yield from (rung for run in tight if _worth(run) for rung in self._looser(run.rung, done))
+
+    def turn(self, rung: Rung) -> int:
+        """What comes before what, whatever it costs, ascending: methods side by side climb mesh by mesh."""
+        return rung.level if self.together else 0
+
+    def _next(self, tight: Sequence[Run], order: int, runs: Sequence[Run], start: float) -> int:
+        """Level of a chain's next mesh; of methods side by side, one that another has reached comes first."""
+        if not tight:
+            return COARSEST
+        last = tight[-1].rung.level
+        others = [r.rung.level for r in runs if r.rung.order == order and r.rung.method in self.methods]
+        ahead = [level for level in others if level > last] if self.together else []
+        return min(ahead, default=last + _stride(tight[-1], start))
 
     def _looser(self, rung: Rung, done: Collection[Rung]) -> Iterator[Rung]:
         loose = (replace(rung, tolerance=each) for each in LOOSE if each >= 10 * rung.tolerance)
         return (each for each in loose if each not in done)
 
 
-def ladder_of(scene: Scene) -> tuple[Ladder, list[str]]:
+def ladder_of(scene: Scene, named: Sequence[str] = ()) -> tuple[Ladder, list[str]]:
     """The ladder of a scene; and the methods and orders that it leaves out, in words.
 
     A scene that names its method uses this one; with `auto` all methods that may be cheapest and can solve it compete.
 
+    Args:
+        named: methods to lay side by side on the same meshes, whatever the scene names; empty: as above.
+
     Raises:
-        SceneError: no method can solve the scene, or its mesh cannot be refined.
+        SceneError: no method can solve the scene, or its mesh cannot be refined; or there is no such method, or it
+            cannot solve the scene.
     """
     tolerance, wanted = scene.solver.tolerance, scene.solver.method
 
@@ -64,11 +82,19 @@ def ladder_of(scene: Scene) -> tuple[Ladder, list[str]]:
         make_plan(replace(scene, solver=replace(scene.solver, method=method)))
 
     contenders = [name for name, method in METHODS.items() if name != "auto" and method.WORKS_WITH.contends]
-    methods, without_method = _possible(contenders if wanted == "auto" else [wanted], planned)
+    for name in named:
+        if name not in METHODS:
+            raise SceneError(f"--methods {name}: no such method; {nearest(name, METHODS)}")
+        try:
+            planned(name)
+        except SceneError as error:
+            raise SceneError(f"--methods {name}: {error}") from None
+    asked = list(dict.fromkeys(named)) or (contenders if wanted == "auto" else [wanted])
+    methods, without_method = _possible(asked, planned)
     orders, without_order = _possible(ORDERS, lambda order: Rung(order, methods[0], 0, tolerance).scene(scene))
     left_out = [f"without {method}: {error}" for method, error in without_method.items()]
     left_out += [f"without order {order}: {error}" for order, error in without_order.items()]
-    return Ladder(tuple(orders), tuple(methods), tolerance), left_out
+    return Ladder(tuple(orders), tuple(methods), tolerance, together=bool(named)), left_out
 
 
 def _possible(all_of: Sequence[T], attempt: Callable[[T], object]) -> tuple[list[T], dict[T, SceneError]]:

@@ -35,16 +35,7 @@ def draw(folder: Path, title: str, study: Study) -> Path:
     colours = dict(zip(methods, CURVES * len(methods), strict=False))
     shown = study.runs if study.truth.converges else ()
     for axes in (work, mesh):
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.grid(True, which="major", color="#dddddd", linewidth=0.6, zorder=0)
-        axes.set_axisbelow(True)
-        for spine in axes.spines.values():
-            spine.set_linewidth(0.6)
-            spine.set_color(PALE)
+        log_log(axes)
     for chain in dict.fromkeys(run.rung.chain for run in shown):
         mine = [run for run in shown if run.rung.chain == chain]
         _chain(work, [run for run in mine if not run.compiled], study, colours[chain[1]], lambda run: run.seconds)
@@ -63,6 +54,20 @@ def draw(folder: Path, title: str, study: Study) -> Path:
     said = sentence(study)
     sheet.write(0.85, 0.16, said, fontsize=min(9.0, 9.0 * LETTERS / len(said)), fontweight="bold")
     return sheet.save(folder / f"cost_{study.truth.name.replace('.', '_')}.png")
+
+
+def log_log(axes: Any) -> None:
+    """Both axes logarithmic, with a pale grid."""
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.grid(True, which="major", color="#dddddd", linewidth=0.6, zorder=0)
+    axes.set_axisbelow(True)
+    for spine in axes.spines.values():
+        spine.set_linewidth(0.6)
+        spine.set_color(PALE)
 
 
 def _chain(axes: Any, runs: Sequence[Run], study: Study, colour: str, place: Any) -> None:

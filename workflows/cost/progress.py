@@ -11,6 +11,7 @@ from rich.table import Table
 
 from workflows.cost.run_record import Run
 from workflows.cost.sentence import percent, seconds
+from workflows.cost.side_by_side import Line
 from workflows.cost.study import Study
 from workflows.run.terminal import console, print_table
 
@@ -76,6 +77,24 @@ class Teller:
                 percent(study.sure[best.rung]) if best else "-",
             )  # fmt: skip
         print_table(table, console(160))
+
+    def methods(self, found: Sequence[Line], methods: Sequence[str]) -> None:
+        """Seconds and volume solves of methods that are laid side by side: one row for each mesh."""
+        if self.quiet or not found:
+            return
+        table = Table()
+        for name in ("order", "h", *(f"{method}: {what}" for method in methods for what in ("seconds", "solves"))):
+            table.add_column(name, justify="right")
+        for line in found:
+            table.add_row(str(line.order), f"{line.h:.3g}", *(cell for run in line.runs for cell in _work(run)))
+        print_table(table, console(160))
+
+
+def _work(run: Run | None) -> tuple[str, str]:
+    """Seconds and volume solves."""
+    if run is None:
+        return "-", "-"
+    return (f"{run.seconds:.2g}", str(run.volume_solves)) if run.converged else (run.status.replace("_", " "), "-")
 
 
 def _orders(study: Study) -> str:
