@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from petsc4py import PETSc
 
 from geometry.arrays import Array, Ints
 from geometry.protocols import Mat, Sparse, Vec
@@ -35,6 +36,13 @@ class BlockSystem:
         self.B = assemble_B(system, surface, self.cone, self.multipliers)
 
     @cached_property
+    def B_T(self) -> Mat:
+        """B^T (free, m)."""
+        found: Mat = PETSc.Mat()
+        self.B.transpose(found)
+        return found
+
+    @cached_property
     def C(self) -> Mat:
         return assemble_C(self.system, self.cone, self.multipliers)
 
@@ -51,7 +59,9 @@ class BlockSystem:
 
     def nest(self, q: Vec) -> Mat:
         """[[F'(q), B^T], [B, -C]] as one nested PETSc matrix; collective."""
-        return nested(self.inner.tangent(q), self.B, self.C)
+        minus_C = self.C.copy()
+        minus_C.scale(-1.0)
+        return nested(self.inner.tangent(q), self.B_T, self.B, minus_C)
 
     def on_free(self, rows: Sparse) -> Mat:
         """Matrix (m, free) of one (m, c) on the contact dofs."""
@@ -91,6 +101,20 @@ class BlockSystem:
         self.inner.solve(self.problem.load.f_q - self.forces(p), q, allowed)
         u_c = self.inner.contact.read(q)
         return self.inner.tractions(p, u_c), u_c
+
+    def stored(self, q: Vec) -> float:
+        """q . K q [J] of free displacements [m]; collective."""
+        return float((self.surface.volume.K * q).dot(q))
+
+    def inner_error(self, p: Array, q: Vec) -> float:
+        """Energy norm [J^(1/2)] of the error of q that inner solves have left, by f - B^T p - K q; collective.
+
+        Args:
+            p: tractions (rows,) [Pa], compliant ones included.
+            q: free displacements [m].
+        """
+        left = self.problem.load.f_q - self.inner.on_contact(self.surface.forces(p)) - self.surface.volume.K * q
+        return self.surface.volume.solver.norm(left) if left.norm() > self.inner.rounding(q) else 0.0
 
     def response(self, p: Array) -> Array:
         """N F'^-1 B^T p (rows,) [m] of tractions p (rows,) [Pa], F' as last prepared; one volume solve; collective."""

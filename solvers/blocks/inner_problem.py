@@ -22,7 +22,7 @@ from solvers.fem.point_laws import PointLaw
 from solvers.interface.problem import SurfaceProblem
 from solvers.interface.sparse import PREFIX, SparseSurface
 from solvers.laws.compliance import Compliance
-from solvers.linear.inner_solver import Allowed, InnerSolver
+from solvers.linear.inner_solver import NOISE, Allowed, InnerSolver
 from solvers.system.nodal_contact import FormOfPart, relative_to_obstacle
 from solvers.system.system import System
 
@@ -60,6 +60,7 @@ class InnerProblem:
         self.faces: tuple[CompliantFace, ...] | None = None
         self._solver: InnerSolver | None = None
         self._stale = self._fresh = True
+        self._stiffest, self._moved = self.K.getDiagonal().norm(PETSc.NormType.INFINITY), 0.0
         self.renewals = 0  # number of times that F' was assembled and prepared
 
     def begin(self, problem: SurfaceProblem) -> None:
@@ -68,6 +69,7 @@ class InnerProblem:
         if self.faces is None:
             self.faces = tuple(self._face(place) for place in problem.cone.places if place.rows.normal.at_quadrature)
         u_s = self.system.prescribed(time)
+        self._moved = u_s.norm()
         for face in self.faces:
             if face.form is not None:
                 relative_to_obstacle(self.system, face.place.rows.name, u_s, time).copy(face.form.shift)
@@ -94,7 +96,7 @@ class InnerProblem:
         if self.linear:
             self.solver.solve(rhs, q, allowed)
             return
-        self._touch(rhs, q)
+        self._press_on(rhs, q)
         if self._stale:
             self._renew(q)
         first, before = 0.0, np.inf
@@ -108,11 +110,17 @@ class InnerProblem:
             size = float(np.sqrt(max(slope, 0.0)))
             first = first or size
             rounding = ROUNDING * max(first, float(np.sqrt(max((self.K * q).dot(q), 0.0))))
-            if size <= max(allowed(first) if allowed else 0.0, rounding):
+            if size <= max(allowed(first) if allowed else 0.0, rounding) or delta.norm() <= self.rounding(q):
                 return
             q.axpy(self._length(rhs, q, dq, slope), dq)
             before = size
-        raise SolverError("the inner Newton iteration for F(u) = K u + j_n(u) does not converge")
+        raise SolverError(
+            "the inner Newton iteration for F(u) = K u + j_n(u) does not converge: try method = condensed-newton"
+        )
+
+    def rounding(self, q: Vec) -> float:
+        """Norm [N] below which a residual at q [m] is rounding of K u."""
+        return NOISE * self._stiffest * float(np.hypot(q.norm(), self._moved))
 
     def F(self, q: Vec) -> Vec:
         """F(q) = K q + j_n(q) over the free displacements [N]; collective."""
@@ -182,12 +190,13 @@ class InnerProblem:
         """Assemble and prepare F' at q; collective."""
         J = self.tangent(q)
         if self._solver is None:
-            self._solver = InnerSolver(J, PREFIX, self.counters, iterative=self.surface.volume.iterative)
+            volume = self.surface.volume
+            self._solver = InnerSolver(J, PREFIX, self.counters, iterative=volume.iterative, options=volume.options)
         else:
             self._solver.renew(J)
         self._stale, self._fresh, self.renewals = False, True, self.renewals + 1
 
-    def _touch(self, rhs: Vec, q: Vec) -> None:
+    def _press_on(self, rhs: Vec, q: Vec) -> None:
         """Press a floating body that nothing touches yet onto its compliant faces, as if all their points were closed.
 
         Its F' is singular. The springs have the stiffness of the law at the mean pressure of the step.

@@ -21,14 +21,14 @@ class Eigenvalue:
     """An eigenvalue and its direction."""
 
     quotient: float  # Rayleigh quotient: not above the largest eigenvalue
-    apart: float  # norm of its residual: some eigenvalue is not farther from it
+    error: float  # norm of its residual: some eigenvalue is not farther from it
     direction: Array  # (n,) unit
     iterations: int
 
     @property
     def value(self) -> float:
         """The largest eigenvalue with its error added, so that a step size that divides by it is rather too small."""
-        return self.quotient + self.apart
+        return self.quotient + self.error
 
 
 def largest_eigenvalue(
@@ -54,17 +54,17 @@ def largest_eigenvalue(
     if not size:
         return Eigenvalue(1.0, 0.0, np.zeros(0), 0)
     x = 1 + np.sin(np.arange(size)) if start is None or len(start) != size else start
-    x, value, apart, small, taken = x / np.linalg.norm(x), 0.0, 0.0, 0, 0
+    x, value, error, small, taken = x / np.linalg.norm(x), 0.0, 0.0, 0, 0
     for k in range(1, most + 1):
         taken = k
         y = apply(x)
         before, value = value, float(x @ y)
         small = small + 1 if abs(value - before) <= tolerance * abs(value) else 0
-        apart = float(np.linalg.norm(y - value * x))
+        error = float(np.linalg.norm(y - value * x))
         if not value or small == 4 or k == most:
             break
         x = y / np.linalg.norm(y)
-    return Eigenvalue(value, apart, x, taken)
+    return Eigenvalue(value, error, x, taken)
 
 
 def smallest_eigenvalue(apply: Callable[[Array], Array], size: int) -> float:

@@ -2,103 +2,130 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from petsc4py import PETSc
 
 from geometry.errors import SolverError
-from geometry.protocols import KSP, PC, Mat, Vec
+from geometry.protocols import KSP, Mat, Vec
 from solvers.linear.multigrid import boomeramg
+from solvers.linear.petsc_options import PetscOptions
 from solvers.parallel.counters import Counters
 
-METIS, WORKSPACE = 5, 200  # MUMPS' ICNTL(7), and ICNTL(14) [percent]
+MUMPS: Mapping[str, str] = {"icntl_7": "5", "icntl_14": "200"}  # ordering by METIS, and percent of memory for pivots
+FACTORS = ("lu", "cholesky")
 EXACT = 1e-13  # relative residual of an iterative solve that stands for an exact one: rounding
 MAX_IT = 10000
-Allowed = Callable[[float], float]  # from ||delta|| at the start of a solve to the largest one at its end
+NOISE = 8 * float(np.finfo(float).eps)  # rounding of K u, relative to the largest diagonal entry of K times u
+Allowed = Callable[[float], float]  # from ||delta|| at the start of an inner solve to the largest one at its end
+REASONS = {
+    value: name for name, value in vars(PETSc.KSP.ConvergedReason).items() if isinstance(value, int) and value < 0
+}
 
 
-def mumps_workspace(pc: PC) -> None:
-    """Options of MUMPS for a factor: its ordering, and memory for pivots beyond its own estimate."""
-    prefix, known = pc.getOptionsPrefix() or "", PETSc.Options()
-    for key, value in (("7", METIS), ("14", WORKSPACE)):
-        name = f"{prefix}mat_mumps_icntl_{key}"
-        if not known.hasName(name):
-            known.setValue(name, str(value))
+def mumps_options(prefix: str) -> dict[str, str]:
+    """Our options of MUMPS' factors of solvers with a prefix."""
+    return {f"{prefix}mat_mumps_{key}": value for key, value in MUMPS.items()}
+
+
+def direct(ksp: KSP) -> bool:
+    """Whether a solve is one application of a factor."""
+    return ksp.getType() == "preonly" and ksp.getPC().getType() in FACTORS
+
+
+def failure(ksp: KSP) -> str:
+    """What a KSP that did not converge was, and PETSc's name of the reason."""
+    reason = ksp.getConvergedReason()
+    return f"{ksp.getType()} with {ksp.getPC().getType()} ended with {REASONS.get(reason, reason)}"
 
 
 class InnerSolver:
     """V x = r: by MUMPS' Cholesky factor, or by conjugate gradients with multigrid; or as PETSc's options say.
 
-    The norm of a residual is the natural one, ||delta||² = delta . M^-1 delta with M the preconditioner: about the
-    energy norm of the error [J^(1/2)] that delta leaves in x. The matrix may change; the preconditioner stays that of
-    the last `renew`.
+    A preconditioner alone (`pc_type` without `ksp_type`) is used inside conjugate gradients. The norm of a residual is
+    the natural one, ||delta||² = delta . M^-1 delta with M the preconditioner: about the energy norm of the error
+    [J^(1/2)] that delta leaves in x. The matrix may change; the preconditioner stays that of the last `renew`.
     """
 
-    def __init__(self, V: Mat, prefix: str, counters: Counters, *, iterative: bool) -> None:
+    def __init__(
+        self, V: Mat, prefix: str, counters: Counters, *, iterative: bool, options: PetscOptions | None = None
+    ) -> None:
         """
         Args:
             V: symmetric and positive definite [N/m].
             prefix: of the options, ends with an underscore.
             counters: counts factorisations, volume solves and iterations.
             iterative: conjugate gradients with multigrid, in place of a factor.
+            options: of the user.
         """
         self.prefix, self.counters, self.iterative = prefix, counters, iterative
+        self.options = options or PetscOptions("", prefix)
         self.renew(V)
 
     def renew(self, V: Mat) -> None:
-        """Set up for a matrix; collective."""
+        """Set up for a matrix; collective.
+
+        Raises:
+            SolverError: PETSc cannot set it up.
+        """
         self.V = V
         V.setOption(PETSc.Mat.Option.SPD, True)
         ksp: KSP = PETSc.KSP().create(V.comm)
         ksp.setOptionsPrefix(self.prefix)
         ksp.setOperators(V)
+        try:
+            with self.options.in_force({} if self.iterative else mumps_options(self.prefix)):
+                self._set_up(ksp)
+        except PETSc.Error as error:
+            raise SolverError(f"the inner solver cannot be set up: PETSc error {error.ierr}") from None
+        self.ksp = ksp
+        self.counters.factorisations += 1
+
+    def _set_up(self, ksp: KSP) -> None:
         if self.iterative:
-            ksp.setPC(boomeramg(V, self.prefix))
+            ksp.setPC(boomeramg(self.V, self.prefix))
             ksp.setType("cg")
         else:
             ksp.setType("preonly")
             pc = ksp.getPC()
             pc.setType("cholesky")
             pc.setFactorSolverType("mumps")
-            mumps_workspace(pc)
         ksp.setTolerances(rtol=EXACT, atol=0.0, max_it=MAX_IT)
         ksp.setFromOptions()
-        if ksp.getType() != "preonly":
+        if ksp.getType() == "preonly" and not direct(ksp):
+            ksp.setType("cg")
+        if not direct(ksp):
             ksp.setInitialGuessNonzero(True)
             ksp.setNormType(PETSc.KSP.NormType.NATURAL if ksp.getType() == "cg" else PETSc.KSP.NormType.DEFAULT)
-        try:
-            ksp.setUp()
-        except PETSc.Error as error:
-            raise SolverError(f"the inner solver cannot be set up: PETSc error {error.ierr}") from None
-        self.ksp = ksp
-        self.counters.factorisations += 1
+        ksp.setUp()
 
     def solve(self, r: Vec, x: Vec, allowed: Allowed | None = None) -> None:
-        """Improve x until ||r - V x|| is small enough; collective. With a factor every solve is exact.
+        """Improve x until ||r - V x|| is small enough; collective.
 
         Args:
             r: right-hand side [N].
             x: the start, then the solution [m].
-            allowed: largest norm of the residual at the end; None: an exact solve.
+            allowed: largest norm of the residual at the end, for iterative solvers of our own; None: rounding. A factor
+                is exact, and a solver from the user's options has its own tolerance.
 
         Raises:
             SolverError: it does not converge.
         """
         if self.iterative:
-            self.ksp.setConvergenceTest(_Test(allowed or (lambda start: 0.0), EXACT * self.norm(r)))
+            rounding = EXACT * max(self.norm(r), self.norm(self.V * x))
+            self.ksp.setConvergenceTest(_Test(allowed or (lambda start: 0.0), rounding))
         self.ksp.solve(r, x)
         self.counters.volume_solves += 1
         if not self.direct:
             self.counters.linear_iterations += self.ksp.getIterationNumber()
-        reason = self.ksp.getConvergedReason()
-        if reason < 0 or not np.isfinite(x.norm()):
-            raise SolverError(f"the inner solver {self.ksp.getType()} did not converge: PETSc reason {reason}")
+        if self.ksp.getConvergedReason() < 0 or not np.isfinite(x.norm()):
+            raise SolverError(f"an inner solve failed: {failure(self.ksp)}; try solver.petsc_options without it")
 
     @property
     def direct(self) -> bool:
         """Whether a solve is one application of a factor."""
-        return self.ksp.getType() == "preonly"
+        return direct(self.ksp)
 
     def norm(self, r: Vec) -> float:
         """Natural norm of a residual r [N], about the energy norm of the error that it leaves [J^(1/2)]; collective."""

@@ -18,11 +18,12 @@ from geometry.errors import require
 from geometry.keys import Key
 from geometry.protocols import Vec
 from solvers.blocks.block_system import BlockSystem
-from solvers.blocks.nest import options_of, unused_options, use_options
+from solvers.blocks.nest import PREFIX, SPLITS
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.prepare import uncondensed
 from solvers.interface.problem import SurfaceProblem
 from solvers.linear.eigenvalues import Eigenvalue, largest_eigenvalue, smallest_eigenvalue
+from solvers.linear.petsc_options import PetscOptions
 from solvers.methods.applicability import Applicability
 from solvers.methods.gram_uzawa import GramKeys
 from solvers.methods.inner_tolerance import InnerKeys
@@ -39,6 +40,19 @@ from solvers.parallel.serialise import Plain
 log = logging.getLogger(__name__)
 ENOUGH = 8  # iterations of which the second half tells a rate
 NEVER = -1
+SAFE = 0.3  # of tau_k by elman-golub: the natural norm of an inner residual is an estimate
+# keys without effect where outer = "ksp"
+OF_UZAWA = (
+    "preconditioner",
+    "gram",
+    "inner_solves",
+    "inner_rule",
+    "inner_tolerance",
+    "relaxation",
+    "alpha",
+    "rates",
+    "friction_update",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,9 +63,9 @@ class BlockUzawa(FixedStep, GramKeys, InnerKeys, Method):
     |lambda| <= 1, as |t| <= s, so that nothing is divided by s = 0; C enters implicitly, which is (1.2) with the
     preconditioner Q + alpha C. sigma_T = -s lambda after (2.6); the last inner solve gives the u that belongs to it.
 
-    Exact inner solves (1.1), or inexact ones (1.2) with ||delta_k|| <= tau_k by `inner_rule`; with compliance F is not
-    linear (1.3). Q: the surface mass W (`mass`), or the trailing block of the Cholesky factor of a Gram matrix of H1
-    (`gram`, (5.6)), complete or incomplete. alpha = relaxation / lambda_1, lambda_1 the largest eigenvalue of
+    Inner solves are exact, delta_k = 0, or inexact (1.2) with ||delta_k|| <= tau_k by `inner_rule`; with compliance F
+    is not linear (1.3). Q: the surface mass W (`mass`), or the trailing block of the Cholesky factor of a Gram matrix
+    of H1 (`gram`, (5.6)), complete or incomplete. alpha = relaxation / lambda_1, lambda_1 the largest eigenvalue of
     Q^-1 B F'^-1 B^T by power iteration, measured again when F' is.
 
     Nothing is condensed: what the condensed methods compute is held to this method, and this method to them.
@@ -92,9 +106,22 @@ class BlockUzawa(FixedStep, GramKeys, InnerKeys, Method):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        tuple(options_of(self.petsc_options))  # refuses what is no option
+        self.options()  # refuses what is no option
         ignored = self.preconditioner == "gram" and self.alpha is not None
         require(not ignored, "alpha", self.alpha, 'is the step of Q = W; set preconditioner = "mass"')
+        for key in OF_UZAWA if self.outer == "ksp" else ():
+            default = getattr(type(self)(), key)
+            require(
+                getattr(self, key) == default, key, getattr(self, key), 'is of Uzawa\'s iteration; leave outer = "ksp"'
+            )
+
+    def options(self) -> PetscOptions:
+        """The user's options of PETSc.
+
+        Raises:
+            SceneError: a word is no option, or PETSc refuses it.
+        """
+        return PetscOptions(self.petsc_options, PREFIX, SPLITS)
 
     def build(self, setup: Setup) -> Ready:
         return OnBlocks(self, setup)
@@ -103,32 +130,36 @@ class BlockUzawa(FixedStep, GramKeys, InnerKeys, Method):
 class OnBlocks(Ready):
     """The iteration on the assembled blocks."""
 
-    def __init__(self, method: BlockUzawa, setup: Setup, known: Eigenvalue | None = None) -> None:
+    def __init__(self, method: BlockUzawa, setup: Setup, known: OnBlocks | None = None) -> None:
         """Assemble the blocks, and the Gram matrix if it is asked for; collective.
 
         Args:
-            known: lambda_1 of other contact rows of the same bodies, to start from.
+            known: the iteration for other contact rows of the same bodies.
         """
         self.method, self.surface = method, uncondensed(setup.surface)
-        self.surface.volume.iterative = method.inner_solves == "inexact"
-        use_options(method.petsc_options)
+        self.options: PetscOptions = known.options if known else method.options()
+        self.surface.volume.iterative, self.surface.volume.options = method.inner_solves == "inexact", self.options
         self.blocks = BlockSystem(setup.system, self.surface)
-        self.largest, self._measured_at = known, NEVER
-        gram = method.preconditioner == "gram" and len(self.blocks.rows) > 0
+        self.largest: Eigenvalue | None = known.largest if known else None  # lambda_1
+        self._measured_at = NEVER
+        self.peak = known.peak if known else 0.0  # largest q . K q so far [J]; not kept where inner solves are exact
+        gram = method.preconditioner == "gram" and method.outer == "uzawa" and len(self.blocks.rows) > 0
         self._gram = GramMetric(setup.system, method.gram) if gram else None
         self._dense: DenseMetric | None = None
 
     def renewed(self, setup: Setup) -> Ready:
-        return OnBlocks(self.method, setup, self.largest)
+        return OnBlocks(self.method, setup, self)
 
     def snapshot(self) -> dict[str, Plain]:
         known = self.largest
-        return {"lambda_1": known and [known.quotient, known.apart], "direction": known and known.direction}
+        learnt = {"lambda_1": known and [known.quotient, known.error], "direction": known and known.direction}
+        return learnt | {"peak": self.peak}
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
+        self.peak = snapshot["peak"]
         if snapshot["lambda_1"] is not None:
-            quotient, apart = snapshot["lambda_1"]
-            self.largest = Eigenvalue(quotient, apart, np.asarray(snapshot["direction"]), 0)
+            quotient, error = snapshot["lambda_1"]
+            self.largest = Eigenvalue(quotient, error, np.asarray(snapshot["direction"]), 0)
             self._measured_at = 0
 
     def after(self, state: Before) -> Solve:
@@ -138,29 +169,36 @@ class OnBlocks(Ready):
         """Solve one step from displacement u [m] of all dofs and tractions p (rows,) [Pa]; see `SameEveryStep`."""
         q = self.blocks.begin(problem, u)
         solve = self._newton if self.method.outer == "ksp" else self._uzawa
-        found = solve(problem, p, q, on_step)
-        for option in unused_options():
-            log.warning("solver.petsc_options: PETSc does not use %s; -ksp_view shows what it uses", option)
+        found, exact = solve(problem, p, q, on_step)
+        for option in self.options.unused():
+            log.warning("solver.petsc_options: PETSc does not use %s with outer = %s", option, self.method.outer)
         self.surface.q = q  # u after (2.6): of these tractions
+        self.surface.linear_error = 0.0 if exact else self._linear_error(found.p, q)
         return found
 
-    def _newton(self, problem: SurfaceProblem, p: Array, q: Vec, on_step: OnStep) -> Solution:
-        """Semismooth Newton on the nest; improves q [m] in place."""
-        linear = NestedSystem(self.blocks, q)
+    def _linear_error(self, p: Array, q: Vec) -> float:
+        """Error that inner solves have left, in the energy norm, relative to the largest displacement so far [-]."""
+        self.peak = max(self.peak, self.blocks.stored(q))
+        return self.blocks.inner_error(p, q) / float(np.sqrt(self.peak)) if self.peak else 0.0
+
+    def _newton(self, problem: SurfaceProblem, p: Array, q: Vec, on_step: OnStep) -> tuple[Solution, bool]:
+        """Semismooth Newton on the nest, and whether all solves were by a factor; improves q [m] in place."""
+        linear = NestedSystem(self.blocks, q, self.options, self.method.rtol)
         newton = SemismoothNewton(rtol=self.method.rtol, max_it=self.method.max_it, linear=linear)
         found = newton(problem, p, on_step)
-        if found.status is Status.CONVERGED and not np.array_equal(self.blocks.inner.contact.read(q), found.u_c):
+        if found.status is Status.CONVERGED and found.u_c is not linear.u_c:
             self.blocks.solve(found.p, q, None)  # a start was the answer: q is not yet its displacement
-        return found
+            return found, self.blocks.inner.solver.direct
+        return found, linear.direct
 
-    def _uzawa(self, problem: SurfaceProblem, p: Array, q: Vec, on_step: OnStep) -> Solution:
-        """Uzawa's iteration; improves q [m] in place."""
+    def _uzawa(self, problem: SurfaceProblem, p: Array, q: Vec, on_step: OnStep) -> tuple[Solution, bool]:
+        """Uzawa's iteration, and whether all inner solves were by a factor; improves q [m] in place."""
         method, blocks, inexact = self.method, self.blocks, self.method.inner_solves == "inexact"
         last: Solved | None = None
 
         def solve(p: Array) -> Solved:  # F(u_{k+1}) = f - B^T p_k + delta_k
             nonlocal last
-            allowed = method.inner(problem, last, p, self._norm) if inexact else None
+            allowed = method.inner(problem, last, p, lambda change: SAFE * self._norm(change)) if inexact else None
             p, u_c = blocks.solve(p, q, allowed)
             if inexact and problem.natural_residual(p, problem.relative_displacement(u_c)) <= method.rtol:
                 p, u_c = blocks.solve(p, q, None)  # delta = 0: the residual is that of the answer
@@ -176,7 +214,7 @@ class OnBlocks(Ready):
 
         outer = Outer(rtol=method.rtol, max_it=method.max_it, friction_update=method.friction_update, advance=advance)
         found = outer(problem, p, solve, on_step)
-        return replace(found, convergence=self._convergence(found))
+        return replace(found, convergence=self._convergence(found)), blocks.inner.solver.direct
 
     @property
     def alpha(self) -> float:

@@ -16,7 +16,7 @@ from solvers.contact.admissible_set import ContactBlock
 from solvers.interface.problem import SurfaceProblem
 from solvers.interface.schur_complement import CholeskyFactor, CondensedSurface
 from solvers.laws.compliance import Compliance
-from solvers.methods.inner_tolerance import Allowed
+from solvers.linear.inner_solver import Allowed
 from solvers.metrics.dense import DenseMetric, inverse_root
 
 NEWTON_STEPS = 100

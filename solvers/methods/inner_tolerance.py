@@ -12,11 +12,11 @@ from geometry.arrays import Array
 from geometry.errors import require
 from geometry.keys import Key
 from solvers.interface.problem import SurfaceProblem
+from solvers.linear.inner_solver import Allowed
 from solvers.methods.method import Keys
 from solvers.methods.outer_iteration import Solved
 
 InnerRule = Literal["elman-golub", "bramble-pasciak-vassilev"]
-Allowed = Callable[[float], float]  # from ||delta|| at the start of an inner solve to ||delta|| at its end
 CERTAIN = 0.1  # largest error of the natural residual after the last inner solve, relative to the outer tolerance
 
 

@@ -10,9 +10,12 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from geometry.arrays import Array, Ints
+from geometry.errors import SolverError
 from geometry.protocols import Mat, Sparse, Vec
 from solvers.blocks.block_system import BlockSystem
-from solvers.blocks.nest import backward_error, solve
+from solvers.blocks.nest import backward_error, nested, solve
+from solvers.linear.inner_solver import direct, failure
+from solvers.linear.petsc_options import PetscOptions
 from solvers.newton.active_set import ActiveSet
 
 RESIDUAL = 1e-8  # backward error, and relative force out of balance, above which the linear system counts as singular
@@ -21,14 +24,25 @@ RESIDUAL = 1e-8  # backward error, and relative force out of balance, above whic
 class NestedSystem:
     """Solves the linearised laws together with the bodies on the free displacements; `q` is the last answer."""
 
-    def __init__(self, blocks: BlockSystem, q: Vec) -> None:
-        self.blocks, self.q = blocks, q
+    def __init__(self, blocks: BlockSystem, q: Vec, options: PetscOptions, rtol: float) -> None:
+        """
+        Args:
+            blocks: begun for the step.
+            q: free displacements [m], in place.
+            options: of PETSc, by the user.
+            rtol: tolerance of the step.
+        """
+        self.blocks, self.q, self.options = blocks, q, options
+        self.enough = min(RESIDUAL, rtol)
+        self.u_c: Array | None = None  # of the last answer, the same object as it returned
+        self.direct = True  # whether all solves were by a factor
 
     def __call__(self, laws: ActiveSet) -> tuple[Array, Array]:
         """Tractions (rows,) [Pa] and displacement of the contact dofs (c,) [m]; collective.
 
         Raises:
             LinAlgError: the active set leaves a rigid mode free.
+            SolverError: the KSP did not converge.
         """
         blocks, problem, surface = self.blocks, laws.problem, laws.problem.surface
         multipliers = blocks.multipliers
@@ -47,16 +61,13 @@ class NestedSystem:
         V = blocks.inner.with_springs(np.where(on, 0.0, k))
         L = blocks.on_free(sparse.diags(scale) @ A_w @ surface.N)
         M = multipliers.matrix(sparse.diags(scale) @ A_p[:, m], multipliers.like)
-        transposed = PETSc.Mat()
-        blocks.B.transpose(transposed)
-        nest: Mat = PETSc.Mat().createNest([[V, transposed], [L, M]], comm=V.comm)
-        nest.assemble()
+        nest = nested(V, blocks.B_T, L, M)
         resting = np.where(on, 0.0, laws.rhs + k * problem.offset)  # p of compliant faces at u = 0
         f, g = problem.load.f_q - blocks.inner.on_contact(surface.forces(resting)), multipliers.like.duplicate()
         multipliers.at.write(g, scale * right)
         x, y = self.q, multipliers.like.duplicate()
         self._solve(nest, (f, g), (x, y))
-        u_c = blocks.inner.contact.read(x)
+        self.u_c = u_c = blocks.inner.contact.read(x)
         p = np.where(on, 0.0, laws.rhs + k * problem.relative_displacement(u_c))
         p[m] = multipliers.at.read(y)
         given = laws.given & on
@@ -68,14 +79,18 @@ class NestedSystem:
     def _solve(self, nest: Mat, right: tuple[Vec, Vec], found: tuple[Vec, Vec]) -> None:
         counters = self.blocks.surface.counters
         try:
-            ksp = solve(nest, *right, *found)
+            ksp = solve(nest, right, found, self.options)
         except PETSc.Error as error:
-            raise np.linalg.LinAlgError(f"the block system cannot be solved: PETSc error {error.ierr}") from None
+            raise SolverError(f"the KSP of the block system cannot be set up: PETSc error {error.ierr}") from None
         counters.factorisations += 1
         counters.volume_solves += 1
-        counters.linear_iterations += ksp.getIterationNumber() if ksp.getType() != "preonly" else 0
-        if not backward_error(nest, right, found) <= RESIDUAL:
-            raise np.linalg.LinAlgError("the block system is singular, or its KSP did not converge")
+        if backward_error(nest, right, found) <= self.enough:
+            self.direct = self.direct and direct(ksp)
+            counters.linear_iterations += 0 if direct(ksp) else ksp.getIterationNumber()
+        elif direct(ksp):
+            raise np.linalg.LinAlgError("the block system is singular: some rigid motion is not held")
+        else:
+            raise SolverError(f"the block system is not solved to {self.enough:g}: {failure(ksp)}; try -ksp_rtol")
 
     def _check_balance(self, laws: ActiveSet, p: Array) -> None:
         """Raise if the tractions p (rows,) [Pa] do not balance the load of a floating body."""

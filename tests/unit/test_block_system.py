@@ -241,7 +241,7 @@ def test_an_option_that_petsc_does_not_use_is_named(caplog: pytest.LogCaptureFix
     with caplog.at_level(logging.WARNING):
         list(prepare(scene).steps())
     assert [record.getMessage() for record in caplog.records] == [
-        "solver.petsc_options: PETSc does not use -fieldsplit_u_pc_typ; -ksp_view shows what it uses"
+        "solver.petsc_options: PETSc does not use -fieldsplit_u_pc_typ with outer = uzawa"
     ]
 
 

@@ -25,8 +25,9 @@ FLOORS = {  # from the ground up
     " results simulation analysis",
     "workflows": "formats pictures writers scene_file run cost verification commands",
     "": "stickslip",  # the public face; what stands on it is a script that a user might have written
-    "workflows above": "reference benchmarks studies",
+    "workflows above": "reference benchmarks studies demos",
 }
+DEMOS = "workflows/demos/"  # programs for readers, who are to see the calls of gmsh, UFL, dolfinx, PETSc and pyvista
 VERSIONS = "geometry/dolfinx_versions.py"
 UFL = ("smoothed_laws", "contact_forms", "point_laws", "forms")
 FORMS = tuple(f"solvers/fem/{name}.py" for name in UFL)  # where UFL is written
@@ -66,8 +67,9 @@ def imports(path: Path) -> frozenset[str]:
 
 
 def users(*libraries: str) -> set[str]:
-    """Files that import one of the libraries."""
-    return {name_of(path) for path in SOURCES if any(t.split(".")[0] in libraries for t in imports(path))}
+    """Files that import one of the libraries, demos left out."""
+    found = {name_of(path) for path in SOURCES if any(t.split(".")[0] in libraries for t in imports(path))}
+    return {name for name in found if not name.startswith(DEMOS)}
 
 
 def test_sources_are_found() -> None:
