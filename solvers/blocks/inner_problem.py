@@ -188,13 +188,26 @@ class InnerProblem:
 
     def _renew(self, q: Vec) -> None:
         """Assemble and prepare F' at q; collective."""
-        J = self.tangent(q)
+        J, volume = self.tangent(q), self.surface.volume
+        lumped = self._lumped(J) if volume.iterative else None
         if self._solver is None:
-            volume = self.surface.volume
-            self._solver = InnerSolver(J, PREFIX, self.counters, iterative=volume.iterative, options=volume.options)
+            self._solver = InnerSolver(
+                J, PREFIX, self.counters, iterative=volume.iterative, options=volume.options, multigrid=lumped
+            )
         else:
-            self._solver.renew(J)
+            self._solver.renew(J, lumped)
         self._stale, self._fresh, self.renewals = False, True, self.renewals + 1
+
+    def _lumped(self, J: Mat) -> Mat:
+        """K with the tangent of j_n lumped: multigrid of stiff consistent springs is not positive definite."""
+        springs, P = J.copy(), self.K.copy()
+        springs.axpy(-1.0, self.K, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        pointer, _, values = springs.getValuesCSR()
+        diagonal = P.getDiagonal()
+        row = np.repeat(np.arange(len(pointer) - 1), np.diff(pointer))
+        diagonal.array[:] += np.bincount(row, np.abs(values), len(pointer) - 1)
+        P.setDiagonal(diagonal)
+        return P
 
     def _press_on(self, rhs: Vec, q: Vec) -> None:
         """Press a floating body that nothing touches yet onto its compliant faces, as if all their points were closed.

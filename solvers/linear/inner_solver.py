@@ -49,7 +49,14 @@ class InnerSolver:
     """
 
     def __init__(
-        self, V: Mat, prefix: str, counters: Counters, *, iterative: bool, options: PetscOptions | None = None
+        self,
+        V: Mat,
+        prefix: str,
+        counters: Counters,
+        *,
+        iterative: bool,
+        options: PetscOptions | None = None,
+        multigrid: Mat | None = None,
     ) -> None:
         """
         Args:
@@ -58,13 +65,18 @@ class InnerSolver:
             counters: counts factorisations, volume solves and iterations.
             iterative: conjugate gradients with multigrid, in place of a factor.
             options: of the user.
+            multigrid: see `renew`.
         """
         self.prefix, self.counters, self.iterative = prefix, counters, iterative
         self.options = options or PetscOptions("", prefix)
-        self.renew(V)
+        self.renew(V, multigrid)
 
-    def renew(self, V: Mat) -> None:
+    def renew(self, V: Mat, multigrid: Mat | None = None) -> None:
         """Set up for a matrix; collective.
+
+        Args:
+            V: see the class.
+            multigrid: what our own multigrid is set up for, spectrally equivalent to V; None: V.
 
         Raises:
             SolverError: PETSc cannot set it up.
@@ -76,15 +88,16 @@ class InnerSolver:
         ksp.setOperators(V)
         try:
             with self.options.in_force({} if self.iterative else mumps_options(self.prefix)):
-                self._set_up(ksp)
+                self._set_up(ksp, multigrid or V)
         except PETSc.Error as error:
             raise SolverError(f"the inner solver cannot be set up: PETSc error {error.ierr}") from None
         self.ksp = ksp
         self.counters.factorisations += 1
 
-    def _set_up(self, ksp: KSP) -> None:
+    def _set_up(self, ksp: KSP, multigrid: Mat) -> None:
         if self.iterative:
-            ksp.setPC(boomeramg(self.V, self.prefix))
+            ksp.setPC(boomeramg(multigrid, self.prefix))
+            ksp.setOperators(self.V, multigrid)
             ksp.setType("cg")
         else:
             ksp.setType("preonly")
@@ -120,7 +133,8 @@ class InnerSolver:
         if not self.direct:
             self.counters.linear_iterations += self.ksp.getIterationNumber()
         if self.ksp.getConvergedReason() < 0 or not np.isfinite(x.norm()):
-            raise SolverError(f"an inner solve failed: {failure(self.ksp)}; try solver.petsc_options without it")
+            other = 'inner_solves = "exact"' if self.iterative else "other petsc_options"
+            raise SolverError(f"an inner solve failed: {failure(self.ksp)}; try {other}")
 
     @property
     def direct(self) -> bool:

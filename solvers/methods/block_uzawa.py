@@ -142,7 +142,9 @@ class OnBlocks(Ready):
         self.blocks = BlockSystem(setup.system, self.surface)
         self.largest: Eigenvalue | None = known.largest if known else None  # lambda_1
         self._measured_at = NEVER
-        self.peak = known.peak if known else 0.0  # largest q . K q so far [J]; not kept where inner solves are exact
+        self.peak: float = (
+            known.peak if known else 0.0
+        )  # largest q . K q so far [J]; not kept where inner solves are exact
         gram = method.preconditioner == "gram" and method.outer == "uzawa" and len(self.blocks.rows) > 0
         self._gram = GramMetric(setup.system, method.gram) if gram else None
         self._dense: DenseMetric | None = None
