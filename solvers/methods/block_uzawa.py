@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Annotated, ClassVar, Literal
@@ -14,7 +15,6 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 
 from geometry.arrays import Array
-from geometry.errors import require
 from geometry.keys import Key
 from geometry.protocols import Vec
 from solvers.blocks.block_system import BlockSystem
@@ -27,7 +27,7 @@ from solvers.linear.petsc_options import PetscOptions
 from solvers.methods.applicability import Applicability
 from solvers.methods.gram_uzawa import GramKeys
 from solvers.methods.inner_tolerance import InnerKeys
-from solvers.methods.method import Before, Method, Ready, Setup, Solve
+from solvers.methods.method import Before, Method, Ready, Refusal, Setup, Solve
 from solvers.methods.outer_iteration import FixedStep, Outer, Solved, projected
 from solvers.metrics.dense import DenseMetric, inverse_root
 from solvers.metrics.gram import GramMetric
@@ -36,6 +36,7 @@ from solvers.newton.semismooth import SemismoothNewton
 from solvers.newton.solution import Convergence, OnStep, Solution, Status, ignore
 from solvers.newton.surface_model import nearest_in_cone
 from solvers.parallel.serialise import Plain
+from solvers.scene.problem import Problem
 
 log = logging.getLogger(__name__)
 ENOUGH = 8  # iterations of which the second half tells a rate
@@ -107,13 +108,16 @@ class BlockUzawa(FixedStep, GramKeys, InnerKeys, Method):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.options()  # refuses what is no option
-        ignored = self.preconditioner == "gram" and self.alpha is not None
-        require(not ignored, "alpha", self.alpha, 'is the step of Q = W; set preconditioner = "mass"')
-        for key in OF_UZAWA if self.outer == "ksp" else ():
-            default = getattr(type(self)(), key)
-            require(
-                getattr(self, key) == default, key, getattr(self, key), 'is of Uzawa\'s iteration; leave outer = "ksp"'
-            )
+
+    def refusals(self, problem: Problem) -> Iterator[Refusal]:
+        """Keys that have no effect together."""
+        if self.outer == "ksp":
+            default = BlockUzawa()
+            for key in OF_UZAWA:
+                if getattr(self, key) != getattr(default, key):
+                    yield key, getattr(self, key), 'with outer = "ksp" does not use it; use outer = "uzawa"'
+        elif self.preconditioner == "gram" and self.alpha is not None:
+            yield "alpha", self.alpha, 'has it as the step of Q = W; use preconditioner = "mass"'
 
     def options(self) -> PetscOptions:
         """The user's options of PETSc.

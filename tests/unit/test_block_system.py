@@ -285,7 +285,7 @@ def test_a_factor_counts_once_where_F_is_linear() -> None:
     ("keys", "words"),
     [
         ({"surface": "condensed"}, "solver.surface = condensed: .* leave it out"),
-        ({"alpha": 1.0}, 'alpha = 1.0: is the step of Q = W; set preconditioner = "mass"'),
+        ({"alpha": 1.0}, 'alpha = 1.0: .* the step of Q = W; use preconditioner = "mass"'),
         ({"method": "uzawa", "inner_solves": "inexact"}, "inner_solves = inexact: .* use block-uzawa"),
     ],
 )
