@@ -88,6 +88,31 @@ def test_a_wrong_name_or_a_method_that_cannot_solve_the_scene_is_refused() -> No
         ladder_of(read("cylinders"), ["condensed-newton", "regularised"])
 
 
+def test_one_method_is_laid_beside_itself_with_other_keys() -> None:
+    inexact = "block-uzawa+preconditioner=mass+inner_solves=inexact+inner_tolerance=0.1"
+    ladder, _ = ladder_of(read("block"), ["block-uzawa", inexact])
+    assert ladder.methods == ("block-uzawa", inexact)
+    plain, varied = (Rung(1, method, 0, 1e-6).scene(read("block")).solver for method in ladder.methods)
+    assert (plain.method, plain.preconditioner, plain.tolerance) == ("block-uzawa", "gram", 1e-6)
+    assert (varied.method, varied.preconditioner, varied.tolerance) == ("block-uzawa", "mass", 1e-6)
+    assert (varied.inner_solves, varied.inner_tolerance) == ("inexact", 0.1)
+    assert Rung(1, inexact, 0, 1e-6).name != Rung(1, "block-uzawa", 0, 1e-6).name
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("block-uzawa+preconditioner=mas", 'preconditioner = "mas"'),
+        ("block-uzawa+precondition=mass", "solver.precondition: unknown key"),
+        ("uzawa+preconditioner=mass", "use block-uzawa"),
+        ("uzawa+mass", "expected KEY=VALUE"),
+    ],
+)
+def test_keys_of_a_method_are_checked(name: str, words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        ladder_of(read("block"), ["condensed-newton", name])
+
+
 def some_runs() -> list[Run]:
     """Level 0: both; level 2: uzawa fails; level 4: newton alone. A loose tolerance does not count."""
     return [
@@ -134,8 +159,9 @@ def test_table_and_picture_show_every_method(tmp_path: Path, capsys: pytest.Capt
     found = lines(some_runs(), BOTH, TIGHT)
     Teller(60.0, quiet=False).methods(found, BOTH)
     out = capsys.readouterr().out
-    assert [cell.strip() for cell in out.splitlines()[3].split("│")[1:-1]] == ["1", "0.1", "0.5", "8", "2", "240"]
-    assert [cell.strip() for cell in out.splitlines()[4].split("│")[1:-1]][-2:] == ["out of time", "-"]
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in out.splitlines() if line.startswith("│")]
+    assert rows[:2] == [["1", "0.1", "newton", "0.5", "8"], ["", "", "uzawa", "2", "240"]]
+    assert rows[3] == ["", "", "uzawa", "out of time", "-"]
     Teller(60.0, quiet=True).methods(found, BOTH)
     assert not capsys.readouterr().out
     assert draw_methods(tmp_path, "a scene", found, BOTH, "said").read_bytes().startswith(b"\x89PNG")

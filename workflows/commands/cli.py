@@ -129,7 +129,12 @@ def cost_command(
         list[str] | None, typer.Option("--quantity", metavar="NAME", help="e.g. base.normal_force, energy.stored")
     ] = None,
     methods: Annotated[
-        str | None, typer.Option("--methods", metavar="NAME,NAME", help="lay these side by side on the same meshes")
+        str | None,
+        typer.Option(
+            "--methods",
+            metavar="NAME,NAME",
+            help="lay these side by side on the same meshes; NAME+KEY=VALUE sets a key",
+        ),
     ] = None,
     override: SetOption = None,
     resume: Annotated[bool, typer.Option("--resume", help="go on with the runs of an earlier study")] = False,

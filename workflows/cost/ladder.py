@@ -13,6 +13,7 @@ from solvers.simulation.plan import make_plan
 from workflows.cost.predict import overhead
 from workflows.cost.run_record import Run
 from workflows.cost.rung import Rung
+from workflows.scene_file.read import with_method
 
 COARSEST, FINEST = -4, 12  # levels: four times as coarse as the scene, 64 times as fine
 ORDERS: tuple[Literal[1, 2], ...] = (1, 2)
@@ -70,7 +71,8 @@ def ladder_of(scene: Scene, named: Sequence[str] = ()) -> tuple[Ladder, list[str
     A scene that names its method uses this one; with `auto` all methods that may be cheapest and can solve it compete.
 
     Args:
-        named: methods to lay side by side on the same meshes, whatever the scene names; empty: as above.
+        named: methods to lay side by side on the same meshes, whatever the scene names, each as `with_method` reads it;
+            empty: as above.
 
     Raises:
         SceneError: no method can solve the scene, or its mesh cannot be refined; or there is no such method, or it
@@ -79,12 +81,12 @@ def ladder_of(scene: Scene, named: Sequence[str] = ()) -> tuple[Ladder, list[str
     tolerance, wanted = scene.solver.tolerance, scene.solver.method
 
     def planned(method: str) -> None:
-        make_plan(replace(scene, solver=replace(scene.solver, method=method)))
+        make_plan(replace(scene, solver=with_method(scene.solver, method)))
 
     contenders = [name for name, method in METHODS.items() if name != "auto" and method.WORKS_WITH.contends]
     for name in named:
-        if name not in METHODS:
-            raise SceneError(f"--methods {name}: no such method; {nearest(name, METHODS)}")
+        if name.split("+")[0] not in METHODS:
+            raise SceneError(f"--methods {name}: no such method; {nearest(name.split('+')[0], METHODS)}")
         try:
             planned(name)
         except SceneError as error:

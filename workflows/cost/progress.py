@@ -79,14 +79,16 @@ class Teller:
         print_table(table, console(160))
 
     def methods(self, found: Sequence[Line], methods: Sequence[str]) -> None:
-        """Seconds and volume solves of methods that are laid side by side: one row for each mesh."""
+        """Seconds and volume solves of methods that are laid side by side: one row for each mesh and method."""
         if self.quiet or not found:
             return
         table = Table()
-        for name in ("order", "h", *(f"{method}: {what}" for method in methods for what in ("seconds", "solves"))):
-            table.add_column(name, justify="right")
+        for name in ("order", "h", "method", "seconds", "volume solves"):
+            table.add_column(name, justify="left" if name == "method" else "right")
         for line in found:
-            table.add_row(str(line.order), f"{line.h:.3g}", *(cell for run in line.runs for cell in _work(run)))
+            for k, (method, run) in enumerate(zip(methods, line.runs, strict=True)):
+                mesh = ("", "") if k else (str(line.order), f"{line.h:.3g}")
+                table.add_row(*mesh, method, *_work(run), end_section=k + 1 == len(methods))
         print_table(table, console(160))
 
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Literal
+from urllib.parse import quote
 
 from geometry.errors import SceneError
 from solvers.scene.scene import Scene, prefixed
 from solvers.scene.settings import Output
+from workflows.scene_file.read import with_method
 
 RATIO = sqrt(2)  # between the cells of neighbouring levels
 
@@ -18,7 +20,7 @@ class Rung:
     """Level 0 has the mesh sizes of the scene; each further level divides them by RATIO."""
 
     order: Literal[1, 2]
-    method: str
+    method: str  # name, or name and keys, see `with_method`
     level: int
     tolerance: float
 
@@ -35,7 +37,8 @@ class Rung:
     @property
     def name(self) -> str:
         """Name of its file, different for each rung."""
-        return f"order{self.order}_{self.method}_level{self.level:+03d}_{self.tolerance:.0e}"
+        method = quote(self.method, safe="+=")
+        return f"order{self.order}_{method}_level{self.level:+03d}_{self.tolerance:.0e}"
 
     def scene(self, scene: Scene) -> Scene:
         """The scene as this rung solves it, without pictures.
@@ -45,7 +48,7 @@ class Rung:
         """
         with prefixed("geometry"):
             geometry = replace(scene.geometry.refined(self.factor), order=self.order)
-        solver = replace(scene.solver, method=self.method, tolerance=self.tolerance)
+        solver = replace(with_method(scene.solver, self.method), tolerance=self.tolerance)
         return replace(scene, geometry=geometry, solver=solver, output=Output(pictures=False))
 
 

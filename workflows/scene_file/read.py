@@ -24,6 +24,7 @@ from solvers.effects import EFFECTS
 from solvers.methods import Solver
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Output
+from solvers.scene.settings import Solver as Settings
 from workflows.writers.writer import added_keys
 
 READY = Path(__file__).parents[1] / "scenes"
@@ -207,6 +208,21 @@ def to_dict(scene: Scene) -> dict[str, Any]:
             adapter = TypeAdapter(effect.table)
             plain[effect.name] = adapter.dump_python(scene.sections[effect.name], mode="json", by_alias=True)
     return plain
+
+
+def with_method(solver: Settings, words: str) -> Settings:
+    """[solver] with another method, given as NAME or NAME+KEY=VALUE+KEY=VALUE with some of its keys.
+
+    Raises:
+        SceneError: an unknown key, or a value that it refuses.
+    """
+    name, *keys = words.split("+")
+    adapter: TypeAdapter[Any] = TypeAdapter(Solver)
+    table = adapter.dump_python(solver, mode="json", by_alias=True, exclude_none=True) | {"method": name}
+    for key in keys:
+        _override(table, key)
+    found: Settings = _parse(Solver, table, ("solver",))
+    return found
 
 
 def _parse(kind: Any, value: Any, at: tuple[str, ...]) -> Any:
