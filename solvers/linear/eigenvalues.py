@@ -31,51 +31,37 @@ class Eigenvalue:
         return self.quotient + self.error
 
 
-def largest_eigenvalue(
-    apply: Callable[[Array], Array],
-    size: int,
-    start: Array | None = None,
-    tolerance: float = TOLERANCE,
-    most: int = MOST,
-) -> Eigenvalue:
-    """The largest eigenvalue of an operator on vectors (size,).
+def largest_eigenvalue(apply: Callable[[Array], Array], start: Array) -> Eigenvalue:
+    """The largest eigenvalue of an operator on vectors (n,), from a start (n,) that is not normal to its direction.
 
-    Args:
-        apply: the operator.
-        size: of the vectors.
-        start: (size,) of an earlier call; None: a vector without symmetry, the same on every rank.
-        tolerance: see TOLERANCE.
-        most: largest number of iterations.
-
-    >>> found = largest_eigenvalue(lambda x: np.array([1.0, 3.0]) * x, 2)
+    >>> found = largest_eigenvalue(lambda x: np.array([1.0, 3.0]) * x, np.ones(2))
     >>> round(found.quotient, 3)
     3.0
     """
-    if not size:
-        return Eigenvalue(1.0, 0.0, np.zeros(0), 0)
-    x = 1 + np.sin(np.arange(size)) if start is None or len(start) != size else start
-    x, value, error, small, taken = x / np.linalg.norm(x), 0.0, 0.0, 0, 0
-    for k in range(1, most + 1):
+    if not len(start):
+        return Eigenvalue(1.0, 0.0, start, 0)
+    x, value, error, small, taken = start / np.linalg.norm(start), 0.0, 0.0, 0, 0
+    for k in range(1, MOST + 1):
         taken = k
         y = apply(x)
         before, value = value, float(x @ y)
-        small = small + 1 if abs(value - before) <= tolerance * abs(value) else 0
+        small = small + 1 if abs(value - before) <= TOLERANCE * abs(value) else 0
         error = float(np.linalg.norm(y - value * x))
-        if not value or small == 4 or k == most:
+        if not value or small == 4 or k == MOST:
             break
         x = y / np.linalg.norm(y)
     return Eigenvalue(value, error, x, taken)
 
 
-def smallest_eigenvalue(apply: Callable[[Array], Array], size: int) -> float:
-    """The smallest eigenvalue of an operator on vectors (size,), by Lanczos' method: small ones are crowded here.
+def smallest_eigenvalue(apply: Callable[[Array], Array], start: Array) -> float:
+    """The smallest eigenvalue of an operator on vectors (n,), by Lanczos' method: small ones are crowded here.
 
-    >>> round(smallest_eigenvalue(lambda x: np.arange(1.0, 61.0) * x, 60), 3)
+    >>> round(smallest_eigenvalue(lambda x: np.arange(1.0, 61.0) * x, np.ones(60)), 3)
     1.0
     """
+    size = len(start)
     if size <= VECTORS:
         return float(np.linalg.eigvalsh(np.column_stack([apply(unit) for unit in np.eye(size)]))[0])
     operator = LinearOperator((size, size), matvec=apply, dtype=float)
-    start = 1 + np.sin(np.arange(size))
     (found,) = eigsh(operator, k=1, which="SA", v0=start, tol=LANCZOS, ncv=VECTORS, return_eigenvectors=False)
     return float(found)

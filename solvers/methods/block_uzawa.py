@@ -145,6 +145,7 @@ class OnBlocks(Ready):
         self.surface.volume.iterative, self.surface.volume.options = method.inner_solves == "inexact", self.options
         self.blocks = BlockSystem(setup.system, self.surface)
         self.largest: Eigenvalue | None = known.largest if known else None  # lambda_1
+        self._direction: Array | None = known._direction if known else None  # its tractions, on the rows of the blocks
         self._measured_at = NEVER
         self.peak: float = (
             known.peak if known else 0.0
@@ -158,14 +159,15 @@ class OnBlocks(Ready):
 
     def snapshot(self) -> dict[str, Plain]:
         known = self.largest
-        learnt = {"lambda_1": known and [known.quotient, known.error], "direction": known and known.direction}
+        learnt = {"lambda_1": known and [known.quotient, known.error], "direction": self._direction}
         return learnt | {"peak": self.peak}
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
         self.peak = snapshot["peak"]
         if snapshot["lambda_1"] is not None:
             quotient, error = snapshot["lambda_1"]
-            self.largest = Eigenvalue(quotient, error, np.asarray(snapshot["direction"]), 0)
+            self._direction = np.asarray(snapshot["direction"])
+            self.largest = Eigenvalue(quotient, error, self._direction, 0)
             self._measured_at = 0
 
     def after(self, state: Before) -> Solve:
@@ -261,20 +263,41 @@ class OnBlocks(Ready):
 
     def _preconditioned(self, x: Array) -> Array:
         """T^T (B F'^-1 B^T) T x: similar to Q^-1 B F'^-1 B^T."""
-        T, counters = self._root, self.surface.counters
+        counters = self.surface.counters
         p, before = np.zeros(len(self.surface.W)), (counters.volume_solves, counters.linear_iterations)
-        p[self.blocks.rows] = T * x if T.ndim == 1 else T @ x
+        p[self.blocks.rows] = self._root_times(x)
         forces = self.surface.W[self.blocks.rows] * self.blocks.response(p)[self.blocks.rows]
         counters.lanczos_applications += 1
         counters.volume_solves, counters.linear_iterations = before
+        return self._root_transposed_times(forces)
+
+    def _root_times(self, x: Array) -> Array:
+        """T x, tractions on the rows of the blocks."""
+        T = self._root
+        return np.asarray(T * x if T.ndim == 1 else T @ x)
+
+    def _root_transposed_times(self, forces: Array) -> Array:
+        T = self._root
         return np.asarray(T * forces if T.ndim == 1 else T.T @ forces)
+
+    def _start(self, p: Array | None = None) -> Array:
+        """Start of eigenvalue iterations, T^-1 p = T^T Q p; as tractions it does not depend on the columns of T.
+
+        Args:
+            p: on the rows of the blocks [Pa]; None: without symmetry.
+        """
+        rows = self.blocks.rows
+        if p is None or len(p) != len(rows):
+            p = 1 + np.sin(np.arange(len(rows)))
+        Q_p = self.surface.W[rows] * p if self._gram is None else self._Q[np.ix_(rows, rows)] @ p
+        return self._root_transposed_times(Q_p)
 
     def _measure(self) -> None:
         """Measure lambda_1, unless F' is still that of the last measurement; collective."""
         if self._measured_at == self.blocks.renewals and self.largest is not None:
             return
-        start = self.largest.direction if self.largest else None
-        self.largest = largest_eigenvalue(self._preconditioned, self._root.shape[-1], start)
+        self.largest = largest_eigenvalue(self._preconditioned, self._start(self._direction))
+        self._direction = self._root_times(self.largest.direction)
         self._measured_at = self.blocks.renewals
 
     def _convergence(self, found: Solution) -> Convergence | None:
@@ -283,7 +306,7 @@ class OnBlocks(Ready):
             return None
         alpha, lambda_1, lambda_m = self.alpha, self.largest.value, None
         if self.method.rates:
-            lambda_m = smallest_eigenvalue(self._preconditioned, self._root.shape[-1])
+            lambda_m = smallest_eigenvalue(self._preconditioned, self._start())
         residuals = tuple(step.residual for step in found.history)
         half = len(residuals) // 2
         observed = None
