@@ -18,7 +18,7 @@ class Status(Enum):
     MAX_IT = "the iterations ran out: raise solver.max_iterations"
     STALLED = "the residual stopped falling: try another solver.method, or a larger solver.tolerance"
     NOT_FINITE = "the iteration left the range of numbers: check the units of E, loads and lengths"
-    BROKEN = 'a linear solve failed: try another solver.method, or solver.surface = "condensed"'
+    BROKEN = "a linear solve failed, run.log says why: try another solver.method or solver.surface"
     NO_EQUILIBRIUM = "contact and friction cannot balance the loads"
     NO_HOLD = "contact and friction could not hold the body: check loads, friction and the start of contact"
 
