@@ -17,6 +17,7 @@ from geometry.arrays import Array, Ints
 from geometry.protocols import Mat, Sparse, Vec
 from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.interface.flexibility import DelassusOperator
+from solvers.parallel.distribute import distributed
 from solvers.parallel.replicated import Replicated
 from solvers.system.nodal_contact import NodalContact, traction_fields
 from solvers.system.system import System
@@ -48,15 +49,7 @@ class Multipliers:
 
     def matrix(self, local: Sparse, columns: Vec) -> Mat:
         """Distributed matrix (m, columns) of a sparse one that every rank has whole; `columns` has their layout."""
-        low, high = self.like.getOwnershipRange()
-        own = local.tocsr()[low:high]
-        sizes = (high - low, len(self.rows)), (columns.getLocalSize(), columns.getSize())
-        matrix = PETSc.Mat().createAIJ(
-            sizes, csr=(own.indptr, own.indices.astype(PETSc.IntType), own.data), comm=columns.comm
-        )
-        matrix.assemble()
-        found: Mat = matrix
-        return found
+        return distributed(local, self.like, columns)
 
     def on_free(self, system: System, rows: Sparse) -> Mat:
         """Distributed matrix (m, free dofs) of a sparse one (m, c) on the contact dofs, which every rank has whole."""

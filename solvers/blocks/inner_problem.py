@@ -15,7 +15,7 @@ from scipy import sparse
 
 from geometry.arrays import Array
 from geometry.errors import SolverError
-from geometry.protocols import Mat, Sparse, Vec
+from geometry.protocols import Mat, Vec
 from solvers.contact.admissible_set import ContactBlock
 from solvers.fem.contact_forms import ComplianceForms
 from solvers.fem.point_laws import PointLaw
@@ -23,6 +23,7 @@ from solvers.interface.problem import SurfaceProblem
 from solvers.interface.sparse import PREFIX, SparseSurface
 from solvers.laws.compliance import Compliance
 from solvers.linear.inner_solver import NOISE, Allowed, InnerSolver
+from solvers.parallel.distribute import distributed
 from solvers.system.nodal_contact import FormOfPart, relative_to_obstacle
 from solvers.system.system import System
 
@@ -119,7 +120,7 @@ class InnerProblem:
         )
 
     def rounding(self, q: Vec) -> float:
-        """Norm [N] below which a residual at q [m] is rounding of K u."""
+        """Norm [N] below which a residual at q [m] is rounding of F(u)."""
         return NOISE * self._stiffest * float(np.hypot(q.norm(), self._moved))
 
     def F(self, q: Vec) -> Vec:
@@ -189,30 +190,17 @@ class InnerProblem:
     def _renew(self, q: Vec) -> None:
         """Assemble and prepare F' at q; collective."""
         J, volume = self.tangent(q), self.surface.volume
-        lumped = self._lumped(J) if volume.iterative else None
         if self._solver is None:
-            self._solver = InnerSolver(
-                J, PREFIX, self.counters, iterative=volume.iterative, options=volume.options, multigrid=lumped
-            )
+            self._solver = InnerSolver(J, PREFIX, self.counters, iterative=volume.iterative, options=volume.options)
         else:
-            self._solver.renew(J, lumped)
+            self._solver.renew(J)
+        self._stiffest = J.getDiagonal().norm(PETSc.NormType.INFINITY)  # springs too: u_n - g has the rounding of u
         self._stale, self._fresh, self.renewals = False, True, self.renewals + 1
-
-    def _lumped(self, J: Mat) -> Mat:
-        """K with the tangent of j_n lumped: multigrid of stiff consistent springs is not positive definite."""
-        springs, P = J.copy(), self.K.copy()
-        springs.axpy(-1.0, self.K, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
-        pointer, _, values = springs.getValuesCSR()
-        diagonal = P.getDiagonal()
-        row = np.repeat(np.arange(len(pointer) - 1), np.diff(pointer))
-        diagonal.array[:] += np.bincount(row, np.abs(values), len(pointer) - 1)
-        P.setDiagonal(diagonal)
-        return P
 
     def _press_on(self, rhs: Vec, q: Vec) -> None:
         """Press a floating body that nothing touches yet onto its compliant faces, as if all their points were closed.
 
-        Its F' is singular. The springs have the stiffness of the law at the mean pressure of the step.
+        Its F' is singular. Springs from the gap have the stiffness of the law at the scale of tractions of the step.
         """
         u_c = self.contact.read(q)
         faces = self.faces or ()
@@ -222,24 +210,18 @@ class InnerProblem:
         for face in faces:
             p = np.full(len(face.place.rows.W_n), p_ref)
             k[face.place.normal] = p / face.nominal.penetration(p)  # secant
-        dq, bedded = q.duplicate(), self.with_springs(k)
-        InnerSolver(bedded, PREFIX, self.counters, iterative=False).solve(rhs - self.K * q, dq)
+        apart = self.problem.relative_displacement(u_c) - self.problem.gap
+        force, dq = self.on_contact(self.surface.forces(k * apart)), q.duplicate()
+        InnerSolver(self.with_springs(k), PREFIX, self.counters, iterative=False).solve(rhs - self.K * q - force, dq)
         q += dq
 
     def _springs(self, face: CompliantFace, k: Array) -> Mat:
         """N^T W k N (free, free) [N/m] of springs k (m_n,) [Pa/m] at the points of a face."""
         N, W = self.surface.N[face.place.normal], self.surface.W[face.place.normal]
         local = (N.T @ sparse.diags(W * k) @ N).tocoo()
-        dofs, columns = self.contact.rows, self.K.createVecRight()
-        low, high = columns.getOwnershipRange()
-        i, j = dofs[local.row], dofs[local.col]
-        own = (i >= low) & (i < high)
-        shape = high - low, columns.getSize()
-        csr: Sparse = sparse.csr_matrix((local.data[own], (i[own] - low, j[own])), shape=shape)
-        matrix = PETSc.Mat().createAIJ(self.K.sizes, csr=(csr.indptr, csr.indices, csr.data), comm=self.K.comm)
-        matrix.assemble()
-        found: Mat = matrix
-        return found
+        dofs, free = self.contact.rows, self.K.createVecRight()
+        entries = local.data, (dofs[local.row], dofs[local.col])
+        return distributed(sparse.csr_matrix(entries, shape=(free.getSize(), free.getSize())), free, free)
 
     def _length(self, rhs: Vec, q: Vec, dq: Vec, slope: float) -> float:
         """Length in (0, 1] of the step, along which the convex energy falls; slope: minus that at its start [J]."""

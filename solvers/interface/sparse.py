@@ -27,7 +27,7 @@ class SparseVolume:
 
     def __init__(self, system: System) -> None:
         """Take K_B over; collective."""
-        self.counters, self.K, self.dim = system.counters, system.K_B, system.mesh.dim
+        self.counters, self.K = system.counters, system.K_B
         self.contact = Replicated(self.K.createVecRight(), system.interface.dofs)
         self.floating = FloatingMotions(system, self.contact, system.interface.rigid_modes)
         self.iterative = False  # inner solves by conjugate gradients with multigrid; set before the first solve

@@ -23,7 +23,6 @@ class Eigenvalue:
     quotient: float  # Rayleigh quotient: not above the largest eigenvalue
     error: float  # norm of its residual: some eigenvalue is not farther from it
     direction: Array  # (n,) unit
-    iterations: int
 
     @property
     def value(self) -> float:
@@ -39,10 +38,9 @@ def largest_eigenvalue(apply: Callable[[Array], Array], start: Array) -> Eigenva
     3.0
     """
     if not len(start):
-        return Eigenvalue(1.0, 0.0, start, 0)
-    x, value, error, small, taken = start / np.linalg.norm(start), 0.0, 0.0, 0, 0
+        return Eigenvalue(1.0, 0.0, start)
+    x, value, error, small = start / np.linalg.norm(start), 0.0, 0.0, 0
     for k in range(1, MOST + 1):
-        taken = k
         y = apply(x)
         before, value = value, float(x @ y)
         small = small + 1 if abs(value - before) <= TOLERANCE * abs(value) else 0
@@ -50,7 +48,7 @@ def largest_eigenvalue(apply: Callable[[Array], Array], start: Array) -> Eigenva
         if not value or small == 4 or k == MOST:
             break
         x = y / np.linalg.norm(y)
-    return Eigenvalue(value, error, x, taken)
+    return Eigenvalue(value, error, x)
 
 
 def smallest_eigenvalue(apply: Callable[[Array], Array], start: Array) -> float:

@@ -56,7 +56,6 @@ class InnerSolver:
         *,
         iterative: bool,
         options: PetscOptions | None = None,
-        multigrid: Mat | None = None,
     ) -> None:
         """
         Args:
@@ -65,18 +64,13 @@ class InnerSolver:
             counters: counts factorisations, volume solves and iterations.
             iterative: conjugate gradients with multigrid, in place of a factor.
             options: of the user.
-            multigrid: see `renew`.
         """
         self.prefix, self.counters, self.iterative = prefix, counters, iterative
         self.options = options or PetscOptions("", prefix)
-        self.renew(V, multigrid)
+        self.renew(V)
 
-    def renew(self, V: Mat, multigrid: Mat | None = None) -> None:
+    def renew(self, V: Mat) -> None:
         """Set up for a matrix; collective.
-
-        Args:
-            V: see the class.
-            multigrid: what our own multigrid is set up for, spectrally equivalent to V; None: V.
 
         Raises:
             SolverError: PETSc cannot set it up.
@@ -88,16 +82,15 @@ class InnerSolver:
         ksp.setOperators(V)
         try:
             with self.options.in_force({} if self.iterative else mumps_options(self.prefix)):
-                self._set_up(ksp, multigrid or V)
+                self._set_up(ksp)
         except PETSc.Error as error:
             raise SolverError(f"the inner solver cannot be set up: PETSc error {error.ierr}") from None
         self.ksp = ksp
         self.counters.factorisations += 1
 
-    def _set_up(self, ksp: KSP, multigrid: Mat) -> None:
+    def _set_up(self, ksp: KSP) -> None:
         if self.iterative:
-            ksp.setPC(boomeramg(multigrid, self.prefix))
-            ksp.setOperators(self.V, multigrid)
+            ksp.setPC(boomeramg(self.V, self.prefix))
             ksp.setType("cg")
         else:
             ksp.setType("preonly")

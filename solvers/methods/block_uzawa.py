@@ -22,7 +22,7 @@ from solvers.blocks.nest import PREFIX, SPLITS
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.prepare import uncondensed
 from solvers.interface.problem import SurfaceProblem
-from solvers.linear.eigenvalues import Eigenvalue, largest_eigenvalue, smallest_eigenvalue
+from solvers.linear.eigenvalues import largest_eigenvalue, smallest_eigenvalue
 from solvers.linear.petsc_options import PetscOptions
 from solvers.methods.applicability import Applicability
 from solvers.methods.gram_uzawa import GramKeys
@@ -144,12 +144,10 @@ class OnBlocks(Ready):
         self.options: PetscOptions = known.options if known else method.options()
         self.surface.volume.iterative, self.surface.volume.options = method.inner_solves == "inexact", self.options
         self.blocks = BlockSystem(setup.system, self.surface)
-        self.largest: Eigenvalue | None = known.largest if known else None  # lambda_1
-        self._direction: Array | None = known._direction if known else None  # its tractions, on the rows of the blocks
+        self.lambda_1: float | None = None
+        self._direction: Array | None = known._direction if known else None  # of lambda_1: tractions
         self._measured_at = NEVER
-        self.peak: float = (
-            known.peak if known else 0.0
-        )  # largest q . K q so far [J]; not kept where inner solves are exact
+        self.peak: float = known.peak if known else 0.0  # largest q . K q so far [J], where inner solves are not exact
         gram = method.preconditioner == "gram" and method.outer == "uzawa" and len(self.blocks.rows) > 0
         self._gram = GramMetric(setup.system, method.gram) if gram else None
         self._dense: DenseMetric | None = None
@@ -158,17 +156,11 @@ class OnBlocks(Ready):
         return OnBlocks(self.method, setup, self)
 
     def snapshot(self) -> dict[str, Plain]:
-        known = self.largest
-        learnt = {"lambda_1": known and [known.quotient, known.error], "direction": self._direction}
-        return learnt | {"peak": self.peak}
+        return {"lambda_1": self.lambda_1, "direction": self._direction, "peak": self.peak}
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
-        self.peak = snapshot["peak"]
-        if snapshot["lambda_1"] is not None:
-            quotient, error = snapshot["lambda_1"]
-            self._direction = np.asarray(snapshot["direction"])
-            self.largest = Eigenvalue(quotient, error, self._direction, 0)
-            self._measured_at = 0
+        self.peak, self.lambda_1, self._direction = (snapshot[key] for key in ("peak", "lambda_1", "direction"))
+        self._measured_at = NEVER if self.lambda_1 is None else 0
 
     def after(self, state: Before) -> Solve:
         return partial(self.step, state.u)
@@ -227,8 +219,8 @@ class OnBlocks(Ready):
     @property
     def alpha(self) -> float:
         """alpha = relaxation / lambda_1, below 2 / lambda_1; or as given."""
-        assert self.largest is not None
-        return self.method.alpha or self.method.relaxation / self.largest.value
+        assert self.lambda_1 is not None
+        return self.method.alpha or self.method.relaxation / self.lambda_1
 
     @cached_property
     def _root(self) -> Array:
@@ -294,17 +286,17 @@ class OnBlocks(Ready):
 
     def _measure(self) -> None:
         """Measure lambda_1, unless F' is still that of the last measurement; collective."""
-        if self._measured_at == self.blocks.renewals and self.largest is not None:
+        if self._measured_at == self.blocks.renewals:
             return
-        self.largest = largest_eigenvalue(self._preconditioned, self._start(self._direction))
-        self._direction = self._root_times(self.largest.direction)
+        largest = largest_eigenvalue(self._preconditioned, self._start(self._direction))
+        self.lambda_1, self._direction = largest.value, self._root_times(largest.direction)
         self._measured_at = self.blocks.renewals
 
     def _convergence(self, found: Solution) -> Convergence | None:
         """What theory says of the step, beside what happened; collective if `rates` is asked for."""
-        if self.largest is None or not len(self.blocks.rows):
+        if self.lambda_1 is None or not len(self.blocks.rows):
             return None
-        alpha, lambda_1, lambda_m = self.alpha, self.largest.value, None
+        alpha, lambda_1, lambda_m = self.alpha, self.lambda_1, None
         if self.method.rates:
             lambda_m = smallest_eigenvalue(self._preconditioned, self._start())
         residuals = tuple(step.residual for step in found.history)

@@ -8,7 +8,7 @@ from scipy import sparse
 
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
-from geometry.protocols import CompiledForm, Function, Mat, Sparse, Vec
+from geometry.protocols import CompiledForm, Function, Mat, Sparse, UflForm, Vec
 from solvers.contact.rows import ContactRows
 from solvers.fem.contact_forms import ContactForms, NodalRule
 from solvers.parallel.replicated import Replicated
@@ -35,9 +35,9 @@ class NodalContact:
         """Give the nodal rule the weights W_j (n,) [m^(d-1)] of the nodes."""
         fill(self.rule.share, self.spread(np.repeat(weights, self.system.mesh.dim) / self._sampled))
 
-    def at_nodes(self, form: object) -> Array:
+    def at_nodes(self, form: UflForm) -> Array:
         """Entries (n d,) of a linear form at the nodes of the side; collective."""
-        return self.assembled_at_nodes(self.system.weak.compile(form))  # type: ignore[arg-type]
+        return self.assembled_at_nodes(self.system.weak.compile(form))
 
     def assembled_at_nodes(self, form: CompiledForm) -> Array:
         """Entries (n d,) of a compiled linear form at the nodes of the side; collective."""

@@ -10,7 +10,7 @@ from workflows.formats.aside import write_aside
 from workflows.studies.block_price.cases import AS_EXACT, EXACT, METHODS, REFERENCE, TOLERANCE
 from workflows.studies.block_price.verdicts import CLAIMS, done
 from workflows.studies.published.finding import Finding, Row, Rows, chosen, different, slopes
-from workflows.studies.published.tables import markdown, pivot
+from workflows.studies.published.tables import judged, markdown, pivot
 
 NAME = "block_uzawa_price.md"
 BUSY = 0.9  # share of a core below which seconds are not those of the method alone
@@ -71,11 +71,7 @@ def write_page(path: Path, rows: Rows) -> Path:
 
 def verdicts(rows: Rows) -> str:
     """Every claim with its verdict and the numbers behind it."""
-    lines = []
-    for claim in CLAIMS:
-        found = claim.judge(rows)
-        lines.append([claim.source, claim.says, f"**{verdict(found)}**", found.figure])
-    return markdown(["source", "claim", "verdict", "measured"], lines)
+    return judged(CLAIMS, rows, verdict)
 
 
 def verdict(found: Finding) -> str:

@@ -10,7 +10,7 @@ from workflows.studies.published.claims_tangent import TANGENT
 from workflows.studies.published.claims_uzawa import UZAWA
 from workflows.studies.published.finding import Claim, Row, Rows, chosen
 from workflows.studies.published.pictures import PICTURES
-from workflows.studies.published.tables import csv_of, markdown, pivot
+from workflows.studies.published.tables import csv_of, judged, markdown, pivot
 
 CLAIMS: tuple[Claim, ...] = (*UZAWA, *TANGENT)
 INTRODUCTION = """# The published methods, measured
@@ -89,11 +89,7 @@ def write_page(folder: Path, rows: Rows) -> Path:
 
 def claims(rows: Rows) -> str:
     """Every claim with its verdict and figure."""
-    lines = []
-    for claim in CLAIMS:
-        found = claim.judge(rows)
-        lines.append([claim.source, claim.says, f"**{found.verdict}**", found.figure])
-    return markdown(["source", "claim", "verdict", "measured"], lines)
+    return judged(CLAIMS, rows, lambda found: found.verdict)
 
 
 def _mesh(row: Row) -> str:

@@ -6,7 +6,7 @@ import csv
 import io
 from collections.abc import Callable, Iterable, Sequence
 
-from workflows.studies.published.finding import Row
+from workflows.studies.published.finding import Claim, Finding, Row, Rows
 
 LONG = ("history", "values")  # lists: kept in the rows' own files, not in the CSV
 
@@ -21,6 +21,15 @@ def markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
     rows = [heads, ["---"] * len(heads), *lines]
     cells = [[cell.replace("|", "\\|").replace("\n", " ") for cell in row] for row in rows]
     return "\n".join(f"|{'|'.join(row)}|" if row[0] == "---" else f"| {' | '.join(row)} |" for row in cells)
+
+
+def judged(claims: Iterable[Claim], rows: Rows, verdict: Callable[[Finding], str]) -> str:
+    """Every claim with its verdict and the numbers behind it."""
+    lines = []
+    for claim in claims:
+        found = claim.judge(rows)
+        lines.append([claim.source, claim.says, f"**{verdict(found)}**", found.figure])
+    return markdown(["source", "claim", "verdict", "measured"], lines)
 
 
 def pivot(
