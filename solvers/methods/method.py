@@ -21,6 +21,7 @@ from solvers.interface.prepare import Form
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.applicability import Applicability
 from solvers.newton.solution import OnStep, Solution, ignore
+from solvers.newton.surface_system import Flexibility
 from solvers.parallel.serialise import Plain
 from solvers.scene.problem import Problem
 from solvers.scene.settings import Solver
@@ -71,6 +72,10 @@ class Ready(ABC):
     def renewed(self, setup: Setup) -> Ready:
         """The method for the same bodies with other contact rows; data that depend on the bodies only are kept."""
         return self
+
+    def flexibility(self, surface: DelassusOperator) -> Flexibility | None:
+        """The approximate Delassus operator that the method has, if it has one."""
+        return None
 
     def snapshot(self) -> dict[str, Plain]:
         """What was learnt in earlier steps, as arrays and plain data; see `restore`."""

@@ -93,6 +93,9 @@ class Solution:
     law_error: float = (
         0.0  # contact-law residual that the method's approximation of the laws leaves, in energy norm [J^(1/2)]
     )
+    own_error: float | None = (
+        None  # what is left of approximate laws, energy norm [J^(1/2)]; None: laws are exact
+    )
     convergence: Convergence | None = None  # of methods that measure it
     slack: float = 1e-6  # part of the friction bound by which the traction of a slipping point may be smaller
 

@@ -15,6 +15,7 @@ class Counters:
     schur_size: int = 0  # c, order of the Schur complement on the contact dofs
     volume_solves: int = 0  # applications of K_B^-1 (of K_ii^-1 when the contact dofs are condensed)
     linear_iterations: int = 0  # of iterative linear solvers
+    error_solves: int = 0  # applications of K_B^-1 for error.iteration; not in volume_solves
     lanczos_applications: int = 0  # of K_B^-1 for lambda_max (Lanczos, power iteration); not in volume_solves
 
     def add(self, earlier: Counters) -> None:

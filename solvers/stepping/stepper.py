@@ -18,6 +18,7 @@ from solvers.interface.flexibility import Load
 from solvers.interface.limit_analysis import unbalanced_motion
 from solvers.interface.prepare import prepare_surface, trial_stiffness
 from solvers.interface.problem import SurfaceProblem
+from solvers.newton.correction import Correction, by_flexibility, by_schur_complement, exact_problem
 from solvers.newton.solution import Convergence, OnStep, Solution, Status, Step
 from solvers.stepping import failure
 from solvers.stepping.attempts import Attempts
@@ -314,7 +315,30 @@ class Stepper:
         previous = Previous(time=state.time, p=state.p) if end > state.time else None
         peak = max(state.peak, new.energy.stored)
         law_error = state.law_error + solution.law_error
-        return solution, problem, replace(new, previous=previous, law_error=law_error, peak=peak)
+        left = self._correction(problem, solution, state.correction or Correction.none(len(solution.p)), new.w)
+        return (
+            solution,
+            problem,
+            replace(new, previous=previous, law_error=law_error, peak=peak, correction=left),
+        )
+
+    def _correction(self, problem: SurfaceProblem, found: Solution, before: Correction, w: Array) -> Correction:
+        """From what the method found to the exact solution of the same substep and of all before; collective.
+
+        Args:
+            problem: that the method solved.
+            found: its solution.
+            before: the correction of the state that the substep starts from.
+            w: relative displacement (rows,) [m] of the displacement that was recovered.
+        """
+        if found.own_error is not None:
+            return replace(Correction.none(len(w)), size=before.size + found.own_error)
+        if not len(w) or problem.p_ref == 0:
+            return Correction.none(len(w))
+        exact = exact_problem(problem, before)
+        if self.stage.surface == "condensed":
+            return by_schur_complement(exact, found)
+        return by_flexibility(exact, self.attempts.flexibility(self.system, self.surface), found.p, w)
 
     def _first_tractions(self, state: State, end: float) -> Array:
         """Tractions (rows,) [Pa] that the iteration starts from: extrapolated, unless some load or motion turns.

@@ -85,6 +85,7 @@ def summary(
             "schur_size": counters.schur_size,
             "volume_solves": counters.volume_solves,
             "linear_iterations": counters.linear_iterations,
+            "error_solves": counters.error_solves,
             "lanczos_applications": counters.lanczos_applications,
             "coarse_mesh": attempts.coarse and {key: getattr(attempts.coarse.counters, key) for key in OF_COARSE},
         },

@@ -1,0 +1,142 @@
+"""From what an iteration returned to the exact solution of the same discrete problem: the correction is its error.
+
+Laws, mesh and step are the same; so is the history, followed by the exact solutions of all steps before. With the Schur
+complement of the bodies, Newton's method on the surface goes on from where the method has stopped. Otherwise Uzawa's
+iteration goes on in an approximate flexibility: one volume solve for each step of it, and what is left then is measured
+in that flexibility.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geometry.arrays import Array
+from solvers.interface.prepare import condensed
+from solvers.interface.problem import SurfaceProblem
+from solvers.metrics.secants import Secants
+from solvers.newton import condensed_system
+from solvers.newton.active_set import linearise
+from solvers.newton.semismooth import SemismoothNewton
+from solvers.newton.solution import Solution
+from solvers.newton.surface_model import nearest_in_cone
+from solvers.newton.surface_system import Flexibility
+
+ROUNDING = 1e-14  # natural residual that no correction makes smaller
+ENOUGH = 0.1  # of the first residual: the iterate that has it serves as the exact solution
+NEWTON_STEPS = 12  # from the final iterate, whose active set is nearly right; then all starts are tried
+MAX_IT = 300
+SOLVES = 4  # volume solves in a step, where the flexibility is approximate
+ACCURACY = 0.1  # of those, relative to the residual
+CONTRACTION = 0.5  # the last correction relative to all before, at which no further solve is made
+MARGIN = 1.5  # factor on a distance that is computed up to ENOUGH
+UNSURE = 3.0  # factor on a distance in the approximate flexibility
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Exact solution minus what the method returned."""
+
+    p: Array  # (rows,) p* - p [Pa]
+    w: Array  # (rows,) w* - w [m]
+    size: float  # upper estimate of the energy norm of u* - u [J^(1/2)]; nan: no exact solution was found
+
+    @classmethod
+    def none(cls, rows: int) -> Correction:
+        """No correction of that many rows."""
+        return cls(np.zeros(rows), np.zeros(rows), 0.0)
+
+
+def exact_problem(problem: SurfaceProblem, before: Correction) -> SurfaceProblem:
+    """The problem of a step as it is if all steps before were solved exactly: slip is counted from elsewhere.
+
+    Args:
+        problem: that the method has solved.
+        before: correction of the state that the step starts from.
+    """
+    n = problem.surface.normal_rows
+    shift = np.concatenate([np.zeros(n), (before.w - problem.cone.softness * before.p)[n:]])
+    return replace(problem, gap=problem.gap + shift) if shift.any() else problem
+
+
+def by_schur_complement(problem: SurfaceProblem, found: Solution) -> Correction:
+    """The correction by semismooth Newton with the Schur complement; no volume solve.
+
+    Args:
+        problem: see `exact_problem`.
+        found: what the method returned; its u_c is the displacement under its p.
+    """
+    residual = problem.natural_residual(found.p, found.w)
+    if residual <= ROUNDING:
+        return Correction.none(len(found.p))
+    goal = max(ENOUGH * residual, ROUNDING)
+    p, w = found.p, found.w
+    for _ in range(NEWTON_STEPS):
+        try:
+            p, u_c = condensed_system.solve(linearise(problem, p + problem.gamma * (w - problem.gap), problem.gamma))
+        except np.linalg.LinAlgError:
+            break
+        w = problem.relative_displacement(u_c)
+        if problem.natural_residual(p, w) <= goal:
+            return _between(problem, found, p, u_c)
+    counters = problem.surface.counters
+    solves = counters.volume_solves
+    newton = SemismoothNewton(rtol=goal, max_it=MAX_IT, linear=condensed_system.solve)
+    exact = newton(problem, found.p)
+    counters.error_solves += counters.volume_solves - solves
+    counters.volume_solves = solves
+    size = np.nan if exact.residual > goal else None
+    return _between(problem, found, exact.p, exact.u_c, size)
+
+
+def _between(problem: SurfaceProblem, found: Solution, p: Array, u_c: Array, size: float | None = None) -> Correction:
+    """The correction to tractions p (rows,) [Pa] and contact displacement u_c (c,) [m]."""
+    moved = u_c - found.u_c
+    if size is None:
+        S = condensed(problem.surface).S
+        size = MARGIN * float(np.sqrt(max(float(moved @ S @ moved), 0.0)))
+    return Correction(p - found.p, problem.relative_displacement(u_c) - found.w, size)
+
+
+def by_flexibility(problem: SurfaceProblem, known: Flexibility, p: Array, w: Array) -> Correction:
+    """The correction by Uzawa's iteration in an approximate flexibility; collective.
+
+    Args:
+        problem: see `exact_problem`.
+        known: the approximate flexibility; what is learnt here is not added to it.
+        p: tractions (rows,) [Pa].
+        w: their relative displacement (rows,) [m].
+    """
+    surface = problem.surface
+    residual = problem.natural_residual(p, w)
+    if residual <= ROUNDING:
+        return Correction.none(len(p))
+    nothing = surface.R[:, :0]
+    learning = Secants(known.F, nothing, nothing)
+    at, w_at, motion, size = p, w, np.zeros(surface.size), 0.0
+    counters = surface.counters
+    solves = counters.volume_solves, counters.linear_iterations
+    for k in range(SOLVES + 1):
+        flexibility = Flexibility(surface=surface, F=learning, metric=known.metric)
+        nearer = nearest_in_cone(problem, flexibility, at, w_at, residual)
+        if surface.agreed(nearer is None):
+            size = np.nan
+            break
+        assert nearer is not None
+        force = surface.agreed(surface.forces(at - nearer.p))
+        guessed = float(np.sqrt(max(float(force @ learning(force)), 0.0)))
+        moved = w_at - flexibility(nearer.p - at)
+        if k == SOLVES or surface.agreed(k > 0 and guessed <= CONTRACTION * size):
+            at, w_at, size = nearer.p, moved + surface.N @ (surface.R @ nearer.b), size + UNSURE * guessed
+            break
+        u = surface.displacement(force, ACCURACY * residual * problem.u_ref)
+        learning.learn(force, u)
+        motion = motion + u
+        forces = surface.forces(p - nearer.p)
+        at, w_at = nearer.p, w_at + surface.N @ (u + surface.R @ nearer.b)
+        size = float(np.sqrt(max(float(forces @ motion), 0.0)))
+        residual = problem.natural_residual(at, w_at)
+    counters.error_solves += counters.volume_solves - solves[0]
+    counters.volume_solves, counters.linear_iterations = solves
+    return Correction(at - p, w_at - w, size)
