@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -16,7 +17,8 @@ from solvers.interface.problem import SurfaceProblem
 from solvers.methods.applicability import Applicability
 from solvers.methods.contact_element import STICK, Answer, ContactElements, kept, penalties
 from solvers.methods.method import Method, Ready, SameEveryStep, Setup
-from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
+from solvers.newton.correction import ENOUGH, MARGIN, ROUNDING, elastic_norm, exact_problem
+from solvers.newton.solution import Correction, OnStep, Solution, Status, Step, ignore
 from solvers.system.system import System
 
 FACTOR = 10.0  # from one level of ω to the next
@@ -113,7 +115,17 @@ class OnSprings(SameEveryStep):
         found, w = newton.Sigma / problem.surface.W, problem.relative_displacement(newton.u_c)
         residual = problem.natural_residual(found, w)
         error = least_energy(problem, (found - p) / self.omega)
-        return Solution(found, w, newton.u_c, status, residual, tuple(newton.history), law_error=error)
+        history = tuple(newton.history)
+        return Solution(
+            found,
+            w,
+            newton.u_c,
+            status,
+            residual,
+            history,
+            law_error=error,
+            correct=partial(newton.left, self.omega, p),
+        )
 
     def _path(self, problem: SurfaceProblem) -> Array:
         """Levels: flexibilities h (levels,) added to 1/ω, relative to 1/gamma of the bodies; decreasing to 0."""
@@ -196,6 +208,19 @@ class Newton:
                 return Status.MAX_IT
             self._advance(elements)
         return Status.STALLED
+
+    def left(self, omega: Array, p_old: Array, before: Correction) -> Correction:
+        """From the current state to the solution with these penalties; see `follow`.
+
+        Args:
+            before: the correction of the step before.
+        """
+        exact = exact_problem(self.problem, before)
+        further = Newton(exact, NEWTON_STEPS, ignore, self.u_c, self.Sigma)
+        further.solve(omega, p_old + before.p, max(ENOUGH * self.history[-1].residual, ROUNDING))
+        moved, force = further.u_c - self.u_c, further.Sigma - self.Sigma
+        w, size = self.problem.surface.N @ moved, MARGIN * elastic_norm(self.problem, moved)
+        return Correction(force / self.problem.surface.W, w, size)
 
     def _balanced(self, elements: ContactElements) -> bool:
         """Whether R_U is zero, as the natural residual assumes; a nearly singular solve may leave a force."""

@@ -8,7 +8,7 @@ in that flexibility.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from solvers.metrics.secants import Secants
 from solvers.newton import condensed_system
 from solvers.newton.active_set import linearise
 from solvers.newton.semismooth import SemismoothNewton
-from solvers.newton.solution import Solution
+from solvers.newton.solution import Correction, Solution
 from solvers.newton.surface_model import nearest_in_cone
 from solvers.newton.surface_system import Flexibility
 
@@ -32,20 +32,6 @@ ACCURACY = 0.1  # of those, relative to the residual
 CONTRACTION = 0.5  # the last correction relative to all before, at which no further solve is made
 MARGIN = 1.5  # factor on a distance that is computed up to ENOUGH
 UNSURE = 3.0  # factor on a distance in the approximate flexibility
-
-
-@dataclass(frozen=True)
-class Correction:
-    """Exact solution minus what the method returned."""
-
-    p: Array  # (rows,) p* - p [Pa]
-    w: Array  # (rows,) w* - w [m]
-    size: float  # upper estimate of the energy norm of u* - u [J^(1/2)]; nan: no exact solution was found
-
-    @classmethod
-    def none(cls, rows: int) -> Correction:
-        """No correction of that many rows."""
-        return cls(np.zeros(rows), np.zeros(rows), 0.0)
 
 
 def exact_problem(problem: SurfaceProblem, before: Correction) -> SurfaceProblem:
@@ -94,9 +80,13 @@ def _between(problem: SurfaceProblem, found: Solution, p: Array, u_c: Array, siz
     """The correction to tractions p (rows,) [Pa] and contact displacement u_c (c,) [m]."""
     moved = u_c - found.u_c
     if size is None:
-        S = condensed(problem.surface).S
-        size = MARGIN * float(np.sqrt(max(float(moved @ S @ moved), 0.0)))
+        size = MARGIN * elastic_norm(problem, moved)
     return Correction(p - found.p, problem.relative_displacement(u_c) - found.w, size)
+
+
+def elastic_norm(problem: SurfaceProblem, u_c: Array) -> float:
+    """Energy norm [J^(1/2)] of a displacement u_c (c,) [m] of the contact dofs that no other force causes."""
+    return float(np.sqrt(max(float(u_c @ condensed(problem.surface).S @ u_c), 0.0)))
 
 
 def by_flexibility(problem: SurfaceProblem, known: Flexibility, p: Array, w: Array) -> Correction:
@@ -135,7 +125,7 @@ def by_flexibility(problem: SurfaceProblem, known: Flexibility, p: Array, w: Arr
         motion = motion + u
         forces = surface.forces(p - nearer.p)
         at, w_at = nearer.p, w_at + surface.N @ (u + surface.R @ nearer.b)
-        size = float(np.sqrt(max(float(forces @ motion), 0.0)))
+        size = MARGIN * float(np.sqrt(max(float(forces @ motion), 0.0)))
         residual = problem.natural_residual(at, w_at)
     counters.error_solves += counters.volume_solves - solves[0]
     counters.volume_solves, counters.linear_iterations = solves

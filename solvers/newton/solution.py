@@ -78,6 +78,20 @@ class Convergence:
 
 
 @dataclass(frozen=True)
+class Correction:
+    """Exact solution minus what the method returned."""
+
+    p: Array  # (rows,) p* - p [Pa]
+    w: Array  # (rows,) w* - w [m]
+    size: float  # upper estimate of the energy norm of u* - u [J^(1/2)]; nan: no exact solution was found
+
+    @classmethod
+    def none(cls, rows: int) -> Correction:
+        """No correction of that many rows."""
+        return cls(np.zeros(rows), np.zeros(rows), 0.0)
+
+
+@dataclass(frozen=True)
 class Solution:
     """Tractions p (rows,) [Pa] and relative displacement w (rows,) [m], flat as in `SurfaceProblem`, and u_c (c,) [m].
 
@@ -93,8 +107,8 @@ class Solution:
     law_error: float = (
         0.0  # contact-law residual that the method's approximation of the laws leaves, in energy norm [J^(1/2)]
     )
-    own_error: float | None = (
-        None  # what is left of approximate laws, energy norm [J^(1/2)]; None: laws are exact
+    correct: Callable[[Correction], Correction] | None = (
+        None  # with approximate laws: from the correction of the step before
     )
     convergence: Convergence | None = None  # of methods that measure it
     slack: float = 1e-6  # part of the friction bound by which the traction of a slipping point may be smaller

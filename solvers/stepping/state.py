@@ -10,7 +10,7 @@ import numpy as np
 from geometry.arrays import Array
 from geometry.protocols import Vec
 from solvers.contact.rows import ContactRows
-from solvers.newton.correction import Correction
+from solvers.newton.solution import Correction
 
 
 @dataclass(frozen=True)
