@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -96,14 +95,43 @@ class OnSprings(SameEveryStep):
         if problem.p_ref == 0 or not len(p):  # no load and no motion, or no contact rows
             w = problem.relative_displacement(u_c)
             return Solution(p, w, u_c, Status.CONVERGED, 0.0, ())
-        newton = Newton(problem, self.method.max_it, on_step, u_c, problem.surface.W * p)
+        start = u_c, problem.surface.W * p
+        newton = Newton(problem, self.method.max_it, on_step, *start)
+        status = self._harden(newton, p, self.method.rtol)
+        found, w = newton.Sigma / problem.surface.W, problem.relative_displacement(newton.u_c)
+        residual = problem.natural_residual(found, w)
+        error = least_energy(problem, (found - p) / self.omega)
+
+        def correct(before: Correction) -> Correction:
+            """Newton's method goes on at the final ω; if it stalls, all levels are solved to the smaller tolerance."""
+            exact, p_old, rtol = exact_problem(problem, before), p + before.p, max(ENOUGH * newton.residual, ROUNDING)
+            further = Newton(exact, NEWTON_STEPS, ignore, newton.u_c, newton.Sigma)
+            ended = further.solve(self.omega, p_old, rtol)
+            if ended is not Status.CONVERGED:
+                further = Newton(exact, self.method.max_it, ignore, *start)
+                ended = self._harden(further, p_old, rtol)
+            moved, force = further.u_c - newton.u_c, further.Sigma - newton.Sigma
+            size = MARGIN * elastic_norm(problem, moved) if ended is Status.CONVERGED else np.nan
+            return Correction(force / problem.surface.W, problem.surface.N @ moved, size)
+
+        history = tuple(newton.history)
+        return Solution(found, w, newton.u_c, status, residual, history, law_error=error, correct=correct)
+
+    def _harden(self, newton: Newton, p_old: Array, rtol: float) -> Status:
+        """Solve level by level up to the final ω.
+
+        Args:
+            newton: state of the iteration, at the start of the step.
+            p_old: tractions (rows,) [Pa] of the last accepted step.
+            rtol: tolerance on the natural residual at the final ω, relative to p_ref.
+        """
+        problem = newton.problem
         path, detours = list(self._path(problem)), DETOURS
-        if floating:
-            newton.bond(self._softened(path[0], problem), p)
+        if problem.surface.floating:
+            newton.bond(self._softened(path[0], problem), p_old)
         while path:
             h = path[0]
-            rtol = self.method.rtol if h == 0 else max(self.method.rtol, START)
-            status = newton.follow(h, self._softened(h, problem), p, rtol)
+            status = newton.follow(h, self._softened(h, problem), p_old, rtol if h == 0 else max(rtol, START))
             if status is Status.STALLED and newton.reached and detours:
                 detours -= 1
                 before = newton.reached[-1][0]
@@ -112,20 +140,7 @@ class OnSprings(SameEveryStep):
             if status is not Status.CONVERGED:
                 break
             path.pop(0)
-        found, w = newton.Sigma / problem.surface.W, problem.relative_displacement(newton.u_c)
-        residual = problem.natural_residual(found, w)
-        error = least_energy(problem, (found - p) / self.omega)
-        history = tuple(newton.history)
-        return Solution(
-            found,
-            w,
-            newton.u_c,
-            status,
-            residual,
-            history,
-            law_error=error,
-            correct=partial(newton.left, self.omega, p),
-        )
+        return status
 
     def _path(self, problem: SurfaceProblem) -> Array:
         """Levels: flexibilities h (levels,) added to 1/ω, relative to 1/gamma of the bodies; decreasing to 0."""
@@ -209,18 +224,10 @@ class Newton:
             self._advance(elements)
         return Status.STALLED
 
-    def left(self, omega: Array, p_old: Array, before: Correction) -> Correction:
-        """From the current state to the solution with these penalties; see `follow`.
-
-        Args:
-            before: the correction of the step before.
-        """
-        exact = exact_problem(self.problem, before)
-        further = Newton(exact, NEWTON_STEPS, ignore, self.u_c, self.Sigma)
-        further.solve(omega, p_old + before.p, max(ENOUGH * self.history[-1].residual, ROUNDING))
-        moved, force = further.u_c - self.u_c, further.Sigma - self.Sigma
-        w, size = self.problem.surface.N @ moved, MARGIN * elastic_norm(self.problem, moved)
-        return Correction(force / self.problem.surface.W, w, size)
+    @property
+    def residual(self) -> float:
+        """Natural residual of the current state, without the extension of the springs."""
+        return self.history[-1].residual
 
     def _balanced(self, elements: ContactElements) -> bool:
         """Whether R_U is zero, as the natural residual assumes; a nearly singular solve may leave a force."""

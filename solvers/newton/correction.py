@@ -24,12 +24,12 @@ from solvers.newton.surface_model import nearest_in_cone
 from solvers.newton.surface_system import Flexibility
 
 ROUNDING = 1e-14  # natural residual that no correction makes smaller
-ENOUGH = 0.1  # of the first residual: the iterate that has it serves as the exact solution
+ENOUGH = 0.01  # of the first residual: the iterate that has it serves as the exact solution
 NEWTON_STEPS = 12  # from the final iterate, whose active set is nearly right; then all starts are tried
 MAX_IT = 300
-SOLVES = 4  # volume solves in a step, where the flexibility is approximate
+SOLVES = 8  # volume solves in a step, where the flexibility is approximate
 ACCURACY = 0.1  # of those, relative to the residual
-CONTRACTION = 0.5  # the last correction relative to all before, at which no further solve is made
+CONTRACTION = 0.2  # the last correction relative to all before, at which no further solve is made
 MARGIN = 1.5  # factor on a distance that is computed up to ENOUGH
 UNSURE = 3.0  # factor on a distance in the approximate flexibility
 

@@ -107,9 +107,7 @@ class Solution:
     law_error: float = (
         0.0  # contact-law residual that the method's approximation of the laws leaves, in energy norm [J^(1/2)]
     )
-    correct: Callable[[Correction], Correction] | None = (
-        None  # with approximate laws: from the correction of the step before
-    )
+    correct: Callable[[Correction], Correction] | None = None  # of approximate laws; takes that of the step before
     convergence: Convergence | None = None  # of methods that measure it
     slack: float = 1e-6  # part of the friction bound by which the traction of a slipping point may be smaller
 

@@ -240,7 +240,7 @@ def test_a_residual_that_is_no_number_is_never_the_best(
     simulation = simulation_of(pressed(scene_of, 2, 8, 0.3))
     problem = simulation.stepper.reach(simulation.stepper.start(), 1.0, lambda row: None).problem
     method, p = LearningIteration(metric=surface_metric(simulation.system)), np.zeros(problem.cone.size)
-    F = method._flexibility(problem.surface)
+    F = method._F(problem.surface)
     flexibility = surface_system.Flexibility(surface=problem.surface, F=F, metric=method.metric)
     w = problem.offset + problem.surface.N @ problem.load.free
     model = SurfaceModel(problem=problem, flexibility=flexibility, p=p, w=w)
