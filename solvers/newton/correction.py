@@ -24,13 +24,16 @@ from solvers.newton.surface_model import nearest_in_cone
 from solvers.newton.surface_system import Flexibility
 
 ROUNDING = 1e-14  # natural residual that no correction makes smaller
-ENOUGH = 0.01  # of the first residual: the iterate that has it serves as the exact solution
+FLOOR = (
+    1e-12  # rounding of a displacement, relative, in the energy norm: exact solutions of ready scenes differ by less
+)
+ENOUGH = 0.01  # part of the first residual, or of the correction, that may be left in what serves as the exact solution
 NEWTON_STEPS = 12  # from the final iterate, whose active set is nearly right; then all starts are tried
 MAX_IT = 300
-SOLVES = 8  # volume solves in a step, where the flexibility is approximate
+SOLVES = 8  # largest number of volume solves in a step, where the flexibility is approximate; one or two are usual
 ACCURACY = 0.1  # of those, relative to the residual
 CONTRACTION = 0.2  # the last correction relative to all before, at which no further solve is made
-MARGIN = 1.5  # factor on a distance that is computed up to ENOUGH
+MARGIN = 1.5  # factor on a distance that is known up to a small part
 UNSURE = 3.0  # factor on a distance in the approximate flexibility
 
 
@@ -57,31 +60,42 @@ def by_schur_complement(problem: SurfaceProblem, found: Solution) -> Correction:
     if residual <= ROUNDING:
         return Correction.none(len(found.p))
     goal = max(ENOUGH * residual, ROUNDING)
-    p, w = found.p, found.w
+    exact = _newton(problem, found, goal) or _from_all_starts(problem, found.p, goal)
+    if exact is None:
+        return replace(Correction.none(len(found.p)), size=np.nan)
+    p, u_c = exact
+    w = problem.relative_displacement(u_c)
+    return Correction(p - found.p, w - found.w, MARGIN * elastic_norm(problem, u_c - found.u_c))
+
+
+def _newton(problem: SurfaceProblem, found: Solution, goal: float) -> tuple[Array, Array] | None:
+    """Tractions (rows,) [Pa] and contact displacement (c,) [m] by Newton's method from `found`; None if it fails.
+
+    Newton's iterate is exact if its residual is small, or if it repeats itself: the residual alone may end in rounding.
+    """
+    p, u_c, gamma = found.p, found.u_c, problem.gamma
+    negligible = FLOOR * elastic_norm(problem, u_c)
     for _ in range(NEWTON_STEPS):
+        before, p_hat = u_c, p + gamma * (problem.relative_displacement(u_c) - problem.gap)
         try:
-            p, u_c = condensed_system.solve(linearise(problem, p + problem.gamma * (w - problem.gap), problem.gamma))
+            p, u_c = condensed_system.solve(linearise(problem, p_hat, gamma))
         except np.linalg.LinAlgError:
-            break
-        w = problem.relative_displacement(u_c)
-        if problem.natural_residual(p, w) <= goal:
-            return _between(problem, found, p, u_c)
+            return None
+        if problem.natural_residual(p, problem.relative_displacement(u_c)) <= goal:
+            return p, u_c
+        if elastic_norm(problem, u_c - before) <= max(negligible, ENOUGH * elastic_norm(problem, u_c - found.u_c)):
+            return p, u_c
+    return None
+
+
+def _from_all_starts(problem: SurfaceProblem, p: Array, goal: float) -> tuple[Array, Array] | None:
+    """The same by `SemismoothNewton` from tractions p (rows,) [Pa], whose volume solves are counted apart."""
     counters = problem.surface.counters
     solves = counters.volume_solves
-    newton = SemismoothNewton(rtol=goal, max_it=MAX_IT, linear=condensed_system.solve)
-    exact = newton(problem, found.p)
+    exact = SemismoothNewton(rtol=goal, max_it=MAX_IT, linear=condensed_system.solve)(problem, p)
     counters.error_solves += counters.volume_solves - solves
     counters.volume_solves = solves
-    size = np.nan if exact.residual > goal else None
-    return _between(problem, found, exact.p, exact.u_c, size)
-
-
-def _between(problem: SurfaceProblem, found: Solution, p: Array, u_c: Array, size: float | None = None) -> Correction:
-    """The correction to tractions p (rows,) [Pa] and contact displacement u_c (c,) [m]."""
-    moved = u_c - found.u_c
-    if size is None:
-        size = MARGIN * elastic_norm(problem, moved)
-    return Correction(p - found.p, problem.relative_displacement(u_c) - found.w, size)
+    return (exact.p, exact.u_c) if exact.residual <= goal else None
 
 
 def elastic_norm(problem: SurfaceProblem, u_c: Array) -> float:
@@ -109,15 +123,14 @@ def by_flexibility(problem: SurfaceProblem, known: Flexibility, p: Array, w: Arr
     solves = counters.volume_solves, counters.linear_iterations
     for k in range(SOLVES + 1):
         flexibility = Flexibility(surface=surface, F=learning, metric=known.metric)
-        nearer = nearest_in_cone(problem, flexibility, at, w_at, residual)
-        if surface.agreed(nearer is None):
+        nearer = surface.agreed(nearest_in_cone(problem, flexibility, at, w_at, residual))
+        if nearer is None:
             size = np.nan
             break
-        assert nearer is not None
-        force = surface.agreed(surface.forces(at - nearer.p))
+        force = surface.forces(at - nearer.p)
         guessed = float(np.sqrt(max(float(force @ learning(force)), 0.0)))
         moved = w_at - flexibility(nearer.p - at)
-        if k == SOLVES or surface.agreed(k > 0 and guessed <= CONTRACTION * size):
+        if surface.agreed(k == SOLVES or (k > 0 and guessed <= CONTRACTION * size)):
             at, w_at, size = nearer.p, moved + surface.N @ (surface.R @ nearer.b), size + UNSURE * guessed
             break
         u = surface.displacement(force, ACCURACY * residual * problem.u_ref)

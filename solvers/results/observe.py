@@ -15,6 +15,7 @@ from geometry.mesh.mesh import Mesh
 from geometry.protocols import Vec
 from solvers.contact.rows import ContactRows
 from solvers.effects import active
+from solvers.newton.correction import FLOOR
 from solvers.parallel.gather import Gather, cells_of, nodes_of
 from solvers.results.step_result import (
     OPEN,
@@ -32,7 +33,6 @@ from solvers.stepping.state import State
 from solvers.stepping.stepper import Accepted, Stepper
 from solvers.system.system import System
 
-FLOOR = 1e-12  # rounding of a displacement, energy norm, relative
 LINEAR = 4.0  # the error of conjugate gradients is estimated from below; measured up to 3.7 times too small
 
 

@@ -93,7 +93,7 @@ def summary(
         "error": {
             "discretisation": None,
             "law": max((step.law_error for step in steps), default=None),
-            "iteration": max((step.iteration_error for step in steps), default=None),
+            "iteration": float(np.max([step.iteration_error for step in steps])) if steps else None,
             "linear_solver": max((step.linear_error for step in steps), default=None),
             "what": "relative, energy norm",
         },
