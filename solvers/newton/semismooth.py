@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.arrays import Array
 from solvers.interface.problem import SurfaceProblem
+from solvers.newton import path
 from solvers.newton.active_set import ActiveSet, linearise
 from solvers.newton.line_search import LineSearch
 from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
@@ -62,8 +63,10 @@ def _attempts(problem: SurfaceProblem, p: Array, run: _Run) -> Iterator[tuple[St
         yield start, None
     for proximal in FIRM:
         yield firsts[-1], proximal
+    assert run.best is not None
+    for start in path.ends(problem, p, run.best):
+        yield start, None
     for proximal in FIRMER:
-        assert run.best is not None
         yield again(problem, run.best), proximal
     for start in other_starts(problem, p):
         yield start, None
