@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -29,7 +28,7 @@ from solvers.interface.prepare import condensed
 from solvers.interface.problem import SurfaceProblem
 from solvers.interface.schur_complement import CondensedSurface
 from solvers.newton.solution import Solution
-from solvers.newton.starts import Start
+from solvers.newton.starts import Start, closed
 
 OPEN, CLOSED = 0, 1  # states of normal rows
 DEAD, STICK, FORWARD, BACKWARD = 2, 3, 4, 5  # states of tangential rows; dead: the friction bound is zero or less
@@ -59,43 +58,55 @@ def applies(problem: SurfaceProblem) -> bool:
 
 
 def ends(problem: SurfaceProblem, p: Array, best: Solution) -> Iterator[Start]:
-    """Ends of paths from the best iterate, from the tractions p (rows,) [Pa] of the last step, and from all open."""
+    """Ends of paths from the best iterate, the tractions p (rows,) [Pa] of the last step, all closed, and all open."""
     if not applies(problem):
         return
-    paths = [partial(path_from, problem, at, best.u_c, kinks) for kinks in KINKS for at in (best.p, p)]
+    nowhere = np.zeros_like(best.u_c)
+    for attempt, kinks in enumerate(KINKS):
+        for at, u_c in ((best.p, best.u_c), (p, best.u_c), (closed(problem), nowhere)):
+            yield from path_from(problem, at, u_c, kinks, seed=attempt)
     if not problem.surface.floating:
-        paths.append(partial(path_from_open, problem, MOST_KINKS))
-    for path in paths:
-        try:
-            found = path()
-        except np.linalg.LinAlgError:  # it starts at a kink, or where nothing holds a body
-            continue
-        if found is not None:
-            yield found
+        yield from path_from_open(problem, MOST_KINKS)
 
 
-def path_from(problem: SurfaceProblem, p: Array, u_c: Array, kinks: int) -> Start | None:
-    """Follow H = F - s F(z_0) from tractions p (rows,) [Pa] and displacement u_c (c,) [m]; at most that many kinks."""
+def path_from(problem: SurfaceProblem, p: Array, u_c: Array, kinks: int, seed: int = 0) -> Iterator[Start]:
+    """The end of the path H = F - s F(z_0), if it arrives.
+
+    Args:
+        problem: the contact problem of the step.
+        p: tractions (rows,) [Pa] of z_0.
+        u_c: displacement (c,) [m] of z_0; of it only the rigid motions matter.
+        kinks: their largest number.
+        seed: of the perturbation of z_0.
+    """
     maps = _Map.of(problem)
-    away = PERTURBATION * problem.p_ref * np.random.default_rng(0).standard_normal(len(p))
+    away = PERTURBATION * problem.p_ref * np.random.default_rng(seed).standard_normal(len(p))
     p = np.where(problem.cone.carrying, p + away, 0.0)
-    return _Path(maps, p, problem.surface.R.T @ u_c, wider=np.zeros(len(p))).follow(kinks)
+    yield from _follow(maps, p, problem.surface.R.T @ u_c, np.zeros_like(p), kinks)
 
 
-def path_from_open(problem: SurfaceProblem, kinks: int) -> Start | None:
-    """Follow H = F with gaps wider by s D from all rows open (Lemke's method); bodies that supports hold.
+def path_from_open(problem: SurfaceProblem, kinks: int) -> Iterator[Start]:
+    """The end of the path H = F with gaps wider by s D, from all rows open, for bodies that supports hold.
 
-    Returns:
-        None after too many kinks.
+    It arrives, but perhaps after more `kinks` than are allowed.
     """
     maps, zero, n = _Map.of(problem), np.zeros(len(problem.gap)), problem.surface.normal_rows
     closing = (maps.w_0 - problem.gap)[:n]
     if np.any(maps.two_sided):
-        return None
+        return
     room = max(float(closing.max(initial=0.0)), 0.0) + problem.p_ref / float(problem.gamma.max())
     wider = zero.copy()
     wider[:n] = room * (1 + 0.1 * np.random.default_rng(0).random(n))
-    return _Path(maps, zero, np.zeros(0), wider).follow(kinks)
+    yield from _follow(maps, zero, np.zeros(0), wider, kinks)
+
+
+def _follow(maps: _Map, p: Array, b: Array, wider: Array, kinks: int) -> Iterator[Start]:
+    try:
+        found = _Path(maps, p, b, wider).follow(kinks)
+    except np.linalg.LinAlgError:  # it starts where a row is at a kink, or where nothing holds a body
+        return
+    if found is not None:
+        yield found
 
 
 @dataclass(frozen=True, kw_only=True)

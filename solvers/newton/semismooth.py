@@ -99,7 +99,9 @@ class _Run:
                 residual = self._judge(p, w, u_c, first=k)
                 if self.over or not np.isfinite(residual):
                     return
-                if k > 0 and (proximal is not None and stalled(k, residual) or (proximal is None and _repeats(p, visited))):
+                if k > 0 and (
+                    proximal is not None and stalled(k, residual) or (proximal is None and _repeats(p, visited))
+                ):
                     return
                 visited.append(p)
             solved = self._solve(p_hat, held, gamma, p, proximal * min(1.0, residual) if proximal and known else None)

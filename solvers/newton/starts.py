@@ -56,7 +56,7 @@ def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     else:
         if p.any():
             yield Start.as_if(problem, p, p)
-        yield Start.as_if(problem, p, _closed(problem))
+        yield Start.as_if(problem, p, closed(problem))
         yield from _balanced(problem)
 
 
@@ -74,7 +74,7 @@ def other_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
         for tractions in [] if floating else [zero] if factor == 1.0 else [p, zero]:
             if tractions is p or p.any():
                 yield Start.at(problem, tractions, problem.contact_displacement(tractions), factor)
-        yield Start.as_if(problem, p, _closed(problem), factor)
+        yield Start.as_if(problem, p, closed(problem), factor)
         if floating:
             yield from _balanced(problem, factor)
 
@@ -84,7 +84,7 @@ def again(problem: SurfaceProblem, best: Solution) -> Start:
     return Start.at(problem, best.p, best.u_c)
 
 
-def _closed(problem: SurfaceProblem) -> Array:
+def closed(problem: SurfaceProblem) -> Array:
     """Tractions (rows,) [Pa] under which all points are closed and stick."""
     normal = problem.surface.normal_rows
     return np.concatenate([np.full(normal, problem.p_ref), np.zeros(len(problem.gap) - normal)])
