@@ -91,7 +91,7 @@ class LearningIteration(SameEveryStep):
                 break
             if k == self.max_it:
                 break
-            metric = self.flexibility(surface)
+            metric = Flexibility(surface=surface, F=F, metric=self.metric)
             found = nearest_in_cone(problem, metric, p, w, max(residual, self.rtol))
             if found is None:
                 status = Status.NO_HOLD

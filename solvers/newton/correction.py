@@ -31,7 +31,7 @@ ENOUGH = 0.01  # part of the first residual, or of the correction, that may be l
 NEWTON_STEPS = 12  # from the final iterate, whose active set is nearly right; then all starts are tried
 MAX_IT = 300
 SOLVES = 8  # largest number of volume solves in a step, where the flexibility is approximate; one or two are usual
-ACCURACY = 0.1  # of those, relative to the residual
+ACCURACY = 0.1  # of those, relative to the displacement that is expected
 CONTRACTION = 0.2  # the last correction relative to all before, at which no further solve is made
 MARGIN = 1.5  # factor on a distance that is known up to a small part
 UNSURE = 3.0  # factor on a distance in the approximate flexibility
@@ -103,7 +103,7 @@ def elastic_norm(problem: SurfaceProblem, u_c: Array) -> float:
     return float(np.sqrt(max(float(u_c @ condensed(problem.surface).S @ u_c), 0.0)))
 
 
-def by_flexibility(problem: SurfaceProblem, known: Flexibility, p: Array, w: Array) -> Correction:
+def by_flexibility(problem: SurfaceProblem, known: Flexibility, p: Array, w: Array, most: int = SOLVES) -> Correction:
     """The correction by Uzawa's iteration in an approximate flexibility; collective.
 
     Args:
@@ -111,6 +111,7 @@ def by_flexibility(problem: SurfaceProblem, known: Flexibility, p: Array, w: Arr
         known: the approximate flexibility; what is learnt here is not added to it.
         p: tractions (rows,) [Pa].
         w: their relative displacement (rows,) [m].
+        most: largest number of volume solves; 0: only the approximate flexibility is used.
     """
     surface = problem.surface
     residual = problem.natural_residual(p, w)
@@ -121,19 +122,20 @@ def by_flexibility(problem: SurfaceProblem, known: Flexibility, p: Array, w: Arr
     at, w_at, motion, size = p, w, np.zeros(surface.size), 0.0
     counters = surface.counters
     solves = counters.volume_solves, counters.linear_iterations
-    for k in range(SOLVES + 1):
+    for k in range(most + 1):
         flexibility = Flexibility(surface=surface, F=learning, metric=known.metric)
         nearer = surface.agreed(nearest_in_cone(problem, flexibility, at, w_at, residual))
         if nearer is None:
             size = np.nan
             break
         force = surface.forces(at - nearer.p)
-        guessed = float(np.sqrt(max(float(force @ learning(force)), 0.0)))
+        u = learning(force)
+        guessed = float(np.sqrt(max(float(force @ u), 0.0)))
         moved = w_at - flexibility(nearer.p - at)
-        if surface.agreed(k == SOLVES or (k > 0 and guessed <= CONTRACTION * size)):
+        if surface.agreed(k == most or (k > 0 and guessed <= CONTRACTION * size)):
             at, w_at, size = nearer.p, moved + surface.N @ (surface.R @ nearer.b), size + UNSURE * guessed
             break
-        u = surface.displacement(force, ACCURACY * residual * problem.u_ref)
+        u = surface.displacement(force, ACCURACY * float(np.abs(u).max(initial=0.0)))
         learning.learn(force, u)
         motion = motion + u
         forces = surface.forces(p - nearer.p)

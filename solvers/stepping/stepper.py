@@ -18,7 +18,7 @@ from solvers.interface.flexibility import Load
 from solvers.interface.limit_analysis import unbalanced_motion
 from solvers.interface.prepare import prepare_surface, trial_stiffness
 from solvers.interface.problem import SurfaceProblem
-from solvers.newton.correction import by_flexibility, by_schur_complement, exact_problem
+from solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
 from solvers.newton.solution import Convergence, Correction, OnStep, Solution, Status, Step
 from solvers.stepping import failure
 from solvers.stepping.attempts import Attempts
@@ -340,7 +340,9 @@ class Stepper:
         elif self.stage.surface == "condensed":
             left = by_schur_complement(exact, found)
         else:
-            left = by_flexibility(exact, self.attempts.flexibility(self.system, self.surface), found.p, w)
+            # the uncondensed form solves floating bodies on springs: that is no response of theirs
+            most = 0 if self.stage.surface == "sparse" and self.surface.floating else SOLVES
+            left = by_flexibility(exact, self.attempts.flexibility(self.system, self.surface), found.p, w, most)
         return replace(left, size=left.size + PAIRS * before.size) if self.searched else left
 
     def _first_tractions(self, state: State, end: float) -> Array:
