@@ -24,9 +24,7 @@ from solvers.newton.surface_model import nearest_in_cone
 from solvers.newton.surface_system import Flexibility
 
 ROUNDING = 1e-14  # natural residual that no correction makes smaller
-FLOOR = (
-    1e-12  # rounding of a displacement, relative, in the energy norm: exact solutions of ready scenes differ by less
-)
+FLOOR = 1e-12  # rounding of a displacement, relative, in the energy norm; two exact solutions differ by less
 ENOUGH = 0.01  # part of the first residual, or of the correction, that may be left in what serves as the exact solution
 NEWTON_STEPS = 12  # from the final iterate, whose active set is nearly right; then all starts are tried
 MAX_IT = 300
