@@ -31,6 +31,7 @@ STRICT = 1e-5  # limit of the residual relative to the largest traction that the
 AGREEMENT = 1e-3  # of forces and displacements, relative to the largest: tolerance times condition
 TWIN = 1e-5  # of a twin's forces and displacements
 EVEN = 0.1  # share by which a twin's iterations may differ: rounding decides ties
+OWN = Scale()
 
 
 class Outcome(Enum):
@@ -50,7 +51,7 @@ class Verdict:
 
     outcome: Outcome
     reason: str = ""
-    held: bool = True  # by supports alone
+    held: bool = True  # by supports alone: neither a body nor an obstacle follows from forces
     iterations: int = 0
     seconds: float = 0.0  # of the run itself, without the other judges
     second: str = ""  # what the second opinion is: a method's name and its word
@@ -100,7 +101,9 @@ class Solved:
         }
 
     def nodal(self) -> Array:
-        """Nodal contact forces B^T p (steps, k) [N]."""
+        """Nodal contact forces B^T p (steps, k) [N]; none where contact slides, for its rows are others in each step."""
+        if any(step.searched for step in self.steps):
+            return np.zeros((0, 0))
         return np.array([self.simulation.stepper.surface.forces(step.p) for step in self.steps])
 
 
@@ -122,7 +125,7 @@ def _record(step: StepResult) -> Record:
 def _resultants(step: StepResult) -> Array:
     found = [np.append(c.force, [c.normal_force, c.tangential_force]) for c in step.contacts.values()]
     found += [force for force, _ in step.supports.values()]
-    return np.abs(np.concatenate([np.zeros(1), *found]))
+    return np.asarray(np.abs(np.concatenate([np.zeros(1), *found])))
 
 
 def solve(scene: Scene) -> Solved:
@@ -131,7 +134,7 @@ def solve(scene: Scene) -> Solved:
     return Solved(simulation, tuple(simulation.steps()))
 
 
-def judge(scene: Scene, twin: Scene | None = None, scale: Scale = Scale()) -> Iterator[Verdict]:
+def judge(scene: Scene, twin: Scene | None = None, scale: Scale = OWN) -> Iterator[Verdict]:
     """Solve and judge a scene; the verdict without the second opinion first, for that may never come.
 
     Args:
@@ -140,7 +143,8 @@ def judge(scene: Scene, twin: Scene | None = None, scale: Scale = Scale()) -> It
     """
     began, held = clock.perf_counter(), True
     try:
-        held = not resolve(scene).rigid_modes.shape[1]
+        problem = resolve(scene)
+        held = not (problem.rigid_modes.shape[1] or problem.driven)
         own = solve(scene)
     except (SceneError, GeometryError) as error:
         yield Verdict(outcome=Outcome.REFUSED, reason=str(error), held=held)
@@ -157,9 +161,7 @@ def judge(scene: Scene, twin: Scene | None = None, scale: Scale = Scale()) -> It
         seconds = clock.perf_counter() - began
         yield Verdict(outcome=Outcome.FAILED, reason=str(error), held=held, seconds=seconds)
         return
-    first = Verdict(
-        outcome=Outcome.SOLVED, held=held, iterations=own.iterations, seconds=clock.perf_counter() - began
-    )
+    first = Verdict(outcome=Outcome.SOLVED, held=held, iterations=own.iterations, seconds=clock.perf_counter() - began)
     wrong = [*own.complaints, *(_against_twin(own, twin, scale) if twin is not None else ())]
     if wrong:
         first = replace(first, outcome=Outcome.WRONG, reason="; ".join(wrong))
@@ -185,7 +187,9 @@ def _against_twin(own: Solved, scene: Scene, scale: Scale) -> Iterator[str]:
 
 def _with_second_opinion(verdict: Verdict, own: Solved) -> Verdict:
     scene = own.simulation.scene
-    candidates = (replace(scene, solver=Solver(method=name, tolerance=TOLERANCE, max_iterations=ITERATIONS)) for name in SECOND)
+    candidates = (
+        replace(scene, solver=Solver(method=name, tolerance=TOLERANCE, max_iterations=ITERATIONS)) for name in SECOND
+    )
     asked = next(
         (c for c in candidates if c.solver.method != scene.solver.method and not any(refusals(resolve(c)))), None
     )
@@ -199,7 +203,9 @@ def _with_second_opinion(verdict: Verdict, own: Solved) -> Verdict:
             return replace(verdict, outcome=Outcome.WRONG, reason=f"{name}: {error}", second=f"{name}: no equilibrium")
         return replace(verdict, second=f"{name}: none")
     mine, theirs = own.quantities(), other.quantities()
-    off = {key: apart(mine[key][1], theirs[key][1]) for key in mine} | {"nodal forces": apart(own.nodal(), other.nodal())}
+    off = {key: apart(mine[key][1], theirs[key][1]) for key in mine} | {
+        "nodal forces": apart(own.nodal(), other.nodal())
+    }
     worst = max(off, key=lambda key: off[key])
     if all(value <= AGREEMENT for value in off.values()):
         return replace(verdict, second=f"{name}: agrees")

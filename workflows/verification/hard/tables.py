@@ -59,7 +59,9 @@ def corners(tables: Tables) -> list[float]:
 
 def over_drives(tables: Tables, change: Callable[[Place, Amplitude], Amplitude], bounds: bool = False) -> Tables:
     """Change every value in time; friction bounds only if `bounds`."""
-    return to_dict(over(scene_of(tables), lambda place, a: a if place.table == "contacts" and not bounds else change(place, a)))
+    return to_dict(
+        over(scene_of(tables), lambda place, a: a if place.table == "contacts" and not bounds else change(place, a))
+    )
 
 
 def over_motions_and_loads(tables: Tables, factor: float) -> Tables:

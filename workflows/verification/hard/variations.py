@@ -249,9 +249,7 @@ def slower(factor: float, tables: Tables, random: Random) -> Tables | None:
     """The same history in another time: nothing depends on rates."""
     end = tables["steps"]["end"]
     times = corners(tables)
-    found = over_drives(
-        tables, lambda _, a: tuple((t * factor, v) for t, v in resolved(a, end, times)), bounds=True
-    )
+    found = over_drives(tables, lambda _, a: tuple((t * factor, v) for t, v in resolved(a, end, times)), bounds=True)
     found["steps"]["end"] = end * factor
     return found
 
@@ -363,7 +361,9 @@ def _by_a_grid(tables: Tables, random: Random) -> Tables | None:
 
 
 FIXED = {variation.name: variation for variation in _fixed()}
-MIXED = tuple(v for v in FIXED.values() if v.twin is None and v.kind not in ("solver", "as it is"))  # what random ones combine
+MIXED = tuple(
+    v for v in FIXED.values() if v.twin is None and v.kind not in ("solver", "as it is")
+)  # what random ones combine
 MOST = 3  # of them in a random variation
 
 
