@@ -146,8 +146,8 @@ class AdmissibleSet:
             gamma: weight of r beside p [Pa/m], by row or one for all.
         """
         gamma = np.broadcast_to(gamma, p.shape)
-        trial = (p + gamma * r) / (1 + gamma * self.softness)
-        residual = p - trial
+        trial: Array = (p + gamma * r) / (1 + gamma * self.softness)
+        residual: Array = p - trial
         for place in self.places:
             n = place.normal
             residual[n] = p[n] - place.rows.normal.resolvent(trial[n], gamma[n])

@@ -15,7 +15,7 @@ from solvers.newton.line_search import LineSearch
 from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
 from solvers.newton.starts import Start, again, first_starts, other_starts
 
-STALL_WINDOW = 20  # iterations in which the smallest residual must halve
+STALL_WINDOW = 20  # iterations in which the smallest residual of a damped attempt must halve
 SAME = 1e-10  # relative change of all tractions up to which two iterates are the same
 RETREATS = 6  # how often trial tractions that leave the bodies without hold are halved towards earlier ones
 ATTEMPT = 60  # iterations before another start is tried
@@ -34,8 +34,8 @@ class SemismoothNewton:
     Plain Newton comes first. Where all laws are piecewise linear its next iterate depends on the active set alone, so
     it ends with the solution or repeats a set, and then cycles. Then it is damped: a line search that does not ask for
     descent in every iteration, and a proximal term, w - epsilon (p - p_old) / gamma in place of w, with less and less
-    weight. Neither costs a volume solve. Last, other trial tractions to start from are tried, before the step counts
-    as failed.
+    weight. Neither costs a volume solve. After that come paths (see `path`) and other trial tractions to start from,
+    before the step counts as failed.
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991); Hüeber, Stadler & Wohlmuth,
     SIAM J. Sci. Comput. 30 (2008). Proximal term: Rockafellar, SIAM J. Control Optim. 14 (1976).
@@ -99,12 +99,11 @@ class _Run:
                 residual = self._judge(p, w, u_c, first=k)
                 if self.over or not np.isfinite(residual):
                     return
-                if k > 0 and (
-                    proximal is not None and stalled(k, residual) or (proximal is None and _repeats(p, visited))
-                ):
+                if k > 0 and (_repeats(p, visited) if proximal is None else stalled(k, residual)):
                     return
                 visited.append(p)
-            solved = self._solve(p_hat, held, gamma, p, proximal * min(1.0, residual) if proximal and known else None)
+            weight = proximal * min(1.0, residual) if proximal and known else None
+            solved = self._solve(p_hat, held, gamma, p, u_c, weight)
             if solved is None:
                 self._keep(Solution(p, w, u_c, Status.NO_HOLD, np.inf, ()))
                 return
@@ -118,7 +117,7 @@ class _Run:
 
     def _judge(self, p: Array, w: Array, u_c: Array, first: int) -> float:
         """Residual of an iterate, written down; `first`: its number if nothing was written down before."""
-        residual = self.problem.natural_residual(p, w)
+        residual = max(self.problem.natural_residual(p, w), self.problem.imbalance(p))
         number = self.history[-1].iteration + 1 if self.history else first
         self.history.append(Step(number, residual, self.problem.volume_solves))
         self.on_step(self.history[-1])
@@ -139,7 +138,7 @@ class _Run:
             self.best = replace(self.best, status=Status.MAX_IT)
 
     def _solve(
-        self, p_hat: Array, held: Array, gamma: Array, p: Array, proximal: float | None
+        self, p_hat: Array, held: Array, gamma: Array, p: Array, u_c: Array, proximal: float | None
     ) -> tuple[Array, Array, Array] | None:
         """Solve with the laws linearised at p_hat (rows,) [Pa], or nearer to `held` if the bodies are not held there.
 
@@ -148,6 +147,7 @@ class _Run:
             held: trial tractions (rows,) [Pa] to go back towards, those of the last solve or of the start.
             gamma: (rows,) [Pa/m].
             p: tractions (rows,) [Pa] of the iterate.
+            u_c: displacement (c,) [m] of the iterate.
             proximal: weight of the proximal term [-]; None: without.
 
         Returns:
@@ -158,7 +158,7 @@ class _Run:
             try:
                 laws = linearise(self.problem, p_hat, gamma)
                 if proximal is not None:
-                    laws = laws.proximal(p, proximal / gamma)
+                    laws = laws.proximal(p, u_c, proximal)
                 return *self.newton.linear(laws), p_hat
             except np.linalg.LinAlgError:
                 p_hat = (p_hat + held) / 2
