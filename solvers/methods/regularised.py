@@ -199,14 +199,12 @@ class VolumeNewton:
     def left(self, q: Vec, level: float) -> float:
         """Energy norm [J^(1/2)] between q [m] and the solution at its level, to which Newton's method goes on."""
         system, self.solved = self.method.system, True
-        counters, exact = system.counters, q.copy()
-        before = counters.factorisations, counters.volume_solves
+        exact = q.copy()
         atol = max(ENOUGH * self.history[-1].residual, PENETRATION / level) * self.scale
         self.snes.setTolerances(rtol=0.0, atol=atol, stol=0.0, max_it=FURTHER)
         self.snes.setForceIteration(True)
-        self.snes.solve(None, exact)
-        counters.error_solves += counters.volume_solves - before[1]
-        counters.factorisations, counters.volume_solves = before
+        with system.counters.for_error():
+            self.snes.solve(None, exact)
         moved = exact - q
         return MARGIN * float(np.sqrt(max((system.K_B * moved).dot(moved), 0.0)))
 

@@ -88,11 +88,8 @@ def _newton(problem: SurfaceProblem, found: Solution, goal: float) -> tuple[Arra
 
 def _from_all_starts(problem: SurfaceProblem, p: Array, goal: float) -> tuple[Array, Array] | None:
     """The same by `SemismoothNewton` from tractions p (rows,) [Pa], whose volume solves are counted apart."""
-    counters = problem.surface.counters
-    solves = counters.volume_solves
-    exact = SemismoothNewton(rtol=goal, max_it=MAX_IT, linear=condensed_system.solve)(problem, p)
-    counters.error_solves += counters.volume_solves - solves
-    counters.volume_solves = solves
+    with problem.surface.counters.for_error():
+        exact = SemismoothNewton(rtol=goal, max_it=MAX_IT, linear=condensed_system.solve)(problem, p)
     return (exact.p, exact.u_c) if exact.residual <= goal else None
 
 
@@ -118,8 +115,6 @@ def by_flexibility(problem: SurfaceProblem, known: Flexibility, p: Array, w: Arr
     nothing = surface.R[:, :0]
     learning = Secants(known.F, nothing, nothing)
     at, w_at, motion, size = p, w, np.zeros(surface.size), 0.0
-    counters = surface.counters
-    solves = counters.volume_solves, counters.linear_iterations
     for k in range(most + 1):
         flexibility = Flexibility(surface=surface, F=learning, metric=known.metric)
         nearer = surface.agreed(nearest_in_cone(problem, flexibility, at, w_at, residual))
@@ -133,13 +128,12 @@ def by_flexibility(problem: SurfaceProblem, known: Flexibility, p: Array, w: Arr
         if surface.agreed(k == most or (k > 0 and guessed <= CONTRACTION * size)):
             at, w_at, size = nearer.p, moved + surface.N @ (surface.R @ nearer.b), size + UNSURE * guessed
             break
-        u = surface.displacement(force, ACCURACY * float(np.abs(u).max(initial=0.0)))
+        with surface.counters.for_error():
+            u = surface.displacement(force, ACCURACY * float(np.abs(u).max(initial=0.0)))
         learning.learn(force, u)
         motion = motion + u
         forces = surface.forces(p - nearer.p)
         at, w_at = nearer.p, w_at + surface.N @ (u + surface.R @ nearer.b)
         size = MARGIN * float(np.sqrt(max(float(forces @ motion), 0.0)))
         residual = problem.natural_residual(at, w_at)
-    counters.error_solves += counters.volume_solves - solves[0]
-    counters.volume_solves, counters.linear_iterations = solves
     return Correction(at - p, w_at - w, size)

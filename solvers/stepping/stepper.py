@@ -316,7 +316,12 @@ class Stepper:
         previous = Previous(time=state.time, p=state.p) if end > state.time else None
         peak = max(state.peak, new.energy.stored)
         law_error = state.law_error + solution.law_error
-        left = self._correction(problem, solution, state.correction or Correction.none(len(solution.p)), new.w)
+        before = state.correction or Correction.none(len(solution.p))
+        try:
+            left = self._correction(problem, solution, before, new.w)
+        except (SolverError, np.linalg.LinAlgError) as error:  # the step is solved all the same
+            log.warning("t = %g: the error of the iteration is unknown: %s", end, error)
+            left = replace(before, size=np.nan)
         return (
             solution,
             problem,

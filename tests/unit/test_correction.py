@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from geometry.arrays import Array
+from geometry.errors import SolverError
+from solvers.interface.matrix_free import MatrixFreeSurface
 from solvers.newton import correction
 from solvers.newton.solution import Correction
 from solvers.scene.scene import Scene
@@ -84,3 +87,16 @@ def test_where_newton_fails_all_starts_are_tried(
     assert simulation.counters.error_solves > 0
     monkeypatch.setattr(correction, "_from_all_starts", lambda *given: None)
     assert np.isnan([step.iteration_error for step in simulation_of(scene).steps()]).all()  # unknown, not zero
+
+
+def test_step_is_accepted_where_the_solve_for_it_fails(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*given: object) -> Array:
+        raise SolverError("no convergence")
+
+    solver = {"method": "surface-uzawa", "surface": "matrix-free", "tolerance": 1e-6}
+    monkeypatch.setattr(MatrixFreeSurface, "displacement", broken)
+    steps = list(simulation_of(scene_of(**DRAGGED, solver=solver)).steps())
+    assert [step.time for step in steps] == [0.5, 1.0, 1.5, 2.0]
+    assert np.isnan([step.iteration_error for step in steps]).all()
