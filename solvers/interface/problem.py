@@ -109,7 +109,7 @@ class SurfaceProblem:
         return max(float(np.abs(p).max(initial=0.0)), LEAST * self.p_ref)
 
     def imbalance(self, p: Array) -> float:
-        """Forces R^T (f - B^T p) out of balance on the rigid modes, relative to all forces on them; 0 if all is held."""
+        """Forces R^T (f - B^T p) out of balance on the rigid modes, relative to all forces on them; 0 without modes."""
         surface = self.surface
         if not surface.floating:
             return 0.0
