@@ -15,6 +15,7 @@ from solvers.contact.admissible_set import AdmissibleSet
 from solvers.interface.flexibility import DelassusOperator, Load
 
 ROUNDING = 1e-12  # of the largest motion: normal motion below that counts as zero
+SCALED = 1e-9  # relative difference up to which problems are the same in another unit
 LEAST = 1e-6  # of p_ref: tractions below that are measured against it, for they are differences of what is far larger
 
 
@@ -67,6 +68,15 @@ class SurfaceProblem:
             [np.zeros(0, bool), *(np.full(len(c.W_n), c.normal.sides == 2) for c in self.cone.contacts)]
         )
         return float(np.max(np.where(pulls, np.abs(u_n), u_n), initial=0.0))
+
+    def is_scaled(self, other: SurfaceProblem) -> bool:
+        """Whether this is another problem of the same bodies in another unit: load, gaps, motions in proportion."""
+        if self.p_ref == 0 or other.p_ref == 0 or not self.cone.homogeneous(self.gamma):
+            return False
+        scale = self.p_ref / other.p_ref
+        pairs = ((self.gap, other.gap), (self.offset, other.offset), (self.load.free, other.load.free))
+        allowed = SCALED * max(self.u_ref, float(np.abs(self.load.free).max(initial=0.0)))
+        return all(np.abs(a - scale * b).max(initial=0.0) <= allowed for a, b in pairs)
 
     @property
     def volume_solves(self) -> int:
