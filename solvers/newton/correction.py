@@ -76,7 +76,7 @@ def _newton(problem: SurfaceProblem, found: Solution, goal: float) -> tuple[Arra
     for _ in range(NEWTON_STEPS):
         before, p_hat = u_c, p + gamma * (problem.relative_displacement(u_c) - problem.gap)
         try:
-            p, u_c = condensed_system.solve(linearise(problem, p_hat, gamma))
+            p, u_c = condensed_system.solve(linearise(problem, p_hat, gamma), u_c)
         except np.linalg.LinAlgError:
             return None
         if problem.natural_residual(p, problem.relative_displacement(u_c)) <= goal:
