@@ -226,8 +226,9 @@ class Auditor:
         closed = float(rows.W_n[np.abs(p_n) > ROUNDED * np.abs(p_n).max(initial=0.0)].sum())
         powers = self.system.mesh.dim - 1 + self.system.mesh.axisymmetric
         extent = (closed or float(rows.W_n.sum())) ** (1 / powers)
-        bodies = self.system.problem.pairs[rows.name].bodies
-        return sum(min(extent, self._depths[body]) / self.system.problem.bodies[body].E for body in bodies)
+        problem = self.system.problem
+        bodies = problem.pairs[rows.name].bodies
+        return float(sum(min(extent, self._depths[body]) / problem.bodies[body].E for body in bodies))
 
     @cached_property
     def _depths(self) -> dict[str, float]:

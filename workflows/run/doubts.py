@@ -80,7 +80,7 @@ class Fields:
             )
         if self.seen.jump > LARGE_JUMP:
             yield (
-                f"the mean stress jumps from cell to cell by {self.seen.jump:.2g} of the equivalent stress: the "
+                f"the mean stress jumps from cell to cell by {self.seen.jump:.2g} of the equivalent stress: "
                 "elements lock where nu is near 0.5, and pressures are wrong; set geometry.order = 2, or refine the mesh"
             )
 

@@ -144,7 +144,7 @@ class Run:
         self._on_rank_0(write)
 
     def finish(self, status: str, sentence: str, told: Sequence[str], began: float) -> tuple[Outcome, dict[str, Any]]:
-        """Judge the answer, write result.json and finish the outputs: how the run ended, and the content of result.json.
+        """Judge the answer, write result.json, finish the outputs: how the run ended, and the content of result.json.
 
         A run that was told to stop has no time for an audit, and a scene may leave it out. result.json is written
         before the outputs that can fail.
@@ -255,7 +255,8 @@ def _solve(
         interrupt.check(comm)
         system = simulation.system
         report = report_mesh(scene, simulation.mesh, system.nodes.total, system.contacts)
-        begun = _begun(simulation)
+        begun: dict[str, Any] = {}  # on rank 0
+        raise_together(comm, lambda: begun.update(_begun(simulation)))
         raise_together(comm, lambda: _open(results[0], begun, earlier))
         work = _work(place)
         outputs = Outputs(Job(folder=work, scene=scene, mesh=simulation.data, comm=comm))
