@@ -10,7 +10,8 @@ from solvers.results.audit import Audit
 EXACT = 1e-9  # what no iteration decides: supports, and fields that follow from displacement and tractions
 BALANCE = 1e-6  # out of balance; the ready scenes stay below 2e-9
 LAWS = 1e-5  # contact laws; the ready scenes stay below 1e-7
-LOOSE = 10.0  # times solver.tolerance: the scales of the audit are the step's own, smaller than those of the tolerance
+LOOSE = 30.0  # times solver.tolerance: the scales of the audit are the step's own, smaller than those of the tolerance
+ROUGH = 0.1  # with any method
 APART = 30.0  # times the error that a method states of its laws: that is of the whole body, this of one point
 
 
@@ -22,7 +23,7 @@ def limits(tolerance: float, law_error: float = 0.0) -> Audit:
         law_error: that the method states of its approximate contact laws, see `StepResult.law_error`.
     """
     iterated = LOOSE * tolerance
-    laws = max(LAWS, iterated) + APART * law_error
+    laws = max(LAWS, iterated, min(APART * law_error, ROUGH))
     return Audit(
         equilibrium=max(BALANCE, iterated),
         supports=EXACT,

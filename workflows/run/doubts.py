@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Bools, Ints
+from geometry.surfaces.surface import Surface
 from solvers.contact.rows import ContactRows
 from solvers.results.step_result import OPEN, ContactState, MeshData, StepResult
 from solvers.scene.problem import Problem
@@ -19,11 +20,13 @@ LARGE_TURN = 0.05  # [rad]; linear elasticity makes a strain of half its square,
 NO_TURN = 0.01  # spread of displacements of the size of a body below which no large part of it turns so far
 PART = 0.95  # of a body's volume turns by less than what counts: a corner's singularity is no rotation of the body
 LARGE_REMAINDER = 0.3  # of the dissipation; a load that grows in two steps leaves less
+ROUNDED = 1e-9  # of the work and energy; what friction dissipated is less where nothing slips
 SOFT = 0.4  # Poisson's ratio up to which no mesh locks
 LARGE_JUMP = 0.25  # of the equivalent stress: the maximum pressure is then 15 % off and more, as measured
 FEWEST = {2: 4, 3: 9}  # closed facets (in 3D of four corners) for a maximum pressure within 10 %, by dimension
 LARGE_PEAK = 0.1  # a peak higher by that than the mean of its neighbours is noise of the mesh, as measured on balls
 LARGE_SAGITTA = 0.05  # of the motion that the contact's pressure causes
+CREASE = 30.0  # [degrees]; where facets meet at a larger angle the side has a corner, and is no curve
 LARGE_MISS = 0.05  # of the same motion
 
 
@@ -80,8 +83,8 @@ class Fields:
             )
         if self.seen.jump > LARGE_JUMP:
             yield (
-                f"the mean stress jumps from cell to cell by {self.seen.jump:.2g} of the equivalent stress: "
-                "elements lock where nu is near 0.5, and pressures are wrong; set geometry.order = 2, or refine the mesh"
+                f"the mean stress jumps between cells by {self.seen.jump:.2g} of the equivalent stress: elements "
+                "lock where nu is near 0.5, and pressures are wrong; set geometry.order = 2, or refine the mesh"
             )
 
 
@@ -118,7 +121,7 @@ def doubts(simulation: Simulation, steps: Sequence[StepResult]) -> Iterator[str]
         if not problem.pairs[rows.name].contact.sliding:
             yield from _slid_far(rows, problem, states)
         peak = max(states, key=lambda state: state.max_pressure)
-        if peak.max_pressure > 0:
+        if (peak.status != OPEN).any() and peak.max_pressure > 0:
             yield from _few_points(rows, peak)
             yield from _cut_corners(rows, problem, peak)
 
@@ -131,7 +134,8 @@ def coarse_steps(steps: Sequence[StepResult], contacts: Sequence[ContactRows]) -
     if len(steps) < 3 or any((c.gap < 0).any() for c in contacts):
         return
     energy = steps[-1].energy
-    if energy.dissipated > 0 and abs(energy.time_remainder) > LARGE_REMAINDER * energy.dissipated:
+    turned_over = abs(energy.external) + energy.stored
+    if abs(energy.time_remainder) > LARGE_REMAINDER * energy.dissipated > ROUNDED * turned_over:
         share = abs(energy.time_remainder) / energy.dissipated
         yield (
             f"the time remainder is {share:.0%} of what friction dissipated, which is summed by the end of each step: "
@@ -201,10 +205,10 @@ def _cut_corners(rows: ContactRows, problem: Problem, state: ContactState) -> It
     closed = state.status != OPEN
     if rows.surface.degree > 1:
         return
-    cut = 0.0
-    for side, touching in ((rows.surface, closed), (rows.master, None)):
-        if side is not None:
-            cut = max(cut, _sagitta(side.points, side.facets, side.node_normals(30.0), touching))
+    cut = _sagitta(rows.surface, closed)
+    if rows.master is not None:
+        facing = rows.relative[np.flatnonzero(closed), len(closed) :]
+        cut = max(cut, _sagitta(rows.master, np.isin(np.arange(len(rows.master.points)), facing.indices)))
     share = cut / _motion(rows, problem, state)
     if share > LARGE_SAGITTA:
         yield (
@@ -213,15 +217,12 @@ def _cut_corners(rows: ContactRows, problem: Problem, state: ContactState) -> It
         )
 
 
-def _sagitta(points: Array, facets: Ints, normals: Array, touching: Bools | None) -> float:
-    """Largest height [m] of an arc above the first edge of a facet, by the normals at its ends."""
-    edge = facets[:, :2]
-    if touching is not None:
-        edge = edge[touching[edge].all(axis=1)]
-    if not len(edge):
-        return 0.0
+def _sagitta(side: Surface, touching: Bools) -> float:
+    """Largest height [m] of an arc above the first edge of a facet that touches, by the normals at its ends."""
+    edge, normals = side.facets[:, :2], side.node_normals(CREASE)
+    edge = edge[touching[edge].all(axis=1)]
     turn = np.linalg.norm(normals[edge[:, 1]] - normals[edge[:, 0]], axis=1)
-    return float((_lengths(points, edge) * turn).max()) / 8
+    return float((_lengths(side.points, edge) * turn).max(initial=0.0)) / 8
 
 
 def _lengths(points: Array, facets: Ints) -> Array:
