@@ -23,6 +23,8 @@ FACTOR = 10.0  # from one level of ω to the next
 START = 1e-8  # residual of a softer level at which its status of all elements is a good start for the next level
 NEWTON_STEPS = 20  # at one level; about six are enough if the level before is a good start
 DETOURS = 8  # largest number of additional levels, inserted where Newton's method stalls
+SOFTER = 3  # times that the springs are made softer by `FACTOR` where they start again
+SLOW = 0.9  # of the defect before; if it falls by less, starting again does not help
 HALVINGS = 6  # of a Newton step; shorter steps bring no progress
 BALANCE = 1e-6  # largest unbalanced force of a solved level, relative to the force of p_ref
 DESCENT = 1e-4  # part of the predicted decrease that a shortened step must bring (Armijo)
@@ -117,28 +119,32 @@ class OnSprings(SameEveryStep):
             if status is not Status.CONVERGED:
                 break
             path.pop(0)
+        since, omega = p, self.omega  # what the springs kept from the last step is no error of this one
         if status is Status.CONVERGED and self.method.augment:
-            status, held = self._augment(newton, held)
-        error = least_energy(problem, (newton.p - held) / self.omega)
+            status, since, omega = self._augment(newton, since)
+        error = least_energy(problem, (newton.p - since) / omega)
         return Solution(newton.p, newton.w, newton.u_c, status, newton.defect, tuple(newton.history), law_error=error)
 
-    def _augment(self, newton: Newton, held: Array) -> tuple[Status, Array]:
+    def _augment(self, newton: Newton, held: Array) -> tuple[Status, Array, Array]:
         """Start the springs again from the tractions found, until these obey the laws themselves.
 
-        Each time what the springs are off falls by about `omega_factor`: the method of multipliers.
+        Each time the defect falls by about `omega_factor`: the method of multipliers. Where Newton's method stalls,
+        softer springs do, in more turns.
 
         Returns:
-            The status, and the tractions (rows,) [Pa] that the springs started from at last.
+            The status, the tractions (rows,) [Pa] that the springs started from at last, and their penalties.
         """
-        before = np.inf
+        omega, softer, before = self.omega, SOFTER, np.inf
         while newton.defect > self.method.rtol:
-            if newton.defect > before / 2:
-                return Status.STALLED, held
-            before, held = newton.defect, newton.p
-            status = newton.solve(self.omega, held, self.method.rtol)
-            if status is not Status.CONVERGED:
-                return status, held
-        return Status.CONVERGED, held
+            if newton.defect > SLOW * before:
+                return Status.STALLED, held, omega
+            before, held, at = newton.defect, newton.p, (newton.u_c, newton.Sigma)
+            status = newton.solve(omega, held, self.method.rtol)
+            if status is Status.STALLED and softer:
+                omega, softer, before, (newton.u_c, newton.Sigma) = omega / FACTOR, softer - 1, np.inf, at
+            elif status is not Status.CONVERGED:
+                return status, held, omega
+        return Status.CONVERGED, held, omega
 
     def _path(self, problem: SurfaceProblem) -> Array:
         """Levels: flexibilities h (levels,) added to 1/ω, relative to 1/gamma of the bodies; decreasing to 0."""
