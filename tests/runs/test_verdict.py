@@ -54,8 +54,9 @@ def test_a_wrong_answer_is_doubtful_and_everything_is_written(
     call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     true = Coulomb.limit
-    monkeypatch.setattr(Coulomb, "limit", lambda self, *given: 1.5 * true(self, *given))
-    code, _, err = call("run", "block", *COARSE, "-o", "out")
+    with monkeypatch.context() as patch:
+        patch.setattr(Coulomb, "limit", lambda self, *given: 1.5 * true(self, *given))
+        code, _, err = call("run", "block", *COARSE, "-o", "out")
     assert code == 1
     said = " ".join(err.split())
     assert "stickslip: doubtful: the audit finds that cone is 5.0e-01 in step 1 (t = 1), more than 1.0e-05" in said
@@ -65,7 +66,6 @@ def test_a_wrong_answer_is_doubtful_and_everything_is_written(
     assert content["verdict"]["passed"][0].startswith("cone is")
     names = {path.name for path in (folder / "out").iterdir()}
     assert {"result.json", "run.log", "steps.csv", "fields.xdmf", "steps"} <= names
-    monkeypatch.undo()
     code, _, err = call("run", "block", *COARSE, "-o", "out", "--resume")  # nothing is left to solve
     assert (code, "doubtful" in err) == (1, True)
     code, _, _ = call("run", "block", *COARSE, "-o", "other", "--set=output.audit=false")
