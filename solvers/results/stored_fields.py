@@ -10,9 +10,9 @@ import numpy as np
 from geometry import dolfinx_versions as dx
 from geometry.arrays import AnyArray, Array
 from solvers.contact.rows import ContactRows
-from solvers.results.step_result import OPEN
 from solvers.system.system import System
 
+OPEN = 0  # of `ContactState.status`
 ROUNDING = 1e3 * float(np.finfo(float).eps)  # of the stress that motions as large as u make over a cell
 
 
