@@ -156,7 +156,7 @@ class Auditor:
         scales = self._scales(record, u, inner)
         tangential = [self._tangential(place, record, w, scales) for place in self.cone.places]
         normal = [self._normal(place, record, w, scales) for place in self.cone.places]
-        return Audit(
+        found = Audit(
             equilibrium=self._equilibrium(record, u, inner, scales),
             supports=self._supports(record, u),
             penetration=max((n[0] for n in normal), default=0.0),
@@ -168,6 +168,7 @@ class Auditor:
             dissipation=max((t[2] for t in tangential), default=0.0),
             fields=self._fields(record, before, w, scales),
         )
+        return Audit(**{name: float(f"{value:.6g}") for name, value in asdict(found).items()})  # BLAS sums by alignment
 
     def _motion(self, rows: ContactRows, record: Record) -> Array:
         """Displacement (n_all, d) [m] of a contact's nodes, less that of its obstacle."""
