@@ -204,6 +204,11 @@ class Scene(Noun):
             other = slaves.setdefault(contact.surface, name)
             expected = f"already the slave of contacts.{other}; a facet has one slave role"
             require(other == name, f"contacts.{name}.surface", contact.surface, expected)
+        for name, contact in self.contacts.items():
+            other = slaves.get(contact.against, name)
+            mutual = self.contacts[other].against == contact.surface
+            expected = f"contacts.{other} has the same two sides exchanged: both would carry the pressure; keep one"
+            require(not mutual, f"contacts.{name}.against", contact.against, expected)
         for table, items in (("supports", self.supports), ("loads", self.loads)):
             for name, item in items.items():
                 if item.boundary is not None:

@@ -44,7 +44,7 @@ class Job:
 class Ended:
     """How a run ended."""
 
-    status: str  # converged, not_converged, no_equilibrium, interrupted
+    status: str  # converged, doubtful, not_converged, no_equilibrium, interrupted
     steps: Sequence[StepResult]  # all of them, the last one with its fields, the others without
 
     @property
