@@ -5,7 +5,7 @@ Rows are open, closed or stick (constraints), springs (compliance), or slip.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -36,6 +36,21 @@ class ActiveSet:
     def given(self) -> Bools:
         """Rows (rows,) whose p is 0 or depends on p of other rows only, not on w."""
         return np.asarray(np.diff(self.A_w.indptr) == 0)
+
+    def proximal(self, p: Array, give: Array) -> ActiveSet:
+        """The system with w - give (p_new - p) in place of w on the rows whose law involves w; springs stay as they are.
+
+        At its fixed points, p_new = p, it is the system itself. It is solvable where the rows depend on each other.
+
+        Args:
+            p: tractions (rows,) [Pa] that the next ones should be near to.
+            give: weight of their distance (rows,) [m/Pa].
+        """
+        rigid = sparse.diags((self.k == 0).astype(float))
+        term = rigid @ self.A_w @ sparse.diags(give)
+        held = np.zeros_like(self.held)
+        A_p: Sparse = (self.A_p - term).tocsr()
+        return replace(self, held=held, A_p=A_p, rhs=self.rhs - term @ p)
 
 
 class _Rows:

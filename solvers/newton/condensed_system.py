@@ -87,16 +87,20 @@ def by_tractions(laws: ActiveSet, surface: CondensedSurface) -> tuple[Array, Arr
     A_p = laws.A_p[x]
     A_u = (laws.A_w[x] + A_p @ sparse.diags(k)) @ N
     right = laws.rhs[x] - A_p @ p_0 - laws.A_w[x] @ problem.offset
-    load = np.column_stack([surface.rho * R, problem.load.f_c - N.T @ (W * p_0)])
+    f, of_springs = problem.load.f_c - N.T @ (W * p_0), np.zeros_like(R)
     if spring.any():
-        factor = surface.factor((N.T @ sparse.diags(W * k) @ N).toarray())
+        tangent = N.T @ sparse.diags(W * k) @ N
+        factor = surface.factor(tangent.toarray())
         # not checked for NaN here: NaN ends as Status.NOT_FINITE
-        moved, Y = (cho_solve(factor, side, check_finite=False) for side in (load, B.toarray()))
+        moved, Y = (
+            cho_solve(factor, side, check_finite=False) for side in (np.column_stack([surface.rho * R, f]), B.toarray())
+        )
+        Z, u_0, of_springs = moved[:, :-1], moved[:, -1], tangent @ R
     else:
-        moved, Y = surface.flexibility @ load, (B.T @ surface.flexibility).T
-    Z, u_0 = moved[:, :-1], moved[:, -1]
-    # u = u_0 - Y x + Z b,  b = R^T u
-    system = np.block([[(A_p @ E).toarray() - A_u @ Y, A_u @ Z], [R.T @ Y, np.eye(R.shape[1]) - R.T @ Z]])
-    found = np.linalg.solve(system, np.concatenate([right - A_u @ u_0, R.T @ u_0]))
+        Z, u_0, Y = R, surface.flexibility @ f, (B.T @ surface.flexibility).T
+    # u = u_0 - Y x + Z b with b = R^T u, which is the same as balance: R^T (f - B x - tangent u) = 0
+    balance = (B.T @ R - Y.T @ of_springs).T
+    system = np.block([[(A_p @ E).toarray() - A_u @ Y, A_u @ Z], [balance, of_springs.T @ Z]])
+    found = np.linalg.solve(system, np.concatenate([right - A_u @ u_0, R.T @ f - of_springs.T @ u_0]))
     u_c = u_0 - Y @ found[: len(x)] + Z @ found[len(x) :]
     return p_0 + k * (N @ u_c) + E @ found[: len(x)], u_c

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from geometry.arrays import Array
-from solvers.interface.limit_analysis import balancing_tractions
 from solvers.interface.problem import SurfaceProblem
 from solvers.newton.active_set import ActiveSet, linearise
+from solvers.newton.line_search import LineSearch
 from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
+from solvers.newton.starts import Start, again, first_starts, other_starts
 
-STALL_WINDOW = 12  # iterations in which the smallest residual must halve
+STALL_WINDOW = 20  # iterations in which the smallest residual must halve
+SAME = 1e-10  # relative change of all tractions up to which two iterates are the same
 RETREATS = 6  # how often trial tractions that leave the bodies without hold are halved towards earlier ones
 ATTEMPT = 60  # iterations before another start is tried
+FIRM = (1e-3, 1e-5)  # weights of the proximal term from the first start [-]
+FIRMER = (1e-3, 1e-4, 1e-2, 1e-6, 1e-5)  # likewise from the best iterate so far
 
 
 Linear = Callable[[ActiveSet], tuple[Array, Array]]  # linearised laws to p (rows,) [Pa] and u_c (c,) [m]
@@ -26,10 +30,14 @@ class SemismoothNewton:
     """Solves p = P_C(p + gamma (w - gap)) for tractions and contact displacement together.
 
     The active set (stick, slip, open) follows from the trial tractions p_hat = p + gamma (w - gap), gamma = E / depth.
-    If the iteration cycles, it is restarted from other trial tractions before the step counts as failed.
+    Plain Newton comes first. Where all laws are piecewise linear its next iterate depends on the active set alone, so
+    it ends with the solution or repeats a set, and then cycles. Then it is damped: a line search that does not ask for
+    descent in every iteration, and a proximal term, w - epsilon (p - p_old) / gamma in place of w, with less and less
+    weight. Neither costs a volume solve. Last, other trial tractions to start from are tried, before the step counts
+    as failed.
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991); Hüeber, Stadler & Wohlmuth,
-    SIAM J. Sci. Comput. 30 (2008).
+    SIAM J. Sci. Comput. 30 (2008). Proximal term: Rockafellar, SIAM J. Control Optim. 14 (1976).
     """
 
     rtol: float
@@ -37,51 +45,96 @@ class SemismoothNewton:
     linear: Linear  # solves the bodies with the linearised laws; LinAlgError: the active set leaves a rigid mode free
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
-        history: list[Step] = []
-        best: Solution | None = None
-        for start in _starts(problem, p):
-            attempt = self._attempt(problem, start, history, on_step)
-            if best is None or attempt.status is Status.CONVERGED or attempt.residual < best.residual:
-                best = attempt
-            if attempt.status is Status.CONVERGED or len(history) > self.max_it:
+        run = _Run(self, problem, on_step)
+        for start, proximal in _attempts(problem, p, run):
+            run.attempt(start, proximal)
+            if run.over:
                 break
-        assert best is not None
-        return replace(best, history=tuple(history))
+        assert run.best is not None
+        return replace(run.best, history=tuple(run.history))
 
-    def _attempt(self, problem: SurfaceProblem, start: Start, history: list[Step], on_step: OnStep) -> Solution:
-        p, u_c, gamma = start.p, start.u_c, start.factor * problem.gamma
-        w = problem.relative_displacement(u_c)
-        p_hat = start.p_hat
-        status, stalled = Status.STALLED, Stall(STALL_WINDOW, 0.5)
-        held = start.p_hat
+
+def _attempts(problem: SurfaceProblem, p: Array, run: _Run) -> Iterator[tuple[Start, float | None]]:
+    """Starts, and the weight of the proximal term of a damped attempt; None: plain Newton."""
+    firsts = []
+    for start in first_starts(problem, p):
+        firsts.append(start)
+        yield start, None
+    for proximal in FIRM:
+        yield firsts[-1], proximal
+    for proximal in FIRMER:
+        assert run.best is not None
+        yield again(problem, run.best), proximal
+    for start in other_starts(problem, p):
+        yield start, None
+
+
+@dataclass
+class _Run:
+    """The attempts at one step."""
+
+    newton: SemismoothNewton
+    problem: SurfaceProblem
+    on_step: OnStep
+    history: list[Step] = field(default_factory=list)
+    best: Solution | None = None  # the iterate with the smallest residual
+
+    @property
+    def over(self) -> bool:
+        """Whether the step is solved, or the iterations ran out."""
+        ran_out = len(self.history) > self.newton.max_it
+        return ran_out or (self.best is not None and self.best.status is Status.CONVERGED)
+
+    def attempt(self, start: Start, proximal: float | None) -> None:
+        """Iterate from a start until it converges or cycles; damped if there is a weight of the proximal term."""
+        problem, gamma = self.problem, start.factor * self.problem.gamma
+        p, u_c, p_hat, known = start.p, start.u_c, start.p_hat, start.in_equilibrium
+        w, held = problem.relative_displacement(u_c), p_hat
+        stalled, search, visited = Stall(STALL_WINDOW, 0.5), LineSearch(problem, gamma), list[Array]()
         for k in range(ATTEMPT):
-            residual = np.inf  # not defined until w is the displacement under p
-            if k or start.in_equilibrium:
-                residual = problem.natural_residual(p, w)
-                history.append(Step(history[-1].iteration + 1 if history else k, residual, problem.volume_solves))
-                on_step(history[-1])
-            if np.isnan(residual):
-                status = Status.NOT_FINITE
-                break
-            if residual <= self.rtol:
-                status = Status.CONVERGED
-                break
-            if len(history) > self.max_it:
-                status = Status.MAX_IT
-                break
-            if stalled(k, residual):
-                break
-            solved = self._solve(problem, p_hat, held, gamma)
+            if known:
+                residual = self._judge(p, w, u_c, first=k)
+                if self.over or not np.isfinite(residual):
+                    return
+                if k > 0 and (stalled(k, residual) or (proximal is None and _repeats(p, visited))):
+                    return
+                visited.append(p)
+            solved = self._solve(p_hat, held, gamma, p, proximal if known else None)
             if solved is None:
-                status = Status.NO_HOLD
-                break
-            p, u_c, held = solved
-            w = problem.relative_displacement(u_c)
+                self._keep(Solution(p, w, u_c, Status.NO_HOLD, np.inf, ()))
+                return
+            p_new, u_new, held = solved
+            w_new = problem.relative_displacement(u_new)
+            if proximal is not None and known:
+                t = search(p, w, p_new, w_new)
+                p_new, u_new, w_new = p + t * (p_new - p), u_c + t * (u_new - u_c), w + t * (w_new - w)
+            p, u_c, w, known = p_new, u_new, w_new, True
             p_hat = p + gamma * (w - problem.gap)
-        return Solution(p, w, u_c, status, residual, ())
+
+    def _judge(self, p: Array, w: Array, u_c: Array, first: int) -> float:
+        """Residual of an iterate, written down; `first`: its number if nothing was written down before."""
+        residual = self.problem.natural_residual(p, w)
+        number = self.history[-1].iteration + 1 if self.history else first
+        self.history.append(Step(number, residual, self.problem.volume_solves))
+        self.on_step(self.history[-1])
+        if np.isnan(residual):
+            status = Status.NOT_FINITE
+        elif residual <= self.newton.rtol:
+            status = Status.CONVERGED
+        else:
+            status = Status.MAX_IT if len(self.history) > self.newton.max_it else Status.STALLED
+        self._keep(Solution(p, w, u_c, status, residual, ()))
+        return residual
+
+    def _keep(self, solution: Solution) -> None:
+        """Keep a solution if it is the best one so far."""
+        if self.best is None or not self.best.residual <= solution.residual:
+            self.best = solution
+        elif solution.status is Status.MAX_IT:
+            self.best = replace(self.best, status=Status.MAX_IT)
 
     def _solve(
-        self, problem: SurfaceProblem, p_hat: Array, held: Array, gamma: Array
+        self, p_hat: Array, held: Array, gamma: Array, p: Array, proximal: float | None
     ) -> tuple[Array, Array, Array] | None:
         """Solve with the laws linearised at p_hat (rows,) [Pa], or nearer to `held` if the bodies are not held there.
 
@@ -89,6 +142,8 @@ class SemismoothNewton:
             p_hat: trial tractions (rows,) [Pa].
             held: trial tractions (rows,) [Pa] to go back towards, those of the last solve or of the start.
             gamma: (rows,) [Pa/m].
+            p: tractions (rows,) [Pa] of the iterate.
+            proximal: weight of the proximal term [-]; None: without.
 
         Returns:
             Tractions (rows,) [Pa], contact displacement (c,) [m], and the trial tractions that were used; None if the
@@ -96,49 +151,16 @@ class SemismoothNewton:
         """
         for _ in range(RETREATS):
             try:
-                return *self.linear(linearise(problem, p_hat, gamma)), p_hat
+                laws = linearise(self.problem, p_hat, gamma)
+                if proximal is not None:
+                    laws = laws.proximal(p, proximal / gamma)
+                return *self.newton.linear(laws), p_hat
             except np.linalg.LinAlgError:
                 p_hat = (p_hat + held) / 2
         return None
 
 
-@dataclass(frozen=True)
-class Start:
-    """Starting point of an attempt."""
-
-    p: Array  # tractions (rows,) [Pa]
-    u_c: Array  # displacement (c,) [m] of the contact dofs
-    p_hat: Array  # trial tractions (rows,) [Pa]
-    factor: float  # that multiplies gamma
-    in_equilibrium: bool  # whether u_c is the displacement under p
-
-
-def _starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
-    """Starts in order: tractions of the last step; zero tractions; all points closed and sticking; with another gamma.
-
-    For a floating body tractions do not determine the displacement: they only give the active set to start from. If it
-    has room to move, closing all points would pull more than the load presses: it also starts from tractions that
-    balance the load on rigid bodies.
-
-    Args:
-        p: tractions (rows,) [Pa] of the last step.
-    """
-    normal = problem.surface.normal_rows
-    nowhere = np.zeros(problem.surface.size)
-    if problem.surface.floating and problem.p_ref == 0:  # no load and no motion: the answer is zero
-        yield Start(np.zeros_like(p), nowhere, np.zeros_like(p), 1.0, True)
-        return
-    if problem.surface.floating and p.any():
-        yield Start(p, nowhere, p, 1.0, False)
-    closed = np.concatenate([np.full(normal, problem.p_ref), np.zeros(len(p) - normal)])
-    rigid: Array | None = None
-    for factor in (1.0, 0.1, 10.0):
-        for tractions in [] if problem.surface.floating else [p, np.zeros_like(p)] if p.any() else [p]:
-            u_c = problem.contact_displacement(tractions)
-            r = problem.relative_displacement(u_c) - problem.gap
-            yield Start(tractions, u_c, tractions + factor * problem.gamma * r, factor, True)
-        yield Start(p, nowhere, closed, factor, False)
-        if problem.surface.floating:
-            rigid = balancing_tractions(problem) if rigid is None else rigid
-            if rigid is not None:
-                yield Start(rigid, nowhere, rigid, factor, False)
+def _repeats(p: Array, visited: list[Array]) -> bool:
+    """Whether the tractions p (rows,) [Pa] are those of an earlier iterate: from there on the iteration cycles."""
+    allowed = SAME * np.abs(p).max(initial=0.0)
+    return any(np.abs(p - before).max(initial=0.0) <= allowed for before in visited)

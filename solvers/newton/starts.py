@@ -1,0 +1,96 @@
+"""Where Newton's iteration on the surface problem starts, and starts again if it fails."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.arrays import Array
+from solvers.interface.limit_analysis import balancing_tractions
+from solvers.interface.problem import SurfaceProblem
+from solvers.newton.solution import Solution
+
+
+@dataclass(frozen=True, kw_only=True)
+class Start:
+    """Starting point of an attempt."""
+
+    p: Array  # tractions (rows,) [Pa]
+    u_c: Array  # displacement (c,) [m] of the contact dofs
+    p_hat: Array  # trial tractions (rows,) [Pa]
+    factor: float = 1.0  # that multiplies gamma
+    in_equilibrium: bool = True  # whether u_c is the displacement under p
+
+    @staticmethod
+    def at(problem: SurfaceProblem, p: Array, u_c: Array, factor: float = 1.0) -> Start:
+        """Start from tractions p (rows,) [Pa] and their displacement u_c (c,) [m]."""
+        r = problem.relative_displacement(u_c) - problem.gap
+        return Start(p=p, u_c=u_c, p_hat=p + factor * problem.gamma * r, factor=factor)
+
+    @staticmethod
+    def from_trial(problem: SurfaceProblem, p: Array, p_hat: Array, factor: float = 1.0) -> Start:
+        """Start from the active set of trial tractions p_hat (rows,) [Pa] alone."""
+        nowhere = np.zeros(problem.surface.size)
+        return Start(p=p, u_c=nowhere, p_hat=p_hat, factor=factor, in_equilibrium=False)
+
+
+def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
+    """The starts that need no excuse: the tractions of the last step.
+
+    For a floating body tractions do not determine the displacement: they only give the active set to start from. If it
+    has room to move, closing all points would pull more than the load presses: it also starts from tractions that
+    balance the load on rigid bodies.
+
+    Args:
+        problem: the contact problem of the step.
+        p: tractions (rows,) [Pa] of the last step.
+    """
+    if not problem.surface.floating:
+        yield Start.at(problem, p, problem.contact_displacement(p))
+    elif problem.p_ref == 0:  # no load and no motion: the answer is zero
+        zero = np.zeros_like(p)
+        yield Start.at(problem, zero, np.zeros(problem.surface.size))
+    else:
+        if p.any():
+            yield Start.from_trial(problem, p, p)
+        yield Start.from_trial(problem, p, _closed(problem))
+        yield from _balanced(problem)
+
+
+def other_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
+    """Further starts: zero tractions; all points closed and sticking; all of them with another gamma.
+
+    Args:
+        problem: the contact problem of the step.
+        p: tractions (rows,) [Pa] of the last step.
+    """
+    floating, zero = problem.surface.floating, np.zeros_like(p)
+    for factor in (1.0, 0.1, 10.0):
+        if floating and factor == 1.0:
+            continue  # they were the first
+        for tractions in [] if floating else [zero] if factor == 1.0 else [p, zero]:
+            if tractions is p or p.any():
+                yield Start.at(problem, tractions, problem.contact_displacement(tractions), factor)
+        yield Start.from_trial(problem, p, _closed(problem), factor)
+        if floating:
+            yield from _balanced(problem, factor)
+
+
+def again(problem: SurfaceProblem, best: Solution) -> Start:
+    """Start from the best iterate so far."""
+    return Start.at(problem, best.p, best.u_c)
+
+
+def _closed(problem: SurfaceProblem) -> Array:
+    """Trial tractions (rows,) [Pa] of which all points are closed and stick."""
+    normal = problem.surface.normal_rows
+    return np.concatenate([np.full(normal, problem.p_ref), np.zeros(len(problem.gap) - normal)])
+
+
+def _balanced(problem: SurfaceProblem, factor: float = 1.0) -> Iterator[Start]:
+    """Start from tractions that balance the load on rigid bodies, if there are any."""
+    rigid = balancing_tractions(problem)
+    if rigid is not None:
+        yield Start.from_trial(problem, rigid, rigid, factor)
