@@ -141,7 +141,7 @@ class Method(Keys, ABC):
     def build(self, setup: Setup) -> Ready:
         """Assemble and factorise what it needs in addition to the bodies; collective."""
 
-    def discrete(self, surface: GivenSurface) -> SameEveryStep | None:
+    def discrete(self, surface: GivenSurface) -> Solve | None:
         """The method for a `DiscreteProblem`, prepared from its operator alone; None: it needs the bodies as well."""
         return None
 
@@ -153,7 +153,7 @@ class Stateless(Method, SameEveryStep):
     def build(self, setup: Setup) -> Ready:
         return self
 
-    def discrete(self, surface: GivenSurface) -> SameEveryStep | None:
+    def discrete(self, surface: GivenSurface) -> Solve | None:
         return self if self.WORKS_WITH.condensed else None
 
 
