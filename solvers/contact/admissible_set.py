@@ -135,7 +135,7 @@ class AdmissibleSet:
             p[place.tangential] = project_disc(t, self.bound(place, p[place.normal])).ravel()
         return p
 
-    def natural_residual(self, p: Array, r: Array, gamma: float) -> Array:
+    def natural_residual(self, p: Array, r: Array, gamma: Array | float) -> Array:
         """Complementarity (KKT) residual p - P_C(p + gamma (r - give(p))) (rows,) [Pa]: zero at the solution only.
 
         Args:

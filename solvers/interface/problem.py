@@ -15,6 +15,7 @@ from solvers.contact.admissible_set import AdmissibleSet
 from solvers.interface.flexibility import DelassusOperator, Load
 
 ROUNDING = 1e-12  # of the largest motion: normal motion below that counts as zero
+LEAST = 1e-6  # of p_ref: tractions below that are measured against it, for they are differences of what is far larger
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,7 +80,10 @@ class SurfaceProblem:
             p: tractions (rows,) [Pa].
             residual: error that an iterative volume solve may cause in the natural residual.
         """
-        return self.surface.under(self.load, p, residual * self.u_ref)
+        u_ref = self.u_ref
+        if p.any():
+            u_ref = min(u_ref, self.scale(p) / float(self.gamma.max()))
+        return self.surface.under(self.load, p, residual * u_ref)
 
     def relative_displacement(self, u_c: Array) -> Array:
         """Relative displacement w = N u_c + offset (rows,) [m] of a displacement u_c (c,) [m]."""
@@ -89,10 +93,26 @@ class SurfaceProblem:
         """Projection of trial tractions (rows,) [Pa] onto the admissible set; `gamma` [Pa/m] is their step."""
         return self.cone.project(p_hat, np.broadcast_to(gamma, p_hat.shape))
 
-    def natural_residual(self, p: Array, w: Array) -> float:
-        """Complementarity (KKT) residual max |p - P_C(p + (p_ref/u_ref) (w - gap))| / p_ref; collective.
+    def defect(self, p: Array, w: Array) -> Array:
+        """Complementarity (KKT) defect p - P_C(p + gamma (w - gap)) (rows,) [Pa]: zero at the solution only.
 
-        It is the same measure for every method, independent of its step.
+        It is the traction that each row lacks, as the bodies behind it would answer: gamma is theirs, E / depth.
+
+        Args:
+            p: tractions (rows,) [Pa].
+            w: relative displacement (rows,) [m].
+        """
+        return self.cone.natural_residual(p, w - self.gap, self.gamma)
+
+    def scale(self, p: Array) -> float:
+        """Largest traction of p (rows,) [Pa]: what the residual is relative to; at least a small part of `p_ref`."""
+        return max(float(np.abs(p).max(initial=0.0)), LEAST * self.p_ref)
+
+    def natural_residual(self, p: Array, w: Array) -> float:
+        """Largest `defect` relative to the largest traction; collective.
+
+        It is the same measure for every method, independent of its step, of motions that contact takes away, and of the
+        stiffness of bodies that are not in contact at a row.
 
         Args:
             p: tractions (rows,) [Pa].
@@ -100,5 +120,5 @@ class SurfaceProblem:
         """
         if self.p_ref == 0:
             return 0.0
-        residual = self.cone.natural_residual(p, w - self.gap, self.p_ref / self.u_ref)
-        return float(self.surface.agreed(np.abs(residual).max(initial=0.0) / self.p_ref))
+        defect = self.defect(p, w)
+        return float(self.surface.agreed(np.abs(defect).max(initial=0.0) / max(self.scale(p), self.scale(p - defect))))

@@ -75,8 +75,7 @@ def largest_residual(problem: SurfaceProblem, solution: Solution) -> str:
     """Where the residual is largest: "contacts.base at (1, 0): normal "; empty if the problem has no tractions."""
     if not len(solution.p) or problem.p_ref == 0:
         return ""
-    residual = problem.cone.natural_residual(solution.p, solution.w - problem.gap, problem.p_ref / problem.u_ref)
-    row = int(np.argmax(np.abs(residual)))
+    row = int(np.argmax(np.abs(problem.defect(solution.p, solution.w))))
     for place in problem.cone.places:
         for part, span in (("normal", place.normal), ("tangential", place.tangential)):
             if span.start <= row < span.stop:
