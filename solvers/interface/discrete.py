@@ -90,8 +90,8 @@ class DiscreteProblem(SurfaceProblem):
     q: Array  # (rows,) in the order of the contact dofs
     scales: tuple[float, float]  # of r and of u: what one unit here is in the problem as it was given
 
-    u_ref = 1.0  # type: ignore[assignment]  # the scaling above
-    p_ref = 1.0  # type: ignore[assignment]
+    u_ref = 1.0  # the scaling above
+    p_ref = 1.0
 
     @property
     def dim(self) -> int:

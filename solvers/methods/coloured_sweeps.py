@@ -7,7 +7,6 @@ coupled, so that one array operation answers all of them, to the numbers that on
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 from scipy import sparse
@@ -15,7 +14,7 @@ from scipy import sparse
 from geometry.arrays import Array, Ints
 from geometry.protocols import Sparse
 from solvers.contact.admissible_set import project_disc
-from solvers.interface.discrete import DiscreteProblem, GivenSurface
+from solvers.interface.discrete import DiscreteProblem
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.method import SameEveryStep
 from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
@@ -89,7 +88,7 @@ class ColouredSweeps(SameEveryStep):
 
 def coloured(problem: DiscreteProblem) -> list[Colour]:
     """The contacts by colour."""
-    surface, d = cast(GivenSurface, problem.surface), problem.dim
+    surface, d = problem.surface, problem.dim
     own = _own_blocks(surface.matrix, d)
     give_n, give_T = own[:, 0, 0], np.linalg.eigvalsh(own[:, 1:, 1:])[:, -1]
     least = LEAST * max(give_n.max(), give_T.max()) or 1.0
