@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from geometry.arrays import Array, Bools
 from geometry.protocols import Sparse, Vec
@@ -26,6 +27,8 @@ from solvers.laws.coulomb_by_point import CoulombByPoint
 from solvers.laws.unilateral import Unilateral
 from solvers.parallel.counters import Counters
 
+LARGEST = 2000  # rows of a part whose rank is computed: a second
+SMALL = 1e-8  # relative: eigenvalues below count as zero
 LEAST = 1e-10  # smallest flexibility of a row, relative to the largest, that scales its trial tractions
 
 
@@ -162,6 +165,20 @@ def residual(r: Array, u: Array, mu: Array) -> float:
     r, v = r.reshape(len(mu), -1), u.reshape(len(mu), -1).copy()
     v[:, 0] += mu * np.linalg.norm(v[:, 1:], axis=1)
     return float(np.linalg.norm(r - project_cone(r - v, mu)))
+
+
+def rank(matrix: Sparse) -> int | None:
+    """Numerical rank of a symmetric matrix, by the eigenvalues of its uncoupled parts; None if one is too large.
+
+    >>> rank(sparse.csr_matrix([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 2.0]]))
+    2
+    """
+    count, part = connected_components(matrix, directed=False)
+    members = [np.flatnonzero(part == k) for k in range(count)]
+    if max(map(len, members)) > LARGEST:
+        return None
+    values = np.concatenate([np.abs(np.linalg.eigvalsh(matrix[rows][:, rows].toarray())) for rows in members])
+    return int((values > SMALL * values.max()).sum())
 
 
 def project_cone(x: Array, mu: Array) -> Array:
