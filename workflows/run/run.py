@@ -219,9 +219,9 @@ def _solve(
         interrupt.check(comm)
         system = simulation.system
         report = report_mesh(scene, simulation.mesh, system.nodes.total, system.contacts)
-        raise_together(comm, lambda: _open(results[0], simulation, earlier))
         work = place.with_name(f".{place.name}.running")
-        outputs = Outputs(Job(folder=work, scene=scene, mesh=simulation.data, comm=comm))
+        outputs = Outputs(Job(folder=work, scene=scene, mesh=simulation.data, comm=comm, simulation=simulation))
+        raise_together(comm, lambda: _open(results[0], simulation, earlier))
         outputs.begin() if earlier.folder is None else outputs.resume(earlier.steps)
         with ExitStack() as stack:
             raise_together(comm, lambda: stack.enter_context(RunLog(work / MARK)))
