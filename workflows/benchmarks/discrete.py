@@ -10,6 +10,7 @@ import importlib
 import math
 import os
 import time as clock
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,12 +31,14 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 OURS = "ours: "
 SICONOS = {  # name: solvers in 2D and 3D, most iterations
     "NSGS": ("SICONOS_FRICTION_2D_NSGS", "SICONOS_FRICTION_3D_NSGS", 100000),
-    "CPG": ("SICONOS_FRICTION_2D_CPG", "", 10000),
+    "CPG": ("SICONOS_FRICTION_2D_CPG", "", 1000),
     "NSN_AC": ("", "SICONOS_FRICTION_3D_NSN_AC", 1000),
     "ADMM": ("", "SICONOS_FRICTION_3D_ADMM", 10000),
 }
 ASKED = (1.0, 0.1, 0.01)  # of the tolerance: what Siconos is asked for, one after the other, by its own measure
 ROUNDING = 1e-6  # of a residual that is computed twice
+WIDE = 18  # letters of a column
+LIMIT = 20.0  # [s] of a call after which Siconos is not asked again
 SPARSE = 100  # rows from which its solvers in 3D get a sparse matrix
 Solver = Callable[[DiscreteProblem, float], tuple[float, Array | None]]  # problem, tolerance to seconds and r (rows,)
 
@@ -75,7 +78,7 @@ def siconos(numerics: Any, plane: str, space: str, max_it: int) -> Solver:
             return math.inf, None
         for part in ASKED:
             taken, r = once(problem, part * tolerance)
-            if left_by(problem, r) <= tolerance:
+            if left_by(problem, r) <= tolerance or taken > LIMIT:
                 break
         return taken, r
 
@@ -103,17 +106,18 @@ def measure(problem: DiscreteProblem, solver: Solver, tolerance: float) -> float
     return taken if left_by(problem, r) <= tolerance * (1 + ROUNDING) else math.inf
 
 
-def table(names: Sequence[str], found: Mapping[str, Sequence[float]]) -> Iterator[str]:
-    """Seconds of each solver on each problem, and our default's time by that of Siconos's fastest."""
-    yield f"{'problem':38} " + " ".join(f"{name[-16:]:>16}" for name in found) + "  default/Siconos"
-    default, others = found.get(OURS + AUTO), [times for name, times in found.items() if not name.startswith(OURS)]
-    for k, name in enumerate(names):
-        cells = " ".join(f"{times[k]:16.4f}" if math.isfinite(times[k]) else f"{'-':>16}" for times in found.values())
-        ratio = ""
-        if default and others:
-            best = max(min(times[k] for times in others), CLOCK)
-            ratio = f"{max(default[k], CLOCK) / best:.2g}" if math.isfinite(best) else "Siconos: none"
-        yield f"{name[:38]:38} {cells}  {ratio}"
+def line(name: str, times: Mapping[str, float]) -> str:
+    """Seconds of each solver on one problem, and our default's time by that of Siconos's fastest."""
+    cells = " ".join(f"{t:{WIDE}.4f}" if math.isfinite(t) else f"{'-':>{WIDE}}" for t in times.values())
+    others, ratio = [t for solver, t in times.items() if not solver.startswith(OURS)], ""
+    if others and OURS + AUTO in times:
+        best = max(min(others), CLOCK)
+        ratio = f"{max(times[OURS + AUTO], CLOCK) / best:.2g}" if math.isfinite(best) else "Siconos: none"
+    return f"{name[:38]:38} {cells}  {ratio}".rstrip()
+
+
+def profile(found: Mapping[str, Sequence[float]]) -> Iterator[str]:
+    """The performance profile as a table."""
     yield "share of the problems that a solver solves within a factor of the fastest one's time:"
     yield f"{'solver':22} " + " ".join(f"{factor:>6g}" for factor in FACTORS) + "    any"
     for name, values in shares(found).items():
@@ -135,17 +139,21 @@ def main(
         raise SystemExit(f"discrete: {error}") from None
     solvers = {OURS + name: ours(name) for name in method or (AUTO,)}
     numerics = installed()
+    warnings.filterwarnings("ignore", module="siconos")  # of how it stores sparse matrices
     if numerics is None:
         print("Siconos is not installed (Debian: python3-siconos): our methods alone")
     else:
         numerics.numerics_set_verbose(0)
         solvers |= {name: siconos(numerics, *which) for name, which in SICONOS.items()}
     found: dict[str, list[float]] = {name: [] for name in solvers}
-    for stored in problems.values():
-        for name, solver in solvers.items():
-            problem = discrete_problem(stored.W, stored.q, stored.mu)
-            found[name].append(measure(problem, solver, tolerance))
-    print("\n".join(table(list(problems), found)))
+    print(f"{'problem':38} " + " ".join(f"{name[-WIDE:]:>{WIDE}}" for name in solvers) + "  default/Siconos")
+    for stem, stored in problems.items():
+        problem = discrete_problem(stored.W, stored.q, stored.mu)
+        times = {name: measure(problem, solver, tolerance) for name, solver in solvers.items()}
+        print(line(stem, times), flush=True)
+        for name, taken in times.items():
+            found[name].append(taken)
+    print("\n".join(profile(found)))
     if picture is not None:
         try:
             draw_profile(picture, f"{len(problems)} discrete problems at {tolerance:g}", found)
