@@ -120,5 +120,4 @@ class SurfaceProblem:
         """
         if self.p_ref == 0:
             return 0.0
-        defect = self.defect(p, w)
-        return float(self.surface.agreed(np.abs(defect).max(initial=0.0) / max(self.scale(p), self.scale(p - defect))))
+        return float(self.surface.agreed(np.abs(self.defect(p, w)).max(initial=0.0) / self.scale(p)))

@@ -38,7 +38,7 @@ class ActiveSet:
         return np.asarray(np.diff(self.A_w.indptr) == 0)
 
     def proximal(self, p: Array, give: Array) -> ActiveSet:
-        """The system with w - give (p_new - p) in place of w on the rows whose law involves w; springs stay as they are.
+        """The system with w - give (p_new - p) in place of w in the rows whose law involves w; springs stay.
 
         At its fixed points, p_new = p, it is the system itself. It is solvable where the rows depend on each other.
 

@@ -9,12 +9,13 @@ import numpy as np
 
 from geometry.arrays import Array
 from solvers.interface.problem import SurfaceProblem
+from solvers.newton import path
 from solvers.newton.active_set import ActiveSet, linearise
 from solvers.newton.line_search import LineSearch
 from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
 from solvers.newton.starts import Start, again, first_starts, other_starts
 
-STALL_WINDOW = 20  # iterations in which the smallest residual must halve
+STALL_WINDOW = 20  # iterations in which the smallest residual of a damped attempt must halve
 SAME = 1e-10  # relative change of all tractions up to which two iterates are the same
 RETREATS = 6  # how often trial tractions that leave the bodies without hold are halved towards earlier ones
 ATTEMPT = 60  # iterations before another start is tried
@@ -33,8 +34,8 @@ class SemismoothNewton:
     Plain Newton comes first. Where all laws are piecewise linear its next iterate depends on the active set alone, so
     it ends with the solution or repeats a set, and then cycles. Then it is damped: a line search that does not ask for
     descent in every iteration, and a proximal term, w - epsilon (p - p_old) / gamma in place of w, with less and less
-    weight. Neither costs a volume solve. Last, other trial tractions to start from are tried, before the step counts
-    as failed.
+    weight. Neither costs a volume solve. After that come paths (see `path`) and other trial tractions to start from,
+    before the step counts as failed.
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991); Hüeber, Stadler & Wohlmuth,
     SIAM J. Sci. Comput. 30 (2008). Proximal term: Rockafellar, SIAM J. Control Optim. 14 (1976).
@@ -62,8 +63,10 @@ def _attempts(problem: SurfaceProblem, p: Array, run: _Run) -> Iterator[tuple[St
         yield start, None
     for proximal in FIRM:
         yield firsts[-1], proximal
+    assert run.best is not None
+    for start in path.ends(problem, p, run.best):
+        yield start, None
     for proximal in FIRMER:
-        assert run.best is not None
         yield again(problem, run.best), proximal
     for start in other_starts(problem, p):
         yield start, None
@@ -96,10 +99,11 @@ class _Run:
                 residual = self._judge(p, w, u_c, first=k)
                 if self.over or not np.isfinite(residual):
                     return
-                if k > 0 and (stalled(k, residual) or (proximal is None and _repeats(p, visited))):
+                if k > 0 and (_repeats(p, visited) if proximal is None else stalled(k, residual)):
                     return
                 visited.append(p)
-            solved = self._solve(p_hat, held, gamma, p, proximal if known else None)
+            weight = proximal * min(1.0, residual) if proximal and known else None
+            solved = self._solve(p_hat, held, gamma, p, weight)
             if solved is None:
                 self._keep(Solution(p, w, u_c, Status.NO_HOLD, np.inf, ()))
                 return

@@ -30,9 +30,10 @@ class Start:
         return Start(p=p, u_c=u_c, p_hat=p + factor * problem.gamma * r, factor=factor)
 
     @staticmethod
-    def from_trial(problem: SurfaceProblem, p: Array, p_hat: Array, factor: float = 1.0) -> Start:
-        """Start from the active set of trial tractions p_hat (rows,) [Pa] alone."""
+    def as_if(problem: SurfaceProblem, p: Array, answer: Array, factor: float = 1.0) -> Start:
+        """Start from p (rows,) [Pa] with the active set of which `answer` (rows,) [Pa] would be the solution."""
         nowhere = np.zeros(problem.surface.size)
+        p_hat = answer + factor * problem.gamma * problem.cone.give(answer)
         return Start(p=p, u_c=nowhere, p_hat=p_hat, factor=factor, in_equilibrium=False)
 
 
@@ -54,8 +55,8 @@ def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
         yield Start.at(problem, zero, np.zeros(problem.surface.size))
     else:
         if p.any():
-            yield Start.from_trial(problem, p, p)
-        yield Start.from_trial(problem, p, _closed(problem))
+            yield Start.as_if(problem, p, p)
+        yield Start.as_if(problem, p, closed(problem))
         yield from _balanced(problem)
 
 
@@ -73,7 +74,7 @@ def other_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
         for tractions in [] if floating else [zero] if factor == 1.0 else [p, zero]:
             if tractions is p or p.any():
                 yield Start.at(problem, tractions, problem.contact_displacement(tractions), factor)
-        yield Start.from_trial(problem, p, _closed(problem), factor)
+        yield Start.as_if(problem, p, closed(problem), factor)
         if floating:
             yield from _balanced(problem, factor)
 
@@ -83,8 +84,8 @@ def again(problem: SurfaceProblem, best: Solution) -> Start:
     return Start.at(problem, best.p, best.u_c)
 
 
-def _closed(problem: SurfaceProblem) -> Array:
-    """Trial tractions (rows,) [Pa] of which all points are closed and stick."""
+def closed(problem: SurfaceProblem) -> Array:
+    """Tractions (rows,) [Pa] under which all points are closed and stick."""
     normal = problem.surface.normal_rows
     return np.concatenate([np.full(normal, problem.p_ref), np.zeros(len(problem.gap) - normal)])
 
@@ -93,4 +94,4 @@ def _balanced(problem: SurfaceProblem, factor: float = 1.0) -> Iterator[Start]:
     """Start from tractions that balance the load on rigid bodies, if there are any."""
     rigid = balancing_tractions(problem)
     if rigid is not None:
-        yield Start.from_trial(problem, rigid, rigid, factor)
+        yield Start.as_if(problem, rigid, rigid, factor)

@@ -1,0 +1,312 @@
+"""Path following: the last resort for piecewise-linear contact problems in the plane.
+
+The tractions p and rigid motions b solve F(p, b) = 0, with the natural map p - P_C(p + gamma (w - gap)) in the rows of
+contact and the balance R^T (f - B^T p) in the others. In the plane, with unilateral or bilateral contact and Coulomb
+friction, F is linear on each of finitely many pieces. A homotopy H(p, b, s) = 0 with a known solution at s = 1 and
+F = 0 at s = 0 is then a polygon: it is followed from kink to kink, where one row changes its state (open, closed,
+stick, slip either way). The inverse of the Jacobian changes by rank one there; where its determinant changes its sign,
+s turns back. No volume solve is needed.
+
+Two homotopies. H = F - s F(z_0) starts at any iterate z_0; nothing is proved of it. H = F with gaps wider by s D starts
+with all rows open, and is Lemke's method with the covering vector D: the linear complementarity problem of Coulomb
+friction is copositive for every mu >= 0, so that for bodies that supports hold it ends at a solution, after finitely
+many kinks if no two come at once (start and D are perturbed for that), perhaps after very many.
+
+Source: Katzenelson, Bell Syst. Tech. J. 44 (1965); Lemke, Management Sci. 11 (1965); Klarbring, Ing.-Arch. 56 (1986);
+Cottle, Pang & Stone, The Linear Complementarity Problem (1992), theorem 4.4.13.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.arrays import Array, Bools, Ints
+from solvers.interface.prepare import condensed
+from solvers.interface.problem import SurfaceProblem
+from solvers.interface.schur_complement import CondensedSurface
+from solvers.newton.solution import Solution
+from solvers.newton.starts import Start, closed
+
+OPEN, CLOSED = 0, 1  # states of normal rows
+DEAD, STICK, FORWARD, BACKWARD = 2, 3, 4, 5  # states of tangential rows; dead: the friction bound is zero or less
+PERTURBATION = 1e-6  # of tractions and gaps at the start, against kinks that come at once
+KINKS = (150, 600, 3000)  # budgets of paths from iterates, one after the other
+MOST_KINKS = 20000  # of the path from all open
+REFRESH = 40  # kinks after which the inverse is computed anew
+SINGULAR = 1e-11  # relative change of the determinant that counts as zero
+BACK = 2.0  # s at which the path is given up: it leads away
+
+
+def applies(problem: SurfaceProblem) -> bool:
+    """Whether the problem is piecewise linear: in the plane, pressures and bounds proportional to what causes them."""
+    cone = problem.cone
+    if not isinstance(problem.surface, CondensedSurface):
+        return False
+    for place in cone.places:
+        law, friction = place.rows.normal, place.rows.friction
+        one, gamma = np.ones(place.normal.stop - place.normal.start), problem.gamma[place.normal]
+        if place.components != 1 or not np.allclose(law.resolvent(2 * one, gamma), 2 * law.resolvent(one, gamma)):
+            return False
+        if friction is not None:
+            cap, below, above = friction.lines(law, cone.time, cone.end)
+            if np.isfinite(cap) or not np.isfinite(below) or below != above:
+                return False
+    return True
+
+
+def ends(problem: SurfaceProblem, p: Array, best: Solution) -> Iterator[Start]:
+    """Ends of paths from the best iterate, the tractions p (rows,) [Pa] of the last step, all closed, and all open."""
+    if not applies(problem):
+        return
+    nowhere = np.zeros_like(best.u_c)
+    for attempt, kinks in enumerate(KINKS):
+        for at, u_c in ((best.p, best.u_c), (p, best.u_c), (closed(problem), nowhere)):
+            yield from path_from(problem, at, u_c, kinks, seed=attempt)
+    if not problem.surface.floating:
+        yield from path_from_open(problem, MOST_KINKS)
+
+
+def path_from(problem: SurfaceProblem, p: Array, u_c: Array, kinks: int, seed: int = 0) -> Iterator[Start]:
+    """The end of the path H = F - s F(z_0), if it arrives.
+
+    Args:
+        problem: the contact problem of the step.
+        p: tractions (rows,) [Pa] of z_0.
+        u_c: displacement (c,) [m] of z_0; of it only the rigid motions matter.
+        kinks: their largest number.
+        seed: of the perturbation of z_0.
+    """
+    maps = _Map.of(problem)
+    away = PERTURBATION * problem.p_ref * np.random.default_rng(seed).standard_normal(len(p))
+    p = np.where(problem.cone.carrying, p + away, 0.0)
+    yield from _follow(maps, p, problem.surface.R.T @ u_c, np.zeros_like(p), kinks)
+
+
+def path_from_open(problem: SurfaceProblem, kinks: int) -> Iterator[Start]:
+    """The end of the path H = F with gaps wider by s D, from all rows open, for bodies that supports hold.
+
+    It arrives, but perhaps after more `kinks` than are allowed.
+    """
+    maps, zero, n = _Map.of(problem), np.zeros(len(problem.gap)), problem.surface.normal_rows
+    closing = (maps.w_0 - problem.gap)[:n]
+    if np.any(maps.two_sided):
+        return
+    room = max(float(closing.max(initial=0.0)), 0.0) + problem.p_ref / float(problem.gamma.max())
+    wider = zero.copy()
+    wider[:n] = room * (1 + 0.1 * np.random.default_rng(0).random(n))
+    yield from _follow(maps, zero, np.zeros(0), wider, kinks)
+
+
+def _follow(maps: _Map, p: Array, b: Array, wider: Array, kinks: int) -> Iterator[Start]:
+    try:
+        found = _Path(maps, p, b, wider).follow(kinks)
+    except np.linalg.LinAlgError:  # it starts where a row is at a kink, or where nothing holds a body
+        return
+    if found is not None:
+        yield found
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Map:
+    """The natural map F of a piecewise-linear problem. Unknowns: tractions on the `carrying` rows, rigid motions b."""
+
+    problem: SurfaceProblem
+    w_0: Array  # (rows,) w at p = 0, b = 0 [m]
+    G: Array  # (rows, rows) w = w_0 - G p + C b [m/Pa]
+    C: Array  # (rows, r)
+    H: Array  # (r, rows) R^T B^T: balance is R^T f - H p = 0
+    bound: Array  # (rows, rows) friction bounds s = bound @ p [-]
+    share: Array  # (rows,) of the trial traction that a closed or sticking row takes: 1 without compliance
+    normal: Bools  # (rows,)
+    two_sided: Bools  # (rows,) normal rows that are always closed
+    rows: Ints  # (m,) that may carry a traction
+
+    @staticmethod
+    def of(problem: SurfaceProblem) -> _Map:
+        surface, cone = condensed(problem.surface), problem.cone
+        count = len(problem.gap)
+        moved = surface.flexibility @ (surface.N.T.toarray() * surface.W)  # u of unit tractions
+        bound, share = np.zeros((count, count)), 1 / (1 + problem.gamma * cone.softness)
+        normal, two_sided, rubs = (np.zeros(count, bool) for _ in range(3))
+        for place in cone.places:
+            n, t = place.normal, place.tangential
+            one = np.ones(n.stop - n.start)
+            normal[n], two_sided[n] = True, place.rows.normal.sides == 2
+            share[n] = place.rows.normal.resolvent(one, problem.gamma[n])
+            if place.rows.friction is not None:
+                _, mu, _ = place.rows.friction.lines(place.rows.normal, cone.time, cone.end)
+                bound[t, n], rubs[t] = mu * place.average.toarray(), True
+        return _Map(
+            problem=problem,
+            w_0=problem.relative_displacement(surface.flexibility @ problem.load.f_c),
+            G=np.asarray(surface.N @ moved),
+            C=np.asarray(surface.N @ surface.R),
+            H=surface.R.T @ (surface.N.T.toarray() * surface.W),
+            bound=bound,
+            share=share,
+            normal=normal,
+            two_sided=two_sided,
+            rows=np.flatnonzero(cone.carrying & (normal | rubs)),
+        )
+
+    def trial(self, p: Array, b: Array, wider: Array) -> Array:
+        """Trial tractions (rows,) [Pa], gaps wider by `wider` (rows,) [m]."""
+        r = self.w_0 - self.G @ p + self.C @ b - self.problem.gap - wider
+        return np.asarray(self.share * (p + self.problem.gamma * r))
+
+    def states(self, trial: Array, s: Array) -> Ints:
+        """State of each row (rows,) at trial tractions and bounds s (rows,) [Pa]."""
+        rubbing = np.select([s <= 0, np.abs(trial) <= s, trial > 0], [DEAD, STICK, FORWARD], BACKWARD)
+        return np.where(self.normal, np.where(self.two_sided | (trial > 0), CLOSED, OPEN), rubbing)
+
+    def value(self, p: Array, b: Array, trial: Array, state: Ints) -> Array:
+        """F (m + r,) at an iterate whose rows are in the given states."""
+        s = self.bound @ p
+        follows = (state == CLOSED) | (state == STICK)
+        P = np.select([follows, state == FORWARD, state == BACKWARD], [trial, s, -s], 0.0)
+        return np.concatenate([(p - P)[self.rows], self.problem.load.resultant - self.H @ p])
+
+    def gradient(self, row: int, state: int) -> Array:
+        """Gradient (m + r,) of F in one row of that state."""
+        by_p, by_b = np.zeros(len(self.share)), np.zeros(self.C.shape[1])
+        by_p[row] = 1.0
+        if state in (CLOSED, STICK):
+            weight = self.share[row] * self.problem.gamma[row]
+            by_p[row] -= self.share[row]
+            by_p += weight * self.G[row]
+            by_b -= weight * self.C[row]
+        elif state in (FORWARD, BACKWARD):
+            by_p += self.bound[row] * (-1.0 if state == FORWARD else 1.0)
+        return np.concatenate([by_p[self.rows], by_b])
+
+    def jacobian(self, state: Ints) -> Array:
+        """(m + r, m + r)."""
+        balance = np.hstack([-self.H[:, self.rows], np.zeros((len(self.H), len(self.H)))])
+        return np.vstack([*(self.gradient(i, state[i]) for i in self.rows), balance])
+
+
+class _Path:
+    """The polygon H(z, s) = 0 from s = 1 to s = 0, and where on it we are."""
+
+    def __init__(self, maps: _Map, p: Array, b: Array, wider: Array) -> None:
+        """
+        Args:
+            maps: F.
+            p: tractions (rows,) [Pa] at s = 1.
+            b: rigid motions (r,) [m] at s = 1.
+            wider: D (rows,) [m], by which gaps are wider at s = 1.
+        """
+        self.map, self.p, self.b, self.wider = maps, p.copy(), b.copy(), wider
+        self.s, self.direction = 1.0, -1.0
+        self.trial = maps.trial(p, b, wider)
+        self.bounds = maps.bound @ p
+        self.state = maps.states(self.trial, self.bounds)
+        self.at_start = np.zeros(0)  # F(z_0), if gaps are not wider
+        if not wider.any():
+            self.at_start = maps.value(p, b, self.trial, self.state)
+        self.inverse = np.linalg.inv(maps.jacobian(self.state))
+        self.crossed: tuple[int, int] | None = None  # row that changed its state last, and its state before
+
+    def follow(self, kinks: int) -> Start | None:
+        """Follow the path; None if it does not arrive within that many kinks, or leads away."""
+        for kink in range(1, kinks + 1):
+            z = -self.direction * (self.inverse @ self._by_s())  # dz along the path, for |ds| = 1
+            dp = np.zeros_like(self.p)
+            m = len(self.map.rows)
+            dp[self.map.rows], db = z[:m], z[m:]
+            step, row, to = self._next_kink(dp, db)
+            left = self.s if self.direction < 0 else np.inf
+            if not np.isfinite(min(step, left)):
+                return None
+            self._move(min(step, left), dp, db)
+            if left <= step:
+                return self._end()
+            if self.s > BACK or not self._change(row, to):
+                return None
+            if kink % REFRESH == 0:
+                self._correct()
+        return None
+
+    def _by_s(self) -> Array:
+        """dH/ds (m + r,)."""
+        if len(self.at_start):
+            return -self.at_start
+        maps = self.map
+        closed = (self.state == CLOSED)[maps.rows]
+        push = (maps.share * maps.problem.gamma * self.wider)[maps.rows]
+        return np.concatenate([np.where(closed, push, 0.0), np.zeros(len(maps.H))])
+
+    def _next_kink(self, dp: Array, db: Array) -> tuple[float, int, int]:
+        """Distance to the next kink, the row that changes there, and its next state."""
+        maps, state, trial, s = self.map, self.state, self.trial, self.bounds
+        dr = -maps.G @ dp + maps.C @ db - self.direction * self.wider
+        dt, ds = maps.share * (dp + maps.problem.gamma * dr), maps.bound @ dp
+        carrying = np.zeros(len(dp), bool)
+        carrying[maps.rows] = True
+        sign = np.where(trial > 0, FORWARD, BACKWARD)
+        kinds = (  # rows in a state, what stays positive in it, its change, the state after
+            (carrying & (state == OPEN), -trial, -dt, CLOSED),
+            (carrying & (state == CLOSED) & ~maps.two_sided, trial, dt, OPEN),
+            (carrying & (state == DEAD), -s, -ds, sign),
+            (carrying & (state == STICK), s - trial, ds - dt, FORWARD),
+            (carrying & (state == STICK), s + trial, ds + dt, BACKWARD),
+            (carrying & (state == FORWARD), trial - s, dt - ds, STICK),
+            (carrying & (state == BACKWARD), -trial - s, -dt - ds, STICK),
+            (carrying & ((state == FORWARD) | (state == BACKWARD)), s, ds, DEAD),
+        )
+        best: tuple[float, int, int] = np.inf, -1, -1
+        for rows, value, change, after in kinds:
+            index = np.flatnonzero(rows & (change < 0))
+            after = np.broadcast_to(after, len(dp))
+            if self.crossed is not None and len(index):  # it does not go straight back
+                row, before = self.crossed
+                index = index[~((index == row) & (after[index] == before))]
+            if len(index):
+                distance = np.maximum(value[index], 0.0) / -change[index]
+                k = int(np.argmin(distance))
+                best = min(best, (float(distance[k]), int(index[k]), int(after[index[k]])))
+        return best
+
+    def _move(self, step: float, dp: Array, db: Array) -> None:
+        self.p += step * dp
+        self.b += step * db
+        self.s += self.direction * step
+        self._evaluate()
+
+    def _evaluate(self) -> None:
+        self.trial = self.map.trial(self.p, self.b, self.s * self.wider)
+        self.bounds = self.map.bound @ self.p
+
+    def _change(self, row: int, to: int) -> bool:
+        """Let a row change its state: update the inverse, and turn s where the determinant changes its sign."""
+        a = int(np.searchsorted(self.map.rows, row))
+        by_row = (self.map.gradient(row, to) - self.map.gradient(row, int(self.state[row]))) @ self.inverse
+        ratio = 1 + by_row[a]  # of the determinants
+        if abs(ratio) < SINGULAR:
+            return False
+        self.crossed = row, int(self.state[row])
+        self.state[row] = to
+        self.inverse -= np.outer(self.inverse[:, a], by_row / ratio)
+        if ratio < 0:
+            self.direction = -self.direction
+        return True
+
+    def _correct(self) -> None:
+        """Compute the inverse anew, and return to the path, which rounding has left a little."""
+        maps = self.map
+        self.inverse = np.linalg.inv(maps.jacobian(self.state))
+        off = maps.value(self.p, self.b, self.trial, self.state)
+        if len(self.at_start):
+            off = off - self.s * self.at_start
+        z = -self.inverse @ off
+        self.p[maps.rows] += z[: len(maps.rows)]
+        self.b += z[len(maps.rows) :]
+        self._evaluate()
+
+    def _end(self) -> Start:
+        problem, surface = self.map.problem, condensed(self.map.problem.surface)
+        u_c = surface.flexibility @ (problem.load.f_c - surface.forces(self.p)) + surface.R @ self.b
+        return Start.at(problem, self.p, u_c)
