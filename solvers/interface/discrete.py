@@ -8,7 +8,7 @@ Source: Acary & Brogliato, Numerical Methods for Nonsmooth Dynamical Systems (20
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -109,6 +109,14 @@ class DiscreteProblem(SurfaceProblem):
         """
         N = self.surface.N
         return residual(N.T @ p, -(N.T @ w), self.mu)
+
+    def regular(self, p: Array, epsilon: float) -> DiscreteProblem:
+        """The problem with W + epsilon I and q - epsilon r for W and q, at p (rows,): regular for epsilon > 0."""
+        shift = sparse.identity(len(p), format="csr") * epsilon
+        surface = GivenSurface(self.surface.matrix + shift, len(self.mu))
+        surface.counters = self.surface.counters
+        q = self.q - epsilon * self.surface.forces(p)
+        return replace(self, surface=surface, q=q, offset=-(surface.N @ q), gamma=1 / (1 / self.gamma + epsilon))
 
     def reactions(self, p: Array) -> Array:
         """r (rows,) of the problem as it was given, per contact, from p (rows,)."""

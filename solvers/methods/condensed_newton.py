@@ -10,6 +10,7 @@ from solvers.interface.discrete import GivenSurface
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.applicability import Applicability
 from solvers.methods.method import Solve, Stateless, Turn
+from solvers.methods.proximal_points import ProximalPoints
 from solvers.newton import condensed_system, given_system
 from solvers.newton.semismooth import SemismoothNewton
 from solvers.newton.solution import OnStep, Solution, ignore
@@ -29,7 +30,10 @@ class CondensedNewton(Stateless):
     TURNS: ClassVar = (Turn("condensed", 1),)
 
     def discrete(self, surface: GivenSurface) -> Solve:
-        return SemismoothNewton(rtol=self.rtol, max_it=self.max_it, linear=given_system.solve)
+        def newton(rtol: float, max_it: int) -> Solve:
+            return SemismoothNewton(rtol=rtol, max_it=max_it, linear=given_system.solve)
+
+        return ProximalPoints(rtol=self.rtol, max_it=self.max_it, newton=newton)
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         newton = SemismoothNewton(rtol=self.rtol, max_it=self.max_it, linear=condensed_system.solve)

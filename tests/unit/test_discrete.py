@@ -179,6 +179,42 @@ def test_sweeps_say_how_they_ended() -> None:
     assert sweeps(rtol=1e-6, max_it=10000).status is Status.CONVERGED
 
 
+def proximal(problem: DiscreteProblem, **settings: Any) -> Any:
+    prepared = METHODS["condensed-newton"](**settings).discrete(problem.surface)
+    assert prepared is not None
+    return prepared(problem, np.zeros(len(problem.q)), lambda step: None)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_fixed_point_of_the_regular_problem_is_a_solution(seed: int) -> None:
+    W, q, mu = random_problem(seed)
+    problem = problem_of(W, q, mu)
+    p = solve(problem, "auto", 1e-12).solution.p
+    near = problem.regular(p, 0.1)
+    w = near.relative_displacement(near.contact_displacement(p))
+    assert near.natural_residual(p, w) < 1e-11
+    assert np.linalg.eigvalsh(near.surface.flexibility).min() > 0.099
+    assert np.linalg.eigvalsh(problem.surface.flexibility).min() < 1e-12
+    other = near.relative_displacement(near.contact_displacement(0 * p))
+    assert near.natural_residual(0 * p, other) > 0.01
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_newton_passes_singular_systems_by_proximal_points(seed: int) -> None:
+    problem = problem_of(*random_problem(seed, contacts=12, bodies=14))
+    found = proximal(problem, rtol=1e-9, max_it=2000)
+    assert found.status is Status.CONVERGED
+    assert found.residual <= 1e-9
+    assert [step.iteration for step in found.history] == sorted(step.iteration for step in found.history)
+
+
+def test_proximal_points_end_with_their_iterations() -> None:
+    problem = problem_of(*random_problem(0, contacts=12, bodies=14))
+    found = proximal(problem, rtol=1e-9, max_it=3)
+    assert found.status is Status.STALLED
+    assert found.residual == min(step.residual for step in found.history)
+
+
 def test_methods_that_need_bodies_are_refused() -> None:
     assert usable() == METHODS_USED
     for name in set(METHODS) - set(METHODS_USED):
