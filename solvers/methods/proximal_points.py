@@ -1,7 +1,7 @@
 """Proximal points: a discrete problem by a sequence of regular ones, each solved by Newton from the last answer.
 
-W is often rank-deficient, and Newton's systems then are singular. W + epsilon I with q - epsilon r_k is regular, near to
-the problem, and at its fixed point r_{k+1} = r_k is the problem itself. Newton needs one to five iterations for each.
+W is often rank-deficient, and Newton's systems then are singular. W + epsilon I with q - epsilon r_k is regular, near
+to the problem, and at its fixed point r_{k+1} = r_k is the problem itself. Newton needs few iterations for each.
 """
 
 from __future__ import annotations
