@@ -15,6 +15,7 @@ from solvers.contact.admissible_set import AdmissibleSet
 from solvers.interface.flexibility import DelassusOperator, Load
 
 ROUNDING = 1e-12  # of the largest motion: normal motion below that counts as zero
+SCALED = 1e-9  # relative difference up to which problems are the same in another unit
 LEAST = 1e-6  # of p_ref: tractions below that are measured against it, for they are differences of what is far larger
 
 
@@ -68,6 +69,15 @@ class SurfaceProblem:
         )
         return float(np.max(np.where(pulls, np.abs(u_n), u_n), initial=0.0))
 
+    def is_scaled(self, other: SurfaceProblem) -> bool:
+        """Whether this is another problem of the same bodies in another unit: load, gaps, motions in proportion."""
+        if self.p_ref == 0 or other.p_ref == 0 or not self.cone.homogeneous(self.gamma):
+            return False
+        scale = self.p_ref / other.p_ref
+        pairs = ((self.gap, other.gap), (self.offset, other.offset), (self.load.free, other.load.free))
+        allowed = SCALED * max(self.u_ref, float(np.abs(self.load.free).max(initial=0.0)))
+        return all(np.abs(a - scale * b).max(initial=0.0) <= allowed for a, b in pairs)
+
     @property
     def volume_solves(self) -> int:
         """Applications of K_B^-1 in the run so far."""
@@ -109,7 +119,7 @@ class SurfaceProblem:
         return max(float(np.abs(p).max(initial=0.0)), LEAST * self.p_ref)
 
     def imbalance(self, p: Array) -> float:
-        """Forces R^T (f - B^T p) out of balance on the rigid modes, relative to all forces on them; 0 if all is held."""
+        """Forces R^T (f - B^T p) out of balance on the rigid modes, relative to all forces on them; 0 without modes."""
         surface = self.surface
         if not surface.floating:
             return 0.0

@@ -20,7 +20,7 @@ class Status(Enum):
     NOT_FINITE = "the iteration left the range of numbers: check the units of E, loads and lengths"
     BROKEN = "a linear solve failed, run.log says why: try another solver.method or solver.surface"
     NO_EQUILIBRIUM = "contact and friction cannot balance the loads"
-    NO_HOLD = "contact and friction could not hold the body: check loads, friction and the start of contact"
+    NO_HOLD = "no state of contact that was tried holds the bodies: check loads, friction and the start of contact"
 
 
 @dataclass(frozen=True)

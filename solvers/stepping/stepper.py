@@ -158,6 +158,7 @@ class Stepper:
         step = target - start.time
         smallest = step / 2**HALVINGS
         accepted: Accepted | None = None
+        failed: SurfaceProblem | None = None  # from the present state
         while accepted is None or state.time < target:
             remaining = target - state.time
             size = control.next_size(remaining, smallest)
@@ -166,7 +167,10 @@ class Stepper:
             if solution.status is Status.NO_EQUILIBRIUM:
                 unbalanced = end, f"{solution.status.value}: {describe_motion(stepper.system, solution.u_c)}"
             if new is None:
-                if size <= smallest * (1 + 1e-9):
+                # from rest, under loads in proportion to time, a shorter step is the same problem again
+                scaled = failed is not None and problem is not None and problem.is_scaled(failed)
+                failed = problem
+                if size <= smallest * (1 + 1e-9) or scaled:
                     if unbalanced is not None:
                         raise NoEquilibriumError(*unbalanced, tuple(history), accepted)
                     text = failure.explain(problem, solution, self.system.problem.solver.tolerance, size)
@@ -175,6 +179,7 @@ class Stepper:
                 log.warning("t = %g: %s; the step is cut to %.3g s", end, solution.status.value, control.size)
                 continue
             assert problem is not None
+            failed = None
             easy = solution.iterations <= EASY * self.system.problem.solver.max_iterations
             control = control.after_success(size, step, easy)
             substep_start, state, substeps = state, replace(new, control=control), substeps + 1
