@@ -15,8 +15,12 @@ from solvers.newton.active_set import ActiveSet
 DENSE = 200  # largest number of rows for a dense factorisation
 
 
-def solve(laws: ActiveSet) -> tuple[Array, Array]:
+def solve(laws: ActiveSet, u: Array) -> tuple[Array, Array]:
     """Solve a Newton system of a `DiscreteProblem`.
+
+    Args:
+        laws: the linearised laws.
+        u: displacement of the last iterate (rows,), which anchors rigid modes; there are none here.
 
     Returns:
         Tractions p (rows,) and displacement of the contact dofs u_c = -W N^T p (rows,).
