@@ -16,6 +16,7 @@ from geometry.arrays import Array
 from geometry.keys import Key
 from geometry.protocols import Vec
 from solvers.interface.coarse_mesh import CoarseMesh
+from solvers.interface.discrete import GivenSurface
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.prepare import Form
 from solvers.interface.problem import SurfaceProblem
@@ -145,6 +146,10 @@ class Method(Keys, ABC):
     def build(self, setup: Setup) -> Ready:
         """Assemble and factorise what it needs in addition to the bodies; collective."""
 
+    def discrete(self, surface: GivenSurface) -> Solve | None:
+        """The method for a `DiscreteProblem`, prepared from its operator alone; None: it needs the bodies as well."""
+        return None
+
 
 @dataclass(frozen=True, kw_only=True)
 class Stateless(Method, SameEveryStep):
@@ -152,6 +157,9 @@ class Stateless(Method, SameEveryStep):
 
     def build(self, setup: Setup) -> Ready:
         return self
+
+    def discrete(self, surface: GivenSurface) -> Solve | None:
+        return self if self.WORKS_WITH.condensed else None
 
 
 @cache

@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
+from scipy import sparse
 
 from geometry.arrays import Array
+from solvers.interface.discrete import LEAST, GivenSurface
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.applicability import Applicability
@@ -52,6 +54,14 @@ class SurfaceUzawa(Method):
             max_it=self.max_it,
             safety=setup.safety,
         )
+
+    def discrete(self, surface: GivenSurface) -> SameEveryStep:
+        """There is no boundary to take a metric from: F begins as the diagonal of the operator, and learns the rest."""
+        give, ones = surface.matrix.diagonal(), np.ones(surface.size)
+        diagonal = SurfaceMetric(
+            L=sparse.csr_matrix(surface.matrix.shape), mass=ones, depth=ones, compliance=np.maximum(give, LEAST)
+        )
+        return LearningIteration(metric=diagonal, rtol=self.rtol, max_it=self.max_it)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -257,9 +257,9 @@ def _solve(
         report = report_mesh(scene, simulation.mesh, system.nodes.total, system.contacts)
         begun: dict[str, Any] = {}  # on rank 0
         raise_together(comm, lambda: begun.update(_begun(simulation)))
-        raise_together(comm, lambda: _open(results[0], begun, earlier))
         work = _work(place)
-        outputs = Outputs(Job(folder=work, scene=scene, mesh=simulation.data, comm=comm))
+        outputs = Outputs(Job(folder=work, scene=scene, mesh=simulation.data, comm=comm, simulation=simulation))
+        raise_together(comm, lambda: _open(results[0], begun, earlier))
         outputs.begin() if earlier.folder is None else outputs.resume(earlier.steps)
         with ExitStack() as stack:
             raise_together(comm, lambda: stack.enter_context(RunLog(work / MARK)))

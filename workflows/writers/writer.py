@@ -16,6 +16,7 @@ from geometry.protocols import Comm
 from solvers.results.step_result import MeshData, StepResult
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Output
+from solvers.simulation.simulation import Simulation
 from solvers.stepping.history import HistoryTuple
 
 
@@ -38,6 +39,7 @@ class Job:
     scene: Scene
     mesh: MeshData  # on rank 0, empty elsewhere
     comm: Comm  # for writers that every rank calls
+    simulation: Simulation | None = None  # that solves it, for writers that need more than its steps' results
 
 
 @dataclass(frozen=True, kw_only=True)
