@@ -28,6 +28,7 @@ TOLERANCE = 1e-10  # of the second opinion
 ITERATIONS = 3000  # of the second opinion
 AUDIT = 1e-6  # limit of each number of the audit: solved to 1e-8, and its scales differ from those of the residual
 STRICT = 1e-5  # limit of the residual relative to the largest traction that there is
+NOTHING = 1e-6  # of the traction that the motion could cause: smaller ones count as none
 AGREEMENT = 1e-3  # of forces and displacements, relative to the largest: tolerance times condition
 TWIN = 1e-5  # of a twin's forces and displacements
 EVEN = 0.1  # share by which a twin's iterations may differ: rounding decides ties
@@ -66,21 +67,19 @@ class Solved:
 
     @cached_property
     def judged(self) -> tuple[dict[str, float], float]:
-        """The worst of the audit's numbers over all steps, and the strict residual."""
+        """The worst of the audit's numbers over all steps, and the residual relative to the largest traction."""
         auditor = Auditor(self.simulation.problem, self.simulation.mesh)
-        audits, strict = [], 0.0
-        for step in self.steps:
-            audits.append(auditor(_record(step)))
-            strict = max(strict, self._strict(auditor, step))
-        return {key: value or 0.0 for key, value in Audit.worst(audits).items()}, strict
-
-    def _strict(self, auditor: Auditor, step: StepResult) -> float:
-        """The residual of the contact laws relative to the largest traction of this step, or to its largest motion."""
-        system = self.simulation.system
+        system, steps = self.simulation.system, self.steps
         gamma = self.simulation.problem.softest / system.extent
-        residual = auditor.cone.at(step.time).natural_residual(step.p, step.w - step.reference, gamma)
-        scale = max(np.abs(step.p).max(initial=0.0), 1e-6 * gamma * np.abs(step.displacement).max(initial=0.0))
-        return float(np.abs(residual).max(initial=0.0) / scale) if scale else 0.0
+        moved = max((float(np.abs(step.displacement).max(initial=0.0)) for step in steps), default=0.0)
+        largest = max((float(np.abs(step.p).max(initial=0.0)) for step in steps), default=0.0)
+        scale = max(largest, NOTHING * gamma * moved)
+        audits, residual = [], 0.0
+        for step in steps:
+            audits.append(auditor(_record(step)))
+            natural = auditor.cone.at(step.time).natural_residual(step.p, step.w - step.reference, gamma)
+            residual = max(residual, float(np.abs(natural).max(initial=0.0)))
+        return {key: value or 0.0 for key, value in Audit.worst(audits).items()}, residual / scale if scale else 0.0
 
     @property
     def complaints(self) -> list[str]:
@@ -101,7 +100,7 @@ class Solved:
         }
 
     def nodal(self) -> Array:
-        """Nodal contact forces B^T p (steps, k) [N]; none where contact slides, for its rows are others in each step."""
+        """Nodal contact forces B^T p (steps, k) [N]; none where contact slides, where rows change."""
         if any(step.searched for step in self.steps):
             return np.zeros((0, 0))
         return np.array([self.simulation.stepper.surface.forces(step.p) for step in self.steps])

@@ -81,9 +81,13 @@ def _random(task: Task) -> np.random.Generator:
     return np.random.default_rng([task.seed, zlib.crc32(f"{task.scene} {task.name}".encode())])
 
 
-def results(scenes: Sequence[str], number: int, seed: int, jobs: int) -> Iterator[Row]:
-    """The first `number` tasks whose variation applies, in their order."""
-    with Crew(jobs) as crew:
+def results(scenes: Sequence[str], number: int, seed: int, jobs: int, opinion: float = OPINION) -> Iterator[Row]:
+    """The first `number` tasks whose variation applies, in their order.
+
+    Args:
+        opinion: time limit of a second opinion [s].
+    """
+    with Crew(jobs, opinion) as crew:
         found = 0
         for row in crew.map(tasks(scenes, seed)):
             if row is not None:
@@ -96,8 +100,8 @@ def results(scenes: Sequence[str], number: int, seed: int, jobs: int) -> Iterato
 class Crew:
     """Processes that solve tasks; one that takes too long, or dies, is replaced."""
 
-    def __init__(self, jobs: int) -> None:
-        self.jobs, self._idle, self._all = jobs, SimpleQueue[Worker](), [Worker() for _ in range(jobs)]
+    def __init__(self, jobs: int, opinion: float) -> None:
+        self.jobs, self._idle, self._all = jobs, SimpleQueue[Worker](), [Worker(opinion) for _ in range(jobs)]
         for worker in self._all:
             self._idle.put(worker)
 
@@ -133,7 +137,8 @@ class Crew:
 class Worker:
     """A process of one core that performs one task after the other."""
 
-    def __init__(self) -> None:
+    def __init__(self, opinion: float) -> None:
+        self._opinion = opinion
         self._process: multiprocessing.process.BaseProcess | None = None
         self._pipe: Connection | None = None
 
@@ -159,7 +164,7 @@ class Worker:
                 lost = word
                 break
             last = word
-            limit = clock.monotonic() - began + OPINION
+            limit = clock.monotonic() - began + self._opinion
         self.end()
         if last is not None:
             return replace(last, verdict=replace(last.verdict, second=f"none: {lost}"))
