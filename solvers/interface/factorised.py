@@ -126,10 +126,12 @@ class FactorisedVolume:
     def _factor_with_schur(self, contact_dofs: Ints) -> None:
         largest = self.K.norm(PETSc.NormType.INFINITY)
         self._unit = 2.0 ** np.floor(np.log2(largest)) if largest > 0 else 1.0
-        self.K.scale(1 / self._unit)  # MUMPS' Schur complement is wrong where entries are smaller than about 1e-16
-        factor = self._factorise(self.K, contact_dofs)
-        self._ksp.getPC().setReusePreconditioner(True)
-        self.K.scale(self._unit)  # exact: a power of two
+        self.K.scale(1 / self._unit)  # MUMPS' Schur complement is wrong where all entries are smaller than 1e-15
+        try:
+            factor = self._factorise(self.K, contact_dofs)
+            self._ksp.getPC().setReusePreconditioner(True)
+        finally:
+            self.K.scale(self._unit)  # exact: a power of two
         if not len(contact_dofs):
             self.S = np.zeros((0, 0))
             return
@@ -137,6 +139,7 @@ class FactorisedVolume:
         factor.setMumpsIcntl(26, 0)  # from here on, solve with the interior block alone
 
     def _factor_interior(self, contact_dofs: Ints) -> None:
+        self._unit = 1.0
         own = self.contact.rows[self.contact.mine]
         rows = PETSc.IS().createGeneral(own, comm=self.K.comm)
         interior = self.K.copy()

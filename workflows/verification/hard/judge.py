@@ -100,7 +100,7 @@ class Solved:
         }
 
     def nodal(self) -> Array:
-        """Nodal contact forces B^T p (steps, k) [N]; none where contact slides, where rows change."""
+        """Nodal contact forces B^T p (steps, k) [N]; none where contact slides: its rows change."""
         if any(step.searched for step in self.steps):
             return np.zeros((0, 0))
         return np.array([self.simulation.stepper.surface.forces(step.p) for step in self.steps])
