@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from geometry.errors import SceneError
+from workflows.commands import hard as command
 from workflows.commands.hard import hard
 from workflows.scene_file.read import read, to_dict
 from workflows.verification.hard import suite
@@ -114,7 +115,13 @@ def test_wrong_options_are_refused() -> None:
         hard(number=0)
 
 
-def test_command_writes_its_page_and_says_how_it_ended(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert hard(["cube"], number=2, folder=tmp_path)
-    assert "2 variations: " in capsys.readouterr().out
-    assert len((tmp_path / "hard.jsonl").read_text().splitlines()) == 2
+@pytest.mark.parametrize("outcome", [Outcome.SOLVED, Outcome.WRONG])
+def test_command_writes_its_page_and_says_how_it_ended(
+    outcome: Outcome, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    row = Row("cube", "mu", "mu x 2", (), Verdict(outcome=outcome))
+    monkeypatch.setattr(command, "results", lambda *arguments: iter([row]))
+    assert hard(["cube"], number=1, folder=tmp_path) == (outcome is Outcome.SOLVED)
+    assert f"1 variations: 1 {outcome.value}" in capsys.readouterr().out
+    assert len((tmp_path / "hard.jsonl").read_text().splitlines()) == 1
+    assert "stickslip verify hard --number 1 --seed 0 --scenes cube" in (tmp_path / "hard.md").read_text()
