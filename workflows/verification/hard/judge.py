@@ -133,6 +133,12 @@ def solve(scene: Scene) -> Solved:
     return Solved(simulation, tuple(simulation.steps()))
 
 
+def supported(scene: Scene) -> bool:
+    """Whether supports alone hold all bodies, and no obstacle follows from a force; nothing is meshed."""
+    problem = resolve(scene)
+    return not (problem.rigid_modes.shape[1] or problem.driven)
+
+
 def judge(scene: Scene, twin: Scene | None = None, scale: Scale = OWN) -> Iterator[Verdict]:
     """Solve and judge a scene; the verdict without the second opinion first, for that may never come.
 
@@ -142,8 +148,7 @@ def judge(scene: Scene, twin: Scene | None = None, scale: Scale = OWN) -> Iterat
     """
     began, held = clock.perf_counter(), True
     try:
-        problem = resolve(scene)
-        held = not (problem.rigid_modes.shape[1] or problem.driven)
+        held = supported(scene)
         own = solve(scene)
     except (SceneError, GeometryError) as error:
         yield Verdict(outcome=Outcome.REFUSED, reason=str(error), held=held)

@@ -19,7 +19,7 @@ import numpy as np
 
 from geometry.errors import GeometryError, SceneError
 from workflows.scene_file.read import READY, read, to_dict
-from workflows.verification.hard.judge import Outcome, Verdict, judge
+from workflows.verification.hard.judge import Outcome, Verdict, judge, supported
 from workflows.verification.hard.tables import overrides, ready, scene_of
 from workflows.verification.hard.variations import FIXED, variation, varied
 
@@ -168,10 +168,7 @@ class Worker:
         self.end()
         if last is not None:
             return replace(last, verdict=replace(last.verdict, second=f"none: {lost}"))
-        words = _words(task)
-        seconds = clock.monotonic() - began
-        failed = Verdict(outcome=Outcome.FAILED, reason=lost, seconds=seconds)
-        return Row(task.scene, variation(task.name).kind, task.name, words, failed)
+        return _failed(task, lost, clock.monotonic() - began)
 
     def _started(self) -> Connection:
         if self._process is None or self._pipe is None or not self._process.is_alive():
@@ -212,7 +209,11 @@ def _work(pipe: Connection) -> None:
             pipe.send(f"{type(error).__name__}: {error}")
 
 
-def _words(task: Task) -> tuple[str, ...]:
-    """What `--set` takes to make the scene of a task."""
-    found = varied(ready(task.scene), variation(task.name).change, _random(task))
-    return tuple(overrides(to_dict(read(task.scene)), found or {}))
+def _failed(task: Task, reason: str, seconds: float) -> Row:
+    """The row of a task whose process gave none."""
+    one, found = variation(task.name), ready(task.scene)
+    if one.kind != "as it is":
+        found = varied(found, one.change, _random(task)) or found
+    held = supported(scene_of(found))
+    verdict = Verdict(outcome=Outcome.FAILED, reason=reason, held=held, seconds=seconds)
+    return Row(task.scene, one.kind, task.name, tuple(overrides(to_dict(read(task.scene)), found)), verdict)
