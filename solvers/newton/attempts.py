@@ -15,7 +15,7 @@ from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignor
 from solvers.newton.starts import Start
 
 STALL_WINDOW = 20  # iterations in which the smallest residual of a damped attempt must halve
-SAME = 1e-10  # relative change of all tractions up to which two iterates are the same
+SAME = 1e-10  # relative change up to which two iterates are the same
 RETREATS = 6  # how often trial tractions that leave the bodies without hold are halved towards earlier ones
 ATTEMPT = 60  # iterations of an attempt
 
@@ -69,16 +69,16 @@ class Attempts:
         problem, gamma = self.problem, start.factor * self.problem.gamma
         p, u, p_hat, known = start.p, start.u_c, start.p_hat, start.in_equilibrium
         w, held = self.bodies.relative(p, u), p_hat
-        stalled, search, visited = Stall(STALL_WINDOW, 0.5), LineSearch(problem, gamma), list[Array]()
+        stalled, search, visited = Stall(STALL_WINDOW, 0.5), LineSearch(problem, gamma), list[tuple[Array, Array]]()
         for k in range(ATTEMPT):
             weight = 0.0
             if known:
                 residual = self._judge(p, w, u, first=k)
                 if self.over or not np.isfinite(residual):
                     return
-                if k > 0 and (_repeats(p, visited) if proximal is None else stalled(k, residual)):
+                if k > 0 and (_repeats((p, w), visited) if proximal is None else stalled(k, residual)):
                     return
-                visited.append(p)
+                visited.append((p, w))
                 weight = min(1.0, residual) * (proximal or 0.0)
             solved = self._solve(p_hat, held, gamma, (p, u), weight)
             if solved is None:
@@ -139,7 +139,10 @@ class Attempts:
         return None
 
 
-def _repeats(p: Array, visited: list[Array]) -> bool:
-    """Whether the tractions p (rows,) [Pa] are those of an earlier iterate: from there on the iteration cycles."""
-    allowed = SAME * np.abs(p).max(initial=0.0)
-    return any(np.abs(p - before).max(initial=0.0) <= allowed for before in visited)
+def _repeats(iterate: tuple[Array, Array], visited: list[tuple[Array, Array]]) -> bool:
+    """Whether tractions and motion (rows,) are those of an earlier iterate: from there on the iteration cycles."""
+
+    def same(x: Array, y: Array) -> bool:
+        return bool(np.abs(x - y).max(initial=0.0) <= SAME * np.abs(x).max(initial=0.0))
+
+    return any(all(map(same, iterate, before)) for before in visited)
