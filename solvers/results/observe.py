@@ -189,8 +189,10 @@ class Observer:
             bound = c.share_t.T @ accepted.problem.cone.bound(place, p_n)
         lam = np.divide(multiplier, bound[:, None], out=np.zeros_like(multiplier), where=bound[:, None] > 0)
         status = _status(c, pressure, multiplier, bound, increment, accepted)
-        weight, x = c.node_weights, c.surface.points
-        forces = -c.nodal_forces(p_n, t)[: len(x)]  # on the slave side
+        weight, pair = c.node_weights, stepper.system.problem.pairs[c.name]
+        own = np.arange(len(c.points)) < len(c.surface.points)
+        on = own if pair.slave == pair.contact.surface else ~own  # nodes of the side that the scene calls the surface
+        x, forces = c.points[on], -c.nodal_forces(p_n, t)[on]
         resultant, tangential = forces.sum(axis=0), (weight[:, None] * multiplier).sum(axis=0)
         moment = np.atleast_1d(np.cross(x, forces).sum(axis=0))
         if c.surface.axisymmetric:  # over the full circle the radial parts balance
