@@ -13,8 +13,11 @@ import numpy as np
 from geometry.arrays import Array
 from solvers.contact.admissible_set import AdmissibleSet
 from solvers.interface.flexibility import DelassusOperator, Load
+from solvers.laws.compliance import Compliance
 
 ROUNDING = 1e-12  # of the largest motion: normal motion below that counts as zero
+PART = 1e-2  # of the distance from a compliant law that counts as defect
+LAST_DIGITS = 64 * float(np.finfo(float).eps)  # of motions
 SCALED = 1e-9  # relative difference up to which problems are the same in another unit
 LEAST = 1e-6  # of p_ref: tractions below that are measured against it, for they are differences of what is far larger
 
@@ -106,13 +109,23 @@ class SurfaceProblem:
     def defect(self, p: Array, w: Array) -> Array:
         """Complementarity (KKT) defect p - P_C(p + gamma (w - gap)) (rows,) [Pa]: zero at the solution only.
 
-        It is the traction that each row lacks, as the bodies behind it would answer: gamma is theirs, E / depth.
+        It is the traction that each row lacks, as the bodies behind it would answer: gamma is theirs, E / depth. Where
+        bodies are much softer than a compliant law, it is a part of what the pressure differs from that of the law.
 
         Args:
             p: tractions (rows,) [Pa].
             w: relative displacement (rows,) [m].
         """
-        return self.cone.natural_residual(p, w - self.gap, self.gamma)
+        r = w - self.gap
+        found = self.cone.natural_residual(p, r, self.gamma)
+        rounding = LAST_DIGITS * max(float(np.abs(x).max(initial=0.0)) for x in (w, self.gap))
+        for place in self.cone.places:
+            law, n = place.rows.normal, place.normal
+            if isinstance(law, Compliance):
+                doubt = law.stiffness(p[n], p[n]) * rounding
+                off = PART * np.maximum(np.abs(p[n] - law.pressure(r[n])) - doubt, 0.0)
+                found[n] = np.where(off > np.abs(found[n]), off, found[n])
+        return found
 
     def scale(self, p: Array) -> float:
         """Largest traction of p (rows,) [Pa]: what the residual is relative to; at least a small part of `p_ref`."""

@@ -50,6 +50,7 @@ class Audit:
     """
 
     equilibrium: float  # sum |nodal force out of balance| / sum |nodal force|
+    rounding: float  # how much of `equilibrium` the last digit of the stored displacement decides
     supports: float  # largest |displacement - prescribed| / largest |displacement|
     penetration: float  # max (u_n - g)_+ / u_top; with compliance, distance of p_n and u_n - g from the law
     negative_pressure: float  # max (-p_n)_+ / p_top
@@ -156,8 +157,10 @@ class Auditor:
         scales = self._scales(record, u, inner)
         tangential = [self._tangential(place, record, w, scales) for place in self.cone.places]
         normal = [self._normal(place, record, w, scales) for place in self.cone.places]
+        equilibrium, rounding = self._equilibrium(record, u, inner, scales)
         found = Audit(
-            equilibrium=self._equilibrium(record, u, inner, scales),
+            equilibrium=equilibrium,
+            rounding=rounding,
             supports=self._supports(record, u),
             penetration=max((n[0] for n in normal), default=0.0),
             negative_pressure=max((n[1] for n in normal), default=0.0),
@@ -237,10 +240,11 @@ class Auditor:
         boxes = {body: self.start.mesh.body_box(body) for body in self.start.problem.bodies}
         return {body: float(np.ptp(box, axis=0).min()) for body, box in boxes.items()}
 
-    def _equilibrium(self, record: Record, u: Vec, inner: Vec, scales: Scales) -> float:
+    def _equilibrium(self, record: Record, u: Vec, inner: Vec, scales: Scales) -> tuple[float, float]:
         """Defect of K u - f + B^T p at free dofs and of forces on driven obstacles, relative to all forces [-].
 
-        The contact forces are those of `_contact_force`.
+        The contact forces are those of `_contact_force`. The second number is the change of K u by one unit in the last
+        place of u: a stiff body that moves far is out of balance by that, however well it was solved.
         """
         system = self.system
         contact, obstacles = system.vector(), system.obstacles.driving_force(record.time)
@@ -259,8 +263,13 @@ class Auditor:
         if (
             load.norm(0) == 0 and scale <= ROUNDING * rounding
         ):  # a body that moves as a whole: its forces are rounding errors
-            return 0.0
-        return float((free.norm(0) + np.abs(obstacles).sum()) / scale) if scale else 0.0
+            return 0.0, 0.0
+        shaken = u.copy()
+        shaken.array[:] *= 1 + EPS * self._signs.array
+        last_digit = system.T.createVecRight()
+        system.T.multTranspose(self._inner(shaken) - inner, last_digit)
+        found = (free.norm(0) + np.abs(obstacles).sum()) / scale if scale else 0.0
+        return float(found), float(last_digit.norm(0) / scale) if scale else 0.0
 
     def _supports(self, record: Record, u: Vec) -> float:
         """Prescribed displacements that are not met, see `Audit` [-]; periodic sides move alike."""
@@ -343,12 +352,17 @@ class Auditor:
         return dx.assemble_vector(self._inner_forces)
 
     @cached_property
-    def _largest_stiffness(self) -> float:
-        """Estimate from below of the largest row sum of |K| [N/m]: the inner forces of pseudo-random signs."""
+    def _signs(self) -> Vec:
+        """A pseudo-random sign for each displacement dof, the same on any number of ranks."""
         nodes, signs = self.start.nodes, self.start.vector()
         numbers = nodes.input[: nodes.owned, None] * self.start.mesh.dim + np.arange(self.start.mesh.dim)
         signs.array[:] = np.sign(np.sin(numbers.astype(float) ** 2)).ravel()
-        return float(self._inner(signs).norm(PETSc.NormType.INFINITY))
+        return signs
+
+    @cached_property
+    def _largest_stiffness(self) -> float:
+        """Estimate from below of the largest row sum of |K| [N/m]: the inner forces of pseudo-random signs."""
+        return float(self._inner(self._signs).norm(PETSc.NormType.INFINITY))
 
     def _contact_force(self, place: ContactBlock, u: Vec, record: Record, scales: Scales) -> Vec:
         """Nodal forces B^T p of one contact over all displacement dofs [N]; with compliance p_n is that of u.

@@ -9,23 +9,27 @@ from solvers.results.audit import Audit
 
 EXACT = 1e-9  # what no iteration decides: supports, and fields that follow from displacement and tractions
 BALANCE = 1e-6  # out of balance; the ready scenes stay below 2e-9
+DIGITS = 10.0  # times the rounding of the displacement: the solver's own rounding comes on top
+NOISE = 1e-4  # rounding of the displacement: beyond that stresses and forces are noise
 LAWS = 1e-5  # contact laws; the ready scenes stay below 1e-7
 LOOSE = 30.0  # times solver.tolerance: the scales of the audit are the step's own, smaller than those of the tolerance
 ROUGH = 0.1  # with any method
 APART = 30.0  # times the error that a method states of its laws: that is of the whole body, this of one point
 
 
-def limits(tolerance: float, law_error: float = 0.0) -> Audit:
+def limits(tolerance: float, law_error: float = 0.0, rounding: float = 0.0) -> Audit:
     """Largest defects of a sound step.
 
     Args:
         tolerance: solver.tolerance.
         law_error: that the method states of its approximate contact laws, see `StepResult.law_error`.
+        rounding: `Audit.rounding` of the step.
     """
     iterated = LOOSE * tolerance
     laws = max(LAWS, iterated, min(APART * law_error, ROUGH))
     return Audit(
-        equilibrium=max(BALANCE, iterated),
+        equilibrium=max(BALANCE, iterated, DIGITS * min(rounding, NOISE)),
+        rounding=NOISE,
         supports=EXACT,
         penetration=laws,
         negative_pressure=laws,
@@ -47,7 +51,8 @@ def passed(
         law_errors: of the steps [-].
         tolerance: solver.tolerance.
     """
-    allowed = [asdict(limits(tolerance, error)) for error in law_errors]
+    pairs = zip(audits, law_errors, strict=True)
+    allowed = [asdict(limits(tolerance, error, audit.rounding)) for audit, error in pairs]
     found = [asdict(audit) for audit in audits]
     for name in found[0] if found else ():
         ratios = [values[name] / limit[name] for values, limit in zip(found, allowed, strict=True)]

@@ -118,7 +118,7 @@ def test_the_case_has_everything_that_can_go_wrong(case: Case) -> None:
 def test_an_accepted_step_is_clean(case: Case) -> None:
     found = case.defects(case.record)
     laws = {"penetration", "negative_pressure", "cone", "complementarity", "dissipation"}
-    assert set(found) == {"equilibrium", "supports", "fields"} | laws
+    assert set(found) == {"equilibrium", "rounding", "supports", "fields"} | laws
     assert max(found.values()) < CLEAN
     assert found["equilibrium"] < 1e-12  # rounding
     assert case.broken(case.with_p(case.record.p)) == set()  # the compensation itself is clean
@@ -244,6 +244,7 @@ def test_an_audit_without_contact_sees_equilibrium_only(
     audit = Auditor(resolve(scene), simulation.mesh)
     found = asdict(audit(record))
     assert found.pop("equilibrium") < 1e-13
+    assert 0 < found.pop("rounding") < 1e-13
     assert set(found.values()) == {0.0}
     assert audit(replace(record, displacement=1.1 * step.displacement)).equilibrium > 0.01
     assert Audit.worst([]) == dict.fromkeys(asdict(audit(record)))

@@ -105,9 +105,9 @@ def summary(
 
 
 def _verdict(simulation: Simulation, steps: Sequence[StepResult], audited: Audited) -> dict[str, Any]:
-    law_error = max(step.law_error for step in steps)
+    law_error, rounding = max(s.law_error for s in steps), max((a.rounding for a in audited.audits), default=0.0)
     return {
-        "limits": asdict(limits(simulation.scene.solver.tolerance, law_error)),
+        "limits": asdict(limits(simulation.scene.solver.tolerance, law_error, rounding)),
         "passed": list(audited.passed),
         "shared": list(audited.shared),
     }
