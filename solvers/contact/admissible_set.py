@@ -153,21 +153,17 @@ class AdmissibleSet:
         return p
 
     def natural_residual(self, p: Array, r: Array, gamma: Array | float) -> Array:
-        """Complementarity (KKT) residual p - P_C(p + gamma r) (rows,) [Pa]: zero at the solution only.
-
-        It differs from `project` in the friction bound, which is that of p itself.
+        """Complementarity (KKT) residual p - P_C(p + gamma (r - give(p))) (rows,) [Pa]: zero at the solution only.
 
         Args:
             p: tractions (rows,) [Pa].
             r: w - gap (rows,) [m], closing normal motion less the gap, and slip.
             gamma: weight of r beside p [Pa/m], by row or one for all.
         """
-        gamma = np.broadcast_to(gamma, p.shape)
-        trial: Array = (p + gamma * r) / (1 + gamma * self.softness)
-        residual: Array = p - trial
+        residual, trial = np.empty_like(p), p + gamma * (r - self.give(p))
         for place in self.places:
             n = place.normal
-            residual[n] = p[n] - place.rows.normal.resolvent(trial[n], gamma[n])
+            residual[n] = p[n] - (trial[n] if place.rows.normal.sides == 2 else np.maximum(trial[n], 0.0))
         for place in self.with_friction():
             hat = np.where(place.rows.free, trial[place.tangential].reshape(-1, place.components), 0.0)
             disc = project_disc(hat, self.bound(place, p[place.normal]))

@@ -17,7 +17,7 @@ from solvers.laws.compliance import Compliance
 
 ROUNDING = 1e-12  # of the largest motion: normal motion below that counts as zero
 PART = 1e-2  # of the distance from a compliant law that counts as defect
-LAST_DIGITS = 64 * float(np.finfo(float).eps)  # of motions
+LAST_DIGITS = 16 * float(np.finfo(float).eps)  # of motions
 SCALED = 1e-9  # relative difference up to which problems are the same in another unit
 LEAST = 1e-6  # of p_ref: tractions below that are measured against it, for they are differences of what is far larger
 
@@ -111,6 +111,7 @@ class SurfaceProblem:
 
         It is the traction that each row lacks, as the bodies behind it would answer: gamma is theirs, E / depth. Where
         bodies are much softer than a compliant law, it is a part of what the pressure differs from that of the law.
+        What the last digits of the motions decide is no defect.
 
         Args:
             p: tractions (rows,) [Pa].
@@ -119,6 +120,7 @@ class SurfaceProblem:
         r = w - self.gap
         found = self.cone.natural_residual(p, r, self.gamma)
         rounding = LAST_DIGITS * max(float(np.abs(x).max(initial=0.0)) for x in (w, self.gap))
+        found = np.sign(found) * np.maximum(np.abs(found) - self.gamma * rounding, 0.0)
         for place in self.cone.places:
             law, n = place.rows.normal, place.normal
             if isinstance(law, Compliance):

@@ -170,7 +170,8 @@ class Stepper:
                 unbalanced = end, f"{solution.status.value}: {describe_motion(stepper.system, solution.u_c)}"
             if new is None:
                 # from rest, under loads in proportion to time, a shorter step is the same problem again
-                scaled = failed is not None and problem is not None and problem.is_scaled(failed)
+                at_rest = not state.p.any() and not state.w.any()
+                scaled = at_rest and failed is not None and problem is not None and problem.is_scaled(failed)
                 failed = problem
                 if size <= smallest * (1 + 1e-9) or scaled:
                     if unbalanced is not None:
