@@ -37,12 +37,16 @@ class Reached:
     """Position of a run in its chain of methods."""
 
     choice: Choice
-    at: int  # index in `choice.stages`
+    at: int  # index in `choice.stages` that each substep begins with
     switches: tuple[Switch, ...]
 
 
 class Attempts:
-    """Position of a run in its chain of methods. A switch is permanent: the method that failed would fail again."""
+    """Position of a run in its chain of methods.
+
+    A switch to another method with the same form of the bodies lasts for one substep: the next one begins with the
+    first method of that form again. A switch to another form is permanent: the bodies are prepared in one form.
+    """
 
     def __init__(self, system: System, reached: Reached | None = None) -> None:
         """Prepare the bodies for the first method, and a coarse mesh if the method uses one; collective.
@@ -55,6 +59,7 @@ class Attempts:
         self.volume = prepare_volume(system, self.stage.surface)
         self.coarse = CoarseMesh.beside(system) if self.choice.coarse else None
         self._ready: dict[Stage, Ready] = {}
+        self._learnt: dict[str, dict[str, Plain]] = {}  # of methods that are not prepared yet, see `restore`
 
     @property
     def stage(self) -> Stage:
@@ -62,9 +67,18 @@ class Attempts:
         return self.choice.stages[self.at]
 
     @property
+    def first(self) -> int:
+        """Index of the first method with the present form of the bodies."""
+        return next(k for k, stage in enumerate(self.choice.stages) if stage.surface == self.stage.surface)
+
+    @property
     def reached(self) -> Reached:
         """The position, to continue from later."""
-        return Reached(self.choice, self.at, tuple(self.switches))
+        return Reached(self.choice, self.first, tuple(self.switches))
+
+    def begin(self) -> None:
+        """Begin a substep: with the first method that has the present form of the bodies."""
+        self.at = self.first
 
     def advance(self, system: System, time: float, solution: Solution) -> bool:
         """Switch to the next method of the chain; collective.
@@ -97,15 +111,22 @@ class Attempts:
         before = self._ready.get(self.stage)
         if before is None:
             ready = METHODS[self.stage.method].of(system.problem.solver).build(setup)
+            if (known := self._learnt.pop(str(self.stage), None)) is not None:
+                ready.restore(known, surface)
         else:
             ready = before.renewed(setup)
         self._ready[self.stage] = ready
         return ready.after
 
     def snapshot(self) -> dict[str, Plain]:
-        """What the current method has learnt; see `restore`."""
-        return self._ready[self.stage].snapshot()
+        """What the methods with the present form of the bodies have learnt, by stage; see `restore`."""
+        form = self.stage.surface
+        known = {str(stage): ready.snapshot() for stage, ready in self._ready.items() if stage.surface == form}
+        return self._learnt | known
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
-        """Take over what a `snapshot` holds, made by the same method with the same bodies."""
-        self._ready[self.stage].restore(snapshot, surface)
+        """Take over what a `snapshot` holds, made with the same bodies; a method takes it when it is prepared."""
+        self._learnt = dict(snapshot)
+        for stage, ready in self._ready.items():
+            if (known := self._learnt.pop(str(stage), None)) is not None:
+                ready.restore(known, surface)

@@ -51,17 +51,19 @@ class Size:
     entries: float  # approximate number of non-zero entries of K_B
     contact_dofs: int
     ranks: int = 1  # that share a machine's memory
+    steps: int=2
 
     @staticmethod
-    def of(mesh: Mesh, constraints: Constraints, contacts: tuple[ContactRows, ...]) -> Size:
-        """Size from mesh, constraints and contact rows, before assembly; collective."""
+    def of(system: System) -> Size:
+        """temporary"""
+        mesh, constraints, contacts = system.mesh, system.constraints, system.contacts
         dofs = constraints.free_total
         nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in contacts)]))
         kind = mesh.domain.topology.cell_type.name, mesh.degree
         machine = mesh.comm.Split_type(MPI.COMM_TYPE_SHARED)
         ranks = mesh.comm.allreduce(machine.size, op=MPI.MAX)
         machine.Free()
-        return Size(mesh.dim, dofs, dofs * ENTRIES[kind], mesh.dim * len(nodes), ranks)
+        return Size(mesh.dim, dofs, dofs * ENTRIES[kind], mesh.dim * len(nodes), ranks, len(system.problem.timeline.times))
 
     @property
     def seconds(self) -> dict[Form, float]:
@@ -107,7 +109,7 @@ def fits(system: System, form: Form) -> bool:
 
 
 def _size(system: System) -> Size:
-    return Size.of(system.mesh, system.constraints, system.contacts)
+    return Size.of(system)
 
 
 def _memory(system: System) -> float:

@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 from geometry.errors import MachineError
 from solvers.interface.coarse_mesh import CoarseMesh
 from solvers.methods import Solver
+from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.surface_uzawa import LearningIteration
 from solvers.newton.solution import Solution, Status
 from solvers.scene.scene import Scene
@@ -23,7 +24,7 @@ from workflows.scene_file.read import read
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
-CHAIN = ["surface-uzawa", "surface-uzawa", "condensed-newton"]
+CHAIN = ["surface-uzawa", "surface-uzawa", "condensed-newton", "surface-uzawa"]
 BASE = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}}
 FEW = 2  # iterations
 
@@ -74,6 +75,30 @@ def test_methods_that_fail_hand_the_step_on(
     assert (choice["method"], choice["because"]) == ("surface-uzawa", "solver.surface = matrix-free")
 
 
+def test_a_switch_on_the_same_bodies_lasts_for_one_step(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = forces(simulation_of(pressed(scene_of, method="condensed-newton")))
+    calls, whole = list[None](), CondensedNewton.__call__
+
+    def fails_once(self: CondensedNewton, *arguments: Any) -> Solution:
+        calls.append(None)
+        return whole(replace(self, max_it=1) if len(calls) == 1 else self, *arguments)
+
+    monkeypatch.setattr(CondensedNewton, "__call__", fails_once)
+    simulation = simulation_of(pressed(scene_of))
+    found = list(simulation.steps())
+    assert_allclose([step.contacts["base"].force for step in found], expected, rtol=0, atol=1e-7)
+    (switch,) = simulation.stepper.attempts.switches
+    assert (switch.time, switch.after) == (1.0, "surface-uzawa (condensed)")
+    assert [{row[-1] for row in step.history} for step in found] == [
+        {"condensed-newton", "surface-uzawa"},
+        {"condensed-newton"},
+    ]
+    assert [step.substeps for step in found] == [1, 1]
+    assert simulation.counters.factorisations == 1
+
+
 def test_a_linear_solve_that_fails_hands_the_step_on(
     scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -103,20 +128,20 @@ def test_no_switch_to_what_memory_has_no_room_for(
     with pytest.raises(StepError, match="iterations ran out"):
         next(simulation.steps())
     attempts = simulation.stepper.attempts
-    assert [switch.after for switch in attempts.switches] == ["surface-uzawa (matrix-free, safer metric)"]
+    assert {switch.after for switch in attempts.switches} == {"surface-uzawa (matrix-free, safer metric)"}
     assert attempts.stage.surface == "matrix-free"
 
 
 SMALL, LARGE = Size(3, 1000, 8e4, 100), Size(3, 1_000_000, 8e7, 30_000)
-NEWTON = Stage("condensed-newton", "condensed")
+DENSE = Stage("condensed-newton", "condensed"), Stage("surface-uzawa", "condensed")
 UZAWA = Stage("surface-uzawa", "matrix-free"), Stage("surface-uzawa", "matrix-free", safe=True)
 
 
 def test_the_choice_goes_by_size_and_memory() -> None:
-    assert chosen(SMALL, Solver(), 1e12).stages == (NEWTON,)
-    assert chosen(LARGE, Solver(), 1e15).stages == (*UZAWA, NEWTON)
+    assert chosen(SMALL, Solver(), 1e12).stages == DENSE
+    assert chosen(LARGE, Solver(), 1e15).stages == (*UZAWA, *DENSE)
     assert chosen(SMALL, Solver(), 1e3).stages == UZAWA
-    assert chosen(SMALL, Solver(method="surface-uzawa"), 1e12).stages == (Stage("surface-uzawa", "condensed"),)
+    assert chosen(SMALL, Solver(method="surface-uzawa"), 1e12).stages == DENSE[1:]
     with pytest.raises(MachineError, match="more than this machine has free"):
         chosen(LARGE, Solver(method="condensed-newton"), 1e9)
 
@@ -125,8 +150,8 @@ def test_each_rank_of_a_machine_has_a_dense_stiffness_of_its_own() -> None:
     one, four = LARGE.dense_bytes, replace(LARGE, ranks=4).dense_bytes
     assert four - one == pytest.approx(3 * 5 * 8 * LARGE.contact_dofs**2)  # five copies of doubles
     memory = (one + four) / 2 / 0.7  # the part of it that may be taken
-    assert NEWTON in chosen(LARGE, Solver(), memory).stages
-    assert NEWTON not in chosen(replace(LARGE, ranks=4), Solver(), memory).stages
+    assert DENSE[0] in chosen(LARGE, Solver(), memory).stages
+    assert DENSE[0] not in chosen(replace(LARGE, ranks=4), Solver(), memory).stages
 
 
 def test_the_size_is_that_of_what_is_assembled(scene_of: SceneOf, system_of: Callable[[Scene], System]) -> None:

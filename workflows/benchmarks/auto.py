@@ -1,0 +1,229 @@
+"""What `auto` costs beside the best method: `python -m workflows.benchmarks.auto` prints the table.
+
+Each scene is meshed and assembled once; then every method solves it in 2 and in 32 steps. CPU seconds of preparation
+and steps, one thread, no results. A run that takes longer than the limit is extended by its last steps, and marked ~.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import time as clock
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from mpi4py import MPI
+
+from geometry.errors import SolverError
+from geometry.mesh.mesh import build_mesh
+from solvers.parallel.counters import Counters
+from solvers.laws.tied import Tied
+from solvers.scene.contact import Contact
+from solvers.scene.scene import Scene
+from solvers.simulation.resolve import resolve
+from solvers.stepping.attempts import Attempts, Reached
+from solvers.stepping.choice import Choice, Size, Stage, choose
+from solvers.stepping.history import HistoryRow
+from solvers.stepping.stepper import Stepper
+from solvers.system.system import System, assemble
+from workflows.run.watch import LOGGERS
+from workflows.scene_file.read import read
+
+for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[threads] = "1"  # before numpy starts them
+
+
+STAGES = (
+    Stage("condensed-newton", "condensed"),
+    Stage("surface-uzawa", "condensed"),
+    Stage("surface-uzawa", "matrix-free"),
+)
+COUNTS = (2, 32)  # load steps
+
+
+@dataclass(frozen=True)
+class Case:
+    """A ready scene with all mesh sizes scaled, and what else is set."""
+
+    scene: str
+    scale: float
+    settings: tuple[str, ...] = ()
+    label: str = ""
+    tied: bool = False  # whether the bodies are tied to each other
+    free: tuple[str, ...] = ()  # supports that are left out
+
+    @property
+    def name(self) -> str:
+        return self.label or self.scene
+
+    def read(self, count: int) -> Scene:
+        """The scene in `count` equal steps."""
+        shape = read(self.scene).geometry
+        sizes = [key for key in vars(shape) if key.endswith("mesh_size") and getattr(shape, key)]
+        meshed = [f"geometry.{key}={self.scale * getattr(shape, key)!r}" for key in sizes]
+        scene = read(self.scene, [*meshed, f"steps.count={count}", *self.settings])
+        contacts = {
+            name: Contact(surface=c.surface, against=c.against, normal=Tied())
+            if self.tied and c.against not in scene.obstacles
+            else c
+            for name, c in scene.contacts.items()
+        }
+        supports = {name: support for name, support in scene.supports.items() if name not in self.free}
+        return replace(scene, contacts=contacts, supports=supports)
+
+
+BARS = (
+    "geometry.length=10.0",
+    "geometry.lower_length=10.0",
+    "geometry.height=0.3",
+    "bodies.upper.density=1e-3",
+    "gravity={ acceleration = [[[0, 0], [1, 0], [2, 1.0]], [[0, 0], [1, -9.81]]] }",
+)
+CASES = (
+    Case("block", 1.6),
+    Case("block", 0.5),
+    Case("block", 0.16),
+    Case("two_blocks", 1.5),
+    Case("two_blocks", 0.45),
+    Case("two_blocks", 0.14),
+    Case("cylinders", 1.5),
+    Case("cylinders", 0.45),
+    Case("cylinders", 0.14),
+    Case("cube", 1.15),
+    Case("cube", 0.53),
+    Case("cube", 0.32),
+    Case("half_ball", 2.0),
+    Case("half_ball", 0.9),
+    Case("half_ball", 0.5),
+    Case("spheres", 2.0),
+    Case("spheres", 1.0),
+    Case("spheres", 0.6),
+    Case("strip", 0.5, label="strip, floats"),
+    Case("stack", 1.0, label="stack, 9 float"),
+    Case("stack", 0.3, label="stack, 9 float"),
+    Case("shrink_fit", 0.5, label="rings, 1 floats"),
+    Case("two_blocks", 0.45, label="two_blocks, tied", tied=True),
+    Case("two_blocks", 1.0, BARS, "bars, 1 floats", free=("top",)),
+    Case("two_blocks", 1.0, BARS, "bars, 1 floats, tied", True, free=("top",)),
+    Case("stack", 1.0, label="stack, tied", tied=True),
+    Case("strip", 0.12, label="strip, floats"),
+    Case("cube", 0.23),
+)
+
+
+@dataclass(frozen=True)
+class Run:
+    """CPU seconds of one method."""
+
+    prepared: float  # [s]
+    steps: tuple[float, ...]  # [s] of each step that was solved
+    iterations: tuple[int, ...]  # of each
+    linear: int  # iterations of conjugate gradients
+    count: int  # of steps that the scene has
+    status: str
+
+    @property
+    def complete(self) -> bool:
+        return len(self.steps) == self.count
+
+    @property
+    def seconds(self) -> float:
+        """Of all steps; those that are missing cost as much as the last ones, inf if there are none."""
+        if not self.steps or not (self.complete or self.status == "long"):
+            return np.inf
+        last = self.steps[len(self.steps) // 2 :]
+        return self.prepared + sum(self.steps) + (self.count - len(self.steps)) * sum(last) / len(last)
+
+
+class TooLong(Exception):
+    """The limit was passed."""
+
+
+def measure(system: System, stage: Stage, limit: float) -> Run:
+    """Solve all steps of the system's scene by one method, or as many as the limit [s] allows."""
+    system.counters.linear_iterations = 0
+    began = clock.process_time()
+
+    def watch(row: HistoryRow | None = None) -> None:
+        if clock.process_time() - began > limit:
+            raise TooLong
+
+    stepper = Stepper(system, Attempts(system, Reached(Choice((stage,), ""), 0, ())))
+    prepared = clock.process_time() - began
+    began = clock.process_time()
+    state, marks, iterations, status = stepper.start(), [began], list[int](), "converged"
+    times = system.course.timeline.times
+    try:
+        for time in times:
+            accepted = stepper.reach(state, time, watch)
+            state = accepted.state
+            iterations.append(accepted.iterations)
+            marks.append(clock.process_time())
+            if time < times[-1]:
+                watch()
+    except TooLong:
+        status = "long"
+    except SolverError as error:
+        status = str(error)
+    linear = system.counters.linear_iterations
+    return Run(prepared, tuple(np.diff(marks)), tuple(iterations), linear, len(times), status)
+
+
+def rows(case: Case, limit: float) -> Iterator[dict[str, object]]:
+    """Measurements of a case, one for each number of steps."""
+    for count in COUNTS:
+        scene = case.read(count)
+        problem = resolve(scene)
+        mesh = build_mesh(problem.shape, problem.request, MPI.COMM_WORLD)
+        system = assemble(problem, mesh, Counters())
+        _ = system.K_B
+        chosen = choose(system)
+        runs = {str(stage): measure(system, stage, limit) for stage in STAGES}
+        size = Size.of(system)
+        yield {
+            "case": case.name,
+            "size": asdict(size),
+            "auto": str(chosen.stages[0]),
+            "predicted": size.seconds,
+            "runs": {name: asdict(run) | {"seconds": run.seconds} for name, run in runs.items()},
+        }
+
+
+def line(row: dict) -> str:
+    """One line of the table."""
+    runs = row["runs"]
+    best = min(run["seconds"] for run in runs.values())
+    told = [f"{run['seconds']:9.2f}{'~' if run['status'] == 'long' else ' '}" for run in runs.values()]
+    ratio = runs[row["auto"]]["seconds"] / best
+    size = row["size"]
+    return (
+        f"{row['case']:18}{size['dofs']:8}{size['contact_dofs']:7}{size['steps']:6}" + "".join(told)
+        + f"  {row['auto']:29}{ratio:6.2f}"
+    )  # fmt: skip
+
+
+def main(
+    limit: Annotated[float, typer.Option(help="CPU seconds of the steps of one run")] = 20.0,
+    only: Annotated[str, typer.Option(help="cases whose name contains this")] = "",
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="a file of JSON lines")] = None,
+) -> None:
+    """Measure, and print the table."""
+    for name in LOGGERS:
+        logging.getLogger(name).setLevel(logging.ERROR)
+    print(f"{'scene':18}{'dofs':>8}{'contact':>7}{'steps':>6}" + "".join(f"{n:>10}" for n in ("newton", "uzawa", "free")))
+    for case in CASES:
+        if only in case.name:
+            for row in rows(case, limit):
+                print(line(row), flush=True)
+                if output:
+                    with output.open("a") as file:
+                        file.write(json.dumps(row) + "\n")
+
+
+if __name__ == "__main__":
+    typer.run(main)
