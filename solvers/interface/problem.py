@@ -108,6 +108,15 @@ class SurfaceProblem:
         """Largest traction of p (rows,) [Pa]: what the residual is relative to; at least a small part of `p_ref`."""
         return max(float(np.abs(p).max(initial=0.0)), LEAST * self.p_ref)
 
+    def imbalance(self, p: Array) -> float:
+        """Forces R^T (f - B^T p) out of balance on the rigid modes, relative to all forces on them; 0 if all is held."""
+        surface = self.surface
+        if not surface.floating:
+            return 0.0
+        f, held = self.load.resultant, surface.R.T @ surface.forces(p)
+        scale = max(float(np.abs(surface.R).T.dot(np.abs(surface.forces(p))).sum()), float(np.abs(f).sum()))
+        return float(np.abs(f - held).sum() / scale) if scale else 0.0
+
     def natural_residual(self, p: Array, w: Array) -> float:
         """Largest `defect` relative to the largest traction; collective.
 

@@ -17,6 +17,14 @@ from solvers.interface.problem import SurfaceProblem
 
 
 @dataclass(frozen=True, kw_only=True)
+class Anchor:
+    """Soft springs that hold rigid motions where they are, so that no active set leaves one free."""
+
+    b: Array  # rigid motions (r,) [m] without force
+    weight: float  # stiffness relative to that of the bodies [-]
+
+
+@dataclass(frozen=True, kw_only=True)
 class ActiveSet:
     """The active set and its generalised derivative, one Newton system over all rows: A_p p + A_w w = rhs.
 
@@ -31,26 +39,30 @@ class ActiveSet:
     A_p: Sparse  # (rows, rows) [-]
     A_w: Sparse  # (rows, rows) [Pa/m]
     rhs: Array  # (rows,) [Pa]
+    anchor: Anchor | None = None  # of floating bodies
 
     @property
     def given(self) -> Bools:
         """Rows (rows,) whose p is 0 or depends on p of other rows only, not on w."""
         return np.asarray(np.diff(self.A_w.indptr) == 0)
 
-    def proximal(self, p: Array, give: Array) -> ActiveSet:
-        """The system with w - give (p_new - p) in place of w in the rows whose law involves w; springs stay.
+    def proximal(self, p: Array, u_c: Array, weight: float) -> ActiveSet:
+        """The system with w - weight (p_new - p) / gamma in place of w in the rows whose law involves w; springs stay.
 
-        At its fixed points, p_new = p, it is the system itself. It is solvable where the rows depend on each other.
+        Rigid motions are anchored. It is solvable where rows depend on each other, or an active set leaves a rigid mode
+        free; if p_new = p and the motions are the same, its answer is that of the system itself.
 
         Args:
             p: tractions (rows,) [Pa] that the next ones should be near to.
-            give: weight of their distance (rows,) [m/Pa].
+            u_c: displacement (c,) [m] of the contact dofs, whose rigid motions the next ones should be near to.
+            weight: of the distance from them [-].
         """
-        rigid = sparse.diags((self.k == 0).astype(float))
-        term = rigid @ self.A_w @ sparse.diags(give)
-        held = np.zeros_like(self.held)
+        problem, surface = self.problem, self.problem.surface
+        term = sparse.diags((self.k == 0).astype(float)) @ self.A_w @ sparse.diags(weight / problem.gamma)
         A_p: Sparse = (self.A_p - term).tocsr()
-        return replace(self, held=held, A_p=A_p, rhs=self.rhs - term @ p)
+        anchor = Anchor(b=surface.R.T @ u_c, weight=weight) if surface.floating else None
+        held = np.zeros_like(self.held)
+        return replace(self, held=held, A_p=A_p, rhs=self.rhs - term @ p, anchor=anchor)
 
 
 class _Rows:

@@ -32,7 +32,12 @@ def solve(laws: ActiveSet) -> tuple[Array, Array]:
     problem, surface = laws.problem, condensed(laws.problem.surface)
     bodies = surface.row_stiffness(problem.cone.carrying)
     few = not laws.k.any() and (~laws.given).sum() < FEW * (~laws.held).sum()
-    p, u_c = by_tractions(laws, surface) if bodies is None or few else by_motion(laws, bodies)
+    if bodies is None or few or laws.anchor is not None:
+        p, u_c = by_tractions(laws, surface)
+    else:
+        p, u_c = by_motion(laws, bodies)
+    if laws.anchor is not None:
+        return p, u_c
     load, held = problem.load.f_c, surface.forces(p)
     allowed = BALANCE * (np.abs(load).sum() + np.abs(held).sum())
     carried_along = np.abs(problem.offset - problem.gap).max(initial=0.0)
@@ -99,8 +104,11 @@ def by_tractions(laws: ActiveSet, surface: CondensedSurface) -> tuple[Array, Arr
     else:
         Z, u_0, Y = R, surface.flexibility @ f, (B.T @ surface.flexibility).T
     # u = u_0 - Y x + Z b with b = R^T u, which is the same as balance: R^T (f - B x - tangent u) = 0
-    balance = (B.T @ R - Y.T @ of_springs).T
-    system = np.block([[(A_p @ E).toarray() - A_u @ Y, A_u @ Z], [balance, of_springs.T @ Z]])
-    found = np.linalg.solve(system, np.concatenate([right - A_u @ u_0, R.T @ f - of_springs.T @ u_0]))
+    balance, own, carried = (B.T @ R - Y.T @ of_springs).T, of_springs.T @ Z, R.T @ f - of_springs.T @ u_0
+    if laws.anchor is not None:
+        stiffness = laws.anchor.weight * surface.rho
+        own, carried = own + stiffness * np.eye(len(own)), carried + stiffness * laws.anchor.b
+    system = np.block([[(A_p @ E).toarray() - A_u @ Y, A_u @ Z], [balance, own]])
+    found = np.linalg.solve(system, np.concatenate([right - A_u @ u_0, carried]))
     u_c = u_0 - Y @ found[: len(x)] + Z @ found[len(x) :]
     return p_0 + k * (N @ u_c) + E @ found[: len(x)], u_c

@@ -103,7 +103,7 @@ class _Run:
                     return
                 visited.append(p)
             weight = proximal * min(1.0, residual) if proximal and known else None
-            solved = self._solve(p_hat, held, gamma, p, weight)
+            solved = self._solve(p_hat, held, gamma, p, u_c, weight)
             if solved is None:
                 self._keep(Solution(p, w, u_c, Status.NO_HOLD, np.inf, ()))
                 return
@@ -117,7 +117,7 @@ class _Run:
 
     def _judge(self, p: Array, w: Array, u_c: Array, first: int) -> float:
         """Residual of an iterate, written down; `first`: its number if nothing was written down before."""
-        residual = self.problem.natural_residual(p, w)
+        residual = max(self.problem.natural_residual(p, w), self.problem.imbalance(p))
         number = self.history[-1].iteration + 1 if self.history else first
         self.history.append(Step(number, residual, self.problem.volume_solves))
         self.on_step(self.history[-1])
@@ -138,7 +138,7 @@ class _Run:
             self.best = replace(self.best, status=Status.MAX_IT)
 
     def _solve(
-        self, p_hat: Array, held: Array, gamma: Array, p: Array, proximal: float | None
+        self, p_hat: Array, held: Array, gamma: Array, p: Array, u_c: Array, proximal: float | None
     ) -> tuple[Array, Array, Array] | None:
         """Solve with the laws linearised at p_hat (rows,) [Pa], or nearer to `held` if the bodies are not held there.
 
@@ -147,6 +147,7 @@ class _Run:
             held: trial tractions (rows,) [Pa] to go back towards, those of the last solve or of the start.
             gamma: (rows,) [Pa/m].
             p: tractions (rows,) [Pa] of the iterate.
+            u_c: displacement (c,) [m] of the iterate.
             proximal: weight of the proximal term [-]; None: without.
 
         Returns:
@@ -157,7 +158,7 @@ class _Run:
             try:
                 laws = linearise(self.problem, p_hat, gamma)
                 if proximal is not None:
-                    laws = laws.proximal(p, proximal / gamma)
+                    laws = laws.proximal(p, u_c, proximal)
                 return *self.newton.linear(laws), p_hat
             except np.linalg.LinAlgError:
                 p_hat = (p_hat + held) / 2

@@ -158,12 +158,30 @@ def cost_command(
 
 @app.command("verify")
 def verify_command(
-    names: Annotated[list[str] | None, typer.Argument(metavar="[NAME]...", help="cases; all if none is named")] = None,
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="cases; all if none is named; hard: the hard suite")
+    ] = None,
+    number: Annotated[int, typer.Option("--number", help="hard: number of variations")] = 2000,
+    seed: Annotated[int, typer.Option("--seed", help="hard: of their order and random numbers")] = 0,
+    scenes: Annotated[
+        str, typer.Option("--scenes", metavar="NAME,NAME", help="hard: these ready scenes only [all]")
+    ] = "",
+    jobs: Annotated[int, typer.Option("--jobs", help="hard: number of processes")] = 1,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="hard: write hard.md, .png, .jsonl there")
+    ] = None,
 ) -> None:
-    """Compare computed figures with closed forms and published values."""
+    """Compare computed figures with closed forms and published values, or (hard) scenes with their variations."""
+    from workflows.commands.hard import hard
     from workflows.commands.verify import verify
 
-    if not verify(names or []):
+    if "hard" in (names or []):
+        if names != ["hard"]:
+            raise SceneError("verify hard: takes no other name beside it")
+        passed = hard([name for name in scenes.split(",") if name], number, seed, jobs, output)
+    else:
+        passed = verify(names or [])
+    if not passed:
         raise typer.Exit(1)
 
 

@@ -1,0 +1,75 @@
+"""`stickslip verify hard`: run the hard suite, tell what was not solved, and write its page."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+import time as clock
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from geometry.errors import MachineError, SceneError, nearest, require
+from workflows.verification.hard.page import BAD, again, sentence, write_page
+from workflows.verification.hard.suite import NAMES, Row, results
+
+NUMBER = 2000
+
+
+def hard(
+    scenes: Sequence[str] = (), number: int = NUMBER, seed: int = 0, jobs: int = 1, folder: Path | None = None
+) -> bool:
+    """Run the suite; one line for each variation that failed or is wrong, then a sentence with all counts.
+
+    Args:
+        scenes: ready scenes; none: all.
+        number: of variations.
+        seed: of the order and the random ones.
+        jobs: processes, of one core each.
+        folder: where hard.md, hard.png and hard.jsonl are written; None: nowhere.
+
+    Returns:
+        Whether no variation is wrong or has failed.
+
+    Raises:
+        SceneError: an option is wrong.
+        MachineError: the folder cannot be written.
+    """
+    for name in scenes:
+        if name not in NAMES:
+            raise SceneError(f"--scenes {name}: no such ready scene; {nearest(name, NAMES)}")
+    require(number >= 1, "--number", number, "must be at least 1")
+    require(seed >= 0, "--seed", seed, "must not be negative")
+    require(jobs >= 1, "--jobs", jobs, "must be at least 1")
+    if folder is not None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise MachineError(f"{folder}: cannot be written: {error.strerror}") from None
+    rows, began = [], clock.monotonic()
+    for row in results(tuple(scenes) or NAMES, number, seed, jobs):
+        rows.append(row)
+        if row.verdict.outcome in BAD:
+            print(
+                f"{row.scene}, {row.name}: {row.verdict.outcome.value}: {row.verdict.reason}\n  {again(row)}",
+                flush=True,
+            )
+        elif sys.stdout.isatty():
+            print(f"{len(rows)} of {number}", end="\r", flush=True)
+    print(f"{sentence(rows)}; {clock.monotonic() - began:.0f} s")
+    if folder is not None:
+        words = ["stickslip", "verify", "hard", "--number", str(number), "--seed", str(seed)]
+        words += ["--scenes", ",".join(scenes)] if scenes else []
+        try:
+            write_page(folder / "hard.md", rows, shlex.join([*words, "-o", str(folder)]))
+            (folder / "hard.jsonl").write_text("".join(map(_line, rows)), encoding="utf-8")
+        except OSError as error:
+            raise MachineError(f"{folder}: cannot be written: {error.strerror}") from None
+    return not any(row.verdict.outcome in BAD for row in rows)
+
+
+def _line(row: Row) -> str:
+    plain = asdict(row)
+    plain["verdict"]["outcome"] = row.verdict.outcome.value
+    return json.dumps(plain, ensure_ascii=False) + "\n"

@@ -1,0 +1,226 @@
+"""Judges one varied scene: its own audit, a second method, and a twin scene whose answer is known to be the same."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+
+from geometry.arrays import Array
+from geometry.errors import GeometryError, SceneError, StickslipError
+from solvers.methods import Solver
+from solvers.results.audit import Audit, Auditor, Record
+from solvers.results.step_result import StepResult
+from solvers.scene.scene import Scene
+from solvers.simulation.applicable import refusals
+from solvers.simulation.resolve import resolve
+from solvers.simulation.simulation import Simulation, prepare
+from solvers.stepping.stepper import NoEquilibriumError
+from workflows.verification.hard.variations import Scale
+from workflows.verification.units import Units
+
+SECOND = ("nsgs", "surface-uzawa", "uzawa")  # the first of these that can solve the scene gives a second opinion
+TOLERANCE = 1e-10  # of the second opinion
+ITERATIONS = 3000  # of the second opinion
+AUDIT = 1e-6  # limit of each number of the audit: solved to 1e-8, and its scales differ from those of the residual
+STRICT = 1e-5  # limit of the residual relative to the largest traction that there is
+AGREEMENT = 1e-3  # of forces and displacements, relative to the largest: tolerance times condition
+TWIN = 1e-5  # of a twin's forces and displacements
+EVEN = 0.1  # share by which a twin's iterations may differ: rounding decides ties
+OWN = Scale()
+
+
+class Outcome(Enum):
+    """How a variation ended; the values are the words of the page."""
+
+    SOLVED = "solved"
+    BRANCH = "solved, another branch"  # a second method found another solution, and both satisfy all conditions
+    PROVED = "no equilibrium, proved"
+    REFUSED = "refused"
+    FAILED = "failed"
+    WRONG = "wrong"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """The outcome of one variation."""
+
+    outcome: Outcome
+    reason: str = ""
+    held: bool = True  # by supports alone: neither a body nor an obstacle follows from forces
+    iterations: int = 0
+    seconds: float = 0.0  # of the run itself, without the other judges
+    second: str = ""  # what the second opinion is: a method's name and its word
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A scene and its answer."""
+
+    simulation: Simulation
+    steps: tuple[StepResult, ...]
+
+    @cached_property
+    def judged(self) -> tuple[dict[str, float], float]:
+        """The worst of the audit's numbers over all steps, and the strict residual."""
+        auditor = Auditor(self.simulation.problem, self.simulation.mesh)
+        audits, strict = [], 0.0
+        for step in self.steps:
+            audits.append(auditor(_record(step)))
+            strict = max(strict, self._strict(auditor, step))
+        return {key: value or 0.0 for key, value in Audit.worst(audits).items()}, strict
+
+    def _strict(self, auditor: Auditor, step: StepResult) -> float:
+        """The residual of the contact laws relative to the largest traction of this step, or to its largest motion."""
+        system = self.simulation.system
+        gamma = self.simulation.problem.softest / system.extent
+        residual = auditor.cone.at(step.time).natural_residual(step.p, step.w - step.reference, gamma)
+        scale = max(np.abs(step.p).max(initial=0.0), 1e-6 * gamma * np.abs(step.displacement).max(initial=0.0))
+        return float(np.abs(residual).max(initial=0.0) / scale) if scale else 0.0
+
+    @property
+    def complaints(self) -> list[str]:
+        """What the audit, and the strict residual, find wrong."""
+        numbers, strict = self.judged
+        found = [f"audit: {key} {value:.1e}" for key, value in numbers.items() if not value <= AUDIT]
+        return found + ([f"residual {strict:.1e} of the largest traction"] if not strict <= STRICT else [])
+
+    @property
+    def iterations(self) -> int:
+        return sum(step.iterations for step in self.steps)
+
+    def quantities(self) -> dict[str, tuple[str, Array]]:
+        """Unit, and numbers (steps, k): resultants, and displacements of each step; signs of components left out."""
+        return {
+            "resultants": ("N", np.array([_resultants(step) for step in self.steps])),
+            "displacement": ("m", np.array([[np.linalg.norm(step.displacement)] for step in self.steps])),
+        }
+
+    def nodal(self) -> Array:
+        """Nodal contact forces B^T p (steps, k) [N]; none where contact slides, for its rows are others in each step."""
+        if any(step.searched for step in self.steps):
+            return np.zeros((0, 0))
+        return np.array([self.simulation.stepper.surface.forces(step.p) for step in self.steps])
+
+
+def _record(step: StepResult) -> Record:
+    return Record(
+        time=step.time,
+        displacement=step.displacement,
+        p=step.p,
+        w=step.w,
+        reference=step.reference,
+        driven=step.driven,
+        searched=step.searched,
+        p_ref=step.p_ref,
+        u_ref=step.u_ref,
+        external_work=step.energy.external,
+    )
+
+
+def _resultants(step: StepResult) -> Array:
+    found = [np.append(c.force, [c.normal_force, c.tangential_force]) for c in step.contacts.values()]
+    found += [force for force, _ in step.supports.values()]
+    return np.asarray(np.abs(np.concatenate([np.zeros(1), *found])))
+
+
+def solve(scene: Scene) -> Solved:
+    """Solve all steps; raises what `prepare` and `steps` raise."""
+    simulation = prepare(scene)
+    return Solved(simulation, tuple(simulation.steps()))
+
+
+def judge(scene: Scene, twin: Scene | None = None, scale: Scale = OWN) -> Iterator[Verdict]:
+    """Solve and judge a scene; the verdict without the second opinion first, for that may never come.
+
+    Args:
+        twin: a scene of the same answer, if there is one.
+        scale: one metre and one newton of the scene, in units of the twin.
+    """
+    began, held = clock.perf_counter(), True
+    try:
+        problem = resolve(scene)
+        held = not (problem.rigid_modes.shape[1] or problem.driven)
+        own = solve(scene)
+    except (SceneError, GeometryError) as error:
+        yield Verdict(outcome=Outcome.REFUSED, reason=str(error), held=held)
+        return
+    except NoEquilibriumError as error:
+        yield Verdict(
+            outcome=Outcome.WRONG if held else Outcome.PROVED,
+            reason=("supports hold the bodies, but: " if held else "") + str(error),
+            held=held,
+            seconds=clock.perf_counter() - began,
+        )
+        return
+    except StickslipError as error:
+        seconds = clock.perf_counter() - began
+        yield Verdict(outcome=Outcome.FAILED, reason=str(error), held=held, seconds=seconds)
+        return
+    first = Verdict(outcome=Outcome.SOLVED, held=held, iterations=own.iterations, seconds=clock.perf_counter() - began)
+    wrong = [*own.complaints, *(_against_twin(own, twin, scale) if twin is not None else ())]
+    if wrong:
+        first = replace(first, outcome=Outcome.WRONG, reason="; ".join(wrong))
+    yield first
+    yield _with_second_opinion(first, own)
+
+
+def _against_twin(own: Solved, scene: Scene, scale: Scale) -> Iterator[str]:
+    """How the answer differs from that of the twin."""
+    try:
+        twin = solve(scene)
+    except StickslipError:
+        return  # judged where it is a variation itself
+    units = Units(length=scale.length, force=scale.force, plane=own.simulation.scene.model.startswith("plane"))
+    theirs = twin.quantities()
+    for key, (unit, mine) in own.quantities().items():
+        off = apart(mine / units.factor(unit), theirs[key][1])
+        if not off <= TWIN:
+            yield f"twin: {key} differ by {off:.1e}"
+    if abs(own.iterations - twin.iterations) > max(1.0, EVEN * twin.iterations):
+        yield f"twin: {own.iterations} iterations, not {twin.iterations}"
+
+
+def _with_second_opinion(verdict: Verdict, own: Solved) -> Verdict:
+    scene = own.simulation.scene
+    candidates = (
+        replace(scene, solver=Solver(method=name, tolerance=TOLERANCE, max_iterations=ITERATIONS)) for name in SECOND
+    )
+    asked = next(
+        (c for c in candidates if c.solver.method != scene.solver.method and not any(refusals(resolve(c)))), None
+    )
+    if asked is None:
+        return verdict
+    name = asked.solver.method
+    try:
+        other = solve(asked)
+    except StickslipError as error:
+        if isinstance(error, NoEquilibriumError):
+            return replace(verdict, outcome=Outcome.WRONG, reason=f"{name}: {error}", second=f"{name}: no equilibrium")
+        return replace(verdict, second=f"{name}: none")
+    mine, theirs = own.quantities(), other.quantities()
+    off = {key: apart(mine[key][1], theirs[key][1]) for key in mine} | {
+        "nodal forces": apart(own.nodal(), other.nodal())
+    }
+    worst = max(off, key=lambda key: off[key])
+    if all(value <= AGREEMENT for value in off.values()):
+        return replace(verdict, second=f"{name}: agrees")
+    said = f"{name}: {worst} differ by {off[worst]:.1e}"
+    if other.complaints:
+        return replace(verdict, second=f"{name}: no use, {other.complaints[0]}")
+    if verdict.outcome is Outcome.SOLVED:
+        return replace(verdict, outcome=Outcome.BRANCH, reason=said, second=said)
+    return replace(verdict, reason=f"{verdict.reason}; {said}", second=said)
+
+
+def apart(found: Array, expected: Array) -> float:
+    """Largest difference of numbers (steps, k), relative to the largest of all steps; inf if there are others."""
+    if found.shape != expected.shape:
+        return float("inf")
+    size = np.abs(expected).max(initial=0.0)
+    off = np.abs(found - expected).max(initial=0.0)
+    return float(off / size if size else off)

@@ -1,0 +1,59 @@
+"""A scene of boxes seen in a mirror: x goes to the other end of the box, and left is right."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from geometry.amplitude import Amplitude
+from solvers.scene.timeline import Place
+from workflows.verification.hard.tables import Tables, over_drives, scaled, scene_of
+
+BOXES = ("block", "strip", "stack", "two_blocks")
+OTHER = {"left": "right", "right": "left"}
+
+
+def mirrored(tables: Tables) -> Tables | None:
+    """The mirror image, meshed by a grid, for only a grid is its own image; None if the shape is not its own image."""
+    shape = tables["geometry"]
+    if shape.get("builder") not in BOXES or shape.get("offset", 0.0) != 0.0:
+        return None
+    scene = scene_of(tables)
+    ends = np.asarray(scene.geometry.box(scene.dim))[:, 0]
+    middle = float(ends.min() + ends.max())
+    found = over_drives(tables, _turned)
+    found["geometry"]["cells"] = "tensor"
+    for contact in found["contacts"].values():
+        contact["surface"], contact["against"] = _other(contact["surface"]), _other(contact["against"])
+    for table in ("supports", "loads", "probes", "obstacles"):
+        for entry in found[table].values():
+            _mirror(entry, middle)
+    for pair in found.get("periodic", {}).values():
+        pair["boundary"], pair["with"] = _other(pair["boundary"]), _other(pair["with"])
+    return found
+
+
+def _turned(place: Place, amplitude: Amplitude) -> Amplitude:
+    """What points along x, and what turns, has the other sign."""
+    return scaled(amplitude, -1.0) if place.component == "x" or place.quantity == "rotation" else amplitude
+
+
+def _mirror(entry: dict[str, Any], middle: float) -> None:
+    if "boundary" in entry:
+        entry["boundary"] = _other(entry["boundary"])
+    for table in (entry, entry.get("rotation") or {}):
+        if "point" in table:
+            table["point"][0] = middle - table["point"][0]
+    for key in ("normal", "axis"):
+        if key in entry:
+            entry[key][0] *= -1
+
+
+def _other(side: str) -> str:
+    """
+    >>> _other("block.left"), _other("block.top"), _other("table")
+    ('block.right', 'block.top', 'table')
+    """
+    body, dot, name = side.rpartition(".")
+    return f"{body}{dot}{OTHER.get(name, name)}"

@@ -1,0 +1,213 @@
+"""The suite: variations of the ready scenes, solved and judged in processes of their own, each with a time limit."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time as clock
+import zlib
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import count, product
+from multiprocessing.connection import Connection
+from queue import SimpleQueue
+
+import numpy as np
+
+from geometry.errors import GeometryError, SceneError
+from workflows.scene_file.read import READY, read, to_dict
+from workflows.verification.hard.judge import Outcome, Verdict, judge
+from workflows.verification.hard.tables import overrides, ready, scene_of
+from workflows.verification.hard.variations import FIXED, variation, varied
+
+LIMIT = 60.0  # [s] of a variation; no end until then counts as failed
+OPINION = 8.0  # [s] more, of its second opinion
+NAMES = tuple(sorted(path.stem for path in READY.glob("*.toml")))
+
+
+@dataclass(frozen=True)
+class Task:
+    """A variation of a ready scene; random numbers follow from scene, name and seed."""
+
+    scene: str
+    name: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of a task."""
+
+    scene: str
+    kind: str
+    name: str
+    overrides: tuple[str, ...]  # of the ready scene, as `--set` takes them
+    verdict: Verdict
+
+
+def tasks(scenes: Sequence[str], seed: int) -> Iterator[Task]:
+    """All fixed variations of the scenes in random order, then random ones without end."""
+    fixed = list(product(scenes, FIXED))
+    for index in np.random.default_rng(seed).permutation(len(fixed)):
+        scene, name = fixed[index]
+        yield Task(scene, name, seed)
+    for index in count(1):
+        yield from (Task(scene, f"random {index}", seed) for scene in scenes)
+
+
+def performed(task: Task) -> Iterator[Row | None]:
+    """Solve and judge: None if the variation does not apply; else first without, then with the second opinion."""
+    one, original = variation(task.name), to_dict(read(task.scene))
+    base = ready(task.scene)
+    try:
+        found = varied(base, one.change, _random(task)) if one.kind != "as it is" else base
+        if found is None:
+            yield None
+            return
+        twin = one.twin and one.twin(ready(task.scene), _random(task))
+        words = tuple(overrides(original, found))
+        row = Row(task.scene, one.kind, one.name, words, Verdict(outcome=Outcome.SOLVED))
+        for verdict in judge(scene_of(found), scene_of(twin) if twin else None, one.scale):
+            yield replace(row, verdict=verdict)
+    except (SceneError, GeometryError) as error:  # no scene is made of it
+        verdict = Verdict(outcome=Outcome.REFUSED, reason=str(error))
+        yield Row(task.scene, one.kind, one.name, (), verdict)
+
+
+def _random(task: Task) -> np.random.Generator:
+    return np.random.default_rng([task.seed, zlib.crc32(f"{task.scene} {task.name}".encode())])
+
+
+def results(scenes: Sequence[str], number: int, seed: int, jobs: int) -> Iterator[Row]:
+    """The first `number` tasks whose variation applies, in their order."""
+    with Crew(jobs) as crew:
+        found = 0
+        for row in crew.map(tasks(scenes, seed)):
+            if row is not None:
+                yield row
+                found += 1
+            if found >= number:
+                return
+
+
+class Crew:
+    """Processes that solve tasks; one that takes too long, or dies, is replaced."""
+
+    def __init__(self, jobs: int) -> None:
+        self.jobs, self._idle, self._all = jobs, SimpleQueue[Worker](), [Worker() for _ in range(jobs)]
+        for worker in self._all:
+            self._idle.put(worker)
+
+    def __enter__(self) -> Crew:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for worker in self._all:
+            worker.end()
+
+    def map(self, tasks: Iterable[Task]) -> Iterator[Row | None]:
+        """Their results in order; a few tasks ahead are begun."""
+        ahead: deque[Future[Row | None]] = deque()
+        with ThreadPoolExecutor(self.jobs) as threads:
+            try:
+                for task in tasks:
+                    ahead.append(threads.submit(self._perform, task))
+                    if len(ahead) > 4 * self.jobs:
+                        yield ahead.popleft().result()
+                yield from (future.result() for future in ahead)
+            finally:
+                for future in ahead:
+                    future.cancel()
+
+    def _perform(self, task: Task) -> Row | None:
+        worker = self._idle.get()
+        try:
+            return worker.perform(task)
+        finally:
+            self._idle.put(worker)
+
+
+class Worker:
+    """A process of one core that performs one task after the other."""
+
+    def __init__(self) -> None:
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._pipe: Connection | None = None
+
+    def perform(self, task: Task) -> Row | None:
+        """The last row that came in time; failed if none did."""
+        pipe, last = self._started(), None
+        began = clock.monotonic()
+        pipe.send(task)
+        limit = LIMIT
+        lost = ""
+        while True:
+            if not pipe.poll(max(0.0, limit - (clock.monotonic() - began))):
+                lost = f"no end after {limit:.0f} s"
+                break
+            try:
+                word: Row | str | None = pipe.recv()
+            except EOFError:
+                lost = "the process died"
+                break
+            if word == "done":
+                return last
+            if isinstance(word, str):
+                lost = word
+                break
+            last = word
+            limit = clock.monotonic() - began + OPINION
+        self.end()
+        if last is not None:
+            return replace(last, verdict=replace(last.verdict, second=f"none: {lost}"))
+        words = _words(task)
+        seconds = clock.monotonic() - began
+        failed = Verdict(outcome=Outcome.FAILED, reason=lost, seconds=seconds)
+        return Row(task.scene, variation(task.name).kind, task.name, words, failed)
+
+    def _started(self) -> Connection:
+        if self._process is None or self._pipe is None or not self._process.is_alive():
+            for key in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+                os.environ[key] = "1"
+            context = multiprocessing.get_context("spawn")
+            self._pipe, theirs = context.Pipe()
+            self._process = context.Process(target=_work, args=(theirs,), daemon=True)
+            self._process.start()
+            theirs.close()
+        assert self._pipe is not None
+        return self._pipe
+
+    def end(self) -> None:
+        """End the process; the next task starts another one."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+            self._process = None
+        if self._pipe is not None:
+            self._pipe.close()
+            self._pipe = None
+
+
+def _work(pipe: Connection) -> None:
+    """Perform tasks until the pipe is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    while True:
+        try:
+            task = pipe.recv()
+        except EOFError:
+            return
+        try:
+            for row in performed(task):
+                pipe.send(row)
+            pipe.send("done")
+        except Exception as error:  # a defect, whatever it is: the variation has failed
+            pipe.send(f"{type(error).__name__}: {error}")
+
+
+def _words(task: Task) -> tuple[str, ...]:
+    """What `--set` takes to make the scene of a task."""
+    found = varied(ready(task.scene), variation(task.name).change, _random(task))
+    return tuple(overrides(to_dict(read(task.scene)), found or {}))
