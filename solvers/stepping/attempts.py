@@ -11,7 +11,7 @@ from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.prepare import prepare_volume
 from solvers.methods import METHODS
 from solvers.methods.method import Ready, Setup, Solve
-from solvers.newton.solution import Solution
+from solvers.newton.solution import Solution, Status
 from solvers.parallel.serialise import Plain
 from solvers.stepping.choice import Choice, Stage, choose, fits
 from solvers.stepping.state import State
@@ -90,13 +90,14 @@ class Attempts:
         Returns:
             Whether it was switched; not if the chain ends, or memory does not suffice for the next form of the bodies.
         """
-        if self.at + 1 == len(self.choice.stages):
+        before, later = self.stage, self._later(other_form=solution.status is Status.SLOW)
+        if not later:
             return False
-        before, after = self.stage, self.choice.stages[self.at + 1]
+        after = self.choice.stages[later[0]]
         if after.surface != before.surface and not fits(system, after.surface):
             log.warning("t = %g: %s: %s; no memory for %s", time, before, solution.status.value, after)
             return False
-        self.at += 1
+        self.at = later[0]
         switch = Switch(time, solution.iterations, str(before), str(self.stage), solution.status.value)
         self.switches.append(switch)
         log.warning("t = %g: %s: %s; goes on with %s", time, switch.before, switch.because, switch.after)
@@ -105,9 +106,20 @@ class Attempts:
             self.volume = prepare_volume(system, self.stage.surface)
         return True
 
+    def _later(self, other_form: bool) -> list[int]:
+        """Indices of the stages after the present one; of those with another form of the bodies only, if asked for."""
+        places, form = range(self.at + 1, len(self.choice.stages)), self.stage.surface
+        return [k for k in places if not other_form or self.choice.stages[k].surface != form]
+
     def method(self, system: System, surface: DelassusOperator) -> Callable[[State], Solve]:
         """A function from a state to the solver of the next step; the method keeps what it has learnt of the bodies."""
-        setup = Setup(system=system, surface=surface, coarse=self.coarse, safety=SAFE if self.stage.safe else 1.0)
+        setup = Setup(
+            system=system,
+            surface=surface,
+            coarse=self.coarse,
+            safety=SAFE if self.stage.safe else 1.0,
+            hurried=any(fits(system, self.choice.stages[k].surface) for k in self._later(other_form=True)),
+        )
         before = self._ready.get(self.stage)
         if before is None:
             ready = METHODS[self.stage.method].of(system.problem.solver).build(setup)

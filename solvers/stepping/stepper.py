@@ -108,7 +108,7 @@ class Stepper:
         self.method_after = self.attempts.method(system, self.surface)
 
     def _follow(self) -> None:
-        """Take over the current stage of `attempts`; the surface stays where the form of the bodies does; collective."""
+        """Take over the current stage of `attempts`; the surface stays if the form of the bodies does; collective."""
         before, self.stage = self.stage, self.attempts.stage
         if self.stage.surface != before.surface:
             self.surface = prepare_surface(self.system, self.attempts.volume)

@@ -10,15 +10,17 @@ from numpy.testing import assert_allclose
 
 from geometry.errors import MachineError
 from solvers.interface.coarse_mesh import CoarseMesh
+from solvers.linear.conjugate_gradients import MOST_ITERATIONS
 from solvers.methods import Solver
 from solvers.methods.condensed_newton import CondensedNewton
-from solvers.methods.surface_uzawa import LearningIteration
+from solvers.methods.surface_uzawa import PATIENCE, LearningIteration
 from solvers.newton.solution import Solution, Status
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import Simulation
 from solvers.stepping.choice import Size, Stage, chosen
 from solvers.stepping.stepper import StepError
 from solvers.system.system import System
+from workflows.benchmarks.auto import BARS, Case
 from workflows.run.result import summary
 from workflows.scene_file.read import read
 
@@ -146,6 +148,42 @@ def test_the_choice_goes_by_size_and_memory() -> None:
         chosen(LARGE, Solver(method="condensed-newton"), 1e9)
 
 
+def form(size: Size) -> str:
+    return chosen(size, Solver(), 1e12).stages[0].surface
+
+
+def test_a_factor_pays_in_many_steps() -> None:
+    """Sizes and fastest forms of the table that `workflows.benchmarks.auto` prints."""
+    cube, half_ball = Size(3, 50_700, 4.1e6, 2028), Size(3, 22_903, 1.0e6, 3048)
+    assert [form(each) for each in (cube, half_ball)] == ["matrix-free"] * 2
+    assert [form(replace(each, steps=32)) for each in (cube, half_ball)] == ["condensed"] * 2
+    assert form(Size(2, 3180, 44_520, 868)) == "condensed"  # bars: many of the dofs are contact dofs
+
+
+def test_multigrid_is_not_for_slender_bodies_that_float(system_of: Callable[[Scene], System]) -> None:
+    beam = Size(3, 50_000, 4e6, 2000)
+    assert (form(beam), form(replace(beam, slender=10.0))) == ("matrix-free", "condensed")
+    system = system_of(bars())
+    size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
+    assert size.slender == pytest.approx(10.0 / 0.3)
+
+
+def bars(*words: str) -> Scene:
+    """A bar on a bar under its own weight; nothing but contact holds the upper one."""
+    scene = Case("two_blocks", 2.0, BARS, free=("top",)).read(2)
+    return replace(scene, solver=replace(scene.solver, **dict(word.split("=") for word in words)))
+
+
+@pytest.mark.parametrize("words", [(), ("surface=matrix-free",)])
+def test_bars_of_which_one_floats(words: tuple[str, ...], simulation_of: SimulationOf) -> None:
+    """Conjugate gradients take hundreds of iterations for each solve: the step is handed on after some of them."""
+    simulation = simulation_of(bars(*words))
+    (*_, last) = simulation.steps()
+    assert last.contacts["joint"].force[1] == pytest.approx(1e-3 * 9.81 * 10.0 * 0.3, rel=1e-9)  # its weight
+    assert [switch.because for switch in simulation.stepper.attempts.switches] == [Status.SLOW.value] * len(words)
+    assert simulation.counters.linear_iterations <= len(words) * (PATIENCE + MOST_ITERATIONS)
+
+
 def test_each_rank_of_a_machine_has_a_dense_stiffness_of_its_own() -> None:
     one, four = LARGE.dense_bytes, replace(LARGE, ranks=4).dense_bytes
     assert four - one == pytest.approx(3 * 5 * 8 * LARGE.contact_dofs**2)  # five copies of doubles
@@ -156,8 +194,9 @@ def test_each_rank_of_a_machine_has_a_dense_stiffness_of_its_own() -> None:
 
 def test_the_size_is_that_of_what_is_assembled(scene_of: SceneOf, system_of: Callable[[Scene], System]) -> None:
     system = system_of(scene_of(2, {"cells": "tensor", "mesh_size": 0.05}, contacts=BASE))
-    size = Size.of(system.mesh, system.constraints, system.contacts)
+    size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
     assert (size.dim, size.dofs, size.ranks) == (2, system.K_B.size[0], 1)
+    assert (size.steps, size.slender) == (1, 2.0)  # nothing supports it
     assert size.contact_dofs == len(system.interface.dofs)
     assert size.entries == pytest.approx(system.K_B.getInfo()["nz_used"], rel=0.1)  # fewer at the boundary
 
