@@ -44,6 +44,7 @@ STAGES = (
     Stage("surface-uzawa", "matrix-free"),
 )
 COUNTS = (2, 32)  # load steps
+LONG = "took longer than the limit"
 
 
 @dataclass(frozen=True)
@@ -84,11 +85,17 @@ BARS = (
     "bodies.upper.density=1e-3",
     "gravity={ acceleration = [[[0, 0], [1, 0], [2, 1.0]], [[0, 0], [1, -9.81]]] }",
 )
+WEIGHT = (
+    "bodies.block.density=1e-3",
+    "gravity={ acceleration = [[[0, 0], [1, 0], [2, 1.0]], 0.0, [[0, 0], [1, -9.81]]] }",
+)
 CASES = (
     *(Case("block", scale) for scale in (1.6, 0.5, 0.16)),
     *(Case("two_blocks", scale) for scale in (1.5, 0.45, 0.14)),
     *(Case("cylinders", scale) for scale in (1.5, 0.45, 0.2)),
     *(Case("cube", scale) for scale in (1.15, 0.53, 0.32)),
+    *(Case("cube", scale, ("geometry.order=2",), "cube, order 2") for scale in (1.15, 0.75)),
+    *(Case("cube", scale, WEIGHT, "cube, floats", free=("top",)) for scale in (0.53, 0.4)),
     *(Case("half_ball", scale) for scale in (2.0, 0.9, 0.5, 0.28)),
     *(Case("spheres", scale) for scale in (2.0, 1.0, 0.6)),
     Case("two_blocks", 0.45, label="two_blocks, tied", tied=True),
@@ -121,7 +128,7 @@ class Run:
     @property
     def seconds(self) -> float:
         """Of all steps; those that are missing cost as much as the last ones, inf if there are none."""
-        if not self.steps or not (self.complete or self.status == "long"):
+        if not self.steps or not (self.complete or self.status == LONG):
             return np.inf
         last = self.steps[len(self.steps) // 2 :]
         return self.prepared + sum(self.steps) + (self.count - len(self.steps)) * sum(last) / len(last)
@@ -176,7 +183,7 @@ def measure(system: System, stage: Stage, limit: float) -> Run:
             if time < times[-1]:
                 watch()
     except LimitError:
-        status = "long"
+        status = LONG
     except SolverError as error:
         status = str(error)
     linear = system.counters.linear_iterations
