@@ -9,7 +9,7 @@ from scipy import sparse
 
 from geometry.arrays import Array, Ints
 from geometry.protocols import Sparse
-from solvers.methods.contact_element import ContactElements
+from solvers.methods.contact_element import ContactElements, held_from
 from solvers.stepping.stepper import Accepted
 from solvers.system.system import System
 
@@ -34,11 +34,11 @@ class SlipTangent:
 
         Args:
             system: the assembled scene.
-            accepted: the step, solved by the perturbed Lagrangian with the same `omega`.
+            accepted: the step, solved by the perturbed Lagrangian with the same `omega`, not augmented.
             omega: penalties (rows,) [Pa/m].
         """
         problem = accepted.problem
-        elements = ContactElements.of(problem, omega, accepted.substep_start.p)
+        elements = ContactElements.of(problem, omega, held_from(problem, accepted.substep_start.p))
         answer = elements.answer(accepted.state.w - elements.reference)
         indptr, indices, data = system.K_B.getValuesCSR()
         K_B = sparse.csr_matrix((data, indices, indptr), shape=system.K_B.size)

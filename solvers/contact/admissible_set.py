@@ -79,6 +79,23 @@ class AdmissibleSet:
         """Number of rows."""
         return sum(len(c.W_n) + c.free.size for c in self.contacts)
 
+    def homogeneous(self, gamma: Array) -> bool:
+        """Whether the laws are positively homogeneous: twice the motion belongs to twice the tractions.
+
+        Args:
+            gamma: any stiffness (rows,) [Pa/m].
+        """
+        for place in self.places:
+            law, friction = place.rows.normal, place.rows.friction
+            one, stiff = np.ones(place.normal.stop - place.normal.start), gamma[place.normal]
+            if not np.allclose(law.resolvent(2 * one, stiff), 2 * law.resolvent(one, stiff)):
+                return False
+            if friction is not None:
+                cap, below, above = friction.lines(law, self.time, self.end)
+                if np.isfinite(cap) or below != above:
+                    return False
+        return True
+
     def at(self, time: float) -> AdmissibleSet:
         """The admissible set of the same laws at another time."""
         return AdmissibleSet(self.contacts, time, self.end)

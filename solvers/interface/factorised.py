@@ -28,6 +28,7 @@ class FactorisedVolume:
     """K_B (free dofs), factorised; `S` (c, c) [N/m] is its Schur complement on the contact dofs."""
 
     S: Array
+    _unit = 1.0  # [N/m] of the factorised matrix, a power of two
 
     def __init__(self, K: Mat, contact_dofs: Ints, counters: Counters) -> None:
         """
@@ -80,6 +81,7 @@ class FactorisedVolume:
         self.contact.write(f, np.zeros(len(self.contact.rows)))
         q = f.duplicate()
         self._ksp.solve(f, q)
+        q.scale(1 / self._unit)
         self._check()
         self.contact.write(q, np.zeros(len(self.contact.rows)))
         self.counters.volume_solves += 1
@@ -122,14 +124,22 @@ class FactorisedVolume:
             raise MachineError(f"MUMPS failed with INFOG(1) = {info}; -9 and -13 mean too little memory")
 
     def _factor_with_schur(self, contact_dofs: Ints) -> None:
-        factor = self._factorise(self.K, contact_dofs)
+        largest = self.K.norm(PETSc.NormType.INFINITY)
+        self._unit = 2.0 ** np.floor(np.log2(largest)) if largest > 0 else 1.0
+        self.K.scale(1 / self._unit)  # MUMPS' Schur complement is wrong where all entries are smaller than 1e-15
+        try:
+            factor = self._factorise(self.K, contact_dofs)
+            self._ksp.getPC().setReusePreconditioner(True)
+        finally:
+            self.K.scale(self._unit)  # exact: a power of two
         if not len(contact_dofs):
             self.S = np.zeros((0, 0))
             return
-        self.S = _schur_complement(petsc_library(), factor, len(contact_dofs))
+        self.S = self._unit * _schur_complement(petsc_library(), factor, len(contact_dofs))
         factor.setMumpsIcntl(26, 0)  # from here on, solve with the interior block alone
 
     def _factor_interior(self, contact_dofs: Ints) -> None:
+        self._unit = 1.0
         own = self.contact.rows[self.contact.mine]
         rows = PETSc.IS().createGeneral(own, comm=self.K.comm)
         interior = self.K.copy()

@@ -13,8 +13,12 @@ import numpy as np
 from geometry.arrays import Array
 from solvers.contact.admissible_set import AdmissibleSet
 from solvers.interface.flexibility import DelassusOperator, Load
+from solvers.laws.compliance import Compliance
 
 ROUNDING = 1e-12  # of the largest motion: normal motion below that counts as zero
+PART = 1e-2  # of the distance from a compliant law that counts as defect
+LAST_DIGITS = 64 * float(np.finfo(float).eps)  # of motions
+SCALED = 1e-9  # relative difference up to which problems are the same in another unit
 LEAST = 1e-6  # of p_ref: tractions below that are measured against it, for they are differences of what is far larger
 
 
@@ -68,6 +72,15 @@ class SurfaceProblem:
         )
         return float(np.max(np.where(pulls, np.abs(u_n), u_n), initial=0.0))
 
+    def is_scaled(self, other: SurfaceProblem) -> bool:
+        """Whether this is another problem of the same bodies in another unit: load, gaps, motions in proportion."""
+        if self.p_ref == 0 or other.p_ref == 0 or not self.cone.homogeneous(self.gamma):
+            return False
+        scale = self.p_ref / other.p_ref
+        pairs = ((self.gap, other.gap), (self.offset, other.offset), (self.load.free, other.load.free))
+        allowed = SCALED * max(self.u_ref, float(np.abs(self.load.free).max(initial=0.0)))
+        return all(np.abs(a - scale * b).max(initial=0.0) <= allowed for a, b in pairs)
+
     @property
     def volume_solves(self) -> int:
         """Applications of K_B^-1 in the run so far."""
@@ -96,20 +109,30 @@ class SurfaceProblem:
     def defect(self, p: Array, w: Array) -> Array:
         """Complementarity (KKT) defect p - P_C(p + gamma (w - gap)) (rows,) [Pa]: zero at the solution only.
 
-        It is the traction that each row lacks, as the bodies behind it would answer: gamma is theirs, E / depth.
+        It is the traction that each row lacks, as the bodies behind it would answer: gamma is theirs, E / depth. Where
+        bodies are much softer than a compliant law, it is a part of what the pressure differs from that of the law.
 
         Args:
             p: tractions (rows,) [Pa].
             w: relative displacement (rows,) [m].
         """
-        return self.cone.natural_residual(p, w - self.gap, self.gamma)
+        r = w - self.gap
+        found = self.cone.natural_residual(p, r, self.gamma)
+        rounding = LAST_DIGITS * max(float(np.abs(x).max(initial=0.0)) for x in (w, self.gap))
+        for place in self.cone.places:
+            law, n = place.rows.normal, place.normal
+            if isinstance(law, Compliance):
+                doubt = law.stiffness(p[n], p[n]) * rounding
+                off = PART * np.maximum(np.abs(p[n] - law.pressure(r[n])) - doubt, 0.0)
+                found[n] = np.where(off > np.abs(found[n]), off, found[n])
+        return found
 
     def scale(self, p: Array) -> float:
         """Largest traction of p (rows,) [Pa]: what the residual is relative to; at least a small part of `p_ref`."""
         return max(float(np.abs(p).max(initial=0.0)), LEAST * self.p_ref)
 
     def imbalance(self, p: Array) -> float:
-        """Forces R^T (f - B^T p) out of balance on the rigid modes, relative to all forces on them; 0 if all is held."""
+        """Forces R^T (f - B^T p) out of balance on the rigid modes, relative to all forces on them; 0 without modes."""
         surface = self.surface
         if not surface.floating:
             return 0.0

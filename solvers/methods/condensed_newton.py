@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from geometry.arrays import Array
+from solvers.interface.discrete import GivenSurface
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.applicability import Applicability
-from solvers.methods.method import Stateless, Turn
-from solvers.newton import condensed_system
+from solvers.methods.method import Solve, Stateless, Turn
+from solvers.methods.proximal_points import ProximalPoints
+from solvers.newton import condensed_system, given_system
 from solvers.newton.semismooth import SemismoothNewton
 from solvers.newton.solution import OnStep, Solution, ignore
 
@@ -26,6 +28,12 @@ class CondensedNewton(Stateless):
     WORKS_WITH: ClassVar = Applicability(floating=True, matrix_free=False)
     ROW: ClassVar = 1
     TURNS: ClassVar = (Turn("condensed", 1),)
+
+    def discrete(self, surface: GivenSurface) -> Solve:
+        def newton(rtol: float, max_it: int) -> Solve:
+            return SemismoothNewton(rtol=rtol, max_it=max_it, linear=given_system.solve)
+
+        return ProximalPoints(rtol=self.rtol, max_it=self.max_it, newton=newton)
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         newton = SemismoothNewton(rtol=self.rtol, max_it=self.max_it, linear=condensed_system.solve)

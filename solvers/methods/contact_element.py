@@ -94,15 +94,15 @@ class ContactElements:
     reference: Array  # (rows,) [m], the relative displacement at which G = 0
 
     @staticmethod
-    def of(problem: SurfaceProblem, omega: Array, p_old: Array) -> ContactElements:
+    def of(problem: SurfaceProblem, omega: Array, held: Array) -> ContactElements:
         """Elements of a step.
 
         Args:
             omega: penalties per area (rows,) [Pa/m].
-            p_old: tractions (rows,) [Pa] of the last accepted step.
+            held: tractions (rows,) [Pa] that the springs start from, see `held_from`.
         """
         soft = 1 / omega + problem.cone.softness  # k_T is a second spring, in series
-        return ContactElements(problem, problem.surface.W / soft, problem.gap - kept(problem, omega, p_old))
+        return ContactElements(problem, problem.surface.W / soft, problem.gap - held / omega)
 
     def gaps(self, u_c: Array) -> Array:
         """G (rows,) [m], positive when closed."""
@@ -149,14 +149,9 @@ class ContactElements:
         yield unsymmetric.ravel(), index[by_G_n.row].ravel(), np.repeat(n.start + by_G_n.col, free.shape[1])
 
 
-def kept(problem: SurfaceProblem, omega: Array, p_old: Array) -> Array:
-    """Extension (rows,) [m] that the springs keep from the last step; zero in normal rows, where p_n is a total.
-
-    Args:
-        omega: penalties per area (rows,) [Pa/m].
-        p_old: tractions (rows,) [Pa] of the last accepted step.
-    """
-    found = p_old / omega
+def held_from(problem: SurfaceProblem, p_old: Array) -> Array:
+    """Tractions (rows,) [Pa] that the springs keep from the last step, p_old; zero in normal rows, p_n is a total."""
+    found = p_old.copy()
     found[: problem.surface.normal_rows] = 0.0
     return found
 

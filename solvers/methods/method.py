@@ -16,11 +16,13 @@ from geometry.arrays import Array
 from geometry.keys import Key
 from geometry.protocols import Vec
 from solvers.interface.coarse_mesh import CoarseMesh
+from solvers.interface.discrete import GivenSurface
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.prepare import Form
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.applicability import Applicability
 from solvers.newton.solution import OnStep, Solution, ignore
+from solvers.newton.surface_system import Flexibility
 from solvers.parallel.serialise import Plain
 from solvers.scene.problem import Problem
 from solvers.scene.settings import Solver
@@ -72,6 +74,10 @@ class Ready(ABC):
     def renewed(self, setup: Setup) -> Ready:
         """The method for the same bodies with other contact rows; data that depend on the bodies only are kept."""
         return self
+
+    def flexibility(self, surface: DelassusOperator) -> Flexibility | None:
+        """The approximate Delassus operator that the method has, if it has one."""
+        return None
 
     def snapshot(self) -> dict[str, Plain]:
         """What was learnt in earlier steps, as arrays and plain data; see `restore`."""
@@ -141,6 +147,10 @@ class Method(Keys, ABC):
     def build(self, setup: Setup) -> Ready:
         """Assemble and factorise what it needs in addition to the bodies; collective."""
 
+    def discrete(self, surface: GivenSurface) -> Solve | None:
+        """The method for a `DiscreteProblem`, prepared from its operator alone; None: it needs the bodies as well."""
+        return None
+
 
 @dataclass(frozen=True, kw_only=True)
 class Stateless(Method, SameEveryStep):
@@ -148,6 +158,9 @@ class Stateless(Method, SameEveryStep):
 
     def build(self, setup: Setup) -> Ready:
         return self
+
+    def discrete(self, surface: GivenSurface) -> Solve | None:
+        return self if self.WORKS_WITH.condensed else None
 
 
 @cache

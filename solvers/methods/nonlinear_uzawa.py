@@ -10,6 +10,7 @@ import numpy as np
 from geometry.arrays import Array
 from geometry.errors import require
 from geometry.keys import Key
+from solvers.interface.discrete import GivenSurface
 from solvers.interface.prepare import condensed
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.applicability import Applicability
@@ -60,6 +61,9 @@ class NonlinearUzawa(Relaxation, FrictionUpdates, InnerKeys, Stateless):
         super().__post_init__()
         ignored = self.outer_metric == "jacobian" and self.relaxation != type(self).relaxation
         require(not ignored, "relaxation", self.relaxation, "changes nothing with outer_metric = jacobian")
+
+    def discrete(self, surface: GivenSurface) -> None:
+        """None: its inner solves are of the bodies with their compliant faces."""
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         bodies = CompliantBodies(problem, condensed(problem.surface))

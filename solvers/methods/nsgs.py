@@ -10,10 +10,12 @@ import numpy as np
 
 from geometry.arrays import Array, Ints
 from solvers.contact.admissible_set import ContactBlock
+from solvers.interface.discrete import GivenSurface
 from solvers.interface.prepare import condensed
 from solvers.interface.problem import SurfaceProblem
 from solvers.laws.law import FrictionLaw, NormalLaw
 from solvers.methods.applicability import Applicability
+from solvers.methods.coloured_sweeps import ColouredSweeps
 from solvers.methods.method import Method, Ready, SameEveryStep, Setup
 from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
 
@@ -52,6 +54,9 @@ class NSGS(Method):
 
     def build(self, setup: Setup) -> Ready:
         return Sweeps(self, _delassus(setup))
+
+    def discrete(self, surface: GivenSurface) -> SameEveryStep:
+        return ColouredSweeps(rtol=self.rtol, max_it=self.max_it)
 
 
 @dataclass(frozen=True)

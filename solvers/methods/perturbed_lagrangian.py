@@ -14,15 +14,18 @@ from geometry.keys import Key
 from solvers.interface.prepare import condensed
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.applicability import Applicability
-from solvers.methods.contact_element import STICK, Answer, ContactElements, kept, penalties
+from solvers.methods.contact_element import STICK, Answer, ContactElements, held_from, penalties
 from solvers.methods.method import Method, Ready, SameEveryStep, Setup
-from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
+from solvers.newton.correction import ENOUGH, MARGIN, ROUNDING, elastic_norm, exact_problem
+from solvers.newton.solution import Correction, OnStep, Solution, Status, Step, ignore
 from solvers.system.system import System
 
 FACTOR = 10.0  # from one level of ω to the next
 START = 1e-8  # residual of a softer level at which its status of all elements is a good start for the next level
 NEWTON_STEPS = 20  # at one level; about six are enough if the level before is a good start
 DETOURS = 8  # largest number of additional levels, inserted where Newton's method stalls
+SOFTER = 3  # times that the springs are made softer by `FACTOR` where they start again
+SLOW = 0.9  # of the defect before; if it falls by less, starting again does not help
 HALVINGS = 6  # of a Newton step; shorter steps bring no progress
 BALANCE = 1e-6  # largest unbalanced force of a solved level, relative to the force of p_ref
 DESCENT = 1e-4  # part of the predicted decrease that a shortened step must bring (Armijo)
@@ -38,19 +41,22 @@ class PerturbedLagrangian(Method):
     bodies start with every element bonded. K_B is condensed to the contact dofs; ΔΣ is eliminated element by element,
     because -1/ω is never zero.
 
+    With `augment` the springs of all rows then start again from the tractions found, until the natural residual of the
+    laws themselves is below the tolerance: two or three Newton steps.
+
     The residuals of the history are natural residuals without the extension of the springs; the residual of the
     solution includes it. The error that the springs cause is reported: (u_ω, p_ω) solves the exact contact laws with
-    gaps changed by Δp_ω / ω. With fixed friction bounds its error is therefore, by monotonicity, at most the energy
-    norm of the displacement v of least energy with N v = Δp_ω / ω: first order in 1/ω. With Coulomb's law, whose bounds
-    change too, this is an estimate.
+    gaps changed by Δp_ω / ω, Δp_ω being the difference from what the springs started from. With fixed friction bounds
+    its error is therefore, by monotonicity, at most the energy norm of the displacement v of least energy with
+    N v = Δp_ω / ω: first order in 1/ω. With Coulomb's law, whose bounds change too, this is an estimate.
 
     Source: Pop (1999), (4.3)-(4.5), section 4; Wriggers & Simo, Comm. Appl. Numer. Methods 1 (1985).
     """
 
     NAME: ClassVar = "perturbed-lagrangian"
     WHEN: ClassVar = (
-        "as published: stiff springs in contact elements, Newton's method; states its error, which falls like "
-        "1/`omega_factor`: 6e-5 to 3e-4 in the energy norm on the ready scenes tried"
+        "stiff springs in contact elements, Newton's method; `augment = false` as published: it then states its error, "
+        "which falls like 1/`omega_factor`: 6e-5 to 3e-4 in the energy norm on the ready scenes tried"
     )
     WORKS_WITH: ClassVar = Applicability(
         floating=True,
@@ -64,6 +70,10 @@ class PerturbedLagrangian(Method):
     omega_factor: Annotated[
         float, Key("-", "perturbed-lagrangian: its penalties, in units of E / h of the facets that touch")
     ] = 1000.0
+
+    augment: Annotated[
+        bool, Key("-", "perturbed-lagrangian: start its springs again until the laws hold; false: as published")
+    ] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -89,19 +99,56 @@ class OnSprings(SameEveryStep):
         return self.method.build(setup)
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
-        floating = problem.surface.floating
-        u_c = np.zeros(problem.surface.size) if floating else problem.contact_displacement(p)
+        u_c = np.zeros(problem.surface.size) if problem.surface.floating else problem.contact_displacement(p)
         if problem.p_ref == 0 or not len(p):  # no load and no motion, or no contact rows
             w = problem.relative_displacement(u_c)
             return Solution(p, w, u_c, Status.CONVERGED, 0.0, ())
-        newton = Newton(problem, self.method.max_it, on_step, u_c, problem.surface.W * p)
+        start, held = (u_c, problem.surface.W * p), held_from(problem, p)
+        newton = Newton(problem, self.method.max_it, on_step, *start)
+        status = self._harden(newton, held, self.method.rtol)
+        since, omega = p, self.omega  # what the springs kept from the last step is no error of this one
+        if status is Status.CONVERGED and self.method.augment:
+            status, since, omega = self._augment(newton, since)
+
+        def correct(before: Correction) -> Correction:
+            """Newton's method goes on at the final ω; if it stalls, all levels are solved to the smaller tolerance."""
+            exact, own = exact_problem(problem, before), held_from(problem, p + before.p)
+            rtol = max(ENOUGH * newton.history[-1].residual, ROUNDING)
+            further = Newton(exact, NEWTON_STEPS, ignore, newton.u_c, newton.Sigma)
+            ended = further.solve(self.omega, own, rtol)
+            if ended is not Status.CONVERGED:
+                further = Newton(exact, self.method.max_it, ignore, *start)
+                ended = self._harden(further, own, rtol)
+            moved, force = further.u_c - newton.u_c, further.Sigma - newton.Sigma
+            size = MARGIN * elastic_norm(problem, moved) if ended is Status.CONVERGED else np.nan
+            return Correction(force / problem.surface.W, problem.surface.N @ moved, size)
+
+        return Solution(
+            newton.p,
+            newton.w,
+            newton.u_c,
+            status,
+            newton.defect,
+            tuple(newton.history),
+            law_error=least_energy(problem, (newton.p - since) / omega),
+            correct=None if self.method.augment else correct,  # with it the laws themselves hold
+        )
+
+    def _harden(self, newton: Newton, held: Array, rtol: float) -> Status:
+        """Solve level by level up to the final ω.
+
+        Args:
+            newton: state of the iteration, at the start of the step.
+            held: tractions (rows,) [Pa] that the springs start from.
+            rtol: tolerance on the natural residual at the final ω.
+        """
+        problem = newton.problem
         path, detours = list(self._path(problem)), DETOURS
-        if floating:
-            newton.bond(self._softened(path[0], problem), p)
+        if problem.surface.floating:
+            newton.bond(self._softened(path[0], problem), held)
         while path:
             h = path[0]
-            rtol = self.method.rtol if h == 0 else max(self.method.rtol, START)
-            status = newton.follow(h, self._softened(h, problem), p, rtol)
+            status = newton.follow(h, self._softened(h, problem), held, rtol if h == 0 else max(rtol, START))
             if status is Status.STALLED and newton.reached and detours:
                 detours -= 1
                 before = newton.reached[-1][0]
@@ -110,10 +157,28 @@ class OnSprings(SameEveryStep):
             if status is not Status.CONVERGED:
                 break
             path.pop(0)
-        found, w = newton.Sigma / problem.surface.W, problem.relative_displacement(newton.u_c)
-        residual = problem.natural_residual(found, w)
-        error = least_energy(problem, (found - p) / self.omega)
-        return Solution(found, w, newton.u_c, status, residual, tuple(newton.history), law_error=error)
+        return status
+
+    def _augment(self, newton: Newton, held: Array) -> tuple[Status, Array, Array]:
+        """Start the springs again from the tractions found, until these obey the laws themselves.
+
+        Each time the defect falls by about `omega_factor`: the method of multipliers. Where Newton's method stalls,
+        softer springs do, in more turns.
+
+        Returns:
+            The status, the tractions (rows,) [Pa] that the springs started from at last, and their penalties.
+        """
+        omega, softer, before = self.omega, SOFTER, np.inf
+        while newton.defect > self.method.rtol:
+            if newton.defect > SLOW * before:
+                return Status.STALLED, held, omega
+            before, held, at = newton.defect, newton.p, (newton.u_c, newton.Sigma)
+            status = newton.solve(omega, held, self.method.rtol)
+            if status is Status.STALLED and softer:
+                omega, softer, before, (newton.u_c, newton.Sigma) = omega / FACTOR, softer - 1, np.inf, at
+            elif status is not Status.CONVERGED:
+                return status, held, omega
+        return Status.CONVERGED, held, omega
 
     def _path(self, problem: SurfaceProblem) -> Array:
         """Levels: flexibilities h (levels,) added to 1/ω, relative to 1/gamma of the bodies; decreasing to 0."""
@@ -143,27 +208,42 @@ class Newton:
         self.history: list[Step] = []
         self.iteration = 0
 
-    def bond(self, omega: Array, p_old: Array) -> None:
+    @property
+    def p(self) -> Array:
+        """Tractions (rows,) [Pa]."""
+        return self.Sigma / self.problem.surface.W
+
+    @property
+    def w(self) -> Array:
+        """Relative displacement (rows,) [m]."""
+        return self.problem.relative_displacement(self.u_c)
+
+    @property
+    def defect(self) -> float:
+        """Natural residual of the laws themselves, without springs [-]."""
+        return self.problem.natural_residual(self.p, self.w)
+
+    def bond(self, omega: Array, held: Array) -> None:
         """Solve with every element closed and sticking, so that contact holds a floating body.
 
         Args:
             omega: penalties per area (rows,) [Pa/m].
-            p_old: tractions (rows,) [Pa] of the last accepted step.
+            held: tractions (rows,) [Pa] that the springs start from.
         """
-        elements = ContactElements.of(self.problem, omega, p_old)
+        elements = ContactElements.of(self.problem, omega, held)
         G = elements.gaps(self.u_c)
         stuck = Answer(elements.omega * G, sparse.diags(elements.omega).tocsr(), np.full(len(G), STICK))
         Delta_U, Delta_Sigma = newton_step(elements, stuck, self.u_c, self.Sigma)
         self.u_c, self.Sigma = self.u_c + Delta_U, self.Sigma + Delta_Sigma
         self.iteration += 1
 
-    def follow(self, h: float, omega: Array, p_old: Array, rtol: float) -> Status:
+    def follow(self, h: float, omega: Array, held: Array, rtol: float) -> Status:
         """Solve at level h, from the extrapolation of the last two solved levels.
 
         Args:
             h: flexibility added to 1/ω, see `_path`.
             omega: penalties per area (rows,) [Pa/m] at that level.
-            p_old: tractions (rows,) [Pa] of the last accepted step.
+            held: tractions (rows,) [Pa] that the springs start from.
             rtol: tolerance on the natural residual, relative to p_ref.
         """
         if self.reached:
@@ -172,18 +252,18 @@ class Newton:
             (h_0, *x_0), (h_1, *x_1) = self.reached[-2:]
             part = (h - h_1) / (h_1 - h_0)
             self.u_c, self.Sigma = (new + part * (new - old) for old, new in zip(x_0, x_1, strict=True))
-        status = self.solve(omega, p_old, rtol)
+        status = self.solve(omega, held, rtol)
         if status is Status.CONVERGED:
             self.reached.append((h, self.u_c, self.Sigma))
         return status
 
-    def solve(self, omega: Array, p_old: Array, rtol: float) -> Status:
+    def solve(self, omega: Array, held: Array, rtol: float) -> Status:
         """Iterate from the current state to the solution with penalties omega (rows,) [Pa/m]; see `follow`."""
-        problem, elements = self.problem, ContactElements.of(self.problem, omega, p_old)
+        problem, elements = self.problem, ContactElements.of(self.problem, omega, held)
         for k in range(NEWTON_STEPS + 1):
             self.iteration += k > 0  # the first measure of a level is no iteration: it belongs to the start
             p = self.Sigma / problem.surface.W
-            springs = p / omega - kept(problem, omega, p_old)
+            springs = (p - held) / omega
             residual = problem.natural_residual(p, problem.relative_displacement(self.u_c) - springs)
             self.history.append(Step(self.iteration, residual, problem.volume_solves))
             self.on_step(self.history[-1])

@@ -7,7 +7,7 @@ continuation from coarse to fine levels leads to it, and the error of the smooth
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -26,11 +26,13 @@ from solvers.laws.compliance import Compliance
 from solvers.methods.applicability import RIGID, Applicability
 from solvers.methods.method import Before, Method, Ready, Setup, Solve
 from solvers.methods.smoothed_forces import SmoothedForces
-from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
+from solvers.newton.correction import ENOUGH, MARGIN
+from solvers.newton.solution import Correction, OnStep, Solution, Status, Step, ignore
 from solvers.parallel.replicated import Replicated
 from solvers.system.system import System
 
 FACTOR = 10**0.5  # from level to level; with 10, Newton's method becomes slow
+FURTHER = 5  # Newton steps after the tolerance is met, to measure what was left
 NEWTON_STEPS = 50  # at one level; about six are enough if the levels before are a good start
 ROUNDING = 1e-6  # tolerance on the number of levels, so that rounding adds no level
 PENETRATION = 4 * float(np.finfo(float).eps)  # rounding of a penetration, relative to u_ref
@@ -143,6 +145,11 @@ class NextStep:
                 break
         q, step = found[-1], found[-1] - found[-2]
         apart = float(np.sqrt(max((method.system.K_B * step).dot(step), 0.0)))
+        left = newton.left(q, level) if status is Status.CONVERGED else np.nan
+
+        def correct(before: Correction) -> Correction:  # errors of all steps are added, as those of the laws are
+            return replace(Correction.none(len(p)), size=before.size + left)
+
         newton.snes.destroy()  # breaks the reference cycle with its callbacks
         u_c = method.contact_dofs.read(q)
         w = problem.relative_displacement(u_c)
@@ -151,7 +158,9 @@ class NextStep:
         residual = problem.natural_residual(p, w)
         history = tuple(newton.history)
         law_error, slack = apart / (np.sqrt(FACTOR) - 1), 1 - SLIPPING / np.hypot(SLIPPING, 1)
-        return Solution(p, w, u_c, status, residual, history, law_error=float(law_error), slack=float(slack))
+        return Solution(
+            p, w, u_c, status, residual, history, law_error=float(law_error), correct=correct, slack=float(slack)
+        )
 
 
 def _predicted(found: list[Vec]) -> Vec:
@@ -168,7 +177,7 @@ class VolumeNewton:
         system = method.system
         self.method, self.problem, self.on_step = method, problem, on_step
         self.history: list[Step] = []
-        self.iteration = 0
+        self.iteration, self.solved = 0, False
         weights = np.concatenate([c.node_weights for c in system.contacts])
         self.scale = problem.p_ref * float(np.linalg.norm(weights))
         time = problem.cone.time
@@ -186,6 +195,18 @@ class VolumeNewton:
         if not np.isfinite(self.snes.getFunctionNorm()):
             return Status.NOT_FINITE
         return Status.MAX_IT if self.iteration >= self.method.max_it else Status.STALLED
+
+    def left(self, q: Vec, level: float) -> float:
+        """Energy norm [J^(1/2)] between q [m] and the solution at its level, to which Newton's method goes on."""
+        system, self.solved = self.method.system, True
+        exact = q.copy()
+        atol = max(ENOUGH * self.history[-1].residual, PENETRATION / level) * self.scale
+        self.snes.setTolerances(rtol=0.0, atol=atol, stol=0.0, max_it=FURTHER)
+        self.snes.setForceIteration(True)
+        with system.counters.for_error():
+            self.snes.solve(None, exact)
+        moved = exact - q
+        return MARGIN * float(np.sqrt(max((system.K_B * moved).dot(moved), 0.0)))
 
     def _snes(self, K: Any) -> Any:
         snes = PETSc.SNES().create(K.comm)
@@ -215,6 +236,8 @@ class VolumeNewton:
         self.method.system.counters.volume_solves += 1
 
     def _record(self, snes: Any, iteration: int, norm: float) -> None:
+        if self.solved:
+            return
         self.iteration += iteration > 0  # the first measure of a level is no iteration: it belongs to the start
         self.history.append(Step(self.iteration, norm / self.scale, self.problem.volume_solves))
         self.on_step(self.history[-1])

@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
+from scipy import sparse
 
 from geometry.arrays import Array
+from solvers.interface.discrete import LEAST, GivenSurface
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.applicability import Applicability
@@ -56,6 +58,14 @@ class SurfaceUzawa(Method):
             hurried=setup.hurried,
         )
 
+    def discrete(self, surface: GivenSurface) -> SameEveryStep:
+        """There is no boundary to take a metric from: F begins as the diagonal of the operator, and learns the rest."""
+        give, ones = surface.matrix.diagonal(), np.ones(surface.size)
+        diagonal = SurfaceMetric(
+            L=sparse.csr_matrix(surface.matrix.shape), mass=ones, depth=ones, compliance=np.maximum(give, LEAST)
+        )
+        return LearningIteration(metric=diagonal, rtol=self.rtol, max_it=self.max_it)
+
 
 @dataclass(frozen=True, kw_only=True)
 class LearningIteration(SameEveryStep):
@@ -70,7 +80,7 @@ class LearningIteration(SameEveryStep):
     learnt: dict[str, Secants] = field(default_factory=dict, repr=False)
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
-        surface, flexibility = problem.surface, self._flexibility(problem.surface)
+        surface, F = problem.surface, self._F(problem.surface)
         history: list[Step] = []
         status = Status.MAX_IT
         inner = 0.0 if surface.exact or problem.p_ref == 0 else VOLUME  # p_ref = 0: no load and no motion
@@ -99,7 +109,7 @@ class LearningIteration(SameEveryStep):
                 break
             if k == self.max_it:
                 break
-            metric = Flexibility(surface=surface, F=flexibility, metric=self.metric)
+            metric = Flexibility(surface=surface, F=F, metric=self.metric)
             found = nearest_in_cone(problem, metric, p, w, max(residual, self.rtol))
             if found is None:
                 status = Status.NO_HOLD
@@ -108,7 +118,7 @@ class LearningIteration(SameEveryStep):
             balanced = True
             accuracy = inner * max(self.rtol, DROP * min(residual, 1.0))
             u_new, forces_new = problem.contact_displacement(p, accuracy), surface.forces(p)
-            flexibility.learn(forces - forces_new, u_new - u_c)
+            F.learn(forces - forces_new, u_new - u_c)
             u_c, forces = u_new, forces_new
             motion = motion + surface.R @ found.b
             w = problem.relative_displacement(u_c + motion)
@@ -119,9 +129,13 @@ class LearningIteration(SameEveryStep):
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
         for known in snapshot.values():
-            self._flexibility(surface).restore(known)
+            self._F(surface).restore(known)
 
-    def _flexibility(self, surface: DelassusOperator) -> Secants:
+    def flexibility(self, surface: DelassusOperator) -> Flexibility:
+        """The approximate Delassus operator, as far as it is known."""
+        return Flexibility(surface=surface, F=self._F(surface), metric=self.metric)
+
+    def _F(self, surface: DelassusOperator) -> Secants:
         """F, exact for the forces that move floating bodies rigidly: (K_B + rho R R^T)^-1 R = R / rho."""
         own = surface.size - surface.driven
 

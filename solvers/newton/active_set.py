@@ -17,14 +17,6 @@ from solvers.interface.problem import SurfaceProblem
 
 
 @dataclass(frozen=True, kw_only=True)
-class Anchor:
-    """Soft springs that hold rigid motions where they are, so that no active set leaves one free."""
-
-    b: Array  # rigid motions (r,) [m] without force
-    weight: float  # stiffness relative to that of the bodies [-]
-
-
-@dataclass(frozen=True, kw_only=True)
 class ActiveSet:
     """The active set and its generalised derivative, one Newton system over all rows: A_p p + A_w w = rhs.
 
@@ -39,30 +31,30 @@ class ActiveSet:
     A_p: Sparse  # (rows, rows) [-]
     A_w: Sparse  # (rows, rows) [Pa/m]
     rhs: Array  # (rows,) [Pa]
-    anchor: Anchor | None = None  # of floating bodies
+    weight: float = 0.0  # of the proximal term [-]
 
     @property
     def given(self) -> Bools:
         """Rows (rows,) whose p is 0 or depends on p of other rows only, not on w."""
         return np.asarray(np.diff(self.A_w.indptr) == 0)
 
-    def proximal(self, p: Array, u_c: Array, weight: float) -> ActiveSet:
+    @property
+    def fixed(self) -> Bools:
+        """Rows (rows,) with w = gap."""
+        return np.zeros_like(self.held) if self.weight else self.held
+
+    def proximal(self, p: Array, weight: float) -> ActiveSet:
         """The system with w - weight (p_new - p) / gamma in place of w in the rows whose law involves w; springs stay.
 
-        Rigid motions are anchored. It is solvable where rows depend on each other, or an active set leaves a rigid mode
-        free; if p_new = p and the motions are the same, its answer is that of the system itself.
+        It is solvable where rows depend on each other. If p_new = p, its answer is that of the system itself.
 
         Args:
             p: tractions (rows,) [Pa] that the next ones should be near to.
-            u_c: displacement (c,) [m] of the contact dofs, whose rigid motions the next ones should be near to.
             weight: of the distance from them [-].
         """
-        problem, surface = self.problem, self.problem.surface
-        term = sparse.diags((self.k == 0).astype(float)) @ self.A_w @ sparse.diags(weight / problem.gamma)
+        term = sparse.diags((self.k == 0).astype(float)) @ self.A_w @ sparse.diags(weight / self.problem.gamma)
         A_p: Sparse = (self.A_p - term).tocsr()
-        anchor = Anchor(b=surface.R.T @ u_c, weight=weight) if surface.floating else None
-        held = np.zeros_like(self.held)
-        return replace(self, held=held, A_p=A_p, rhs=self.rhs - term @ p, anchor=anchor)
+        return replace(self, A_p=A_p, rhs=self.rhs - term @ p, weight=weight)
 
 
 class _Rows:

@@ -20,8 +20,13 @@ ROUNDING = 1e-12  # of the entries of S times the prescribed motion: force that 
 FEW = 0.5  # ratio of unknown tractions to unknown motions below which the inverse that tractions need pays
 
 
-def solve(laws: ActiveSet) -> tuple[Array, Array]:
+def solve(laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
     """Solve a Newton system with the bodies.
+
+    Args:
+        laws: the active set.
+        u_c: displacement (c,) [m] of the iterate: with a proximal term the rigid motions of floating bodies are held
+            near to it by soft springs, so that no active set leaves one free.
 
     Returns:
         Tractions (rows,) [Pa] and displacement of the contact dofs (c,) [m] that satisfy the linearised laws exactly.
@@ -31,13 +36,10 @@ def solve(laws: ActiveSet) -> tuple[Array, Array]:
     """
     problem, surface = laws.problem, condensed(laws.problem.surface)
     bodies = surface.row_stiffness(problem.cone.carrying)
-    few = not laws.k.any() and (~laws.given).sum() < FEW * (~laws.held).sum()
-    if bodies is None or few or laws.anchor is not None:
-        p, u_c = by_tractions(laws, surface)
-    else:
-        p, u_c = by_motion(laws, bodies)
-    if laws.anchor is not None:
-        return p, u_c
+    few = not laws.k.any() and (~laws.given).sum() < FEW * (~laws.fixed).sum()
+    if laws.weight and surface.floating:
+        return by_tractions(laws, surface, surface.R.T @ u_c)
+    p, u_c = by_tractions(laws, surface) if bodies is None or few else by_motion(laws, bodies)
     load, held = problem.load.f_c, surface.forces(p)
     allowed = BALANCE * (np.abs(load).sum() + np.abs(held).sum())
     carried_along = np.abs(problem.offset - problem.gap).max(initial=0.0)
@@ -55,7 +57,7 @@ def by_motion(laws: ActiveSet, bodies: RowStiffness) -> tuple[Array, Array]:
     """
     problem, index = laws.problem, bodies.index
     W, offset = problem.surface.W[index], problem.offset[index]
-    held = laws.held[index]
+    held = laws.fixed[index]
     moving = np.flatnonzero(~held)
     w = np.where(held, problem.gap[index], 0.0)
     force = bodies.forces(problem.load.f_c) - bodies.H @ (w - offset)
@@ -72,10 +74,15 @@ def by_motion(laws: ActiveSet, bodies: RowStiffness) -> tuple[Array, Array]:
     return p, bodies.displacement(w - offset)
 
 
-def by_tractions(laws: ActiveSet, surface: CondensedSurface) -> tuple[Array, Array]:
+def by_tractions(laws: ActiveSet, surface: CondensedSurface, anchor: Array | None = None) -> tuple[Array, Array]:
     """Dual reduction: the unknowns are x, the tractions of the active rows, and the rigid motions b of floating bodies.
 
     p = E x + p_0 + k (w - gap): springs are added to the stiffness of the bodies, rows of given p depend on x.
+
+    Args:
+        laws: the active set.
+        surface: the bodies.
+        anchor: rigid motions (r,) [m] where springs, soft by the weight of the proximal term, have no force.
 
     Returns:
         Tractions (rows,) [Pa] and displacement of the contact dofs (c,) [m].
@@ -105,9 +112,9 @@ def by_tractions(laws: ActiveSet, surface: CondensedSurface) -> tuple[Array, Arr
         Z, u_0, Y = R, surface.flexibility @ f, (B.T @ surface.flexibility).T
     # u = u_0 - Y x + Z b with b = R^T u, which is the same as balance: R^T (f - B x - tangent u) = 0
     balance, own, carried = (B.T @ R - Y.T @ of_springs).T, of_springs.T @ Z, R.T @ f - of_springs.T @ u_0
-    if laws.anchor is not None:
-        stiffness = laws.anchor.weight * surface.rho
-        own, carried = own + stiffness * np.eye(len(own)), carried + stiffness * laws.anchor.b
+    if anchor is not None:
+        soft = laws.weight * surface.rho
+        own, carried = own + soft * np.eye(len(own)), carried + soft * anchor
     system = np.block([[(A_p @ E).toarray() - A_u @ Y, A_u @ Z], [balance, own]])
     found = np.linalg.solve(system, np.concatenate([right - A_u @ u_0, carried]))
     u_c = u_0 - Y @ found[: len(x)] + Z @ found[len(x) :]

@@ -37,8 +37,8 @@ class NestedSystem:
         self.u_c: Array | None = None  # of the last answer, the same object as it returned
         self.direct = True  # whether all solves were by a factor
 
-    def __call__(self, laws: ActiveSet) -> tuple[Array, Array]:
-        """Tractions (rows,) [Pa] and displacement of the contact dofs (c,) [m]; collective.
+    def __call__(self, laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
+        """Tractions (rows,) [Pa] and displacement of the contact dofs (c,) [m]; collective. It does not use `u_c`.
 
         Raises:
             LinAlgError: the active set leaves a rigid mode free.

@@ -21,7 +21,7 @@ class Status(Enum):
     NOT_FINITE = "the iteration left the range of numbers: check the units of E, loads and lengths"
     BROKEN = "a linear solve failed, run.log says why: try another solver.method or solver.surface"
     NO_EQUILIBRIUM = "contact and friction cannot balance the loads"
-    NO_HOLD = "contact and friction could not hold the body: check loads, friction and the start of contact"
+    NO_HOLD = "no state of contact that was tried holds the bodies: check loads, friction and the start of contact"
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,20 @@ class Convergence:
 
 
 @dataclass(frozen=True)
+class Correction:
+    """Exact solution minus what the method returned."""
+
+    p: Array  # (rows,) p* - p [Pa]
+    w: Array  # (rows,) w* - w [m]
+    size: float  # upper estimate of the energy norm of u* - u [J^(1/2)]; nan: no exact solution was found
+
+    @classmethod
+    def none(cls, rows: int) -> Correction:
+        """No correction of that many rows."""
+        return cls(np.zeros(rows), np.zeros(rows), 0.0)
+
+
+@dataclass(frozen=True)
 class Solution:
     """Tractions p (rows,) [Pa] and relative displacement w (rows,) [m], flat as in `SurfaceProblem`, and u_c (c,) [m].
 
@@ -94,6 +108,7 @@ class Solution:
     law_error: float = (
         0.0  # contact-law residual that the method's approximation of the laws leaves, in energy norm [J^(1/2)]
     )
+    correct: Callable[[Correction], Correction] | None = None  # of approximate laws; takes that of the step before
     convergence: Convergence | None = None  # of methods that measure it
     slack: float = 1e-6  # part of the friction bound by which the traction of a slipping point may be smaller
 

@@ -81,7 +81,7 @@ def other_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
 
 def again(problem: SurfaceProblem, best: Solution) -> Start:
     """Start from the best iterate so far."""
-    return Start.at(problem, best.p, best.u_c)
+    return Start(p=best.p, u_c=best.u_c, p_hat=best.p + problem.gamma * (best.w - problem.gap))
 
 
 def closed(problem: SurfaceProblem) -> Array:

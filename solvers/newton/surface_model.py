@@ -10,11 +10,14 @@ import numpy as np
 from geometry.arrays import Array
 from solvers.interface.limit_analysis import balancing_tractions
 from solvers.interface.problem import SurfaceProblem
-from solvers.newton.active_set import linearise
+from solvers.newton.active_set import ActiveSet
+from solvers.newton.attempts import Attempts
+from solvers.newton.solution import Status
+from solvers.newton.starts import Start, again
 from solvers.newton.surface_system import Metric, SurfaceSystem
 
-RETREATS = 6  # number of halvings of a step to an active set that leaves a rigid mode free
-ATTEMPT = 30  # Newton iterations from one start
+MOST = 1000  # Newton iterations
+FIRM = (1e-3, 1e-5)  # weights of the proximal term of damped attempts [-]
 INNER = 0.1  # of the residual of the step: residual to which the model is solved
 INEXACT = 0.3  # of that residual: what each linear system may leave
 
@@ -39,57 +42,25 @@ class SurfaceModel:
     flexibility: Metric  # G
     p: Array  # (rows,) [Pa]
     w: Array  # (rows,) [m]
+    enough: float  # residual to which it is to be solved [-]
 
-    def at(self, p: Array, b: Array) -> Array:
-        """Relative displacement (rows,) [m] of the model at tractions p (rows,) [Pa] and rigid motions b (r,) [m]."""
+    def relative(self, p: Array, u: Array) -> Array:
+        """Relative displacement (rows,) [m] at tractions p (rows,) [Pa] and rigid motions u = b (r,) [m]."""
         surface = self.problem.surface
-        return np.asarray(self.w - self.flexibility(p - self.p) + surface.N @ (surface.R @ b))
+        return np.asarray(self.w - self.flexibility(p - self.p) + surface.N @ (surface.R @ u))
 
-    def solve(self, start: Array, gamma: Array, enough: float) -> ModelSolution | None:
-        """Semismooth Newton on the model.
+    def solve(self, laws: ActiveSet, p: Array, u: Array) -> tuple[Array, Array]:
+        """Tractions (rows,) [Pa] and rigid motions b (r,) [m] that satisfy the linearised laws; p and u start GMRES.
 
-        Args:
-            start: trial tractions (rows,) [Pa].
-            gamma: (rows,) [Pa/m], see `linearise`.
-            enough: residual at which to stop.
-
-        Returns:
-            The last iterate if its residual is small enough, else the best; None if no active set held the bodies.
-        """
-        best: ModelSolution | None = None
-        p_hat = held = start
-        at, b = self.p, np.zeros(self.problem.surface.R.shape[1])
-        for _ in range(ATTEMPT):
-            stepped = self._newton(p_hat, held, gamma, enough, at, b)
-            if stepped is None:
-                break
-            at, b, held = stepped
-            w = self.at(at, b)
-            residual = self.problem.natural_residual(at, w)
-            if best is None or not best.residual <= residual:  # NaN is worst
-                best = ModelSolution(p=at, b=b, residual=residual)
-            if residual <= enough:
-                break
-            p_hat = at + gamma * (w - self.problem.gap)
-        return best
-
-    def _newton(
-        self, p_hat: Array, held: Array, gamma: Array, enough: float, at: Array, b: Array
-    ) -> tuple[Array, Array, Array] | None:
-        """One Newton step from p_hat; while its active set leaves a rigid mode free, p_hat moves half way to `held`.
-
-        Returns:
-            Tractions, rigid motions and the trial tractions of the linearisation; None if RETREATS were not enough.
+        Raises:
+            LinAlgError: the active set leaves a rigid mode free.
         """
         problem, known = self.problem, self.w + self.flexibility(self.p)
-        leave = INEXACT * enough * min(problem.p_ref, problem.u_ref * float(gamma.min(initial=np.inf)))
-        for _ in range(RETREATS):
-            try:
-                laws = linearise(problem, p_hat, gamma)
-                return *SurfaceSystem(laws, gamma, self.flexibility, known).solve(at, b, leave), p_hat
-            except np.linalg.LinAlgError:
-                p_hat = (p_hat + held) / 2
-        return None
+        scale = min(problem.p_ref, problem.u_ref * float(problem.gamma.min(initial=np.inf)))
+        if self.p.any():
+            scale = min(scale, problem.scale(self.p))
+        system = SurfaceSystem(laws, problem.gamma, self.flexibility, known)
+        return system.solve(p, u, INEXACT * self.enough * scale)
 
 
 def nearest_in_cone(
@@ -107,16 +78,27 @@ def nearest_in_cone(
     Returns:
         None if no active set held the bodies.
     """
-    model = SurfaceModel(problem=problem, flexibility=metric, p=p, w=w)
-    enough = INNER * min(residual, 1.0)
-    best: ModelSolution | None = None
-    for start, factor in _starts(problem, p, w, residual):
-        found = model.solve(start, factor * problem.gamma, enough)
-        if found is not None and (best is None or not best.residual <= found.residual):
-            best = found
-        if best is not None and best.residual <= enough:
+    model = SurfaceModel(problem=problem, flexibility=metric, p=p, w=w, enough=INNER * min(residual, 1.0))
+    attempt = Attempts(problem, model, rtol=model.enough, max_it=MOST)
+    for start, proximal in _chain(model, residual, attempt):
+        attempt(start, proximal)
+        if attempt.over:
             break
-    return best
+    best = attempt.best
+    if best is None or best.status is Status.NO_HOLD:
+        return None
+    return ModelSolution(p=best.p, b=best.u_c, residual=best.residual)
+
+
+def _chain(model: SurfaceModel, residual: float, attempts: Attempts) -> Iterator[tuple[Start, float | None]]:
+    """Plain Newton from several starts, then damped from the best iterate."""
+    nowhere = np.zeros(model.problem.surface.R.shape[1])
+    for p_hat, factor in _starts(model.problem, model.p, model.w, residual):
+        yield Start(p=model.p, u_c=nowhere, p_hat=p_hat, factor=factor, in_equilibrium=False), None
+    for proximal in FIRM:
+        assert attempts.best is not None
+        if attempts.best.status is not Status.NO_HOLD:
+            yield again(model.problem, attempts.best), proximal
 
 
 def _starts(problem: SurfaceProblem, p: Array, w: Array, residual: float) -> Iterator[tuple[Array, float]]:

@@ -89,6 +89,7 @@ class SurfaceSystem:
         self.problem, self.flexibility = laws.problem, flexibility
         surface = self.problem.surface
         self.rows = np.flatnonzero(laws.held | laws.slip | (laws.k > 0))
+        self.held = laws.held[self.rows]  # their A_p is zero, or that of a small proximal term
         k = laws.k[self.rows]
         scale = np.where(
             k > 0, gamma[self.rows] / np.where(k > 0, k, 1.0), 1.0
@@ -151,7 +152,7 @@ class SurfaceSystem:
         Rigid motions are eliminated exactly, by the Schur complement on them.
         """
         m, flexibility = len(self.rows), self.flexibility
-        pure = np.diff(self.A_p.indptr) == 0
+        pure = self.held
         mixed = np.flatnonzero(~pure)
         scale = self.A_w[:, self.rows].diagonal()
         local = (self.A_p - self.A_w[:, self.rows] @ sparse.diags(flexibility.diagonal[self.rows]))[mixed]

@@ -1,50 +1,65 @@
-"""The audit: checks displacement and tractions, as the step files hold them, against equilibrium and contact laws.
+"""The audit: holds each step, as its file has it, against the scene, equilibrium and the contact laws.
 
-It is independent of the solver: inner forces are integrated over the cells without a stiffness matrix, which also saves
-its memory; contact forces on rigid obstacles are UFL forms of the tractions, not the solver's N^T W p; contact rows are
-built anew; no method is imported. Gap and slip are those of the step file, not recomputed from its displacement.
+It shares no code with what it judges where that is cheap: inner forces are the derivative of an energy of their own,
+contact forces on rigid obstacles are UFL forms of the tractions, not the solver's N^T W p; relative displacements come
+from the stored displacement; laws, gaps and supports are written a second time. `Auditor.shared` lists the rest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
 from petsc4py import PETSc
 
 from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
+from geometry.arrays import Array, Ints
 from geometry.mesh.mesh import Mesh
-from geometry.protocols import CompiledForm, Vec
+from geometry.protocols import CompiledForm, UflForm, Vec
+from geometry.surfaces.surface import gather_surface
 from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.contact.rows import ContactRows
+from solvers.effects import active
 from solvers.fem.contact_forms import ComplianceForms
+from solvers.fem.elastic_energy import forces_of_energy
 from solvers.laws.compliance import Compliance
 from solvers.parallel.counters import Counters
+from solvers.results.closed_formulas import bound, gap, in_time, penetration, pressure
 from solvers.results.multiplier_forces import MultiplierForces
+from solvers.results.stored_fields import StoredFields, contact_differences, difference, slip_of, stress_difference
 from solvers.scene.problem import Problem
 from solvers.system.nodal_contact import fill, relative_to_obstacle
-from solvers.system.system import System, assemble, inner_forces
+from solvers.system.system import System, assemble
 
-ROUNDED = 1e-9  # of p_ref; smaller bounds count as zero
+EPS = float(np.finfo(float).eps)
+ROUNDED = 1e-9  # of the mean traction that all forces make on the contact area; smaller tractions are rounding
+PAST = 1e-3  # of the largest tractions so far: errors of earlier steps stay when a contact is unloaded
+FRICTION = 1e-3  # of the pressures; smaller friction bounds are judged as if they were so large
 ROUNDING = 1e3  # times the rounding error of K u; smaller forces count as zero
+LENGTHS = 64 * EPS  # of coordinates and motions: smaller relative displacements count as zero
 
 
 @dataclass(frozen=True)
 class Audit:
     """Relative defects of a step [-], all >= 0, and zero for an exact solution of the discrete problem.
 
-    p_ref [Pa] and u_ref [m] are the step's scales of traction and displacement. ()_+ is the positive part.
+    p_top [Pa] is the largest traction of the step, u_top [m] the motion that it causes: p_top times the extent of the
+    closed part by E, and what compliant laws give. ()_+ is the positive part.
     """
 
     equilibrium: float  # sum |nodal force out of balance| / sum |nodal force|
-    penetration: float  # max (u_n - g)_+ / u_ref; with compliance, u_n - g minus what the law gives
-    negative_pressure: float  # max (-p_n)_+ / p_ref
-    cone: float  # max (|t| - s)_+ / s_max, s the friction bound
-    complementarity: float  # max of min(p/p_ref, open gap/u_ref), and of |t.du - s|du|| / (s_max u_ref)
-    dissipation: float  # max(-friction work, 0) / |external work|
+    rounding: float  # how much of `equilibrium` the last digit of the stored displacement decides
+    supports: float  # largest |displacement - prescribed| / largest |displacement|
+    penetration: float  # max (u_n - g)_+ / u_top; with compliance, distance of p_n and u_n - g from the law
+    negative_pressure: float  # max (-p_n)_+ / p_top
+    cone: float  # max (|t| - s)_+ / s_top, s the friction bound
+    complementarity: (
+        float  # max of min(p_n / p_top, open gap / u_top), and of |t - P_s(t + (s_top / u_top) du)| / s_top
+    )
+    dissipation: float  # max(-friction work, 0) / (sum of |friction work| at all points + s_top u_top area)
+    fields: float  # largest difference of a stored field from what displacement and tractions give / its largest value
 
     @staticmethod
     def worst(audits: Iterable[Audit]) -> dict[str, float | None]:
@@ -64,9 +79,16 @@ class Record:
     reference: Array  # (rows,) w at the start of the last substep [m]: slip counts from it; gaps are recomputed
     driven: Array  # (o,) displacement of the obstacles that forces drive, by `Problem.driven` [m]
     searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) [m] that its pairs were searched at
-    p_ref: float  # [Pa]
-    u_ref: float  # [m]
-    external_work: float  # since t = 0 [J]
+    stored: StoredFields = field(default_factory=StoredFields)  # fields for the reader; by default none is judged
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scales:
+    """What the defects of a step are relative to."""
+
+    p: float  # p_top [Pa]
+    u: Mapping[str, float]  # u_top by contact [m]
+    rounding: float  # of lengths and motions [m]
 
 
 class Auditor:
@@ -81,22 +103,65 @@ class Auditor:
         """
         self.start: System = assemble(problem, mesh, Counters())
         self._u = dx.fem.Function(self.start.space)
-        self._inner_forces = self.start.weak.compile(inner_forces(problem, self.start.weak, self._u))
+        self._inner_forces = self.start.weak.compile(self._forces_of_bodies())
         self._multiplier_forces: dict[str, MultiplierForces] = {}  # by contact, compiled at the first step
         self._j_n: dict[str, tuple[ComplianceForms, CompiledForm]] = {}  # likewise
+        self._largest = 0.0  # traction so far [Pa]
         self._set_system(self.start)
+
+    def _forces_of_bodies(self) -> UflForm:
+        """The inner forces of the bodies, and of effects that stiffen them, by the effects' own forms."""
+        problem, weak = self.start.problem, self.start.weak
+        form = forces_of_energy(weak, self._u)
+        for effect in active(problem):
+            form = sum(effect.stiffness(problem, weak, self._u), start=form)
+        return form
 
     def _set_system(self, system: System) -> None:
         """Use the contact rows of `system`."""
         self.system, self.cone = system, AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
 
-    def __call__(self, record: Record) -> Audit:
-        """Audit one step; collective, `displacement` is read on every rank."""
+    @cached_property
+    def shared(self) -> tuple[str, ...]:
+        """What has no second formula, so that the solver's own is used: an error in it is not seen."""
+        problem, zero = self.start.problem, np.zeros(1)
+        found = ["loads"] * bool(self.start.load_terms)
+        found += [f"{effect.name}: stiffness" for effect in active(problem) if effect.stiffens]
+        found += [f"initial strain of {strain.body}" for strain in self.start.initial.strains]
+        for name, obstacle in problem.obstacles.items():
+            if gap(obstacle, np.zeros((1, problem.dim))) is None:
+                found.append(f"obstacles.{name}: gap")
+        for c in self.start.contacts:
+            if c.master is not None:
+                found.append(f"contacts.{c.name}: gap and forces between bodies")
+            if penetration(c.normal, zero) is None:
+                found.append(f"contacts.{c.name}.normal")
+            if c.friction is not None and bound(c.friction, c.normal, zero, np.ones((1, 1)), 0.0, 1.0) is None:
+                found.append(f"contacts.{c.name}.friction")
+        return tuple(dict.fromkeys(found))
+
+    def __call__(self, record: Record, before: Record | None = None) -> Audit:
+        """Audit one step; collective, `displacement` is read on every rank.
+
+        Args:
+            before: the step before, where this one was solved in one substep: then slip is followed from there.
+        """
+        if not all(
+            np.isfinite(values).all() for values in (record.displacement, record.p, record.w, record.stored.stress)
+        ):
+            return Audit(**{f.name: np.inf for f in fields(Audit)})
         self._set_system(self.start.searched(record.searched) if record.searched else self.start)
-        tangential = [self._tangential(place, record) for place in self.cone.places]
-        normal = [self._normal(place, record) for place in self.cone.places]
-        return Audit(
-            equilibrium=self._equilibrium(record),
+        u = self.system.vector()
+        u.array[:] = record.displacement[self.system.nodes.input[: self.system.nodes.owned]].ravel()
+        inner, w = self._inner(u), self._relative(record)
+        scales = self._scales(record, u, inner)
+        tangential = [self._tangential(place, record, w, scales) for place in self.cone.places]
+        normal = [self._normal(place, record, w, scales) for place in self.cone.places]
+        equilibrium, rounding = self._equilibrium(record, u, inner, scales)
+        found = Audit(
+            equilibrium=equilibrium,
+            rounding=rounding,
+            supports=self._supports(record, u),
             penetration=max((n[0] for n in normal), default=0.0),
             negative_pressure=max((n[1] for n in normal), default=0.0),
             cone=max((t[0] for t in tangential), default=0.0),
@@ -104,35 +169,181 @@ class Auditor:
                 (x for n, t in zip(normal, tangential, strict=True) for x in (n[2], t[1])), default=0.0
             ),
             dissipation=max((t[2] for t in tangential), default=0.0),
+            fields=self._fields(record, before, w, scales),
         )
+        return Audit(**{name: float(f"{value:.6g}") for name, value in asdict(found).items()})  # BLAS sums by alignment
 
-    def _equilibrium(self, record: Record) -> float:
+    def _motion(self, rows: ContactRows, record: Record) -> Array:
+        """Displacement (n_all, d) [m] of a contact's nodes, less that of its obstacle."""
+        moved = record.displacement[rows.input]
+        if rows.master is not None:
+            return moved
+        return moved - self.system.obstacles.motion(rows.name, rows.points, record.time, record.driven)
+
+    def _relative(self, record: Record) -> Array:
+        """w (rows,) [m] of the stored displacement."""
+        found = np.zeros(self.cone.size)
+        for place in self.cone.places:
+            moved = self._motion(place.rows, record).ravel()
+            found[place.normal], found[place.tangential] = place.rows.N_n @ moved, place.rows.N_t @ moved
+        return found
+
+    def _gap(self, rows: ContactRows, record: Record) -> tuple[Array, Array]:
+        """Gaps (m_n,) at the points of pressure and (n,) at the nodes [m], from the closed formula if there is one."""
+        pair, side = self.system.problem.pairs[rows.name], rows.surface
+        offset = pair.contact.gap_offset
+        if rows.normal.ties:
+            return np.full(len(rows.gap), offset), np.full(len(rows.node_gap), offset)
+        if pair.obstacle is None or gap(obstacle := self.system.problem.obstacles[pair.obstacle], side.points) is None:
+            return rows.gap, rows.node_gap
+        moved = record.searched.get(rows.name, np.zeros_like(side.points))
+        at = side.points + moved  # gaps there belong to displacements counted from the start
+        nodal = side.transform @ _known(gap(obstacle, at)) + offset
+        nodal = nodal + np.einsum("nd,nd->n", rows.frames[:, 0], side.transform @ moved)
+        if not rows.normal.at_quadrature:
+            return np.asarray(rows.psi.T @ nodal / rows.W_n), nodal
+        basis = side.quadrature(pair.contact.degree(side.degree))[1]
+        x = np.einsum("qk,fkd->fqd", basis, at[side.facets]).reshape(-1, side.dim)
+        return _known(gap(obstacle, x)) + offset + rows.N_n @ moved.ravel(), nodal
+
+    def _scales(self, record: Record, u: Vec, inner: Vec) -> Scales:
+        """See `Audit`; tractions are never taken to be smaller than the rounding of all forces."""
+        system, p_top = self.system, float(np.abs(record.p).max(initial=0.0))
+        self._largest = max(self._largest, p_top)
+        area = sum(float(c.node_weights.sum()) for c in system.contacts) or 1.0
+        forces = inner.norm(0) + system.load(record.time).norm(0)
+        noise = ROUNDED * forces + EPS * self._largest_stiffness * u.norm(PETSc.NormType.INFINITY)
+        p_top = max(p_top, PAST * self._largest, noise / area) or 1.0
+        lengths, motions = system.extent, [float(np.abs(record.displacement).max())]
+        found = {}
+        for place in self.cone.places:
+            rows = place.rows
+            motions.append(float(np.abs(self._motion(rows, record)).max(initial=0.0)))
+            own = penetration(rows.normal, np.array([p_top]))
+            give = float((own if own is not None else rows.normal.penetration(np.array([p_top])))[0])
+            softness = 1 / rows.friction.k_T if rows.friction is not None and rows.friction.k_T else 0.0
+            found[rows.name] = p_top * (self._give(rows, record.p[place.normal]) + softness) + give
+        return Scales(p=p_top, u=found, rounding=LENGTHS * max(lengths, *motions))
+
+    def _give(self, rows: ContactRows, p_n: Array) -> float:
+        """Motion by unit traction [m/Pa]: the extent of the closed part, at most a body's depth, by E of each body."""
+        closed = float(rows.W_n[np.abs(p_n) > ROUNDED * np.abs(p_n).max(initial=0.0)].sum())
+        powers = self.system.mesh.dim - 1 + self.system.mesh.axisymmetric
+        extent = (closed or float(rows.W_n.sum())) ** (1 / powers)
+        problem = self.system.problem
+        bodies = problem.pairs[rows.name].bodies
+        return float(sum(min(extent, self._depths[body]) / problem.bodies[body].E for body in bodies))
+
+    @cached_property
+    def _depths(self) -> dict[str, float]:
+        """Smallest side of each body's box [m]."""
+        boxes = {body: self.start.mesh.body_box(body) for body in self.start.problem.bodies}
+        return {body: float(np.ptp(box, axis=0).min()) for body, box in boxes.items()}
+
+    def _equilibrium(self, record: Record, u: Vec, inner: Vec, scales: Scales) -> tuple[float, float]:
         """Defect of K u - f + B^T p at free dofs and of forces on driven obstacles, relative to all forces [-].
 
-        The contact forces are those of `_contact_force`.
+        The contact forces are those of `_contact_force`. The second number is the change of K u by one unit in the last
+        place of u: a stiff body that moves far is out of balance by that, however well it was solved.
         """
         system = self.system
-        own = system.nodes.input[: system.nodes.owned]
-        u = system.vector()
-        u.array[:] = record.displacement[own].ravel()
         contact, obstacles = system.vector(), system.obstacles.driving_force(record.time)
         applied = float(np.abs(obstacles).sum())
         for place in self.cone.places:
-            force = self._contact_force(place, u, record)
+            force = self._contact_force(place, u, record, scales)
             contact += force
             obstacles += system.interface.resultant_on_driven(place.rows, force)
         values = system.initial.values(system.course, record.time)
-        load, inner = system.initial.added(system.load(record.time), values), self._inner(u)
+        load = system.initial.added(system.load(record.time), values)
         out = inner - load + contact
         free = system.T.createVecRight()
         system.T.multTranspose(out, free)
         scale = sum(v.norm(0) for v in (inner, load, contact)) + applied
-        rounding = np.finfo(float).eps * self._largest_stiffness * u.norm(0)
+        rounding = EPS * self._largest_stiffness * u.norm(0)
         if (
             load.norm(0) == 0 and scale <= ROUNDING * rounding
         ):  # a body that moves as a whole: its forces are rounding errors
-            return 0.0
-        return float((free.norm(0) + np.abs(obstacles).sum()) / scale) if scale else 0.0
+            return 0.0, 0.0
+        shaken = u.copy()
+        shaken.array[:] *= 1 + EPS * self._signs.array
+        last_digit = system.T.createVecRight()
+        system.T.multTranspose(self._inner(shaken) - inner, last_digit)
+        found = (free.norm(0) + np.abs(obstacles).sum()) / scale if scale else 0.0
+        return float(found), float(last_digit.norm(0) / scale) if scale else 0.0
+
+    def _supports(self, record: Record, u: Vec) -> float:
+        """Prescribed displacements that are not met, see `Audit` [-]; periodic sides move alike."""
+        system, problem = self.system, self.system.problem
+        largest, off = float(np.abs(record.displacement).max(initial=0.0)), 0.0
+        for name, nodes, directions in self._supported:
+            for axis, amplitude in problem.supports[name].displacement.items():
+                wanted = in_time(amplitude, record.time, problem.timeline.end)
+                along = directions if axis == "normal" else np.eye(problem.dim)["xyz".index(axis)]
+                found = np.sum(record.displacement[nodes] * along, axis=1)
+                largest = max(largest, abs(wanted))
+                off = max(off, float(np.abs(found - wanted).max(initial=0.0)))
+        if system.constraints.root or system.mesh.axisymmetric:
+            alike = system.T * system.free_part(u, record.time) + system.prescribed(record.time)
+            off = max(off, float((u - alike).norm(PETSc.NormType.INFINITY)))
+        return float(off / largest) if largest else 0.0
+
+    @cached_property
+    def _supported(self) -> list[tuple[str, Ints, Array]]:
+        """Name of each support, the gmsh numbers (k,) of its nodes, and the side's normals (k, d) there."""
+        system, found = self.start, []
+        for name, support in system.problem.supports.items():
+            if support.boundary is not None:
+                side = gather_surface(system.mesh, system.space, system.nodes, support.boundary)
+                found.append((name, side.input, side.node_normals()))
+                continue
+            distance = np.linalg.norm(system.nodes.points - np.array(support.point), axis=1)
+            nearest = int(np.argmin(distance))
+            offers = system.mesh.comm.allgather((float(distance[nearest]), int(system.nodes.input[nearest])))
+            found.append((name, np.array([min(offers)[1]]), np.zeros((1, system.mesh.dim))))
+        return found
+
+    def _fields(self, record: Record, before: Record | None, w: Array, scales: Scales) -> float:
+        """Largest difference of a stored field, see `Audit` [-]; collective."""
+        stored, found = record.stored, [difference(record.w, w, rounding=scales.rounding)]
+        for place in self.cone.places:
+            rows, moved = place.rows, self._motion(place.rows, record)
+            if before is not None:
+                found += self._history(place, record, before, scales)
+            if rows.name in stored.contacts:
+                found += contact_differences(
+                    rows,
+                    stored.contacts[rows.name],
+                    record.p[place.normal],
+                    record.p[place.tangential].reshape(-1, place.components),
+                    self._bound(place, record) if rows.friction is not None else np.zeros(len(rows.W_t)),
+                    self._gap(rows, record)[1],
+                    moved,
+                    scales.p,
+                    scales.rounding,
+                )
+            if rows.name in stored.contacts and not self.system.problem.pairs[rows.name].contact.sliding:
+                slip = np.asarray(stored.contacts[rows.name]["slip"], float)[:, : rows.surface.dim]
+                found.append(difference(slip, slip_of(rows, moved), rounding=scales.rounding))
+        if len(stored.stress):
+            found.append(stress_difference(self.system, record.displacement, record.time, stored))
+        return max(found)
+
+    def _history(self, place: ContactBlock, record: Record, before: Record, scales: Scales) -> list[float]:
+        """Differences of what slip is counted from, and of the stored slip, from those of the step before [-]."""
+        rows, t, found = place.rows, before.p[place.tangential], []
+        softness = rows.friction.k_T if rows.friction is not None else None
+        moved = self._motion(rows, before)
+        if not (softness and rows.name in record.searched):  # t turns with the frames of other rows
+            start = rows.N_t @ moved.ravel() - (t / softness if softness else 0.0)
+            found.append(difference(record.reference[place.tangential], start, scales.u[rows.name], scales.rounding))
+        now, then = (each.stored.contacts.get(rows.name) for each in (record, before))
+        if now is not None and then is not None:
+            step = slip_of(rows, self._motion(rows, record) - moved)
+            total = np.asarray(then["slip"], float)[:, : rows.surface.dim] + step
+            for name, expected in (("slip_increment", step), ("slip", total)):
+                slip = np.asarray(now[name], float)[:, : rows.surface.dim]
+                found.append(difference(slip, expected, scales.u[rows.name], scales.rounding))
+        return found
 
     def _inner(self, u: Vec) -> Vec:
         """Inner forces of bodies and of effects that stiffen them [N]; u: displacement of all dofs [m]."""
@@ -141,14 +352,19 @@ class Auditor:
         return dx.assemble_vector(self._inner_forces)
 
     @cached_property
-    def _largest_stiffness(self) -> float:
-        """Estimate from below of the largest row sum of |K| [N/m]: the inner forces of pseudo-random signs."""
+    def _signs(self) -> Vec:
+        """A pseudo-random sign for each displacement dof, the same on any number of ranks."""
         nodes, signs = self.start.nodes, self.start.vector()
         numbers = nodes.input[: nodes.owned, None] * self.start.mesh.dim + np.arange(self.start.mesh.dim)
         signs.array[:] = np.sign(np.sin(numbers.astype(float) ** 2)).ravel()
-        return float(self._inner(signs).norm(PETSc.NormType.INFINITY))
+        return signs
 
-    def _contact_force(self, place: ContactBlock, u: Vec, record: Record) -> Vec:
+    @cached_property
+    def _largest_stiffness(self) -> float:
+        """Estimate from below of the largest row sum of |K| [N/m]: the inner forces of pseudo-random signs."""
+        return float(self._inner(self._signs).norm(PETSc.NormType.INFINITY))
+
+    def _contact_force(self, place: ContactBlock, u: Vec, record: Record, scales: Scales) -> Vec:
         """Nodal forces B^T p of one contact over all displacement dofs [N]; with compliance p_n is that of u.
 
         Against a rigid obstacle those of multipliers come from forms. Between bodies no form over one mesh has them:
@@ -158,15 +374,15 @@ class Auditor:
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
         compliant = isinstance(rows.normal, Compliance)
         if rows.master is not None:
-            return system.interface.force_of(rows, self._pressure_of_law(rows, u, record) if compliant else p_n, t)
+            return system.interface.force_of(rows, self._pressure_of_law(rows, record) if compliant else p_n, t)
         force = self._compliant_force(rows, u, record) if compliant else system.vector()
         if compliant and rows.friction is None:
             return force
         if rows.name not in self._multiplier_forces:
             (start,) = (c for c in self.start.contacts if c.name == rows.name)
             self._multiplier_forces[rows.name] = MultiplierForces(self.start, start)
-        s = self.cone.at(record.time).bound(place, p_n) if rows.friction is not None else np.zeros(0)
-        return force + self._multiplier_forces[rows.name](rows, p_n, t, s, record.p_ref, record.searched.get(rows.name))
+        s = self._bound(place, record) if rows.friction is not None else np.zeros(0)
+        return force + self._multiplier_forces[rows.name](rows, p_n, t, s, scales.p, record.searched.get(rows.name))
 
     def _compliant_force(self, rows: ContactRows, u: Vec, record: Record) -> Vec:
         """Nodal forces of a compliant pressure against a rigid obstacle [N]: j_n of u, as the side was at the start.
@@ -176,7 +392,7 @@ class Auditor:
         system, law = self.system, rows.normal
         assert isinstance(law, Compliance)
         if rows.name in record.searched:
-            p_n = self._pressure_of_law(rows, u, record)
+            p_n = self._pressure_of_law(rows, record)
             return system.interface.force_of(rows, p_n, np.zeros(rows.free.shape))
         if rows.name not in self._j_n:
             forms = ComplianceForms(system.weak, system.problem.pairs[rows.name].contact, law)
@@ -185,43 +401,67 @@ class Auditor:
         fill(forms.relative, relative_to_obstacle(system, rows.name, u, record.time, record.driven))
         return dx.assemble_vector(work)
 
-    def _pressure_of_law(self, rows: ContactRows, u: Vec, record: Record) -> Array:
-        """Compliant pressures (m_n,) [Pa] of a displacement, at the quadrature points of the rows."""
-        system, law = self.system, rows.normal
+    def _pressure_of_law(self, rows: ContactRows, record: Record) -> Array:
+        """Compliant pressures (m_n,) [Pa] of the displacement, at the quadrature points of the rows."""
+        law = rows.normal
         assert isinstance(law, Compliance)
-        (index,) = (i for i, c in enumerate(system.contacts) if c.name == rows.name)
-        motion = system.obstacles.motions((rows,), record.time, record.driven)[rows.name]
-        w = rows.N_n @ (system.interface.displacement(u)[index] - motion).ravel()
-        return law.pressure(w - rows.gap)
+        closing = rows.N_n @ self._motion(rows, record).ravel() - self._gap(rows, record)[0]
+        own = pressure(law, closing)
+        return own if own is not None else law.pressure(closing)
 
-    def _normal(self, place: ContactBlock, record: Record) -> tuple[float, float, float]:
+    def _bound(self, place: ContactBlock, record: Record) -> Array:
+        """Friction bound (m_t,) [Pa] at the stored pressures, by the second formula if there is one."""
+        rows, p_n = place.rows, record.p[place.normal]
+        assert rows.friction is not None
+        own = bound(rows.friction, rows.normal, p_n, rows.average, record.time, self.cone.end)
+        return own if own is not None else self.cone.at(record.time).bound(place, p_n)
+
+    def _normal(self, place: ContactBlock, record: Record, w: Array, scales: Scales) -> tuple[float, float, float]:
         """Penetration, negative pressure and complementarity of one contact, see `Audit` [-]."""
-        law, p = place.rows.normal, record.p[place.normal]
-        opening = place.rows.gap - record.w[place.normal] + law.penetration(p)
-        p_ref, u_ref = record.p_ref or 1.0, record.u_ref or 1.0
-        if law.sides == 2:
-            return float(np.abs(opening).max(initial=0.0)) / u_ref, 0.0, 0.0
-        both = np.minimum(np.maximum(p, 0.0) / p_ref, np.maximum(opening, 0.0) / u_ref)
-        negative = np.maximum(-p, 0.0).max(initial=0.0) / p_ref
-        return float(np.maximum(-opening, 0.0).max(initial=0.0)) / u_ref, float(negative), float(both.max(initial=0.0))
+        rows, p, u_top = place.rows, record.p[place.normal], scales.u[place.rows.name]
+        closing = w[place.normal] - self._gap(rows, record)[0]
+        closing = np.sign(closing) * np.maximum(np.abs(closing) - scales.rounding, 0.0)
+        own = penetration(rows.normal, p)
+        depth = own if own is not None else rows.normal.penetration(p)
+        if rows.normal.sides == 2:
+            return _largest(np.abs(closing - depth)) / u_top, 0.0, 0.0
+        negative = _largest(-p) / scales.p
+        if isinstance(rows.normal, Compliance):  # near the law's graph in either direction
+            by_pressure = np.abs(p - self._pressure_of_law(rows, record)) / scales.p
+            by_depth = np.where((p > 0) | (closing > 0), np.abs(closing - depth), 0.0) / u_top
+            return _largest(np.minimum(by_pressure, by_depth)), negative, 0.0
+        opening = depth - closing
+        both = np.minimum(np.maximum(p, 0.0) / scales.p, np.maximum(opening, 0.0) / u_top)
+        return _largest(-opening) / u_top, negative, _largest(both)
 
-    def _tangential(self, place: ContactBlock, record: Record) -> tuple[float, float, float]:
-        """Excess over the friction bound, slip direction and negative friction work of one contact, see `Audit` [-]."""
-        if place.rows.friction is None:
+    def _tangential(self, place: ContactBlock, record: Record, w: Array, scales: Scales) -> tuple[float, float, float]:
+        """Excess over the friction bound, slip law and negative friction work of one contact, see `Audit` [-]."""
+        rows, u_top = place.rows, scales.u[place.rows.name]
+        if rows.friction is None:
             return 0.0, 0.0, 0.0
         t = record.p[place.tangential].reshape(-1, place.components)
-        moved = record.w - record.reference - self.cone.give(record.p)
-        du = moved[place.tangential].reshape(t.shape) * place.rows.free
-        s = self.cone.at(record.time).bound(place, record.p[place.normal])
+        moved = (w - record.reference)[place.tangential] - (t.ravel() / rows.friction.k_T if rows.friction.k_T else 0.0)
+        du = moved.reshape(t.shape) * rows.free
+        du = np.where(np.linalg.norm(du, axis=1, keepdims=True) > scales.rounding, du, 0.0)
+        s = self._bound(place, record)
         finite = np.isfinite(s)
-        s_max = float(s[finite].max(initial=0.0))
-        if s_max <= ROUNDED * record.p_ref:  # nothing presses: the bound is a rounding error
-            s_max = record.p_ref or 1.0
+        s_top = max(_largest(s[finite]), FRICTION * scales.p)
         length, slip = np.linalg.norm(t, axis=1), np.linalg.norm(du, axis=1)
+        inside = t * np.minimum(1.0, s / np.maximum(length, 1e-300))[:, None]
+        trial = inside + s_top / u_top * du
+        far = np.linalg.norm(trial, axis=1)
+        back = trial * np.minimum(1.0, s / np.maximum(far, 1e-300))[:, None]
         work = np.einsum("mi,mi->m", t, du)
-        against = np.where(finite, np.abs(work - np.where(finite, s, 0.0) * slip), length * slip)
-        excess = float(np.maximum(length - s, 0.0)[finite].max(initial=0.0)) / s_max
-        friction_work = float(place.rows.W_t @ work)
-        external = abs(record.external_work) or s_max * (record.u_ref or 1.0) * float(place.rows.W_t.sum())
-        direction = float(against.max(initial=0.0)) / (s_max * (record.u_ref or 1.0))
-        return excess, direction, max(-friction_work, 0.0) / external
+        some = float(rows.W_t @ (length * slip)) + s_top * u_top * float(rows.W_t.sum())
+        excess = _largest((length - s)[finite]) / s_top
+        return excess, _largest(np.linalg.norm(inside - back, axis=1)) / s_top, max(-float(rows.W_t @ work), 0.0) / some
+
+
+def _largest(values: Array) -> float:
+    """The largest value, at least 0."""
+    return float(np.max(values, initial=0.0)) + 0.0  # no -0
+
+
+def _known(values: Array | None) -> Array:
+    assert values is not None
+    return values

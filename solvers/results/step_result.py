@@ -99,7 +99,9 @@ class StepResult:
     obstacles: Mapping[str, ObstacleState]
     probes: Mapping[str, ProbeValue]
     energy: Energy  # totals since t = 0 [J]
-    iteration_error: float  # error of the displacement left by the iteration, energy norm, relative to the largest [-]
+    iteration_error: (
+        float  # bound on what iterations left so far, energy norm, relative to the largest [-]; nan: unknown
+    )
     law_error: float  # the same by the method's approximation of the contact laws, earlier steps included [-]
     p: Array  # (rows,) tractions, flat [Pa]; for the audit and the next step
     w: Array  # (rows,) relative displacement, flat [m]

@@ -16,11 +16,15 @@ from solvers.laws.unilateral import Unilateral
 class Contact(Noun):
     """Contact of a slave surface with a rigid obstacle or another body."""
 
-    surface: Annotated[str, Key("-", "slave side, as body.side")]
-    against: Annotated[str, Key("-", "name of an obstacle, or another body's side: the master")]
+    surface: Annotated[str, Key("-", "side of a body, as body.side: the slave, see `slave`; resultants act on it")]
+    against: Annotated[str, Key("-", "name of an obstacle, or another body's side")]
     normal: Annotated[NormalLaw, Key("-", "normal law")] = Unilateral()
     friction: Annotated[FrictionLaw | None, Key("-", "friction law; absent: none")] = None
 
+    slave: Annotated[
+        Literal["auto", "surface", "against"],
+        Key("-", "side that carries the tractions; auto: `surface`, or `against` if its body is 10 times softer"),
+    ] = "auto"
     gap_offset: Annotated[float, Key("m", "added to the geometric gap; negative: interference")] = 0.0
 
     operator: Annotated[

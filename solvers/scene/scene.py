@@ -21,6 +21,7 @@ from solvers.scene.quantities import names
 from solvers.scene.settings import Exact, Output, Probe, Solver, Steps
 from solvers.scene.timeline import Place, Timeline
 
+SOFTER = 10.0  # ratio of E from which the softer body's side carries the tractions
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 Change = Callable[[Place, Amplitude], Amplitude]
 Driven = tuple[Place, Amplitude]
@@ -196,14 +197,40 @@ class Scene(Noun):
             if self.dim == 2 and "z" in support.displacement:
                 raise SceneError(f"supports.{name}.displacement.z: a plane model has x and y only")
 
+    def slave_and_master(self, name: str) -> tuple[str, str | None]:
+        """The side of a contact that carries the tractions, and the other one, None for an obstacle.
+
+        A side that is much stiffer than the other one, and finer, would bend the other one to each of its nodes:
+        pressures oscillate. So the softer body's side carries the tractions.
+        """
+        contact = self.contacts[name]
+        if contact.against in self.obstacles:
+            return contact.surface, None
+        if contact.slave == "against" or (contact.slave == "auto" and self._much_softer(contact)):
+            return contact.against, contact.surface
+        return contact.surface, contact.against
+
+    def _much_softer(self, contact: Contact) -> bool:
+        """Whether `against` is a side of a much softer body, has no other contact, and mortar pairs the sides."""
+        own, other = (self.bodies[side.split(".")[0]].E for side in (contact.surface, contact.against))
+        sides = [side for each in self.contacts.values() for side in (each.surface, each.against)]
+        return own > SOFTER * other and sides.count(contact.against) == 1 and contact.operator in (None, "mortar")
+
     def _check_references(self) -> None:
         slaves: dict[str, str] = {}
         for name, contact in self.contacts.items():
             self.require_side(contact.surface, f"contacts.{name}.surface")
             self._check_other_side(name, contact)
-            other = slaves.setdefault(contact.surface, name)
+            slave, _ = self.slave_and_master(name)
+            other = slaves.setdefault(slave, name)
             expected = f"already the slave of contacts.{other}; a facet has one slave role"
-            require(other == name, f"contacts.{name}.surface", contact.surface, expected)
+            require(other == name, f"contacts.{name}", slave, expected)
+        for name, contact in self.contacts.items():
+            slave, master = self.slave_and_master(name)
+            other = slaves.get(master or "", name)
+            mutual = master is not None and self.slave_and_master(other)[1] == slave and other != name
+            expected = f"contacts.{other} has the same two sides exchanged: both would carry the pressure; keep one"
+            require(not mutual, f"contacts.{name}.against", contact.against, expected)
         for table, items in (("supports", self.supports), ("loads", self.loads)):
             for name, item in items.items():
                 if item.boundary is not None:
@@ -217,6 +244,8 @@ class Scene(Noun):
         own = contact.surface.split(".")[0]
         itself = against not in self.obstacles and against.split(".")[0] == own
         require(not itself, f"contacts.{name}.against", against, "a side of the same body; contact needs two bodies")
+        rigid = against in self.obstacles
+        require(not rigid or contact.slave != "against", f"contacts.{name}.slave", "against", "an obstacle is no slave")
         if contact.operator is not None:
             key = f"contacts.{name}.operator"
             require(against not in self.obstacles, key, contact.operator, "a rigid obstacle needs none; remove the key")

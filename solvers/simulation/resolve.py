@@ -20,14 +20,9 @@ def resolve(scene: Scene) -> Problem:
     modes, plan = unresisted_modes(scene), plan_rows(scene)
     pairs = {}
     for name, contact in scene.contacts.items():
-        rigid = contact.against in scene.obstacles
-        pairs[name] = Pair(
-            name=name,
-            contact=contact,
-            slave=contact.surface,
-            master=None if rigid else contact.against,
-            obstacle=contact.against if rigid else None,
-        )
+        slave, master = scene.slave_and_master(name)
+        obstacle = contact.against if master is None else None
+        pairs[name] = Pair(name=name, contact=contact, slave=slave, master=master, obstacle=obstacle)
     return Problem(
         model=scene.model,
         shape=scene.geometry,

@@ -11,7 +11,10 @@ from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.prepare import prepare_volume
 from solvers.methods import METHODS
 from solvers.methods.method import Ready, Setup, Solve
+from solvers.methods.surface_uzawa import LearningIteration
+from solvers.metrics.surface_metric import SurfaceMetric, surface_metric
 from solvers.newton.solution import Solution, Status
+from solvers.newton.surface_system import Flexibility
 from solvers.parallel.serialise import Plain
 from solvers.stepping.choice import Choice, Stage, choose, fits
 from solvers.stepping.state import State
@@ -60,6 +63,7 @@ class Attempts:
         self.coarse = CoarseMesh.beside(system) if self.choice.coarse else None
         self._ready: dict[Stage, Ready] = {}
         self._learnt: dict[str, dict[str, Plain]] = {}  # of methods that are not prepared yet, see `restore`
+        self._metric: SurfaceMetric | None = None  # for methods that have none
 
     @property
     def stage(self) -> Stage:
@@ -129,6 +133,15 @@ class Attempts:
             ready = before.renewed(setup)
         self._ready[self.stage] = ready
         return ready.after
+
+    def flexibility(self, system: System, surface: DelassusOperator) -> Flexibility:
+        """An approximate Delassus operator of bodies that are not condensed: the method's own, or the metric."""
+        known = self._ready[self.stage].flexibility(surface)
+        if known is None:
+            if self._metric is None:
+                self._metric = surface_metric(system)
+            known = LearningIteration(metric=self._metric).flexibility(surface)
+        return known
 
     def snapshot(self) -> dict[str, Plain]:
         """What the methods with the present form of the bodies have learnt, by stage; see `restore`."""

@@ -44,7 +44,10 @@ def carried_over(state: State, system: System) -> State:
     positions = relative_positions(system, state, [c.name for c in system.contacts])
     w = flat_rows(system.contacts, [positions[c.name] for c in system.contacts])
     previous = state.previous and replace(state.previous, p=by_new_rows(state.previous.p))
-    return replace(state, p=by_new_rows(state.p), w=w, previous=previous, rows=system.contacts)
+    left = state.correction and replace(
+        state.correction, p=by_new_rows(state.correction.p), w=by_new_rows(state.correction.w)
+    )
+    return replace(state, p=by_new_rows(state.p), w=w, previous=previous, rows=system.contacts, correction=left)
 
 
 def pairs_hold(system: System, searched: Mapping[str, Array], now: Mapping[str, Array]) -> bool:

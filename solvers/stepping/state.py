@@ -10,6 +10,7 @@ import numpy as np
 from geometry.arrays import Array
 from geometry.protocols import Vec
 from solvers.contact.rows import ContactRows
+from solvers.newton.solution import Correction
 
 
 @dataclass(frozen=True)
@@ -125,5 +126,6 @@ class State:
     energy: Energy  # [J]
     previous: Previous | None = None  # None: the initial state, or one whose trend tells nothing of the next step
     control: StepControl = StepControl()
+    correction: Correction | None = None  # exact solution of the same steps minus this one; None: zero
     law_error: float = 0.0  # error of the method's approximate contact laws, summed since t = 0 [J^(1/2)]
     peak: float = 0.0  # largest stored energy since t = 0 [J]; errors are relative to it, also once all is unloaded

@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.errors import SolverError
 from solvers.results.step_result import StepResult
 from solvers.simulation.simulation import prepare
 from solvers.stepping.stepper import NoEquilibriumError
@@ -80,7 +79,7 @@ SOLVABLE = {
     "little friction": ("block", ["contacts.base.friction.mu=0.05"]),
     "friction 10, nearly incompressible": ("raous", ["contacts.base.friction.mu=10.0", "bodies.block.nu=0.4999"]),
     "nearly incompressible on compliance": ("foundation", ["bodies.block.nu=0.4999"]),
-    "stiff block on compliance": ("foundation", ["bodies.block.E=1e19"]),
+    "stiff block on compliance": ("foundation", ["bodies.block.E=1e15"]),
     "nearly incompressible stones": ("arch", ARCH),
     "stiff left springer": ("arch", ["bodies.left_springer.E=2e14"]),
     "stiffer left springer": ("arch", ["bodies.left_springer.E=2e16"]),
@@ -95,14 +94,6 @@ SOLVABLE = {
     "nearly lifted": ("block", lifted(7999.9)),
     "band on a drum": ("ring", capstan(1.4)),  # its limit is exp(0.3 pi/2) = 1.602
     "soft tangential springs": ("block", ["contacts.base.friction.k_T=1e-12"]),
-    "contrast of 1e15, floating": (
-        "two_blocks",
-        [
-            "bodies.upper.E=1e15",
-            "supports={base={boundary='lower.bottom',displacement={x=0.0,y=0.0}}}",
-            "loads.top={boundary='upper.top',force=[[[0,0],[1,0],[2,0.01]],[[0,0],[1,-0.1]]]}",
-        ],
-    ),
 }
 
 
@@ -110,6 +101,31 @@ SOLVABLE = {
 def test_scene_that_has_a_solution_is_solved(case: str) -> None:
     verdict = next(judge(read(*SOLVABLE[case])))
     assert verdict.outcome is Outcome.SOLVED, verdict.reason
+
+
+BEYOND_DIGITS = {
+    "stiffer block on compliance": ("foundation", ["bodies.block.E=1e19"], "base", 47088.0),  # its weight
+    "contrast of 1e15, floating": (
+        "two_blocks",
+        [
+            "bodies.upper.E=1e15",
+            "supports={base={boundary='lower.bottom',displacement={x=0.0,y=0.0}}}",
+            "loads.top={boundary='upper.top',force=[[[0,0],[1,0],[2,0.01]],[[0,0],[1,-0.1]]]}",
+        ],
+        "joint",
+        0.1,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BEYOND_DIGITS)
+def test_forces_are_right_where_stresses_are_below_the_last_digit_of_the_displacement(case: str) -> None:
+    """The stiff body moves by 1e-4 m and more, and bends by 1e-15 m: the run solves it, and is doubtful."""
+    name, overrides, contact, force = BEYOND_DIGITS[case]
+    verdict = next(judge(read(name, overrides)))
+    assert verdict.outcome is Outcome.WRONG
+    assert "; rounding is" in verdict.reason
+    assert_allclose(solved(name, overrides).contacts[contact].normal_force, force, rtol=1e-9)
 
 
 @pytest.mark.parametrize("factor", [1e4, 1e5])
@@ -120,14 +136,11 @@ def test_pressure_of_a_stiff_cylinder_does_not_depend_on_which_side_is_the_slave
     assert_allclose(found, expected, rtol=0.02)  # cells of 1/40 and 1/30 of the width of contact
 
 
-def test_far_motion_without_contact_does_not_excuse_a_wrong_pressure() -> None:
+def test_far_motion_without_contact_does_not_spoil_the_pressure() -> None:
     """Without contact the long block would turn by metres about its corner; with it, it moves by 0.1 mm."""
     long = ["geometry.length=0.8", "supports.corner.point=[0.8,0.0]"]
     expected = solved("raous", long).contacts["base"]
-    try:
-        found = solved("raous", [*long, "solver.method=surface-uzawa", "solver.tolerance=1e-4"]).contacts["base"]
-    except SolverError:
-        return  # that it is too hard for the method is no wrong answer
+    found = solved("raous", [*long, "solver.method=surface-uzawa", "solver.tolerance=1e-4"]).contacts["base"]
     assert_allclose(found.max_pressure, expected.max_pressure, rtol=0.01)
 
 
@@ -139,8 +152,11 @@ def test_weak_compliance_has_its_friction() -> None:
     assert_allclose(base.tangential_force, 0.3 * base.normal_force, rtol=1e-4)
 
 
-def test_ladder_that_is_past_its_limit_is_not_merely_unsolved() -> None:
+@pytest.mark.parametrize(("past", "holds"), [(0.34, True), (0.36, False), (0.5, False)])
+def test_ladder_is_solved_or_proved_to_slide(past: float, holds: bool) -> None:
+    """It stands a third of a degree longer than in the textbook: its foot has a width, and turns about its corner."""
+    if holds:
+        assert solved("strip", ladder(past)).residual < 1e-8
+        return
     with pytest.raises(NoEquilibriumError):
-        solved("strip", ladder(0.5))
-    with pytest.raises(NoEquilibriumError):
-        solved("strip", ladder(0.05))
+        solved("strip", ladder(past))

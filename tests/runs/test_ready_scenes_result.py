@@ -74,7 +74,7 @@ FORMAT_1: Json = {
     "counters": {
         "unknowns": dict.fromkeys(("displacement", "normal", "tangential"), is_count),
         **dict.fromkeys(("forms", "searches", "factorisations", "schur_size"), is_count),
-        **dict.fromkeys(("volume_solves", "linear_iterations"), is_count),
+        **dict.fromkeys(("volume_solves", "linear_iterations", "error_solves"), is_count),
     },
     "audit": AUDIT,
     "error": {

@@ -4,14 +4,21 @@ from dataclasses import asdict
 
 from solvers.results.audit import Auditor, Record
 from solvers.results.step_result import StepResult
+from solvers.results.stored_fields import StoredFields
 from solvers.simulation.simulation import Simulation
 
-NAMES = ("time", "displacement", "p", "w", "reference", "driven", "searched", "p_ref", "u_ref")
+NAMES = ("time", "displacement", "p", "w", "reference", "driven", "searched")
 
 
 def record_of(step: StepResult) -> Record:
-    """What is audited of a step that was just solved."""
-    return Record(**{name: getattr(step, name) for name in NAMES}, external_work=step.energy.external)
+    """What is audited of a step that was just solved, without the fields for readers."""
+    return Record(**{name: getattr(step, name) for name in NAMES})
+
+
+def stored_by(step: StepResult) -> StoredFields:
+    """The fields for readers."""
+    contacts = {name: vars(contact) for name, contact in step.contacts.items()}
+    return StoredFields(stress=step.stress, von_mises=step.von_mises, contacts=contacts)
 
 
 def audit(simulation: Simulation, step: StepResult) -> dict[str, float]:

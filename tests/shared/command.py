@@ -10,7 +10,7 @@ from workflows.scene_file.read import READY
 
 Spoken = tuple[int, str, str]
 Call = Callable[..., Spoken]
-BUILT = {"run", "plan", "mesh", "cost", "verify", "scenes", "new"}
+BUILT = {"run", "plan", "mesh", "cost", "verify", "fclib", "scenes", "new"}
 READY_NAMES = sorted(path.stem for path in READY.glob("*.toml"))
 COARSE = [
     "--set=geometry.mesh_size=1.0",

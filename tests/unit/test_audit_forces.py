@@ -163,7 +163,7 @@ def audited(scene_of: SceneOf, simulation_of: SimulationOf, model: str) -> tuple
 def by_rows(auditor: Auditor, record: Record) -> float:
     """Equilibrium with the forces N^T W p of the audit's own rows."""
 
-    def force(place: Any, u: Any, record: Record) -> Any:
+    def force(place: Any, u: Any, record: Record, scales: Any) -> Any:
         p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
         return auditor.system.interface.force_of(place.rows, p_n, t)
 

@@ -133,7 +133,7 @@ def test_the_condensed_system_is_solved_with_its_laws(dim: int, scene_of: SceneO
     problem = problem_of(simulation_of(pressed(scene_of, dim, "power", "coulomb")))
     p_hat, _ = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     laws = linearise(problem, p_hat, problem.gamma)
-    p, u_c = solve(laws)
+    p, u_c = solve(laws, np.zeros(laws.problem.surface.size))
     surface = problem.surface
     w = surface.N @ u_c + problem.offset
     M, r = as_one_system(laws)

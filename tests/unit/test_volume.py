@@ -181,7 +181,7 @@ def test_a_floating_body_does_not_feel_its_augmentation(
         problem = replace(accepted.problem, surface=other)
         closed = np.zeros(len(other.W))
         closed[: other.normal_rows] = problem.p_ref
-        found.append(solve(linearise(problem, closed, problem.gamma)))
+        found.append(solve(linearise(problem, closed, problem.gamma), np.zeros(problem.surface.size)))
     (p, u), (q, v) = found
     assert np.abs(p).max() > 0.1
     assert_allclose(p, q, atol=1e-9 * np.abs(p).max())  # rounding, rho over a factor of 200

@@ -1,4 +1,4 @@
-"""The command line: stickslip run | plan | mesh | cost | verify | scenes | new."""
+"""The command line: stickslip run | plan | mesh | cost | verify | fclib | scenes | new."""
 
 from __future__ import annotations
 
@@ -183,6 +183,28 @@ def verify_command(
         passed = verify(names or [])
     if not passed:
         raise typer.Exit(1)
+
+
+@app.command("fclib")
+def fclib_command(
+    files: Annotated[list[Path], typer.Argument(metavar="FILES...", help="discrete problems in FCLIB's HDF5 format")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="for copies of the files with their solutions")
+    ] = Path("results/fclib"),
+    method: Annotated[
+        list[str] | None, typer.Option("--method", metavar="NAME", help="repeat to compare; all: every one [auto]")
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option("--tolerance", help="on the residual, relative to the norm of q after scaling")
+    ] = 1e-8,
+    report: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="write the figures, for scripts")
+    ] = None,
+) -> None:
+    """Solve discrete Coulomb problems of non-smooth contact dynamics, and compare methods on them."""
+    from workflows.commands.fclib import fclib
+
+    raise typer.Exit(fclib(files, output, method or (), tolerance, report))
 
 
 @app.command("scenes")

@@ -90,7 +90,7 @@ def frames(folder: Path, mesh: MeshData, indices: list[int]) -> Iterator[Frame]:
 
 def survey(folder: Path, scene: Scene, mesh: MeshData, indices: list[int]) -> Course:
     """Find one colour scale, one factor on displacements and one window for all frames."""
-    nodes = {name: nodes_of(mesh, name, scene.contacts[name].surface.split(".")[0]) for name in mesh.surfaces}
+    nodes = {name: nodes_of(mesh, name, scene.slave_and_master(name)[0].split(".")[0]) for name in mesh.surfaces}
     places, moves = [np.zeros((0, 3))], [np.zeros((0, 3))]
     solid = mesh.points.shape[1] == 3
     points = three(mesh.points)

@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from solvers.results.audit import Audit, Auditor, Record
 from solvers.results.step_result import StepResult
+from solvers.results.stored_fields import StoredFields
+from solvers.results.verdict import passed
 from solvers.simulation.simulation import Simulation
 from workflows.formats.steps import read_step, step_name
 from workflows.run.collective import from_rank_0
 
 
-def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult]) -> list[Audit]:
+@dataclass(frozen=True, kw_only=True)
+class Audited:
+    """The audits of a run, and what they could not judge by a formula of their own."""
+
+    audits: tuple[Audit, ...] = ()  # one a step, or none where the run was stopped or the scene leaves the audit out
+    shared: tuple[str, ...] = ()  # see `Auditor.shared`
+    passed: tuple[str, ...] = ()  # sentences on the numbers that pass their limits
+
+
+def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult]) -> Audited:
     """One audit a step; collective. Rank 0 alone reads the files: on another machine they may not be there yet.
 
     The forms it compiles are counted with those of the run.
@@ -22,17 +34,19 @@ def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult
         MachineError: on every rank: a file cannot be read back.
     """
     if not steps:
-        return []
+        return Audited()
     comm, auditor = simulation.mesh.comm, Auditor(simulation.problem, simulation.mesh)
-    audits = []
+    audits, before = list[Audit](), None
     for index, step in enumerate(steps, start=1):
-        read = partial(_record, folder / step_name(index), step, simulation.mesh.dim)
-        audits.append(auditor(from_rank_0(comm, read)))
+        record = from_rank_0(comm, partial(_record, folder / step_name(index), simulation.mesh.dim))
+        audits.append(auditor(record, before if step.substeps == 1 else None))
+        before = record
     simulation.counters.forms += auditor.start.counters.forms
-    return audits
+    over = passed(audits, [s.time for s in steps], [s.law_error for s in steps], simulation.scene.solver.tolerance)
+    return Audited(audits=tuple(audits), shared=auditor.shared, passed=tuple(over))
 
 
-def _record(path: Path, step: StepResult, dim: int) -> Record:
+def _record(path: Path, dim: int) -> Record:
     stored = read_step(path)
     return Record(
         time=stored.time,
@@ -42,7 +56,9 @@ def _record(path: Path, step: StepResult, dim: int) -> Record:
         reference=stored.reference,
         driven=stored.driven,
         searched=stored.searched,
-        p_ref=stored.p_ref,
-        u_ref=stored.u_ref,
-        external_work=step.energy.external,
+        stored=StoredFields(
+            stress=stored.stress,
+            von_mises=stored.von_mises,
+            contacts={name: vars(contact) for name, contact in stored.contacts.items()},
+        ),
     )

@@ -1,61 +1,241 @@
-"""What the answer itself gives reason to doubt: displacements that are not small, steps that are too coarse."""
+"""What the answer itself gives reason to doubt, judged after the solve: one sentence each, for the last lines."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
+from geometry import dolfinx_versions as dx
+from geometry.arrays import Array, Bools, Ints
+from geometry.surfaces.surface import Surface
 from solvers.contact.rows import ContactRows
-from solvers.results.step_result import MeshData, StepResult
+from solvers.results.step_result import OPEN, ContactState, MeshData, StepResult
+from solvers.scene.problem import Problem
+from solvers.simulation.simulation import Simulation
 
 LARGE_SPREAD = 0.1  # of the bodies' size: strains or rotations of this order change the answer by as much
-LARGE_REMAINDER = 0.3  # of the dissipation; a load that grows in two steps leaves less
+LARGE_TURN = 0.05  # [rad]; linear elasticity makes a strain of half its square, and turns no load or normal
+NO_TURN = 0.01  # spread of displacements of the size of a body below which no large part of it turns so far
+PART = 0.95  # of a body's volume turns by less than what counts: a corner's singularity is no rotation of the body
+LARGE_REMAINDER = 0.3  # of the dissipation
+ROUNDED = 1e-9  # of the work and energy; what friction dissipated is less where nothing slips
+SOFT = 0.4  # Poisson's ratio up to which no mesh locks
+LARGE_JUMP = 0.25  # of the equivalent stress: the maximum pressure is then 15 % off and more, as measured
+FEWEST = {2: 4, 3: 9}  # closed facets (in 3D of four corners) for a maximum pressure within 10 %, by dimension
+LARGE_PEAK = 0.1  # a peak higher by that than the mean of its neighbours is noise of the mesh, as measured on balls
+LARGE_SAGITTA = 0.05  # of the motion that the contact's pressure causes
+CREASE = 30.0  # [degrees]; where facets meet at a larger angle the side has a corner, and is no curve
+LARGE_MISS = 0.05  # of the same motion
 
 
-class DisplacementSpread:
-    """By how much the displacements within a body have differed at most, relative to the body's box."""
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """The largest values of all steps so far [-]."""
 
-    def __init__(self, mesh: MeshData, before: float = 0.0) -> None:
+    spread: float = 0.0  # displacements within a body that differ, relative to the body's box
+    turn: float = 0.0  # rotation [rad], see `PART`
+    jump: float = 0.0  # of the mean stress between cells, relative to the equivalent stress, where nu is above `SOFT`
+
+
+class Fields:
+    """Judges displacement and stress step by step: they are not kept."""
+
+    def __init__(self, problem: Problem, mesh: MeshData, before: Seen) -> None:
         """
         Args:
-            before: the spread of the steps before those that `see` is given.
+            before: what was seen in steps before those that `see` is given.
         """
-        self.largest = before
+        self.seen, self._problem, self._mesh = before, problem, mesh
         self._bodies = []
-        for index in range(len(mesh.bodies)):
+        for index, name in enumerate(mesh.bodies):
+            cells = mesh.cells[mesh.body == index]
             inside = np.zeros(len(mesh.points), bool)
-            inside[mesh.cells[mesh.body == index]] = True
-            self._bodies.append((inside, float(np.linalg.norm(np.ptp(mesh.points[inside], axis=0)))))
+            inside[cells] = True
+            size = float(np.linalg.norm(np.ptp(mesh.points[inside], axis=0)))
+            self._bodies.append((name, inside, cells, mesh.body == index, size))
 
     def see(self, step: StepResult) -> None:
         """A shift of a body as a whole does not count."""
-        for inside, size in self._bodies:
-            differ = float(np.linalg.norm(np.ptp(step.displacement[inside], axis=0)))
-            self.largest = max(self.largest, differ / size)
+        for name, inside, cells, own, size in self._bodies:
+            spread = float(np.linalg.norm(np.ptp(step.displacement[inside], axis=0))) / size
+            turn = _turn(self._mesh, cells, step.displacement) if spread > NO_TURN else 0.0
+            soft = self._problem.bodies[name].nu > SOFT and self._problem.model != "plane stress"
+            jump = _jump(cells, step.stress[own], step.von_mises[own]) if soft else 0.0
+            self.seen = Seen(
+                spread=max(self.seen.spread, spread),
+                turn=max(self.seen.turn, turn),
+                jump=max(self.seen.jump, jump),
+            )
 
-    def warnings(self) -> tuple[str, ...]:
-        """One where the spread is larger than `LARGE_SPREAD`."""
-        if self.largest <= LARGE_SPREAD:
-            return ()
-        return (
-            f"displacements differ by up to {self.largest:.2g} of a body's size, and are taken to be small: the answer "
-            "is that of the linear problem; check the units of E, loads and lengths",
+    def warnings(self) -> Iterator[str]:
+        """One for each value that is too large."""
+        if self.seen.spread > LARGE_SPREAD:
+            yield (
+                f"displacements differ by up to {self.seen.spread:.2g} of a body's size, and are taken to be small: "
+                "the answer is that of the linear problem; check the units of E, loads and lengths"
+            )
+        if self.seen.turn > LARGE_TURN:
+            yield (
+                f"bodies turn by up to {self.seen.turn:.2g} rad, and rotations are taken to be small: forces may be "
+                f"wrong by as large a part; apply less load or motion"
+            )
+        if self.seen.jump > LARGE_JUMP:
+            yield (
+                f"the mean stress jumps between cells by {self.seen.jump:.2g} of the equivalent stress: elements "
+                "lock where nu is near 0.5, and pressures are wrong; set geometry.order = 2, or refine the mesh"
+            )
+
+
+def _turn(mesh: MeshData, cells: Ints, displacement: Array) -> float:
+    """Rotation [rad] at cells' midpoints that `PART` of the volume of the cells (c, k) does not pass."""
+    d = mesh.points.shape[1]
+    nodes = cells[:, : d + 1] if mesh.shape in ("triangle", "tetrahedron") else cells[:, : 2**d]
+    slope = dx.reference_basis(mesh.shape, 1, dx.reference_nodes(mesh.shape, 1).mean(axis=0, keepdims=True))[1][:, 0]
+    jacobian = np.einsum("kn,cni->cik", slope, mesh.points[nodes])
+    gradient = np.einsum("kn,cni,ckj->cij", slope, displacement[nodes], np.linalg.inv(jacobian))
+    turn = np.linalg.norm(gradient - np.swapaxes(gradient, 1, 2), axis=(1, 2)) / np.sqrt(8)
+    order, volume = np.argsort(turn), np.abs(np.linalg.det(jacobian))
+    filled = np.cumsum(volume[order])
+    return float(turn[order][np.searchsorted(filled, PART * filled[-1])])
+
+
+def _jump(cells: Ints, stress: Array, von_mises: Array) -> float:
+    """Mean stress of cells (c, k) less that of the cells around, root mean square, by that of the equivalent stress."""
+    mean, k = np.trace(stress, axis1=1, axis2=2) / 3, cells.shape[1]
+    count = np.bincount(cells.ravel())
+    around = np.bincount(cells.ravel(), np.repeat(mean, k)) / np.maximum(count, 1)
+    size = float(np.linalg.norm(von_mises))
+    return float(np.linalg.norm(mean - around[cells].mean(axis=1))) / size if size else 0.0
+
+
+def doubts(simulation: Simulation, steps: Sequence[StepResult]) -> Iterator[str]:
+    """What contacts and energies give reason to doubt."""
+    problem, contacts = simulation.problem, simulation.system.contacts
+    yield from coarse_steps(steps)
+    for rows in contacts:
+        states = [step.contacts[rows.name] for step in steps if rows.name in step.contacts]
+        if not states or rows.normal.ties:
+            continue
+        if not problem.pairs[rows.name].contact.sliding:
+            yield from _slid_far(rows, problem, states)
+        peak = max(states, key=lambda state: state.max_pressure)
+        if (peak.status != OPEN).any() and peak.max_pressure > 0:
+            yield from _few_points(rows, peak)
+            yield from _cut_corners(rows, problem, peak)
+
+
+def coarse_steps(steps: Sequence[StepResult]) -> Iterator[str]:
+    """A warning where friction's work by the mean of each step's ends is far from that by the end, which is reported.
+
+    The energy's time remainder has that difference too, and that of pressures where a gap closes, which is no matter.
+    """
+    if len(steps) < 3:
+        return
+    energy, apart = steps[-1].energy, 0.0
+    for before, after in pairwise(steps):
+        for name, state in after.contacts.items():
+            was = before.contacts[name]
+            change = (state.traction - was.traction) * (state.slip - was.slip)
+            apart += float(state.weight @ change.sum(axis=1)) / 2
+    if abs(apart) > LARGE_REMAINDER * energy.dissipated > ROUNDED * (abs(energy.external) + energy.stored):
+        yield (
+            f"friction's work by the ends of the steps is {abs(apart) / energy.dissipated:.0%} off that by the means "
+            "of both ends: for the dissipation take smaller steps"
         )
 
 
-def coarse_steps(steps: Sequence[StepResult], contacts: Sequence[ContactRows]) -> tuple[str, ...]:
-    """A warning where the time remainder of a history is more than `LARGE_REMAINDER` of the dissipation.
+def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState]) -> Iterator[str]:
+    """A slip beyond a facet of the master; on an obstacle one that leaves its surface. A plane is alike everywhere."""
+    closed = [(state, state.status != OPEN) for state in states]
+    if rows.master is not None:
+        facet = float(np.median(_lengths(rows.master.points, rows.master.facets)))
+        slid = max(state.max_slip for state in states)
+        if slid > facet:
+            yield (
+                f"contacts.{rows.name}: slips by up to {slid:.3g} m, past facets of {facet:.2g} m, while each point "
+                f"keeps the facet it began at; set contacts.{rows.name}.sliding = true"
+            )
+        return
+    obstacle = problem.obstacles[str(problem.pairs[rows.name].obstacle)]
+    if obstacle.rotation is not None:  # of the slip, nothing moves the body along a surface that turns in itself
+        return
+    normal, missed, worst = rows.frames[:, 0], 0.0, 0.0
+    for state, touching in closed:
+        if not touching.any():
+            continue
+        moved = state.slip - state.gap[:, None] * normal + rows.node_gap[:, None] * normal  # u_T + u_n n
+        off = obstacle.signed_gap(rows.surface.points + moved) - obstacle.signed_gap(rows.surface.points)
+        off += np.einsum("nd,nd->n", moved, normal)  # of second order
+        miss = float(np.abs(off[touching]).max()) / _motion(rows, problem, state)
+        if miss > missed:
+            missed, worst = miss, state.max_slip
+    if missed > LARGE_MISS:
+        yield (
+            f"contacts.{rows.name}: slips by up to {worst:.3g} m on a curved obstacle, while each point keeps the "
+            f"normal it began with; set contacts.{rows.name}.sliding = true"
+        )
 
-    Closing an initial interference leaves a remainder of its own: then there is none.
-    """
-    if len(steps) < 3 or any((c.gap < 0).any() for c in contacts):
-        return ()
-    energy = steps[-1].energy
-    if energy.dissipated <= 0 or abs(energy.time_remainder) <= LARGE_REMAINDER * energy.dissipated:
-        return ()
-    share = abs(energy.time_remainder) / energy.dissipated
-    return (
-        f"the time remainder is {share:.0%} of what friction dissipated, which is summed by the end of each step: "
-        "for the dissipation take smaller steps",
-    )
+
+def _few_points(rows: ContactRows, state: ContactState) -> Iterator[str]:
+    """A closed part with an open edge on a curved gap, with too few points, or with a peak that its mesh makes."""
+    closed, beside = state.status != OPEN, rows.surface.neighbours()
+    ring = closed | (beside @ closed > 0)
+    gap = rows.node_gap[ring]
+    if closed.all() or float(np.ptp(gap)) <= 1e-9 * float(np.ptp(rows.surface.points, axis=0).max()):
+        return  # all of the side, or flat on flat
+    facets = int(closed[rows.surface.facets].all(axis=1).sum())
+    alike = facets / 2 if rows.surface.shape == "triangle" else facets
+    top = int(np.argmax(state.pressure))
+    around = beside[top].indices
+    peak = float(state.pressure[top] / state.pressure[around].mean() - 1) if closed[around].all() else 0.0
+    advice = "refine contact_mesh_size" + ("" if rows.surface.degree > 1 else ", or set geometry.order = 2")
+    if alike < FEWEST[rows.surface.dim]:
+        yield (
+            f"contacts.{rows.name}: only {int(closed.sum())} points touch, on {facets} whole facets, too few for the "
+            f"maximum pressure; {advice}"
+        )
+    elif peak > LARGE_PEAK:
+        yield (
+            f"contacts.{rows.name}: the maximum pressure stands {peak:.0%} above that of the points around it, where "
+            f"{int(closed.sum())} touch: it is the mesh's; {advice}"
+        )
+
+
+def _cut_corners(rows: ContactRows, problem: Problem, state: ContactState) -> Iterator[str]:
+    """Facets of order 1 whose distance from a curved side counts beside the motion that the pressure causes."""
+    closed = state.status != OPEN
+    if rows.surface.degree > 1:
+        return
+    cut = _sagitta(rows.surface, closed)
+    if rows.master is not None:
+        facing = rows.relative[np.flatnonzero(closed), len(closed) :]
+        cut = max(cut, _sagitta(rows.master, np.isin(np.arange(len(rows.master.points)), facing.indices)))
+    share = cut / _motion(rows, problem, state)
+    if share > LARGE_SAGITTA:
+        yield (
+            f"contacts.{rows.name}: flat facets cut up to {cut:.2g} m off a curved side, {share:.0%} of the motion "
+            "that the pressure causes; set geometry.order = 2, or refine contact_mesh_size"
+        )
+
+
+def _sagitta(side: Surface, touching: Bools) -> float:
+    """Largest height [m] of an arc above the first edge of a facet that touches, by the normals at its ends."""
+    edge, normals = side.facets[:, :2], side.node_normals(CREASE)
+    edge = edge[touching[edge].all(axis=1)]
+    turn = np.linalg.norm(normals[edge[:, 1]] - normals[edge[:, 0]], axis=1)
+    return float((_lengths(side.points, edge) * turn).max(initial=0.0)) / 8
+
+
+def _lengths(points: Array, facets: Ints) -> Array:
+    """Length (f,) [m] of the first edge of each facet."""
+    return np.asarray(np.linalg.norm(points[facets[:, 1]] - points[facets[:, 0]], axis=1))
+
+
+def _motion(rows: ContactRows, problem: Problem, state: ContactState) -> float:
+    """Motion [m] that the largest pressure causes: times the extent of the closed part, by E of each body."""
+    powers = rows.surface.dim - 1 + rows.surface.axisymmetric
+    give: float = sum(1 / problem.bodies[body].E for body in problem.pairs[rows.name].bodies)
+    return state.max_pressure * float(state.contact_area ** (1 / powers)) * give

@@ -41,6 +41,11 @@ class ResultsFolder:
                 raise FolderError(f"{folder}: is not the result of a run and not empty; choose another folder with -o")
 
     @property
+    def replaced(self) -> tuple[Path, ...]:
+        """Folders whose content moves or goes when the results are put in their place."""
+        return self.target, self.work, self._old, self._rubbish
+
+    @property
     def _old(self) -> Path:
         return self.target.with_name(f"{self.target.name}.1")
 

@@ -18,11 +18,13 @@ from geometry.user_files.user_file import UserFile
 from solvers.results.audit import Audit
 from solvers.results.linear_reference import LinearReference
 from solvers.results.step_result import ContactState, StepResult
+from solvers.results.verdict import limits
 from solvers.scene.quantities import CONTACT_NUMBERS, STRESSES
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import Simulation
 from workflows import VERSION
 from workflows.formats.aside import write_aside
+from workflows.run.audit import Audited
 from workflows.scene_file.read import to_dict
 
 OF_COARSE = ("factorisations", "volume_solves", "linear_iterations")  # counters of the coarse mesh beside
@@ -32,35 +34,34 @@ OF_COARSE = ("factorisations", "volume_solves", "linear_iterations")  # counters
 class Outcome:
     """How a run ended."""
 
-    status: str  # converged, not_converged, no_equilibrium, interrupted
+    status: str  # converged, doubtful, not_converged, no_equilibrium, interrupted
     sentence: str  # what to tell the user, empty when converged
     folder: Path
     warnings: tuple[str, ...] = ()  # what the answer itself gives reason to doubt
 
     @property
     def exit_code(self) -> int:
-        return {"converged": 0, "interrupted": 130}.get(self.status, 3)
+        return {"converged": 0, "doubtful": 1, "interrupted": 130}.get(self.status, 3)
 
 
 def summary(
     simulation: Simulation,
-    status: str,
+    outcome: Outcome,
     steps: Sequence[StepResult],
-    audits: Sequence[Audit],
+    audited: Audited,
     total: float,
     reference: LinearReference | None = None,
 ) -> dict[str, Any]:
-    """The content of result.json.
-
-    Args:
-        audits: one a step, or none where the run was stopped or the scene leaves the audit out.
-    """
+    """The content of result.json."""
     scene, counters = simulation.scene, simulation.counters
+    audits = audited.audits
     contacts, attempts = simulation.system.contacts, simulation.stepper.attempts
     resolved = to_dict(scene)
     return {
         "format": 1,
-        "status": status,
+        "status": outcome.status,
+        "sentence": outcome.sentence,
+        "warnings": list(outcome.warnings),
         "scene": resolved | {"hash": scene_hash(scene)},
         "version": VERSION,
         "dolfinx": DOLFINX,
@@ -85,19 +86,30 @@ def summary(
             "schur_size": counters.schur_size,
             "volume_solves": counters.volume_solves,
             "linear_iterations": counters.linear_iterations,
+            "error_solves": counters.error_solves,
             "lanczos_applications": counters.lanczos_applications,
             "coarse_mesh": attempts.coarse and {key: getattr(attempts.coarse.counters, key) for key in OF_COARSE},
         },
         "audit": Audit.worst(audits),
+        "verdict": _verdict(simulation, steps, audited) if audits else None,
         "error": {
             "discretisation": None,
             "law": max((step.law_error for step in steps), default=None),
-            "iteration": max((step.iteration_error for step in steps), default=None),
+            "iteration": float(np.max([step.iteration_error for step in steps])) if steps else None,
             "linear_solver": max((step.linear_error for step in steps), default=None),
             "what": "relative, energy norm",
         },
         "seconds": asdict(simulation.seconds) | {"total": total, "linear_reference": reference and reference.seconds},
         "linear_reference": reference and asdict(reference),
+    }
+
+
+def _verdict(simulation: Simulation, steps: Sequence[StepResult], audited: Audited) -> dict[str, Any]:
+    law_error, rounding = max(s.law_error for s in steps), max((a.rounding for a in audited.audits), default=0.0)
+    return {
+        "limits": asdict(limits(simulation.scene.solver.tolerance, law_error, rounding)),
+        "passed": list(audited.passed),
+        "shared": list(audited.shared),
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,12 +19,14 @@ from solvers.simulation.simulation import Seconds
 from workflows import VERSION
 from workflows.formats.aside import disk_errors
 from workflows.formats.steps import read_checkpoint, step_files, step_name
+from workflows.run.doubts import Seen
 from workflows.run.folder import ResultsFolder
 from workflows.run.learnt import is_kept
 from workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
 
 BEGUN = "begun.json"  # what a run was begun with
 VERSIONS = {"stickslip": VERSION, "dolfinx": DOLFINX}
+FINISHED = ("converged", "doubtful")
 UNTOUCHED = "nothing is resumed, nothing was changed"
 
 
@@ -34,7 +37,8 @@ class RunCheckpoint:
     checkpoint: Checkpoint  # of the solver
     seconds: Seconds  # by phase, until then
     total: float  # [s] of all processes that have worked on the run
-    spread: float  # see `DisplacementSpread`
+    run: str  # the run that the step belongs to, see `run_of`
+    seen: Seen  # of the fields, until then
     learnt: str  # reference to its files, see `LearntFiles`
 
 
@@ -85,13 +89,18 @@ def find_earlier_run(results: ResultsFolder, scene: Scene) -> EarlierRun:
         raise MachineError(f"{folder / BEGUN}: damaged: names no scene or no mesh; {UNTOUCHED}")
     refuse_changes(begun["scene"], identity(scene, DECIDES_NOTHING), results.target)
     ended = _json(folder / "result.json") if folder == results.target else {}
-    if ended.get("status") == "converged":
+    if ended.get("status") in FINISHED:
         return EarlierRun(finished=ended, notes=(f"{results.target}: the run is finished; nothing was changed",))
     _refuse_versions(begun, results.target)
-    return replace(_read(folder, scene.requested_times()), folder=folder, mesh=begun["mesh"])
+    return replace(_read(folder, scene.requested_times(), run_of(begun)), folder=folder, mesh=begun["mesh"])
 
 
-def _read(folder: Path, times: Sequence[float]) -> EarlierRun:
+def run_of(begun: Mapping[str, Any]) -> str:
+    """Hash of what a run was begun with: scene, mesh and versions; each of its steps carries it."""
+    return hashlib.sha256(json.dumps(begun, sort_keys=True).encode()).hexdigest()
+
+
+def _read(folder: Path, times: Sequence[float], run: str) -> EarlierRun:
     steps: list[StepResult] = []
     references, last, notes = [""], None, []
     count = max(step_files(folder), default=0)
@@ -104,6 +113,8 @@ def _read(folder: Path, times: Sequence[float]) -> EarlierRun:
                 break
             later = "later steps build on it: " if index < count else ""
             raise MachineError(f"{error}; {later}{UNTOUCHED}") from None
+        if reached.run != run:
+            raise MachineError(f"{folder / step_name(index)}: is a step of another run; {UNTOUCHED}")
         if index > len(times) or step.time != times[index - 1]:
             if index == count:  # as far as a step came that failed
                 break

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -23,34 +23,53 @@ from solvers.stepping.state import State
 from solvers.stepping.stepper import NoEquilibriumError, StepError
 from workflows.formats.mesh_file import mesh_checksum
 from workflows.formats.steps import write_step
-from workflows.run.audit import audit_steps
+from workflows.run.audit import Audited, audit_steps
 from workflows.run.collective import raise_together
-from workflows.run.doubts import DisplacementSpread, coarse_steps
+from workflows.run.doubts import Fields, Seen, doubts
 from workflows.run.folder import MARK, ResultsFolder
 from workflows.run.interrupt import Interrupt
 from workflows.run.learnt import LearntFiles
 from workflows.run.mesh_report import report_mesh
 from workflows.run.outputs import AFTER, BEFORE, Outputs
 from workflows.run.result import Outcome, summary, write_json, write_result
-from workflows.run.resume import BEGUN, VERSIONS, EarlierRun, RunCheckpoint, find_earlier_run, remove_surplus
-from workflows.run.watch import RunLog, Watch, tell
+from workflows.run.resume import (
+    BEGUN,
+    FINISHED,
+    VERSIONS,
+    EarlierRun,
+    RunCheckpoint,
+    find_earlier_run,
+    remove_surplus,
+    run_of,
+)
+from workflows.run.watch import RunLog, Watch, foreseen, tell
 from workflows.scene_file.identity import DECIDES_NOTHING, identity
 from workflows.writers.writer import Ended, Job, wanted
 
 log = logging.getLogger(__name__)
+TRY = "try a smaller solver.tolerance or another solver.method, and check the units of E, loads and lengths"
 
 
 class Run:
     """A scene on its way from step to step, from the first one or from where an earlier run was stopped."""
 
     def __init__(
-        self, simulation: Simulation, outputs: Outputs, folder: Path, earlier: EarlierRun, interrupt: Interrupt
+        self,
+        simulation: Simulation,
+        outputs: Outputs,
+        place: Path,
+        name: str,
+        earlier: EarlierRun,
+        interrupt: Interrupt,
     ) -> None:
         """Collective.
 
         Args:
-            folder: where the run works.
+            place: where the results will stand.
+            name: of the run, see `run_of`.
         """
+        folder = _work(place)
+        self._place, self._name = place, name
         self._simulation, self._outputs, self._folder, self._interrupt = simulation, outputs, folder, interrupt
         self._checkpoints = Checkpoints(simulation.stepper)
         self._learnt = LearntFiles(
@@ -59,15 +78,15 @@ class Run:
         self._state: State | None = None  # that the last step has left
         self._total = 0.0  # [s] of the processes before this one
         self.steps = list(earlier.steps)  # the last one with its fields on rank 0, the others without
-        spread = 0.0
+        seen = Seen()
         if earlier.last:
             self._state, usable = self._checkpoints.put_back(earlier.last.checkpoint, self._learnt.read())
             if earlier.learnt and not usable:
                 log.info("other ranks than before: what the method had learnt is left out")
             simulation.seconds.add(earlier.last.seconds)
-            self._total, spread = earlier.last.total, earlier.last.spread
+            self._total, seen = earlier.last.total, earlier.last.seen
         if simulation.mesh.comm.rank == 0:  # where the mesh and the displacements are
-            self._spread = DisplacementSpread(simulation.data, spread)
+            self._fields = Fields(simulation.problem, simulation.data, seen)
 
     def march(self, watch: Watch, began: float) -> tuple[str, str]:
         """Solve and write step by step: status, and what to tell the user.
@@ -110,12 +129,13 @@ class Run:
         self._outputs.step(index, step, BEFORE)
 
         def write() -> None:
-            self._spread.see(step)
+            self._fields.see(step)
             last = RunCheckpoint(
                 checkpoint=checkpoint,
                 seconds=self._simulation.seconds,
                 total=self._seconds(began),
-                spread=self._spread.largest,
+                seen=self._fields.seen,
+                run=self._name,
                 learnt=learnt,
             )
             write_step(self._folder, index, step, serialise(last))
@@ -123,21 +143,34 @@ class Run:
 
         self._on_rank_0(write)
 
-    def finish(self, status: str, began: float) -> dict[str, Any]:
-        """Audit, write result.json and finish the outputs: the content of result.json.
+    def finish(self, status: str, sentence: str, told: Sequence[str], began: float) -> tuple[Outcome, dict[str, Any]]:
+        """Judge the answer, write result.json, finish the outputs: how the run ended, and the content of result.json.
 
         A run that was told to stop has no time for an audit, and a scene may leave it out. result.json is written
         before the outputs that can fail.
+
+        Args:
+            told: warnings of before the first step.
         """
         simulation, finishing = self._simulation, clock.perf_counter()
+        audited = Audited()
+        if simulation.scene.output.audit and status != "interrupted":
+            audited = audit_steps(simulation, self._folder, self.steps)
+        warnings = self._warnings()
+        if audited.passed and status == "converged":
+            status, sentence = "doubtful", f"the audit finds that {'; '.join(audited.passed)}; {TRY}"
+        elif audited.passed:
+            warnings += tuple(f"the audit finds that {one}" for one in audited.passed)
+        outcome = Outcome(status, sentence, self._place, warnings)
         ended = Ended(status=status, steps=self.steps)
-        audited = simulation.scene.output.audit and not ended.in_haste
-        audits = audit_steps(simulation, self._folder, self.steps) if audited else []
         reference: LinearReference | None = None
 
         def content() -> dict[str, Any]:
-            return summary(simulation, status, self.steps, audits, self._seconds(began), reference)
+            said = replace(outcome, warnings=(*told, *warnings))
+            return summary(simulation, said, self.steps, audited, self._seconds(began), reference)
 
+        for line in (*warnings, *[sentence] * (status == "doubtful")):
+            log.warning("%s", line)
         self._outputs.finish(ended, BEFORE)
         self._on_rank_0(lambda: write_result(self._folder, content()))
         self._outputs.finish(ended, AFTER)
@@ -146,13 +179,15 @@ class Run:
             reference = linear_reference(simulation.system)
         final = content()
         self._on_rank_0(lambda: write_result(self._folder, final))
-        if status == "converged":
+        if status in FINISHED:
             self._on_rank_0(self._learnt.remove)
-        return final
+        return outcome, final
 
-    def warnings(self) -> tuple[str, ...]:
-        """What the answer gives reason to doubt; rank 0 only."""
-        return self._spread.warnings() + coarse_steps(self.steps, self._simulation.system.contacts)
+    def _warnings(self) -> tuple[str, ...]:
+        """What the answer gives reason to doubt, the same on every rank; collective."""
+        found: list[str] = []
+        self._on_rank_0(lambda: found.extend((*self._fields.warnings(), *doubts(self._simulation, self.steps))))
+        return tuple(self._simulation.mesh.comm.bcast(found))
 
     def _seconds(self, began: float) -> float:
         """Of all processes that have worked on this run."""
@@ -200,7 +235,8 @@ def run(
         raise_together(comm, look)
         earlier = earlier.shared(comm)
         if earlier.finished is not None:
-            return Outcome("converged", earlier.notes[0], place), earlier.finished
+            said = [earlier.notes[0], str(earlier.finished.get("sentence") or "")]
+            return Outcome(earlier.finished["status"], ": ".join(filter(None, said)), place), earlier.finished
         return _solve(scene, place, results, earlier, watch, began)
     finally:
         for held in results:
@@ -219,36 +255,43 @@ def _solve(
         interrupt.check(comm)
         system = simulation.system
         report = report_mesh(scene, simulation.mesh, system.nodes.total, system.contacts)
-        raise_together(comm, lambda: _open(results[0], simulation, earlier))
-        work = place.with_name(f".{place.name}.running")
-        outputs = Outputs(Job(folder=work, scene=scene, mesh=simulation.data, comm=comm))
+        begun: dict[str, Any] = {}  # on rank 0
+        raise_together(comm, lambda: begun.update(_begun(simulation)))
+        work = _work(place)
+        outputs = Outputs(Job(folder=work, scene=scene, mesh=simulation.data, comm=comm, simulation=simulation))
+        raise_together(comm, lambda: _open(results[0], begun, earlier))
         outputs.begin() if earlier.folder is None else outputs.resume(earlier.steps)
         with ExitStack() as stack:
             raise_together(comm, lambda: stack.enter_context(RunLog(work / MARK)))
             notes = results[0].notes if results else ()
             raise_together(comm, lambda: tell(simulation, report, replace(earlier, notes=notes + earlier.notes), watch))
-            working = Run(simulation, outputs, work, earlier, interrupt)
+            working = Run(simulation, outputs, place, run_of(begun), earlier, interrupt)
             try:
                 status, sentence = working.march(watch, began)
-                doubts = working.warnings() if comm.rank == 0 else ()
-                for warning in doubts:
-                    log.warning("%s", warning)
-                content = working.finish(status, began)
+                outcome, content = working.finish(status, sentence, foreseen(simulation, report), began)
             except MachineError as error:
                 kept = f"; {len(working.steps)} steps are kept, go on with --resume" if working.steps else ""
                 raise MachineError(f"{error}{kept}") from None
         raise_together(comm, lambda: results[0].finish())
-    return Outcome(status, sentence, place, doubts), content
+    return outcome, content
 
 
-def _open(results: ResultsFolder, simulation: Simulation, earlier: EarlierRun) -> None:
+def _work(place: Path) -> Path:
+    """The folder in which a run works whose results will stand at `place`."""
+    return place.with_name(f".{place.name}.running")
+
+
+def _begun(simulation: Simulation) -> dict[str, Any]:
+    """What the run is begun with; its mesh is on rank 0 alone."""
+    scene, mesh = identity(simulation.scene, DECIDES_NOTHING), mesh_checksum(simulation.data)
+    return {"scene": scene, "mesh": mesh} | VERSIONS
+
+
+def _open(results: ResultsFolder, begun: dict[str, Any], earlier: EarlierRun) -> None:
     """The working folder: a new one that says what scene it is for, or the one to go on in."""
-    mesh = mesh_checksum(simulation.data)
     if earlier.folder is None:
-        folder = results.start()
-        begun = {"scene": identity(simulation.scene, DECIDES_NOTHING), "mesh": mesh}
-        write_json(folder / BEGUN, begun | VERSIONS)
-    elif earlier.mesh != mesh:
+        write_json(results.start() / BEGUN, begun)
+    elif earlier.mesh != begun["mesh"]:
         raise MachineError(
             f"{results.target}: gmsh meshes this scene differently now; leave out --resume, and choose another folder"
         )

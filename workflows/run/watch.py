@@ -35,11 +35,9 @@ class Watch:
 def tell(simulation: Simulation, report: MeshReport, earlier: EarlierRun, watch: Watch) -> None:
     """What there is to say before the first step; rank 0 only."""
     log.info("%s", at_work())
-    for warning in warnings(simulation.scene):
-        log.warning("%s", warning)
     for line in report.lines():
         log.info("%s", line)
-    for line in report.warnings():
+    for line in foreseen(simulation, report):
         log.warning("%s", line)
     watch.on_mesh(report)
     watch.on_prepared(simulation)
@@ -50,6 +48,11 @@ def tell(simulation: Simulation, report: MeshReport, earlier: EarlierRun, watch:
         time = earlier.steps[-1].time if earlier.steps else 0.0
         log.info("resumed after step %d, t = %g", len(earlier.steps), time)
         watch.on_resume(len(earlier.steps), time)
+
+
+def foreseen(simulation: Simulation, report: MeshReport) -> tuple[str, ...]:
+    """Warnings of before the first step."""
+    return (*warnings(simulation.scene), *report.warnings())
 
 
 class RunLog(logging.FileHandler):

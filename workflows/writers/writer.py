@@ -16,6 +16,7 @@ from geometry.protocols import Comm
 from solvers.results.step_result import MeshData, StepResult
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Output
+from solvers.simulation.simulation import Simulation
 from solvers.stepping.history import HistoryTuple
 
 
@@ -38,13 +39,14 @@ class Job:
     scene: Scene
     mesh: MeshData  # on rank 0, empty elsewhere
     comm: Comm  # for writers that every rank calls
+    simulation: Simulation | None = None  # that solves it, for writers that need more than its steps' results
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ended:
     """How a run ended."""
 
-    status: str  # converged, not_converged, no_equilibrium, interrupted
+    status: str  # converged, doubtful, not_converged, no_equilibrium, interrupted
     steps: Sequence[StepResult]  # all of them, the last one with its fields, the others without
 
     @property

@@ -37,7 +37,9 @@ SOLVERS: Mapping[str, Callable[[Any, Any], Solve]] = {
 
 def tangent(dim: int, n: int, mu: float, omega_factor: float) -> list[Row]:
     """A row for each solver and form: the forces eliminated, or unknowns as in (4.5)."""
-    found = scene(dim, n, mu, drag=slipping(dim, mu), method="perturbed-lagrangian", omega_factor=omega_factor)
+    found = scene(
+        dim, n, mu, drag=slipping(dim, mu), method="perturbed-lagrangian", omega_factor=omega_factor, augment=False
+    )
     simulation, accepted, status = march(found)
     row: Row = {"dim": dim, "n": n, "mu": mu, "omega_factor": omega_factor}
     if status != "converged":

@@ -56,7 +56,6 @@ FORMS: Mapping[str, tuple[str, ...]] = {"surface-uzawa": ("condensed", "matrix-f
 # no smaller: a smoothing of 1e-9 or springs 1e8 times as stiff as cells leave too few digits of penetrations
 LEVELS: Mapping[str, tuple[str, tuple[float, ...]]] = {
     "regularised": ("smoothing", (1e-6, 1e-7, 1e-8)),
-    "perturbed-lagrangian": ("omega_factor", (1e4, 1e5, 1e6)),
 }
 
 

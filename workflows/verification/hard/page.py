@@ -51,9 +51,9 @@ def _lines(rows: Sequence[Row], command: str, picture: str) -> Iterator[str]:
     yield f"{sentence(rows)}."
     yield ""
     yield (
-        "Every ready scene, on a coarser mesh, in many variations. Each answer is judged by its audit and by the "
-        "residual relative to the largest traction; by a second method at a tighter tolerance; and where a scene with the same "
-        "answer is known (other units, another time, a mirror), by that one."
+        "Every ready scene, on a coarser mesh, in many variations. Each answer is judged by its audit; by a second "
+        "method at a tighter tolerance; and where a scene with the same answer is known (other units, another time, a "
+        "mirror), by that one."
     )
     yield ""
     yield "- *solved, another branch*: a second method found another solution, and both satisfy all conditions."

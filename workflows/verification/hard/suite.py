@@ -19,7 +19,7 @@ import numpy as np
 
 from geometry.errors import GeometryError, SceneError
 from workflows.scene_file.read import READY, read, to_dict
-from workflows.verification.hard.judge import Outcome, Verdict, judge
+from workflows.verification.hard.judge import Outcome, Verdict, judge, supported
 from workflows.verification.hard.tables import overrides, ready, scene_of
 from workflows.verification.hard.variations import FIXED, variation, varied
 
@@ -81,9 +81,13 @@ def _random(task: Task) -> np.random.Generator:
     return np.random.default_rng([task.seed, zlib.crc32(f"{task.scene} {task.name}".encode())])
 
 
-def results(scenes: Sequence[str], number: int, seed: int, jobs: int) -> Iterator[Row]:
-    """The first `number` tasks whose variation applies, in their order."""
-    with Crew(jobs) as crew:
+def results(scenes: Sequence[str], number: int, seed: int, jobs: int, opinion: float = OPINION) -> Iterator[Row]:
+    """The first `number` tasks whose variation applies, in their order.
+
+    Args:
+        opinion: time limit of a second opinion [s].
+    """
+    with Crew(jobs, opinion) as crew:
         found = 0
         for row in crew.map(tasks(scenes, seed)):
             if row is not None:
@@ -96,8 +100,8 @@ def results(scenes: Sequence[str], number: int, seed: int, jobs: int) -> Iterato
 class Crew:
     """Processes that solve tasks; one that takes too long, or dies, is replaced."""
 
-    def __init__(self, jobs: int) -> None:
-        self.jobs, self._idle, self._all = jobs, SimpleQueue[Worker](), [Worker() for _ in range(jobs)]
+    def __init__(self, jobs: int, opinion: float) -> None:
+        self.jobs, self._idle, self._all = jobs, SimpleQueue[Worker](), [Worker(opinion) for _ in range(jobs)]
         for worker in self._all:
             self._idle.put(worker)
 
@@ -133,7 +137,8 @@ class Crew:
 class Worker:
     """A process of one core that performs one task after the other."""
 
-    def __init__(self) -> None:
+    def __init__(self, opinion: float) -> None:
+        self._opinion = opinion
         self._process: multiprocessing.process.BaseProcess | None = None
         self._pipe: Connection | None = None
 
@@ -159,14 +164,11 @@ class Worker:
                 lost = word
                 break
             last = word
-            limit = clock.monotonic() - began + OPINION
+            limit = clock.monotonic() - began + self._opinion
         self.end()
         if last is not None:
             return replace(last, verdict=replace(last.verdict, second=f"none: {lost}"))
-        words = _words(task)
-        seconds = clock.monotonic() - began
-        failed = Verdict(outcome=Outcome.FAILED, reason=lost, seconds=seconds)
-        return Row(task.scene, variation(task.name).kind, task.name, words, failed)
+        return _failed(task, lost, clock.monotonic() - began)
 
     def _started(self) -> Connection:
         if self._process is None or self._pipe is None or not self._process.is_alive():
@@ -207,7 +209,11 @@ def _work(pipe: Connection) -> None:
             pipe.send(f"{type(error).__name__}: {error}")
 
 
-def _words(task: Task) -> tuple[str, ...]:
-    """What `--set` takes to make the scene of a task."""
-    found = varied(ready(task.scene), variation(task.name).change, _random(task))
-    return tuple(overrides(to_dict(read(task.scene)), found or {}))
+def _failed(task: Task, reason: str, seconds: float) -> Row:
+    """The row of a task whose process gave none."""
+    one, found = variation(task.name), ready(task.scene)
+    if one.kind != "as it is":
+        found = varied(found, one.change, _random(task)) or found
+    held = supported(scene_of(found))
+    verdict = Verdict(outcome=Outcome.FAILED, reason=reason, held=held, seconds=seconds)
+    return Row(task.scene, one.kind, task.name, tuple(overrides(to_dict(read(task.scene)), found)), verdict)

@@ -17,7 +17,7 @@ from workflows.scene_file.read import from_dict, read, to_dict
 
 Tables = dict[str, Any]  # of a scene file, every default filled in
 SIZES = ("mesh_size", "contact_mesh_size", "lower_mesh_size", "inner_mesh_size", "edge_mesh_size")
-COARSER = 1.8  # times the mesh sizes of a ready scene: a variation then takes about a second
+COARSER = 1.4  # times the mesh sizes of a ready scene: a variation then takes about a second
 CORNERS = 4  # listed times that are kept of a long history
 COUNT = 6  # equal steps, at most
 BARE = re.compile(r"[A-Za-z0-9_-]+")

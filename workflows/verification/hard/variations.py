@@ -12,6 +12,7 @@ import numpy as np
 from geometry.amplitude import Amplitude, value_at
 from solvers.scene.timeline import Place
 from workflows.scene_file.read import to_dict
+from workflows.verification.hard.limit import near_limit, sideways
 from workflows.verification.hard.mirror import BOXES, mirrored
 from workflows.verification.hard.tables import (
     Tables,
@@ -254,23 +255,6 @@ def slower(factor: float, tables: Tables, random: Random) -> Tables | None:
     return found
 
 
-def sideways(share: float, tables: Tables, random: Random) -> Tables | None:
-    """Gravity that turns to the side at the end, to this share of its largest component."""
-    if "gravity" not in tables:
-        return None
-    end = tables["steps"]["end"]
-    acceleration = tables["gravity"]["acceleration"]
-    down = max((value_at(_amplitude(a), end, end) for a in acceleration), key=abs)
-    acceleration[0] = [[0.0, 0.0], [end, 0.0], [2 * end, share * abs(down)]]
-    tables["steps"]["end"] = 2 * end
-    tables["steps"]["count"] *= 2
-    return tables
-
-
-def _amplitude(value: float | list[list[float]]) -> Amplitude:
-    return value if isinstance(value, float | int) else tuple((t, v) for t, v in value)
-
-
 # solution
 
 
@@ -334,7 +318,9 @@ def _fixed() -> Iterator[Variation]:
     yield Variation("steps", "reversed", partial(goes_on, 1.0))
     yield Variation("steps", "everything back", all_back)
     for share in (0.2, 0.5):
-        yield Variation("limit", f"gravity sideways {share:g}", partial(sideways, share))
+        yield Variation("limit", f"gravity sideways {share:g}", partial(_sideways, share))
+    for factor in (0.999, 1.001):
+        yield Variation("limit", f"{factor:g} of the limit sideways", partial(_near_limit, factor))
     yield Variation("operator", "node by node", _node_by_node)
     yield Variation("operator", "sliding", partial(contact_key, "sliding", True))
     yield Variation("solver", "tolerance 1e-11", partial(set_key, "solver", "tolerance", 1e-11))
@@ -350,6 +336,14 @@ def _fixed() -> Iterator[Variation]:
     yield Variation("symmetry", "mirrored", lambda tables, random: mirrored(tables), _by_a_grid)
 
 
+def _sideways(share: float, tables: Tables, random: Random) -> Tables | None:
+    return sideways(share, tables)
+
+
+def _near_limit(factor: float, tables: Tables, random: Random) -> Tables | None:
+    return near_limit(factor, tables)
+
+
 def _node_by_node(tables: Tables, random: Random) -> Tables | None:
     name = "node-to-face" if tables["model"] == "3d" else "node-to-segment"
     return contact_key("operator", name, tables, random)
@@ -362,7 +356,7 @@ def _by_a_grid(tables: Tables, random: Random) -> Tables | None:
 
 FIXED = {variation.name: variation for variation in _fixed()}
 MIXED = tuple(
-    v for v in FIXED.values() if v.twin is None and v.kind not in ("solver", "as it is")
+    v for v in FIXED.values() if v.twin is None and v.kind not in ("solver", "limit", "as it is")
 )  # what random ones combine
 MOST = 3  # of them in a random variation
 

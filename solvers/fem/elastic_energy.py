@@ -1,0 +1,37 @@
+"""The elastic energy of the bodies, written a second time: the audit's forces share no stress with the solver's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from geometry.dolfinx_versions import ufl
+from geometry.protocols import Function, UflExpr, UflForm
+from solvers.fem.forms import WeakForms
+
+
+def forces_of_energy(weak: WeakForms, u: Function) -> UflForm:
+    """Linear form of the inner forces [N]: the derivative of the energy by the displacement.
+
+    The energy is the sum over the bodies of ∫ G (eps : eps + c (tr eps)²) dx, with G = E / (2 (1 + nu)) and
+    c = nu / (1 - 2 nu), in plane stress c = nu / (1 - nu).
+
+    Args:
+        weak: for its mesh, space and materials; none of its forms is used.
+        u: displacement [m].
+    """
+    mesh, problem = weak.mesh, weak.problem
+    r = ufl.SpatialCoordinate(mesh.domain)[0]
+    around = 2 * np.pi * r if mesh.axisymmetric else 1
+    rule = {"quadrature_degree": 2 * mesh.degree + mesh.axisymmetric} if mesh.degree > 1 else {}
+    dx = ufl.Measure("dx", domain=mesh.domain, subdomain_data=mesh.cell_tags, metadata=rule)
+    gradient = ufl.grad(u)
+    normal = [gradient[i, i] for i in range(mesh.dim)] + ([u[0] / r] if mesh.axisymmetric else [])
+    shear = [gradient[i, j] + gradient[j, i] for i in range(mesh.dim) for j in range(i)]
+    squares: UflExpr = sum(e**2 for e in normal) + sum(g**2 for g in shear) / 2
+    energy = 0
+    for name, body in problem.bodies.items():
+        c = body.nu / (1 - body.nu if problem.model == "plane stress" else 1 - 2 * body.nu)
+        modulus = weak.constant(body.E / (2 + 2 * body.nu))
+        energy += modulus * (squares + weak.constant(c) * sum(normal) ** 2) * around * dx(mesh.bodies[name])
+    forces: UflForm = ufl.derivative(energy, u, ufl.TestFunction(weak.space))
+    return forces

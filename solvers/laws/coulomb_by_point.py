@@ -1,0 +1,38 @@
+"""Coulomb's law with a coefficient of friction for each point: discrete problems have one for each contact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.arrays import Array
+from geometry.errors import require
+from geometry.protocols import Sparse
+from solvers.laws.law import FrictionLaw, NormalLaw
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoulombByPoint(FrictionLaw):
+    """Coulomb's law, s = mu p_n with mu by point; no scene asks for it, because it has no name there."""
+
+    mu: Array  # (m_t,) [-]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        least = float(self.mu.min(initial=0.0))
+        require(least >= 0, "mu", least, "must not be negative")
+
+    def resists(self) -> bool:
+        return bool((self.mu > 0).any())
+
+    def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
+        pressure = average @ p
+        assert len(pressure) == len(self.mu), "all points of the contact at once"
+        return np.asarray(self.mu * np.maximum(pressure, 0.0))
+
+    def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
+        return average.multiply(np.where(average @ p > 0, self.mu, 0.0)[:, None]).tocsr()
+
+    def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
+        return np.inf, float(self.mu.min(initial=np.inf)), float(self.mu.max(initial=0.0))

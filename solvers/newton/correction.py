@@ -1,0 +1,139 @@
+"""From what an iteration returned to the exact solution of the same discrete problem: the correction is its error.
+
+Laws, mesh and step are the same; so is the history, followed by the exact solutions of all steps before. With the Schur
+complement of the bodies, Newton's method on the surface goes on from where the method has stopped. Otherwise Uzawa's
+iteration goes on in an approximate flexibility: one volume solve for each step of it, and what is left then is measured
+in that flexibility.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from geometry.arrays import Array
+from solvers.interface.prepare import condensed
+from solvers.interface.problem import SurfaceProblem
+from solvers.metrics.secants import Secants
+from solvers.newton import condensed_system
+from solvers.newton.active_set import linearise
+from solvers.newton.semismooth import SemismoothNewton
+from solvers.newton.solution import Correction, Solution
+from solvers.newton.surface_model import nearest_in_cone
+from solvers.newton.surface_system import Flexibility
+
+ROUNDING = 1e-14  # natural residual that no correction makes smaller
+FLOOR = 1e-12  # rounding of a displacement, relative, in the energy norm; two exact solutions differ by less
+ENOUGH = 0.01  # part of the first residual, or of the correction, that may be left in what serves as the exact solution
+NEWTON_STEPS = 12  # from the final iterate, whose active set is nearly right; then all starts are tried
+MAX_IT = 300
+SOLVES = 8  # largest number of volume solves in a step, where the flexibility is approximate; one or two are usual
+ACCURACY = 0.1  # of those, relative to the displacement that is expected
+CONTRACTION = 0.2  # the last correction relative to all before, at which no further solve is made
+MARGIN = 1.5  # factor on a distance that is known up to a small part
+UNSURE = 3.0  # factor on a distance in the approximate flexibility
+
+
+def exact_problem(problem: SurfaceProblem, before: Correction) -> SurfaceProblem:
+    """The problem of a step as it is if all steps before were solved exactly: slip is counted from elsewhere.
+
+    Args:
+        problem: that the method has solved.
+        before: correction of the state that the step starts from.
+    """
+    n = problem.surface.normal_rows
+    shift = np.concatenate([np.zeros(n), (before.w - problem.cone.softness * before.p)[n:]])
+    return replace(problem, gap=problem.gap + shift) if shift.any() else problem
+
+
+def by_schur_complement(problem: SurfaceProblem, found: Solution) -> Correction:
+    """The correction by semismooth Newton with the Schur complement; no volume solve.
+
+    Args:
+        problem: see `exact_problem`.
+        found: what the method returned; its u_c is the displacement under its p.
+    """
+    residual = problem.natural_residual(found.p, found.w)
+    if residual <= ROUNDING:
+        return Correction.none(len(found.p))
+    goal = max(ENOUGH * residual, ROUNDING)
+    exact = _newton(problem, found, goal) or _from_all_starts(problem, found.p, goal)
+    if exact is None:
+        return replace(Correction.none(len(found.p)), size=np.nan)
+    p, u_c = exact
+    w = problem.relative_displacement(u_c)
+    return Correction(p - found.p, w - found.w, MARGIN * elastic_norm(problem, u_c - found.u_c))
+
+
+def _newton(problem: SurfaceProblem, found: Solution, goal: float) -> tuple[Array, Array] | None:
+    """Tractions (rows,) [Pa] and contact displacement (c,) [m] by Newton's method from `found`; None if it fails.
+
+    Newton's iterate is exact if its residual is small, or if it repeats itself: the residual alone may end in rounding.
+    """
+    p, u_c, gamma = found.p, found.u_c, problem.gamma
+    negligible = FLOOR * elastic_norm(problem, u_c)
+    for _ in range(NEWTON_STEPS):
+        before, p_hat = u_c, p + gamma * (problem.relative_displacement(u_c) - problem.gap)
+        try:
+            p, u_c = condensed_system.solve(linearise(problem, p_hat, gamma), u_c)
+        except np.linalg.LinAlgError:
+            return None
+        if problem.natural_residual(p, problem.relative_displacement(u_c)) <= goal:
+            return p, u_c
+        if elastic_norm(problem, u_c - before) <= max(negligible, ENOUGH * elastic_norm(problem, u_c - found.u_c)):
+            return p, u_c
+    return None
+
+
+def _from_all_starts(problem: SurfaceProblem, p: Array, goal: float) -> tuple[Array, Array] | None:
+    """The same by `SemismoothNewton` from tractions p (rows,) [Pa], whose volume solves are counted apart."""
+    with problem.surface.counters.for_error():
+        exact = SemismoothNewton(rtol=goal, max_it=MAX_IT, linear=condensed_system.solve)(problem, p)
+    return (exact.p, exact.u_c) if exact.residual <= goal else None
+
+
+def elastic_norm(problem: SurfaceProblem, u_c: Array) -> float:
+    """Energy norm [J^(1/2)] of a displacement u_c (c,) [m] of the contact dofs that no other force causes."""
+    return float(np.sqrt(max(float(u_c @ condensed(problem.surface).S @ u_c), 0.0)))
+
+
+def by_flexibility(problem: SurfaceProblem, known: Flexibility, p: Array, w: Array, most: int = SOLVES) -> Correction:
+    """The correction by Uzawa's iteration in an approximate flexibility; collective.
+
+    Args:
+        problem: see `exact_problem`.
+        known: the approximate flexibility; what is learnt here is not added to it.
+        p: tractions (rows,) [Pa].
+        w: their relative displacement (rows,) [m].
+        most: largest number of volume solves; 0: only the approximate flexibility is used.
+    """
+    surface = problem.surface
+    residual = problem.natural_residual(p, w)
+    if residual <= ROUNDING:
+        return Correction.none(len(p))
+    nothing = surface.R[:, :0]
+    learning = Secants(known.F, nothing, nothing)
+    at, w_at, motion, size = p, w, np.zeros(surface.size), 0.0
+    for k in range(most + 1):
+        flexibility = Flexibility(surface=surface, F=learning, metric=known.metric)
+        nearer = surface.agreed(nearest_in_cone(problem, flexibility, at, w_at, residual))
+        if nearer is None:
+            size = np.nan
+            break
+        force = surface.forces(at - nearer.p)
+        u = learning(force)
+        guessed = float(np.sqrt(max(float(force @ u), 0.0)))
+        moved = w_at - flexibility(nearer.p - at)
+        if surface.agreed(k == most or (k > 0 and guessed <= CONTRACTION * size)):
+            at, w_at, size = nearer.p, moved + surface.N @ (surface.R @ nearer.b), size + UNSURE * guessed
+            break
+        with surface.counters.for_error():
+            u = surface.displacement(force, ACCURACY * float(np.abs(u).max(initial=0.0)))
+        learning.learn(force, u)
+        motion = motion + u
+        forces = surface.forces(p - nearer.p)
+        at, w_at = nearer.p, w_at + surface.N @ (u + surface.R @ nearer.b)
+        size = MARGIN * float(np.sqrt(max(float(forces @ motion), 0.0)))
+        residual = problem.natural_residual(at, w_at)
+    return Correction(at - p, w_at - w, size)

@@ -1,0 +1,116 @@
+"""Laws and gaps a second time, from their closed formulas: the audit judges the solver's own by these.
+
+A law or an obstacle of a file of one's own has no second formula: None is returned, the audit then takes the shared
+one, and says so.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from geometry.amplitude import Amplitude
+from geometry.arrays import Array
+from geometry.obstacles.cone import Cone
+from geometry.obstacles.cylinder import Cylinder
+from geometry.obstacles.obstacle import Obstacle
+from geometry.obstacles.plane import Plane
+from geometry.obstacles.sphere import Sphere
+from geometry.protocols import Sparse
+from solvers.laws.bilateral import Bilateral
+from solvers.laws.capped_coulomb import CappedCoulomb
+from solvers.laws.compliance import Compliance
+from solvers.laws.friction import Coulomb, Stick, Tresca
+from solvers.laws.law import FrictionLaw, NormalLaw
+from solvers.laws.tangential_compliance import TangentialCompliance
+from solvers.laws.tied import Tied
+from solvers.laws.unilateral import Unilateral
+
+
+def gap(obstacle: Obstacle, x: Array) -> Array | None:
+    """Distance (m,) [m] of points (m, d) from an obstacle, positive where the body may be; None: no second formula.
+
+    >>> gap(Cylinder(point=(0.0, 0.0), radius=1.0, inside=True), np.array([[0.3, 0.4]]))
+    array([0.5])
+    >>> gap(Plane(point=(0.0, 1.0), normal=(0.0, 2.0)), np.array([[7.0, 1.5]]))
+    array([0.5])
+    """
+    if type(obstacle) is Plane:
+        normal = np.array(obstacle.normal)
+        return np.asarray((x @ normal - np.dot(obstacle.point, normal)) / np.hypot.reduce(normal))
+    if type(obstacle) is Sphere:
+        away = np.sqrt(((x - obstacle.center) ** 2).sum(axis=1)) - obstacle.radius
+    elif type(obstacle) is Cylinder:
+        arm = x - obstacle.point
+        along = arm @ obstacle.axis / np.hypot.reduce(obstacle.axis) if obstacle.axis is not None else 0.0
+        away = np.sqrt(np.maximum((arm**2).sum(axis=1) - along**2, 0.0)) - obstacle.radius
+    elif type(obstacle) is Cone:
+        arm, half = x - obstacle.apex, np.radians(obstacle.half_angle)
+        depth = arm @ obstacle.axis / np.hypot.reduce(obstacle.axis)
+        radius = np.sqrt(np.maximum((arm**2).sum(axis=1) - depth**2, 0.0))
+        off = np.arctan2(radius, depth) - half  # angle from the nearest line of the surface
+        length = np.hypot(radius, depth)
+        away = np.where(off > np.pi / 2, length, length * np.sin(off))
+    else:
+        return None
+    return np.asarray(-away if obstacle.inside else away)
+
+
+def penetration(law: NormalLaw, p: Array) -> Array | None:
+    """u_n - g (m,) [m] at pressures p (m,) [Pa] where the contact is closed; None: no second formula."""
+    if type(law) is Compliance:
+        return np.where(p > 0, np.exp(np.log(np.maximum(p, 1e-300) / law.c_n) / law.m_n), 0.0)
+    return np.zeros_like(p) if type(law) in (Unilateral, Bilateral, Tied) else None
+
+
+def pressure(law: NormalLaw, closing: Array) -> Array | None:
+    """Pressure (m,) [Pa] at u_n - g (m,) [m] of a law that gives it; None: no second formula.
+
+    >>> pressure(Compliance(c_n=4.0, m_n=2.0), np.array([-1.0, 0.5]))
+    array([0., 1.])
+    """
+    if type(law) is not Compliance:
+        return None
+    return np.asarray(law.c_n * np.where(closing > 0, np.abs(closing), 0.0) ** law.m_n)
+
+
+def bound(
+    law: FrictionLaw, normal: NormalLaw, p: Array, average: Sparse | Array, time: float, end: float
+) -> Array | None:
+    """Friction bound s (m_t,) [Pa]; None: no second formula.
+
+    Args:
+        p: pressures (m_n,) [Pa].
+        average: (m_t, m_n), from values at the points of pressure to means at those of friction.
+        time: [s].
+        end: last time of the scene [s].
+    """
+    mean = average @ p
+    if type(law) is Coulomb:
+        return law.mu * np.where(mean > 0, mean, 0.0)
+    if type(law) is CappedCoulomb:
+        return np.minimum(law.mu * np.where(mean > 0, mean, 0.0), law.s_max)
+    closed = (mean > 0) | (type(normal) in (Bilateral, Tied))
+    if type(law) is Tresca:
+        return np.where(closed, in_time(law.bound, time, end), 0.0)
+    if type(law) is Stick:
+        return np.where(closed, np.inf, 0.0)
+    if type(law) is TangentialCompliance and type(normal) is Compliance:
+        depth = (np.where(p > 0, p, 0.0) / normal.c_n) ** (1 / normal.m_n)
+        return np.asarray(np.maximum(average @ (law.c_T * depth**law.m_T), 0.0))
+    return None
+
+
+def in_time(amplitude: Amplitude, time: float, end: float) -> float:
+    """Value at a time [s]: a number grows from zero at t = 0 to its value at the end, a table is read between lines.
+
+    >>> in_time(4.0, 0.5, end=2.0), in_time(((1.0, -0.1), (3.0, 0.3)), 2.0, end=3.0)
+    (1.0, 0.1)
+    """
+    table = [(end, amplitude)] if isinstance(amplitude, float | int) else list(amplitude)
+    table = table if table[0][0] == 0 else [(0.0, 0.0), *table]
+    for (t_0, a_0), (t_1, a_1) in pairwise(table):
+        if t_0 <= time <= t_1:
+            return float(a_0 + (a_1 - a_0) * (time - t_0) / (t_1 - t_0))
+    return float(table[-1][1])

@@ -1,0 +1,125 @@
+"""The fields of a step's file, and what displacement and tractions give for each of them, written a second time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from geometry import dolfinx_versions as dx
+from geometry.arrays import AnyArray, Array
+from solvers.contact.rows import ContactRows
+from solvers.system.system import System
+
+OPEN = 0  # of `ContactState.status`
+ROUNDING = 1e3 * float(np.finfo(float).eps)  # of the stress that motions as large as u make over a cell
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredFields:
+    """What is written for readers, beside the state; empty where it is not to be judged."""
+
+    stress: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))  # (cells, 3, 3), by number in gmsh's model [Pa]
+    von_mises: Array = field(default_factory=lambda: np.zeros(0))  # (cells,) [Pa]
+    contacts: Mapping[str, Mapping[str, AnyArray]] = field(default_factory=dict)  # by contact, as in `ContactState`
+
+
+def difference(found: Array, expected: Array, scale: float = 0.0, rounding: float = 0.0) -> float:
+    """Largest difference beyond rounding [-], relative to the largest value, or to `scale` if that is larger."""
+    largest = max(scale, float(np.abs(expected).max(initial=0.0)), float(np.abs(found).max(initial=0.0)))
+    apart = float(np.abs(found - expected).max(initial=0.0)) - rounding
+    return max(apart, 0.0) / largest if largest else 0.0
+
+
+def contact_differences(
+    rows: ContactRows,
+    stored: Mapping[str, AnyArray],
+    p_n: Array,
+    t: Array,
+    bound: Array,
+    node_gap: Array,
+    moved: Array,
+    p_top: float,
+    rounding: float,
+) -> Iterator[float]:
+    """Differences of the stored fields of a contact, slip apart [-].
+
+    Args:
+        stored: by name, on the n nodes of the slave side.
+        p_n: pressures (m_n,) [Pa].
+        t: tangential multipliers (m_t, d-1) [Pa].
+        bound: of t (m_t,) [Pa].
+        node_gap: initial gaps (n,) [m].
+        moved: displacement (n_all, d) [m] of the nodes, less that of a rigid obstacle.
+        p_top: scale of tractions [Pa].
+        rounding: of lengths [m].
+    """
+    d, weights = rows.surface.dim, np.where(rows.node_weights > 0, rows.node_weights, np.inf)
+    pressure = (rows.psi @ p_n) / weights
+    traction = -(rows.share_t.T @ np.einsum("mc,mcd->md", t * rows.free, rows.tangents))
+    finite = np.isfinite(bound)
+    nodal = rows.share_t.T @ np.where(finite, bound, 0.0)
+    judged = (rows.share_t.T @ (~finite).astype(float) == 0) & (nodal > 0)
+    closing = np.einsum("nd,nd->n", rows.frames[:, 0], rows.relative @ moved)
+    lam = np.asarray(stored["lam"], float)[:, :d] * nodal[:, None]
+    yield difference(np.asarray(stored["weight"], float), rows.node_weights)
+    yield difference(np.asarray(stored["pressure"], float), pressure, p_top)
+    yield difference(np.asarray(stored["traction"], float)[:, :d], traction, p_top)
+    yield difference(lam[judged], -traction[judged], p_top)
+    yield difference(np.asarray(stored["gap"], float), node_gap - closing, rounding=rounding)
+    yield float(np.abs(pressure[stored["status"] == OPEN]).max(initial=0.0)) / p_top
+
+
+def slip_of(rows: ContactRows, moved: Array) -> Array:
+    """Tangential part (n, d) [m] of the relative displacement at the slave's nodes; moved: (n_all, d) [m]."""
+    n, relative = rows.frames[:, 0], rows.relative @ moved
+    return np.asarray(relative - (relative * n).sum(axis=1, keepdims=True) * n)
+
+
+def stress_difference(system: System, displacement: Array, time: float, stored: StoredFields) -> float:
+    """Largest difference of the stored stress and equivalent stress from those of the displacement [-]; collective.
+
+    Args:
+        displacement: (nodes, d) in the order of the gmsh model [m].
+        time: of the initial strains [s].
+    """
+    mesh, problem, d = system.mesh, system.problem, system.mesh.dim
+    count = mesh.domain.topology.index_map(d).size_local
+    numbers, dofs = np.asarray(mesh.domain.topology.original_cell_index)[:count], dx.cell_dofs(system.space)[:count]
+    basis, slope = dx.reference_basis(mesh.domain.topology.cell_type.name, mesh.degree, dx.midpoint(mesh.domain))
+    x, u = system.nodes.points[dofs], displacement[system.nodes.input[dofs]]
+    jacobian = np.einsum("kn,cni->cik", slope[:, 0], x)
+    strain, reach = np.zeros((count, 3, 3)), np.abs(u).max(axis=(1, 2), initial=0.0)
+    inverse = np.linalg.inv(jacobian)
+    strain[:, :d, :d] = np.einsum("kn,cni,ckj->cij", slope[:, 0], u, inverse)
+    if mesh.axisymmetric:
+        strain[:, 2, 2] = (u[:, :, 0] @ basis[0]) / (x[:, :, 0] @ basis[0])
+    strain = (strain + np.swapaxes(strain, 1, 2)) / 2
+    values = system.initial.values(system.course, time)
+    expected, modulus = np.zeros_like(strain), np.zeros(count)
+    tags = np.zeros(count, np.int64)
+    own = mesh.cell_tags.indices < count
+    tags[mesh.cell_tags.indices[own]] = mesh.cell_tags.values[own]
+    for name, body in problem.bodies.items():
+        inside = tags == mesh.bodies[name]
+        elastic = strain[inside]
+        for value, given in zip(values, system.initial.strains, strict=True):
+            elastic = elastic - value * given.strain * (given.body == name)
+        volume = np.trace(elastic, axis1=1, axis2=2)
+        if problem.model == "plane stress":
+            elastic[:, 2, 2] = -body.nu / (1 - body.nu) * (elastic[:, 0, 0] + elastic[:, 1, 1])
+            volume = np.trace(elastic, axis1=1, axis2=2)
+        spherical = body.nu / (1 - 2 * body.nu) * volume
+        expected[inside] = body.E / (1 + body.nu) * (elastic + spherical[:, None, None] * np.eye(3))
+        modulus[inside] = body.E / (1 - 2 * body.nu)
+    rounding = ROUNDING * modulus * reach * np.abs(inverse).max(axis=(1, 2), initial=0.0)
+    a, b, c = (expected[:, i, i] - expected[:, i - 1, i - 1] for i in range(3))
+    shear = expected[:, 0, 1] ** 2 + expected[:, 1, 2] ** 2 + expected[:, 0, 2] ** 2
+    equivalent = np.sqrt((a**2 + b**2 + c**2) / 2 + 3 * shear)
+    apart = np.abs(stored.stress[numbers] - expected).max(axis=(1, 2), initial=0.0)
+    apart = np.maximum(apart, np.abs(stored.von_mises[numbers] - equivalent)) - rounding
+    largest, worst = (
+        max(system.mesh.comm.allgather(float(values.max(initial=0.0)))) for values in (np.abs(expected), apart)
+    )
+    return worst / largest if largest else float(worst > 0)

@@ -1,0 +1,65 @@
+"""The verdict on a run: each number of the audit has a limit, and a run that passes one is doubtful."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+
+from solvers.results.audit import Audit
+
+EXACT = 1e-9  # what no iteration decides: supports, and fields that follow from displacement and tractions
+BALANCE = 1e-6  # out of balance; the ready scenes stay below 2e-9
+DIGITS = 10.0  # times the rounding of the displacement: the solver's own rounding comes on top
+NOISE = 1e-4  # rounding of the displacement: beyond that stresses and forces are noise
+LAWS = 1e-5  # contact laws; the ready scenes stay below 1e-7
+LOOSE = 30.0  # times solver.tolerance: the scales of the audit are the step's own, smaller than those of the tolerance
+ROUGH = 0.1  # with any method
+APART = 30.0  # times the error that a method states of its laws: that is of the whole body, this of one point
+
+
+def limits(tolerance: float, law_error: float = 0.0, rounding: float = 0.0) -> Audit:
+    """Largest defects of a sound step.
+
+    Args:
+        tolerance: solver.tolerance.
+        law_error: that the method states of its approximate contact laws, see `StepResult.law_error`.
+        rounding: `Audit.rounding` of the step.
+    """
+    iterated = LOOSE * tolerance
+    laws = max(LAWS, iterated, min(APART * law_error, ROUGH))
+    return Audit(
+        equilibrium=max(BALANCE, iterated, DIGITS * min(rounding, NOISE)),
+        rounding=NOISE,
+        supports=EXACT,
+        penetration=laws,
+        negative_pressure=laws,
+        cone=laws,
+        complementarity=laws,
+        dissipation=laws,
+        fields=EXACT,
+    )
+
+
+def passed(
+    audits: Sequence[Audit], times: Sequence[float], law_errors: Sequence[float], tolerance: float
+) -> Iterator[str]:
+    """Sentences on the defects that pass their limits: for each its worst step.
+
+    Args:
+        audits: one a step.
+        times: of the steps [s].
+        law_errors: of the steps [-].
+        tolerance: solver.tolerance.
+    """
+    pairs = zip(audits, law_errors, strict=True)
+    allowed = [asdict(limits(tolerance, error, audit.rounding)) for audit, error in pairs]
+    found = [asdict(audit) for audit in audits]
+    for name in found[0] if found else ():
+        ratios = [values[name] / limit[name] for values, limit in zip(found, allowed, strict=True)]
+        over = [ratio if ratio == ratio else float("inf") for ratio in ratios]  # NaN passes every limit
+        worst = max(range(len(over)), key=over.__getitem__)
+        if over[worst] > 1:
+            yield (
+                f"{name.replace('_', ' ')} is {found[worst][name]:.1e} in step {worst + 1} (t = {times[worst]:g}), "
+                f"more than {allowed[worst][name]:.1e}"
+            )

@@ -1,0 +1,198 @@
+"""An error in what solver and audit share is seen by the audit: its laws, gaps and forces are written a second time."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import solvers.contact.pairing as pairing
+from geometry.obstacles.cylinder import Cylinder
+from geometry.obstacles.obstacle import Obstacle
+from geometry.obstacles.plane import Plane
+from geometry.obstacles.round import Round
+from geometry.obstacles.sphere import Sphere
+from shared.audited import record_of, stored_by
+from solvers.contact.rigid_obstacle import rigid_coupling
+from solvers.fem.forms import WeakForms
+from solvers.laws.capped_coulomb import CappedCoulomb
+from solvers.laws.compliance import Compliance
+from solvers.laws.friction import Coulomb, Stick, Tresca
+from solvers.laws.law import FrictionLaw
+from solvers.laws.tangential_compliance import TangentialCompliance
+from solvers.laws.unilateral import Unilateral
+from solvers.results import closed_formulas
+from solvers.results.audit import Audit, Auditor
+from solvers.results.verdict import limits, passed
+from solvers.scene.scene import Scene
+from solvers.simulation.resolve import resolve
+from solvers.simulation.simulation import Simulation, prepare
+
+SceneOf = Callable[..., Scene]
+FLAT = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
+BALL = {"foundation": {"shape": "cylinder", "point": [1.0, -4.0], "radius": 4.0}}
+SOFT = {"law": "compliance", "c_n": 4.0, "m_n": 1.5}
+
+
+def dragged(scene_of: SceneOf, friction: Any, normal: Any = None, obstacles: Any = None) -> Scene:
+    laws = {"friction": friction} | ({"normal": normal} if normal else {})
+    return scene_of(
+        obstacles=obstacles or FLAT,
+        contacts={"base": {"surface": "block.bottom", "against": "foundation"} | laws},
+        supports={"top": {"boundary": "block.top", "displacement": {"x": 0.05, "y": -0.1}}},
+    )
+
+
+def judged(scene: Scene) -> tuple[Audit, tuple[str, ...], tuple[str, ...]]:
+    """The audit of the last step, what passes its limit, and what has no second formula."""
+    simulation = prepare(scene)
+    (step,) = simulation.steps()
+    auditor = Auditor(resolve(scene), simulation.mesh)
+    audit = auditor(replace(record_of(step), stored=stored_by(step)))
+    over = passed([audit], [step.time], [step.law_error], scene.solver.tolerance)
+    return audit, tuple(over), auditor.shared
+
+
+def scaled(kind: type, name: str, factor: float, patch: pytest.MonkeyPatch) -> None:
+    true = getattr(kind, name)
+    patch.setattr(kind, name, lambda self, *given: factor * true(self, *given))
+
+
+def wrong_gap(patch: pytest.MonkeyPatch) -> None:
+    def coupling(*given: Any) -> Any:
+        found = rigid_coupling(*given)
+        points = found.points
+        return replace(
+            found, gap=found.gap + 0.01, points=lambda degree: replace(points(degree), gap=points(degree).gap + 0.01)
+        )
+
+    patch.setattr(pairing, "rigid_coupling", coupling)
+
+
+def wrong_distance(kind: type, patch: pytest.MonkeyPatch) -> None:
+    true = kind.distance  # type: ignore[attr-defined]
+    patch.setattr(kind, "distance", lambda self, x, sqrt: true(self, x, sqrt) + 0.01)
+
+
+def wrong_modulus(patch: pytest.MonkeyPatch) -> None:
+    true = WeakForms.stress
+    patch.setattr(WeakForms, "stress", lambda self, u, body: 1.3 * true(self, u, body))
+
+
+def wrong_compliance(patch: pytest.MonkeyPatch) -> None:
+    """1.3 times as stiff in all that it answers."""
+    true = Compliance.__getattribute__
+    patch.setattr(Compliance, "pressure", lambda self, d: 1.3 * self.c_n * np.maximum(d, 0) ** self.m_n)
+    for name in ("penetration", "resolvent", "stiffness", "energy"):
+        method = getattr(Compliance, name)
+        stiffer = lambda self, *given, method=method: method(  # noqa: E731
+            Compliance(c_n=1.3 * true(self, "c_n"), m_n=self.m_n), *given
+        )
+        patch.setattr(Compliance, name, stiffer)
+
+
+COULOMB, TRESCA = {"law": "coulomb", "mu": 0.3}, {"law": "tresca", "bound": 0.01}
+Patch = Callable[[pytest.MonkeyPatch], None]
+MUTANTS: dict[str, tuple[dict[str, Any], Patch, str]] = {
+    "mu x 1.5": ({"friction": COULOMB}, lambda p: scaled(Coulomb, "limit", 1.5, p), "cone"),
+    "mu x 0.7": ({"friction": COULOMB}, lambda p: scaled(Coulomb, "limit", 0.7, p), "complementarity"),
+    "Tresca's bound x 1.5": ({"friction": TRESCA}, lambda p: scaled(Tresca, "limit", 1.5, p), "cone"),
+    "gap + .01 in the rows": ({"friction": COULOMB}, wrong_gap, "penetration"),
+    "gap + .01, compliant": ({"friction": COULOMB, "normal": SOFT}, wrong_gap, "penetration"),
+    "a plane's distance": ({"friction": COULOMB}, lambda p: wrong_distance(Plane, p), "penetration"),
+    "a cylinder's distance": (
+        {"friction": COULOMB, "obstacles": BALL},
+        lambda p: wrong_distance(Round, p),
+        "penetration",
+    ),
+    "modulus x 1.3 in the form": ({"friction": COULOMB}, wrong_modulus, "equilibrium"),
+    "compliance x 1.3": ({"friction": COULOMB, "normal": SOFT}, wrong_compliance, "penetration"),
+}
+
+
+@pytest.mark.parametrize(("scene", "wrong", "name"), MUTANTS.values(), ids=MUTANTS)
+def test_an_error_in_shared_code_makes_the_answer_doubtful(
+    scene: dict[str, Any], wrong: Patch, name: str, scene_of: SceneOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = dragged(scene_of, **scene)
+    audit, over, shared = judged(made)
+    assert not over, audit
+    assert not shared
+    wrong(monkeypatch)
+    audit, over, _ = judged(made)
+    assert any(sentence.startswith(name) for sentence in over), audit
+
+
+def test_what_has_no_second_formula_is_named(scene_of: SceneOf, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = dragged(scene_of, COULOMB)
+    monkeypatch.setattr(closed_formulas, "Coulomb", Tresca)  # as if Coulomb's law were in a file of one's own
+    monkeypatch.setattr(closed_formulas, "Plane", Sphere)
+    audit, over, shared = judged(made)
+    assert not over, audit
+    assert shared == ("obstacles.foundation: gap", "contacts.base.friction")
+
+
+LAWS: dict[str, tuple[FrictionLaw, Any]] = {
+    "coulomb": (Coulomb(mu=0.3), Unilateral()),
+    "capped": (CappedCoulomb(mu=0.3, s_max=0.5), Unilateral()),
+    "tresca": (Tresca(bound=((0.5, 0.2), (2.0, 0.8))), Unilateral()),
+    "stick": (Stick(), Unilateral()),
+    "compliance": (TangentialCompliance(c_T=2.0, m_T=1.5), Compliance(c_n=3.0, m_n=2.0)),
+}
+
+
+@pytest.mark.parametrize(("friction", "normal"), LAWS.values(), ids=LAWS)
+def test_both_formulas_of_a_bound_agree(friction: FrictionLaw, normal: Any) -> None:
+    p, average = np.array([-1.0, 0.0, 0.5, 4.0]), np.array([[1, 0, 0, 0], [0, 0.5, 0.5, 0], [0, 0, 0.2, 0.8]])
+    found = closed_formulas.bound(friction, normal, p, average, 0.7, 2.0)
+    np.testing.assert_allclose(found, friction.limit(p, average, normal, 0.7, 2.0))
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_both_formulas_of_a_gap_agree(inside: bool) -> None:
+    from geometry.obstacles.cone import Cone
+
+    x = np.random.default_rng(1).normal(size=(40, 3))
+    obstacles: list[Obstacle] = [
+        Plane(point=(0.1, 0.2, 0.3), normal=(1.0, -2.0, 0.5)),
+        Sphere(center=(0.1, 0.2, 0.3), radius=0.7, inside=inside),
+        Cylinder(point=(0.1, 0.2, 0.3), axis=(1.0, 1.0, 0.0), radius=0.7, inside=inside),
+        Cone(apex=(0.1, 0.2, 0.3), axis=(0.0, 1.0, 1.0), half_angle=35.0, inside=inside),
+    ]
+    for obstacle in obstacles:
+        np.testing.assert_allclose(closed_formulas.gap(obstacle, x), obstacle.signed_gap(x), atol=1e-13)
+
+
+def test_limits_follow_the_tolerance_and_what_a_method_states() -> None:
+    assert limits(1e-8).cone == 1e-5
+    assert limits(1e-4).cone == pytest.approx(3e-3)
+    assert limits(1e-8, law_error=1e-3).cone == pytest.approx(0.03)
+    assert limits(1e-8, law_error=1.0).cone == 0.1
+    assert limits(1e-4).supports == limits(1e-8).supports
+
+
+def test_the_worst_step_is_named() -> None:
+    zero = Audit(**dict.fromkeys(vars(limits(1e-8)), 0.0))
+    audits = [zero, replace(zero, cone=2e-3), replace(zero, cone=1e-3, supports=np.nan)]
+    found = tuple(passed(audits, [1.0, 2.0, 3.0], [0.0] * 3, 1e-8))
+    assert [sentence.split()[0] for sentence in found] == ["supports", "cone"]
+    assert "cone is 2.0e-03 in step 2 (t = 2), more than 1.0e-05" in found
+
+
+@pytest.mark.parametrize("nu", [0.3, 0.4])
+def test_the_second_energy_gives_the_forces_of_the_first(
+    nu: float, scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation]
+) -> None:
+    """In every model, at both orders, on every shape of cell: equilibrium is met to rounding."""
+    for overrides in ({"model": "plane stress"}, {"geometry": {"order": 2}}, {"geometry": {"cells": "tensor"}}):
+        scene = dragged(scene_of, COULOMB)
+        made = scene_of(
+            bodies={"block": {"E": 1.0, "nu": nu}},
+            contacts={"base": {"surface": "block.bottom", "against": "foundation", "friction": COULOMB}},
+            supports={"top": {"boundary": "block.top", "displacement": dict(scene.supports["top"].displacement)}},
+            **overrides,
+        )
+        audit, over, _ = judged(made)
+        assert audit.equilibrium < 1e-11
+        assert not over

@@ -1,0 +1,127 @@
+"""The hard suite: its small sibling passes, `--set` repeats its variations, and its judges see what is wrong."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from geometry.errors import SceneError
+from workflows.commands import hard as command
+from workflows.commands.hard import hard
+from workflows.scene_file.read import read, to_dict
+from workflows.verification.hard import suite
+from workflows.verification.hard.judge import Outcome, Verdict, judge
+from workflows.verification.hard.page import BAD, again, table, write_page
+from workflows.verification.hard.suite import NAMES, Row, Task, performed, results, tasks
+from workflows.verification.hard.tables import overrides, ready, scene_of
+from workflows.verification.hard.variations import FIXED, Scale, variation, varied
+
+SMALL = 40
+SEED = 0
+COARSE = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"]
+
+
+def test_small_sibling_has_no_failure_and_no_wrong_answer() -> None:
+    rows = list(results(NAMES, SMALL, SEED, jobs=1, opinion=2.0))
+    assert len(rows) == SMALL
+    assert not [f"{again(row)}: {row.verdict.reason}" for row in rows if row.verdict.outcome in BAD]
+    assert sum(row.verdict.outcome is Outcome.SOLVED for row in rows) > SMALL / 2
+
+
+def test_every_scene_has_at_least_25_variations() -> None:
+    random = np.random.default_rng(0)
+    base = ready("sphere")  # an axisymmetric body without friction: fewest apply
+    assert sum(varied(base, one.change, random) is not None for one in FIXED.values()) >= 25
+
+
+@pytest.mark.parametrize("scene", ["block", "arch", "shrink_fit"])
+@pytest.mark.parametrize(
+    "name", ["mu x 1000", "friction none", "one big step", "reversed", "force x 1e-12", "random 1"]
+)
+def test_set_makes_the_same_scene(scene: str, name: str) -> None:
+    found = varied(ready(scene), variation(name).change, np.random.default_rng(0))
+    assert found is not None
+    words = overrides(to_dict(read(scene)), found)
+    assert to_dict(read(scene, words)) == to_dict(scene_of(found))
+
+
+def test_tasks_follow_from_the_seed() -> None:
+    def first(seed: int) -> list[Task]:
+        return [task for task, _ in zip(tasks(NAMES, seed), range(50), strict=False)]
+
+    assert first(3) == first(3)
+    assert [task.name for task in first(3)] != [task.name for task in first(4)]
+
+
+def test_variation_that_does_not_apply_is_left_out() -> None:
+    assert list(performed(Task("block", "E of last x 100", 0))) == [None]  # one body only
+
+
+def test_twin_of_another_answer_is_wrong() -> None:
+    scene = read("block", COARSE)
+    assert next(judge(scene, read("block", COARSE))).outcome is Outcome.SOLVED
+    stiffer = read("block", [*COARSE, "bodies.block.E=1.001"])
+    verdict = next(judge(scene, stiffer))
+    assert verdict.outcome is Outcome.WRONG
+    assert "twin: resultants differ by 1.0e-03" in verdict.reason
+    assert next(judge(scene, scene, Scale(length=1.0, force=1.001))).outcome is Outcome.WRONG
+
+
+def test_second_method_confirms() -> None:
+    *_, last = judge(read("block", COARSE))
+    assert (last.outcome, last.second) == (Outcome.SOLVED, "nsgs: agrees")
+
+
+def test_tolerance_that_is_too_large_is_seen() -> None:
+    verdict = next(judge(read("block", [*COARSE, "solver.tolerance=0.01", "solver.method=uzawa"])))
+    assert verdict.outcome is Outcome.WRONG
+    assert "audit" in verdict.reason
+
+
+def test_outcomes_without_an_answer() -> None:
+    lifted = read("block", [*COARSE, "supports={}", "loads.up={boundary='block.top',force=[0.0,1.0]}"])
+    assert next(judge(lifted)).outcome is Outcome.PROVED
+    refused = next(judge(read("shrink_fit", ["solver.method=nsgs"])))
+    assert (refused.outcome, refused.held) == (Outcome.REFUSED, False)
+    lost = next(judge(read("block", [*COARSE, "solver.method=uzawa", "solver.max_iterations=1"])))
+    assert (lost.outcome, lost.held) == (Outcome.FAILED, True)
+
+
+def test_process_that_does_not_end_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(suite, "LIMIT", 0.01)
+    (row,) = results(["block"], 1, 0, jobs=1)
+    assert row.verdict.outcome is Outcome.FAILED
+    assert "no end" in row.verdict.reason
+
+
+def test_page_counts_and_repeats(tmp_path: Path) -> None:
+    good = Row("block", "mu", "mu x 2", ("contacts.base.friction.mu=0.6",), Verdict(outcome=Outcome.SOLVED))
+    bad = replace(good, name="mu x 10", verdict=Verdict(outcome=Outcome.WRONG, reason="two judges disagree"))
+    assert list(table("scene", [good, bad], lambda row: row.scene))[-1].startswith(
+        "| block | 2 | 1 | 0 | 0 | 0 | 0 | 1 |"
+    )
+    write_page(tmp_path / "hard.md", [good, bad], "stickslip verify hard")
+    page = (tmp_path / "hard.md").read_text()
+    assert "block, mu x 10 (held, 0.0 s): two judges disagree" in page
+    assert "`stickslip run block --set=contacts.base.friction.mu=0.6`" in page
+    assert (tmp_path / "hard.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_wrong_options_are_refused() -> None:
+    with pytest.raises(SceneError, match=r"--scenes blok: no such ready scene; did you mean block\?"):
+        hard(["blok"])
+    with pytest.raises(SceneError, match="--number = 0: must be at least 1"):
+        hard(number=0)
+
+
+@pytest.mark.parametrize("outcome", [Outcome.SOLVED, Outcome.WRONG])
+def test_command_writes_its_page_and_says_how_it_ended(
+    outcome: Outcome, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    row = Row("cube", "mu", "mu x 2", (), Verdict(outcome=outcome))
+    monkeypatch.setattr(command, "results", lambda *arguments: iter([row]))
+    assert hard(["cube"], number=1, folder=tmp_path) == (outcome is Outcome.SOLVED)
+    assert f"1 variations: 1 {outcome.value}" in capsys.readouterr().out
+    assert len((tmp_path / "hard.jsonl").read_text().splitlines()) == 1
+    assert "stickslip verify hard --number 1 --seed 0 --scenes cube" in (tmp_path / "hard.md").read_text()
