@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,8 @@ from solvers.stepping.choice import Size, Stage, chosen
 from solvers.stepping.stepper import StepError
 from solvers.system.system import System
 from workflows.benchmarks.auto import BARS, Case
-from workflows.run.result import summary
+from workflows.run.audit import Audited
+from workflows.run.result import Outcome, summary
 from workflows.scene_file.read import read
 
 SceneOf = Callable[..., Scene]
@@ -73,7 +75,7 @@ def test_methods_that_fail_hand_the_step_on(
     assert (first.after, second.after) == ("surface-uzawa (matrix-free, safer metric)", "condensed-newton (condensed)")
     assert found[0].iterations == 2 * FEW + expected[0].iterations
     assert found[1].iterations == expected[1].iterations
-    choice = summary(simulation, "converged", [], [], 1.0)["choice"]
+    choice = summary(simulation, Outcome("converged", "", Path()), [], Audited(), 1.0)["choice"]
     assert (choice["method"], choice["because"]) == ("surface-uzawa", "solver.surface = matrix-free")
 
 
