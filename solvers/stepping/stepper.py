@@ -105,12 +105,15 @@ class Stepper:
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma = trial_stiffness(system)
         self.reported: Accepted | None = None  # what the last result of `Simulation.steps` was read from
-        self._prepare_surface()
-
-    def _prepare_surface(self) -> None:
-        """Set up the bodies in the form of the current stage of `attempts`, and its method; collective."""
         self.stage = self.attempts.stage
-        self.surface = prepare_surface(self.system, self.attempts.volume)
+        self.surface = prepare_surface(system, self.attempts.volume)
+        self.method_after = self.attempts.method(system, self.surface)
+
+    def _follow(self) -> None:
+        """Take over the current stage of `attempts`; the surface stays if the form of the bodies does; collective."""
+        before, self.stage = self.stage, self.attempts.stage
+        if self.stage.surface != before.surface:
+            self.surface = prepare_surface(self.system, self.attempts.volume)
         self.method_after = self.attempts.method(self.system, self.surface)
 
     def start(self) -> State:
@@ -213,11 +216,12 @@ class Stepper:
         Sliding contacts take the pairs of where the substep starts. If points slide off their facets, it is solved
         again with the pairs of where it ends.
         """
+        self.attempts.begin()
         names = [c.name for c in self.system.contacts if self.system.problem.pairs[c.name].contact.sliding]
         if not names:
             return self, *self._solve(state, end, history, on_iteration)
         if self.stage is not self.attempts.stage:
-            self._prepare_surface()  # the steppers of other pairs share it
+            self._follow()  # the steppers of other pairs share it
         searched = relative_positions(self.system, state, names)
         for _ in range(SEARCHES):
             stepper = self._with_pairs(searched)
@@ -254,7 +258,7 @@ class Stepper:
 
         while True:
             if self.stage is not self.attempts.stage:
-                self._prepare_surface()
+                self._follow()
             attempt = self._attempt(state, end, record)
             solution, _, new = attempt
             if new is not None or solution.status is Status.NO_EQUILIBRIUM:
