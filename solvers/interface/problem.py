@@ -118,7 +118,7 @@ class SurfaceProblem:
             w: relative displacement (rows,) [m].
         """
         r = w - self.gap
-        found = self.cone.natural_residual(p, r, self.gamma)
+        found: Array = self.cone.natural_residual(p, r, self.gamma)
         rounding = LAST_DIGITS * max(float(np.abs(x).max(initial=0.0)) for x in (w, self.gap))
         found = np.sign(found) * np.maximum(np.abs(found) - self.gamma * rounding, 0.0)
         for place in self.cone.places:

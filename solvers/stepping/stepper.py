@@ -168,7 +168,9 @@ class Stepper:
             remaining = target - state.time
             size = control.next_size(remaining, smallest)
             end = target if size == remaining else state.time + size
-            stepper, solution, problem, new = self._solve_with_pairs(state, end, history, on_iteration)
+            stepper, solution, problem, new = self._solve_with_pairs(
+                state, end, history, on_iteration, can_be_cut=size > smallest * (1 + 1e-9)
+            )
             if solution.status is Status.NO_EQUILIBRIUM:
                 unbalanced = end, f"{solution.status.value}: {describe_motion(stepper.system, solution.u_c)}"
             if new is None:
@@ -209,7 +211,7 @@ class Stepper:
         return accepted
 
     def _solve_with_pairs(
-        self, state: State, end: float, history: list[HistoryRow], on_iteration: OnIteration
+        self, state: State, end: float, history: list[HistoryRow], on_iteration: OnIteration, can_be_cut: bool
     ) -> tuple[Stepper, Solution, SurfaceProblem | None, State | None]:
         """One attempt at a substep from `state` to the time `end`; the stepper has the pairs that it was solved with.
 
@@ -219,14 +221,14 @@ class Stepper:
         self.attempts.begin()
         names = [c.name for c in self.system.contacts if self.system.problem.pairs[c.name].contact.sliding]
         if not names:
-            return self, *self._solve(state, end, history, on_iteration)
+            return self, *self._solve(state, end, history, on_iteration, can_be_cut)
         if self.stage is not self.attempts.stage:
             self._follow()  # the steppers of other pairs share it
         searched = relative_positions(self.system, state, names)
         for _ in range(SEARCHES):
             stepper = self._with_pairs(searched)
             start = carried_over(state, stepper.system)
-            solution, problem, new = stepper._solve(start, end, history, on_iteration)
+            solution, problem, new = stepper._solve(start, end, history, on_iteration, can_be_cut)
             if new is None:
                 break
             now = relative_positions(stepper.system, new, names)
@@ -245,7 +247,7 @@ class Stepper:
         return other
 
     def _solve(
-        self, state: State, end: float, history: list[HistoryRow], on_iteration: OnIteration
+        self, state: State, end: float, history: list[HistoryRow], on_iteration: OnIteration, can_be_cut: bool
     ) -> tuple[Solution, SurfaceProblem | None, State | None]:
         """One substep with the present pairs, by one method after the other; the new state is None if all fail."""
         began = clock.perf_counter()
@@ -263,6 +265,8 @@ class Stepper:
             solution, _, new = attempt
             if new is not None or solution.status is Status.NO_EQUILIBRIUM:
                 return attempt
+            if can_be_cut and self.stage.surface == "condensed":
+                return attempt  # Newton's chain is long: a shorter step helps it more than another method
             if not self.attempts.advance(self.system, end, solution):
                 return attempt
 
