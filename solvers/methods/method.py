@@ -126,7 +126,7 @@ class Method(Keys, ABC):
     TURNS: ClassVar[tuple[Turn, ...]] = ()  # in the chain of `auto`
     COARSE_MESH: ClassVar[bool] = False  # whether it uses an additional coarse mesh
 
-    rtol: float = 1e-8  # on the natural residual, relative to p_ref
+    rtol: float = 1e-8  # on the natural residual
     max_it: int = 10000
 
     @classmethod
