@@ -16,7 +16,7 @@ from geometry.protocols import Vec
 from solvers.contact.admissible_set import AdmissibleSet
 from solvers.interface.flexibility import Load
 from solvers.interface.limit_analysis import unbalanced_motion
-from solvers.interface.prepare import prepare_surface, trial_stiffness
+from solvers.interface.prepare import elastic_stiffness, prepare_surface
 from solvers.interface.problem import SurfaceProblem
 from solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
 from solvers.newton.solution import Convergence, Correction, OnStep, Solution, Status, Step
@@ -103,7 +103,7 @@ class Stepper:
         self.attempts = attempts or Attempts(system)
         self.cone = AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
-        self.gamma = trial_stiffness(system)
+        self.gamma, self.weight = elastic_stiffness(system)
         self.reported: Accepted | None = None  # what the last result of `Simulation.steps` was read from
         self.stage = self.attempts.stage
         self.surface = prepare_surface(system, self.attempts.volume)
@@ -400,6 +400,7 @@ class Stepper:
             offset=relative_displacement(system, u_s, time, np.zeros(self.surface.driven)),
             gap=np.concatenate([self.gap, (state.w - self.cone.give(state.p))[n:]]),
             gamma=self.gamma,
+            weight=self.weight,
             force=force,
             stiffness=system.problem.softest / system.extent,
         )
