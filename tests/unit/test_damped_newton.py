@@ -267,7 +267,7 @@ def test_a_step_that_goes_too_far_is_shortened_and_a_good_one_is_not() -> None:
     trials = [merit(problem, s * far * exact.p, w + s * far * (exact.w - w)) for s in 0.5 ** np.arange(HALVINGS)]
     small = [value <= (1 - DECREASE * 0.5**k) * merit(problem, p, w) for k, value in enumerate(trials)]
     assert t == 0.5 ** small.index(True)
-    assert 0 < small.index(True)
+    assert small.index(True) > 0
 
 
 def test_the_merit_may_rise_for_some_iterations() -> None:
@@ -309,11 +309,11 @@ def test_starts_of_floating_bodies(floating: SurfaceProblem) -> None:
     assert_allclose(shut.p_hat, closed(floating))
     assert rigid.p.any()
     assert_allclose(rigid.p_hat, rigid.p)
-    assert not (last.in_equilibrium or shut.in_equilibrium or rigid.in_equilibrium)
+    assert not any(start.in_equilibrium for start in (last, shut, rigid))
     assert len(list(first_starts(floating, 0 * p))) == 2
     assert [start.factor for start in other_starts(floating, p)] == [0.1, 0.1, 10.0, 10.0]
     (still,) = first_starts(replace(floating, load=nothing(floating), force=0.0), p)
-    assert not (still.p.any() or still.u_c.any())
+    assert_array_equal(np.concatenate([still.p, still.u_c]), 0.0)
 
 
 def nothing(problem: SurfaceProblem) -> Any:

@@ -120,7 +120,7 @@ def test_forces_out_of_balance_count_on_bodies_that_float() -> None:
 
 
 def test_rounding_of_motions_is_no_defect() -> None:
-    """A common motion of a kilometre leaves its last digits in w; a millionth of a pressure is a defect all the same."""
+    """A common motion of a kilometre leaves its last digits in w; more than these is a defect all the same."""
     problem = problem_of()
     far = replace(problem, gap=problem.gap + 1e3)
     found = solved(problem)
