@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -42,17 +43,24 @@ class Mutant:
 
 @dataclass(frozen=True, kw_only=True)
 class Reason:
-    """Why mutants of a function, or of a line of it, or some changes of that line, need no test."""
+    """Why some changes of a function need no test: those of a line, to some lines, or alike."""
 
     function: str  # dotted; * at the end: all that begin so
     why: str
     was: str | None = None
     now: tuple[str, ...] = ()
+    like: str | None = None  # regular expression, looked for in the line that is now
+
+    def __post_init__(self) -> None:
+        if not (self.now or self.like):
+            raise ValueError(f"mutants.toml, {self.function}: `now` or `like` says which changes the reason is for")
 
     def holds(self, mutant: Mutant) -> bool:
+        """Whether it is a reason for this mutant."""
         begin, star, _ = self.function.partition("*")
         here = mutant.function.startswith(begin) if star else mutant.function == begin
-        return here and self.was in (None, mutant.was) and (not self.now or mutant.now in self.now)
+        change = mutant.now in self.now if self.like is None else re.search(self.like, mutant.now) is not None
+        return here and change and self.was in (None, mutant.was)
 
 
 @dataclass(frozen=True)
@@ -68,7 +76,7 @@ def reasons(table: Mapping[str, Any]) -> tuple[Reason, ...]:
     """The reasons in mutants.toml.
 
     >>> reasons({"equivalent": [{"function": "a.b", "was": "x > 0", "now": ["x >= 0"], "why": "x is never 0"}]})
-    (Reason(function='a.b', why='x is never 0', was='x > 0', now=('x >= 0',)),)
+    (Reason(function='a.b', why='x is never 0', was='x > 0', now=('x >= 0',), like=None),)
     """
     return tuple(Reason(**{**row, "now": tuple(row.get("now", ()))}) for row in table.get("equivalent", ()))
 
