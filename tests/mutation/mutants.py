@@ -1,12 +1,13 @@
 """Mutation testing: mutmut changes the code in small ways, and every change that no test notices has to be explained.
 
-`make mutants` tests all modules of mutants.toml, `make mutants ONLY="laws path"` some of them, on one core, in one to ten
-minutes each. It works on copies in build/mutants; log.txt there is mutmut's own. One operator, number, name or argument
-is changed at a time, then the tests of the module that call its function are run, until one fails.
+`make mutants` tests all modules of mutants.toml, `make mutants ONLY="laws path"` some of them, on one core, in one to
+ten minutes each. It works on copies in build/mutants; log.txt there is mutmut's own. One operator, number, name or
+argument is changed at a time, then the tests of the module that call its function are run, until one fails.
 
-Exit code 1: a mutant survives without a reason. Then a test is missing; or the change makes no difference, and the reason
-belongs into mutants.toml. A mutant is known there by its function, the line that was, and the line that is now, so that
-a reason outlives other changes of the file. mutmut leaves properties, enums, constants and defaults of fields as they are.
+Exit code 1: a mutant survives without a reason. Then a test is missing; or the change makes no difference, and the
+reason belongs into mutants.toml. A mutant is known there by its function, the line that was, and the line that is now,
+so that a reason outlives other changes of the file. Properties, enums, constants and defaults of fields stay as they
+are: mutmut has no mutants of them.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from geometry.arrays import Array
 from solvers.interface.problem import SurfaceProblem
@@ -63,6 +63,19 @@ def floating() -> Scene:
     return block(friction=COULOMB, supports={}, loads=loads)
 
 
+def gaps() -> Scene:
+    """Pressed onto a hill between two symmetry planes and a wall: rows open, close, and have no friction."""
+    hill = {"shape": "cylinder", "point": [0.8, -4.05], "radius": 4.0}
+    wall = {"shape": "plane", "point": [2.005, 0.0], "normal": [-1.0, 0.0]}
+    low, right = ({"surface": f"block.{side}", "against": to, "friction": COULOMB}
+                  for side, to in (("bottom", "foundation"), ("right", "wall")))  # fmt: skip
+    supports = {
+        "top": {"boundary": "block.top", "displacement": {"y": -0.12}},
+        "left": {"boundary": "block.left", "displacement": {"x": 0.0}},
+    }
+    return block(obstacles={"foundation": hill, "wall": wall}, contacts={"low": low, "right": right}, supports=supports)
+
+
 SCENES: dict[str, Callable[[], Scene]] = {
     "frictionless": block,
     "coulomb": lambda: block(friction=COULOMB),
@@ -71,6 +84,7 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "compliance": lambda: block({"law": "compliance", "c_n": 5.0}, COULOMB | {"k_T": 4.0}),
     "bound by penetration": lambda: block({"law": "compliance", "c_n": 5.0}, {"law": "compliance", "c_T": 2.0}),
     "two bodies": two_blocks,
+    "gaps": gaps,
     "bilateral": lambda: block({"law": "bilateral"}, COULOMB),
     "floating": floating,
 }
@@ -137,12 +151,15 @@ def test_rounding_does_not_lead_it_away(refresh: int, monkeypatch: pytest.Monkey
     check("coulomb", list(path.path_from_open(problem_of("coulomb"), 3000)))
 
 
-def test_it_gives_up_when_its_kinks_are_used_up() -> None:
+def test_it_gives_up_when_its_kinks_are_used_up(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = problem_of("coulomb")
-    arrives = [bool(list(path.path_from_open(problem, kinks))) for kinks in range(1, 60)]
-    needed = arrives.index(True)
+    passed, change = [], path._Path._change
+    monkeypatch.setattr(path._Path, "_change", lambda self, row, to: passed.append(row) or change(self, row, to))
+    check("coulomb", list(path.path_from_open(problem, path.MOST_KINKS)))
+    needed = len(passed) + 1  # the last piece has no kink at its end
     assert needed > problem.surface.normal_rows / 2  # each row that closes in the end is a kink
-    assert all(arrives[needed:])
+    assert not list(path.path_from_open(problem, needed - 1))
+    check("coulomb", list(path.path_from_open(problem, needed)))
 
 
 def test_a_start_that_holds_no_body_is_skipped() -> None:
@@ -168,6 +185,52 @@ def test_it_goes_through_turning_points(monkeypatch: pytest.MonkeyPatch) -> None
         for end in path.path_from(problem, p, np.zeros(problem.surface.size), 3000):
             check("much friction", [end])
     assert 1.0 in seen
+
+
+def begun(name: str) -> path._Path:
+    """A path from all closed, before its first kink."""
+    problem = problem_of(name)
+    maps = path._Map.of(problem)
+    zero = np.zeros(len(problem.gap))
+    return path._Path(maps, closed(problem) + 1e-3 * problem.p_ref, np.zeros(problem.surface.R.shape[1]), zero)
+
+
+def test_no_kink_ahead_is_the_end_on_the_way_to_zero_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(path._Path, "_next_kink", lambda self, dp, db: (np.inf, -1, -1))
+    forth, back = begun("coulomb"), begun("coulomb")
+    assert forth.follow(3) is not None
+    assert forth.s == 0.0
+    back.direction = 1.0
+    assert back.follow(3) is None
+
+
+def test_a_singular_piece_is_no_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = problem_of("coulomb")
+    monkeypatch.setattr(path, "SINGULAR", np.inf)
+    assert not list(path.path_from_open(problem, path.MOST_KINKS))
+
+
+@pytest.mark.parametrize("name", ["coulomb", "floating"])
+def test_what_is_off_the_path_returns_to_it(name: str) -> None:
+    at = begun(name)
+    at.s = 0.7
+    at.p[at.map.rows] += 1e-3 * np.arange(len(at.map.rows))
+    at.b += 0.02
+    at._evaluate()
+    at._correct()
+    value = at.map.value(at.p, at.trial, at.state)
+    assert_allclose(value, 0.7 * at.at_start, atol=1e-12)
+    assert np.abs(at.at_start).max() > 1e-3
+
+
+def test_the_same_path_is_followed_again() -> None:
+    problem = problem_of("gaps")
+    for paths in (
+        lambda: path.path_from(problem, closed(problem), np.zeros(problem.surface.size), 3000),
+        lambda: path.path_from_open(problem, path.MOST_KINKS),
+    ):
+        (one,), (other,) = list(paths()), list(paths())
+        assert_array_equal(one.p, other.p)
 
 
 @pytest.mark.parametrize(
