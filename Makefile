@@ -3,12 +3,13 @@
 # make lint      style and types
 # make test      lint, and every test that is not slow
 # make verify    every test, then the verification problems
+# make mutants   changes the code in small ways: does a test notice? ONLY="laws path": some modules of tests/mutation
 
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .ONESHELL:
 .DEFAULT_GOAL := install
-.PHONY: install run lint test verify again
+.PHONY: install run lint test verify mutants again
 
 PYTHON := /usr/bin/python3# Debian's own: its python3-* packages belong to no other
 WORKERS ?= 2
@@ -77,3 +78,11 @@ test: lint
 verify: install
 	.venv/bin/python -m pytest -n $(WORKERS)
 	.venv/bin/stickslip verify
+
+mutants: install build/mutmut/installed
+	PYTHONPATH=$(CURDIR)/build/mutmut .venv/bin/python tests/mutation/mutants.py $(ONLY)
+
+build/mutmut/installed: requirements-mutants.txt
+	rm -rf build/mutmut
+	.venv/bin/python -m pip install -q --disable-pip-version-check --no-deps --target build/mutmut -r $<
+	touch $@

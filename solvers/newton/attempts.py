@@ -109,7 +109,7 @@ class Attempts:
 
     def _keep(self, solution: Solution) -> None:
         """Keep a solution if it is the best one so far; NaN is worst."""
-        if self.best is None or not self.best.residual <= solution.residual:
+        if self.best is None or np.isnan(self.best.residual) or solution.residual < self.best.residual:
             self.best = solution
         elif solution.status is Status.MAX_IT:
             self.best = replace(self.best, status=Status.MAX_IT)

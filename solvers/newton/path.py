@@ -156,7 +156,7 @@ class _Map:
         rubbing = np.select([s <= 0, np.abs(trial) <= s, trial > 0], [DEAD, STICK, FORWARD], BACKWARD)
         return np.where(self.normal, np.where(self.two_sided | (trial > 0), CLOSED, OPEN), rubbing)
 
-    def value(self, p: Array, b: Array, trial: Array, state: Ints) -> Array:
+    def value(self, p: Array, trial: Array, state: Ints) -> Array:
         """F (m + r,) at an iterate whose rows are in the given states."""
         s = self.bound @ p
         follows = (state == CLOSED) | (state == STICK)
@@ -200,7 +200,7 @@ class _Path:
         self.state = maps.states(self.trial, self.bounds)
         self.at_start = np.zeros(0)  # F(z_0), if gaps are not wider
         if not wider.any():
-            self.at_start = maps.value(p, b, self.trial, self.state)
+            self.at_start = maps.value(p, self.trial, self.state)
         self.inverse = np.linalg.inv(maps.jacobian(self.state))
         self.crossed: tuple[int, int] | None = None  # row that changed its state last, and its state before
 
@@ -292,7 +292,7 @@ class _Path:
         """Compute the inverse anew, and return to the path, which rounding has left a little."""
         maps = self.map
         self.inverse = np.linalg.inv(maps.jacobian(self.state))
-        off = maps.value(self.p, self.b, self.trial, self.state)
+        off = maps.value(self.p, self.trial, self.state)
         if len(self.at_start):
             off = off - self.s * self.at_start
         z = -self.inverse @ off

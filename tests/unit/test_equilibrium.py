@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy import sparse
 
+from solvers.contact.admissible_set import ContactBlock
 from solvers.interface.flexibility import Load
-from solvers.interface.limit_analysis import Balance, balancing_tractions, decide, unbalanced_motion
+from solvers.interface.limit_analysis import Balance, _bounds, balancing_tractions, decide, unbalanced_motion
 from solvers.interface.problem import SurfaceProblem
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import Simulation
@@ -25,15 +27,20 @@ def problem_of(
 ) -> Callable[..., SurfaceProblem]:
     """A block pressed onto the foundation and pulled along it, held by the contact alone; nothing is solved."""
 
-    def make(dim: int, pull: list[float], friction: dict[str, Any], normal: str = "unilateral") -> SurfaceProblem:
+    def make(
+        dim: int, pull: list[float], friction: dict[str, Any], normal: str = "unilateral", **others: Any
+    ) -> SurfaceProblem:
         area = 2.0
         normals = {"unilateral": {"law": "unilateral"}, "bilateral": {"law": "bilateral"},
                    "compliance": {"law": "compliance", "c_n": 20.0, "m_n": 2.0}}  # fmt: skip
         low = {"surface": "block.bottom", "against": "foundation", "friction": friction, "normal": normals[normal]}
+        ground = {"foundation": {"shape": "plane", "point": [0.0] * dim, "normal": [0.0] * (dim - 1) + [1.0]}}
+        walls = {"wall": {"shape": "plane", "point": [0.0] * dim, "normal": [1.0] + [0.0] * (dim - 1)}}
         scene = scene_of(
             dim,
             geometry={"cells": "tensor"},
-            contacts={"base": low},
+            obstacles=ground | (walls if others else {}),
+            contacts=others | {"base": low},
             loads={"lid": {"boundary": "block.bottom", "traction": [*(f / area for f in pull), -PRESS / area]}},
         )
         seen: list[SurfaceProblem] = []
@@ -108,7 +115,9 @@ def test_a_surface_that_pulls_presses_elsewhere_as_hard_as_need_be(problem_of: C
 
 
 def scaled(load: Load, factor: float) -> Load:
-    return replace(load, f_c=factor * load.f_c, resultant=factor * load.resultant, free=factor * load.free)
+    f_q = load.f_q.copy()
+    f_q.scale(factor)
+    return replace(load, f_q=f_q, f_c=factor * load.f_c, resultant=factor * load.resultant, free=factor * load.free)
 
 
 @pytest.mark.parametrize(("m_T", "expected"), [(2.0, Balance.IMPOSSIBLE), (1.0, Balance.UNDECIDED)])
@@ -125,3 +134,90 @@ def test_no_load_is_balanced_by_nothing(problem_of: Callable[..., SurfaceProblem
     problem = replace(problem, load=scaled(problem.load, 0.0))
     assert decide(problem) is Balance.POSSIBLE
     assert not balancing_tractions(problem).any()  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+def test_the_answer_is_the_same_in_every_unit(unit: float, problem_of: Callable[..., SurfaceProblem]) -> None:
+    for share, expected in ((0.9999, Balance.POSSIBLE), (1.0001, Balance.IMPOSSIBLE)):
+        problem = problem_of(2, [share * 0.3 * PRESS], {"law": "coulomb", "mu": 0.3})
+        assert decide(replace(problem, load=scaled(problem.load, unit))) is expected
+
+
+def test_what_is_left_of_forces_that_cancel_is_no_load(problem_of: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of(2, [2 * PRESS], {"law": "coulomb", "mu": 0.3})
+    for left, expected in ((1e-12, Balance.POSSIBLE), (1e-6, Balance.IMPOSSIBLE)):
+        load = replace(problem.load, resultant=left * problem.load.resultant)
+        assert decide(replace(problem, load=load)) is expected
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_bilateral_contact_pulls(sign: float, problem_of: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of(2, [0.9 * 0.04], {"law": "tresca", "bound": 0.02}, "bilateral")
+    assert decide(replace(problem, load=scaled(problem.load, sign))) is Balance.POSSIBLE
+    p = balancing_tractions(replace(problem, load=scaled(problem.load, sign)))
+    assert p is not None
+    assert sign * problem.surface.W[: problem.surface.normal_rows] @ p[: problem.surface.normal_rows] > 0.9 * PRESS
+
+
+def test_stick_holds_more_than_is_proved_and_nothing_forbids_it(problem_of: Callable[..., SurfaceProblem]) -> None:
+    assert decide(problem_of(2, [5000 * PRESS], {"law": "stick"})) is Balance.UNDECIDED
+    assert decide(problem_of(2, [5000 * PRESS], {"law": "stick"}, "bilateral")) is Balance.POSSIBLE
+
+
+def test_a_wall_holds_what_is_pushed_against_it(problem_of: Callable[..., SurfaceProblem]) -> None:
+    """Two contacts: each has the rows and the friction of its own."""
+    wall = {"surface": "block.left", "against": "wall", "friction": {"law": "coulomb", "mu": 0.8}}
+    for pull, expected in ((-3.0, Balance.POSSIBLE), (0.29, Balance.POSSIBLE), (0.31, Balance.IMPOSSIBLE)):
+        assert decide(problem_of(2, [pull * PRESS], {"law": "coulomb", "mu": 0.3}, wall=wall)) is expected
+    problem = problem_of(2, [-3.0 * PRESS], {"law": "coulomb", "mu": 0.3}, wall=wall)
+    p, (first, second) = balancing_tractions(problem), problem.cone.places
+    assert p is not None
+    for place, at_least in ((first, 2.6), (second, 0.0)):
+        assert problem.surface.W[place.normal] @ p[place.normal] > at_least * PRESS
+    assert_allclose(problem.project(p, problem.gamma), p, atol=1e-6 * np.abs(p).max())
+
+
+def test_rigid_bodies_rest_where_gaps_are_small_and_evenly(problem_of: Callable[..., SurfaceProblem]) -> None:
+    """A gap that the motion of the foundation has closed is none."""
+    problem = problem_of(2, [0.0], {"law": "coulomb", "mu": 0.3})
+    n = problem.surface.normal_rows
+    rows, W = np.arange(len(problem.gap)), problem.surface.W[: problem.surface.normal_rows]
+    even = balancing_tractions(problem)
+    assert even is not None
+    assert_allclose(even[:n], PRESS / W.sum(), rtol=1e-6)
+    (corners,) = np.nonzero(W / W.max() < 0.6)
+    touching = np.isin(rows, corners)
+    assert touching.sum() == 2
+    for opening in (1e-3, 1.0, 1e3):  # small or large beside the motion without contact
+        away = np.where((rows < n) & ~touching, opening * problem.u_ref, 0.0)
+        rests = replace(problem, gap=problem.gap + away)
+        moved = replace(rests, gap=rests.gap + 50 * problem.u_ref, offset=rests.offset + 50 * problem.u_ref)
+        raised = replace(problem, offset=problem.offset - away)
+        for case in (rests, moved, raised):
+            p = balancing_tractions(case)
+            assert p is not None
+            assert_allclose(p[:n][touching[:n]], PRESS / W[touching[:n]].sum(), rtol=1e-5)
+            assert_allclose(np.delete(p[:n], corners), 0.0, atol=1e-6 * PRESS)
+
+
+class Averaged(ContactBlock):
+    """Averages of dual functions, negative at a point."""
+
+    @property
+    def average(self) -> Any:
+        average = self.rows.average
+        return average + sparse.csr_matrix(([-0.25], ([0], [1])), shape=average.shape)
+
+
+def test_negative_weights_of_an_average_do_not_tighten_the_outer_bound(
+    problem_of: Callable[..., SurfaceProblem],
+) -> None:
+    """s = mu max(average p, 0) is bounded from outside without what is negative, from inside with it."""
+    problem = problem_of(2, [0.0], {"law": "coulomb", "mu": 0.3})
+    (place,) = problem.cone.places
+    place = Averaged(rows=place.rows, normal=place.normal, tangential=place.tangential)
+    outer, inner = (_bounds(problem, place, side, 1.0).share.toarray() for side in (True, False))
+    expected = 0.3 * place.rows.W_t[0] * -0.25 / problem.surface.W[1]
+    assert (outer[0, 1], inner[0, 1]) == (0.0, pytest.approx(expected))
+    inner[0, 1] = 0.0
+    assert_allclose(outer, inner)

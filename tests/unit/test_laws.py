@@ -15,6 +15,7 @@ from solvers.contact.admissible_set import project_disc
 from solvers.laws import compliance
 from solvers.laws.bilateral import Bilateral
 from solvers.laws.compliance import Compliance
+from solvers.laws.coulomb_by_point import CoulombByPoint
 from solvers.laws.friction import Coulomb, Stick, Tresca
 from solvers.laws.law import FrictionLaw, NormalLaw
 from solvers.laws.tangential_compliance import TangentialCompliance
@@ -95,8 +96,7 @@ def test_rigid_laws_keep_the_trial_where_it_may_be() -> None:
         assert_array_equal(law.stiffness(trial, trial), np.inf)
     assert_array_equal(Unilateral().stiffness(trial, trial), [0.0, 0.0, np.inf])
     for law in (Unilateral(), Bilateral(), Tied()):
-        assert_array_equal(law.penetration(trial), 0.0)
-        assert_array_equal(law.energy(trial), 0.0)
+        assert law.penetration(trial).tolist() == law.energy(trial).tolist() == [0.0, 0.0, 0.0]
 
 
 @given(EXPONENTS, st.floats(1e-3, 1e3), st.floats(1e-3, 10.0))
@@ -181,13 +181,90 @@ def test_tied_surface_sticks_and_refuses_a_friction_law() -> None:
         (lambda: Stick(k_T=-1.0), r"k_T = -1\.0: must be positive, in Pa/m"),
         (lambda: TangentialCompliance(c_T=-1.0), r"c_T = -1\.0: must not be negative, in Pa/m\^m_T"),
         (lambda: TangentialCompliance(c_T=1.0, m_T=0.5), r"m_T = 0\.5: must be at least 1"),
-        (lambda: Compliance(c_n=0.0), r"c_n = 0\.0: must be positive"),
+        (lambda: Compliance(c_n=0.0), r"c_n = 0\.0: must be positive, in Pa/m\^m_n"),
+        (lambda: Tresca(bound=((1.0, 1.0), (0.5, 2.0))), r"^bound = .*: times must increase"),
+        (lambda: CoulombByPoint(mu=np.array([0.3, -0.1])), r"mu = -0\.1: must not be negative"),
         (lambda: Compliance(c_n=1.0, m_n=0.5), r"m_n = 0\.5: must be at least 1"),
     ],
 )
 def test_impossible_laws_are_refused(make: Any, text: str) -> None:
     with pytest.raises(SceneError, match=text):
         make()
+
+
+def test_laws_at_the_edge_of_what_is_possible_are_accepted() -> None:
+    for law in (Coulomb(mu=0.0), Tresca(bound=0.0), Tresca(bound=((1.0, 0.0),)), TangentialCompliance(c_T=0.0)):
+        assert not law.resists()
+    at_least: list[FrictionLaw] = [Coulomb(mu=0.3), Tresca(bound=0.5), Tresca(bound=((0.0, 0.0), (1.0, 0.5))), Stick()]
+    for law in (*at_least, TangentialCompliance(c_T=0.5), CoulombByPoint(mu=np.array([0.0, 0.1]))):
+        assert law.resists()
+    assert not CoulombByPoint(mu=np.zeros(2)).resists()
+    assert CoulombByPoint(mu=np.zeros(0)).mu.size == 0
+    assert Coulomb(mu=0.3, k_T=0.5).softness == 2.0
+    assert Compliance(c_n=0.5).c_n == 0.5
+
+
+def test_each_point_has_its_own_coefficient() -> None:
+    law, p, alone = CoulombByPoint(mu=np.array([0.1, 0.2, 0.3])), np.array([-1.0, 2.0, 3.0]), sparse.identity(3).tocsr()
+    normal = Unilateral()
+    assert_allclose(law.limit(p, alone, normal, 1.0, 1.0), [0.0, 0.4, 0.9])
+    assert_allclose(law.limit_slope(p, alone, normal).toarray(), np.diag([0.0, 0.2, 0.3]))
+    assert_allclose(law.limit_slope(np.array([0.0, 0.5, 2.0]), alone, normal).toarray(), np.diag([0.0, 0.2, 0.3]))
+    assert law.lines(normal, 1.0, 1.0) == (np.inf, 0.1, 0.3)
+    with pytest.raises(AssertionError, match="all points of the contact at once"):
+        law.limit(p[:2], sparse.identity(2).tocsr(), normal, 1.0, 1.0)
+
+
+LINES: list[tuple[FrictionLaw, NormalLaw, bool]] = [  # and whether the lines are the bound itself
+    (Coulomb(mu=0.3), Unilateral(), True),
+    (Tresca(bound=((1.0, 0.8), (2.0, 4.0))), Unilateral(), True),
+    (Stick(), Unilateral(), True),
+    (TangentialCompliance(c_T=2.0), Compliance(c_n=3.0), True),
+    (TangentialCompliance(c_T=0.7, m_T=1.5), Compliance(c_n=3.0, m_n=1.5), True),
+    (TangentialCompliance(c_T=2.0, m_T=2.0), Compliance(c_n=3.0, m_n=1.5), False),
+    (CoulombByPoint(mu=np.array([0.1, 0.2, 0.3])), Unilateral(), False),
+]
+
+
+@pytest.mark.parametrize(("law", "normal", "exact"), LINES)
+def test_lines_enclose_the_bound(law: FrictionLaw, normal: NormalLaw, exact: bool) -> None:
+    p, time = np.array([0.2, 1.0, 7.0]), 1.25
+    cap, below, above = law.lines(normal, time, 2.0)
+    s = law.limit(p, sparse.identity(3, format="csr"), normal, time, 2.0)
+    low, high = (np.minimum(cap, slope * p) for slope in (below, above))
+    assert np.all(low <= s * (1 + 4 * EPS))
+    assert np.all(s <= high * (1 + 4 * EPS))
+    assert np.array_equal(low, high) is exact
+
+
+def test_amplitudes_of_laws_are_values_in_time() -> None:
+    assert Tresca(bound=4.0).amplitudes() == {"bound": 4.0}
+    assert Coulomb(mu=0.3).amplitudes() == {}
+
+
+def test_a_law_is_integrated_to_the_degree_of_its_power() -> None:
+    """A traction of degree m_n k times a test function of degree k."""
+    for order in (1, 2):
+        assert Unilateral().degree(order) == 2 * order
+        assert [Compliance(c_n=1.0, m_n=m_n).degree(order) for m_n in (1.0, 1.5, 3.0)] == [
+            2 * order, order + (2 if order == 1 else 3), 4 * order]  # fmt: skip
+        assert [TangentialCompliance(c_T=1.0, m_T=m_T).degree(order) for m_T in (1.0, 3.0)] == [2 * order, 4 * order]
+        assert Coulomb(mu=0.3).degree(order) == 0
+
+
+def test_pressure_and_penetration_are_inverses() -> None:
+    d, law = np.array([-0.5, 0.0, 0.5, 3.0]), Compliance(c_n=4.0, m_n=3.0)
+    assert_allclose(law.pressure(d), [0.0, 0.0, 0.5, 108.0])
+    assert_allclose(law.penetration(law.pressure(d)), np.maximum(d, 0.0), rtol=4 * EPS)
+
+
+def test_a_light_touch_is_a_touch() -> None:
+    alone, at_end = sparse.identity(2, format="csr"), {"time": 1.0, "end": 1.0}
+    light = np.array([0.0, 1e-9])
+    assert_array_equal(Tresca(bound=4.0).limit(light, alone, Unilateral(), **at_end), [0.0, 4.0])
+    soft = Compliance(c_n=0.2)
+    for law, slope in ((Coulomb(mu=0.3), 0.3), (TangentialCompliance(c_T=2.0), 10.0)):
+        assert_allclose(law.limit_slope(light, alone, soft).toarray(), np.diag([0.0, slope]))
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1, 2]))

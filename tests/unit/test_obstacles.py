@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from geometry.errors import SceneError
 from geometry.obstacles import Obstacle
@@ -46,6 +46,25 @@ def test_round_obstacles_are_where_they_are() -> None:
     assert_allclose(inside.normals(x), [[-1.0, 0.0], [0.0, -1.0]], atol=0)
     roller = Cylinder(point=(0.0, 0.0, 0.0), axis=(0.0, 0.0, 3.0), radius=1.0)
     assert_allclose(roller.signed_gap(np.array([[3.0, 4.0, 9.0]])), [4.0])
+
+
+def test_planes_and_balls_are_where_they_are() -> None:
+    x = np.array([[1.0, 2.0, 5.0], [4.0, 6.0, 3.0]])
+    assert_allclose(Plane(point=(7.0, 7.0, 3.0), normal=(0.0, 0.0, -2.0)).signed_gap(x), [-2.0, 0.0])
+    assert_allclose(Sphere(center=(1.0, 2.0, 3.0), radius=1.5).signed_gap(x), [0.5, 3.5])
+
+
+def test_normals_are_zero_on_the_core() -> None:
+    assert_array_equal(Sphere(center=(1.0, 2.0, 3.0), radius=1.5).normals(np.array([[1.0, 2.0, 3.0]])), 0.0)
+
+
+def test_what_is_tied_turns_about_the_same_point_from_where_it_is() -> None:
+    turn = Rotation(angle=1.0, point=(1.0, 0.0))
+    roller = Cylinder(point=(0.0, 0.0), radius=2.0, rotation=turn)
+    x = np.array([[0.0, 2.4], [2.1, 0.0], [0.0, -3.0]])
+    tied, carried = (roller.motion(x, np.zeros(2), 0.1, tied) for tied in (True, False))
+    assert_allclose(tied, [[-0.24, -0.1], [0.0, 0.11], [0.3, -0.1]], atol=1e-15)
+    assert_allclose(carried, [[-0.2, -0.1], [0.0, 0.1], [0.2, -0.1]], atol=1e-15)
 
 
 def test_obstacle_moves_and_turns() -> None:
@@ -107,7 +126,20 @@ WRONG: list[tuple[type[Obstacle], dict[str, Any], Model, str]] = [
         Plane,
         {"point": (0.0, 0.0), "normal": (0.0, 1.0), "rotation": Rotation(angle=1.0, point=(0.0, 0.0))},
         "axisymmetric",
-        "rotation = given",
+        "rotation = given: an axisymmetric model has none",
+    ),
+    *(
+        (
+            Plane,
+            {"point": (0.0,) * dim, "normal": (0.0,) * (dim - 1) + (1.0,), "rotation": Rotation(angle=1.0, **turn)},
+            model,
+            sentence,
+        )
+        for dim, turn, model, sentence in [
+            (2, {"point": (0.0, 0.0, 0.0)}, "plane strain", "^rotation.point = .*: expected 2 components here"),
+            (3, {"point": (0.0, 0.0), "axis": (0, 0, 1)}, "3d", "^rotation.point = .*: expected 3 components here"),
+            (3, {"point": (0.0, 0.0, 0.0), "axis": (0, 1)}, "3d", r"^rotation.axis = \(0, 1\): expected 3 components"),
+        ]
     ),
 ]
 
@@ -116,3 +148,27 @@ WRONG: list[tuple[type[Obstacle], dict[str, Any], Model, str]] = [
 def test_wrong_obstacles_are_refused(kind: type[Obstacle], data: dict[str, Any], model: Model, sentence: str) -> None:
     with pytest.raises(SceneError, match=sentence):
         kind(**data).check_model(model)
+
+
+@pytest.mark.parametrize("model", ["plane strain", "plane stress"])
+def test_a_plane_model_has_no_ball(model: Model) -> None:
+    with pytest.raises(SceneError, match=r'^shape = "sphere": there is none in a plane model; use "cylinder"'):
+        Sphere(center=(0.0, 0.0), radius=1.0).check_model(model)
+
+
+def test_right_obstacles_are_accepted() -> None:
+    turn = Rotation(angle=1.0, point=(0.0, 0.0, 0.0), axis=(0.0, 1.0, 0.0))
+    Plane(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0), rotation=turn).check_model("3d")
+    Plane(point=(0.0, 0.0), normal=(0.0, 1.0), rotation=Rotation(angle=1.0, point=(0.0, 0.0))).check_model(
+        "plane stress"
+    )
+    Cylinder(point=(0.0, 3.0), radius=1.0, axis=(0.0, 1.0)).check_model("axisymmetric")
+    Cylinder(point=(1.0, 0.0, 0.0), radius=1.0, axis=(1.0, 1.0, 0.0)).check_model("3d")
+    Sphere(center=(0.0, 3.0), radius=1.0).check_model("axisymmetric")
+
+
+def test_wrong_rotations_are_refused() -> None:
+    with pytest.raises(SceneError, match=r"^axis = \(0\.0, 0\.0, 0\.0\): must not be zero"):
+        Rotation(angle=1.0, point=(0.0, 0.0, 0.0), axis=(0.0, 0.0, 0.0))
+    with pytest.raises(SceneError, match=r"^angle"):
+        Rotation(angle=((1.0, 1.0), (0.5, 2.0)), point=(0.0, 0.0))

@@ -16,11 +16,13 @@ from geometry.obstacles.sphere import Sphere
 from shared.audited import record_of, stored_by
 from solvers.contact.rigid_obstacle import rigid_coupling
 from solvers.fem.forms import WeakForms
+from solvers.laws.bilateral import Bilateral
 from solvers.laws.capped_coulomb import CappedCoulomb
 from solvers.laws.compliance import Compliance
 from solvers.laws.friction import Coulomb, Stick, Tresca
 from solvers.laws.law import FrictionLaw
 from solvers.laws.tangential_compliance import TangentialCompliance
+from solvers.laws.tied import Tied
 from solvers.laws.unilateral import Unilateral
 from solvers.results import closed_formulas
 from solvers.results.audit import Audit, Auditor
@@ -137,6 +139,8 @@ LAWS: dict[str, tuple[FrictionLaw, Any]] = {
     "coulomb": (Coulomb(mu=0.3), Unilateral()),
     "capped": (CappedCoulomb(mu=0.3, s_max=0.5), Unilateral()),
     "tresca": (Tresca(bound=((0.5, 0.2), (2.0, 0.8))), Unilateral()),
+    "tresca, bilateral": (Tresca(bound=0.4), Bilateral()),
+    "tresca, tied": (Tresca(bound=0.4), Tied()),
     "stick": (Stick(), Unilateral()),
     "compliance": (TangentialCompliance(c_T=2.0, m_T=1.5), Compliance(c_n=3.0, m_n=2.0)),
 }
@@ -144,9 +148,47 @@ LAWS: dict[str, tuple[FrictionLaw, Any]] = {
 
 @pytest.mark.parametrize(("friction", "normal"), LAWS.values(), ids=LAWS)
 def test_both_formulas_of_a_bound_agree(friction: FrictionLaw, normal: Any) -> None:
-    p, average = np.array([-1.0, 0.0, 0.5, 4.0]), np.array([[1, 0, 0, 0], [0, 0.5, 0.5, 0], [0, 0, 0.2, 0.8]])
+    p, average = (
+        np.array([-1.0, 0.0, 0.5, 4.0]),
+        np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0.5, 0.5, 0], [0, 0, 0.2, 0.8]]),
+    )
     found = closed_formulas.bound(friction, normal, p, average, 0.7, 2.0)
     np.testing.assert_allclose(found, friction.limit(p, average, normal, 0.7, 2.0))
+
+
+def test_both_formulas_of_a_penetration_agree() -> None:
+    p, law = np.array([-1.0, 0.0, 0.75, 12.0]), Compliance(c_n=3.0, m_n=2.0)
+    found = closed_formulas.penetration(law, p)
+    assert found is not None
+    np.testing.assert_allclose(found, [0.0, 0.0, 0.5, 2.0], rtol=1e-14, atol=0)
+    np.testing.assert_allclose(closed_formulas.pressure(law, found), np.maximum(p, 0.0), rtol=1e-13)
+    for rigid in (Unilateral(), Bilateral(), Tied()):
+        np.testing.assert_array_equal(closed_formulas.penetration(rigid, p), 0.0)
+        assert closed_formulas.pressure(rigid, p) is None
+
+
+def test_a_law_of_a_file_of_ones_own_has_no_second_formula() -> None:
+    class Own(Unilateral):
+        pass
+
+    p, alone = np.ones(1), np.eye(1)
+    assert closed_formulas.penetration(Own(), p) is None
+    assert closed_formulas.bound(TangentialCompliance(c_T=1.0), Own(), p, alone, 1.0, 1.0) is None
+
+
+@pytest.mark.parametrize(
+    ("table", "time", "expected"),
+    [
+        (((0.0, 3.0), (1.0, 5.0)), 0.0, 3.0),
+        (((0.0, 3.0), (1.0, 5.0)), 0.5, 4.0),
+        (((1.0, 2.0), (3.0, 4.0)), 0.5, 1.0),  # from zero
+        (((1.0, 0.0), (3.0, 4.0)), 0.5, 0.0),
+        (((0.0, 1.0), (1.0, 2.0), (2.0, 7.0)), 1.0, 2.0),
+        (((0.0, 1.0), (1.0, 2.0), (2.0, 7.0)), 5.0, 7.0),  # constant after the last
+    ],
+)
+def test_tables_are_read_between_lines(table: Any, time: float, expected: float) -> None:
+    assert closed_formulas.in_time(table, time, 5.0) == expected
 
 
 @pytest.mark.parametrize("inside", [False, True])
@@ -170,6 +212,10 @@ def test_limits_follow_the_tolerance_and_what_a_method_states() -> None:
     assert limits(1e-8, law_error=1e-3).cone == pytest.approx(0.03)
     assert limits(1e-8, law_error=1.0).cone == 0.1
     assert limits(1e-4).supports == limits(1e-8).supports
+    assert limits(1e-8).equilibrium == 1e-6
+    assert limits(1e-6).equilibrium == pytest.approx(3e-5)
+    assert limits(1e-8, rounding=1e-5).equilibrium == pytest.approx(1e-4)
+    assert limits(1e-8, rounding=1.0).equilibrium == pytest.approx(1e-3)  # what is noise is no excuse
 
 
 def test_the_worst_step_is_named() -> None:
@@ -178,6 +224,20 @@ def test_the_worst_step_is_named() -> None:
     found = tuple(passed(audits, [1.0, 2.0, 3.0], [0.0] * 3, 1e-8))
     assert [sentence.split()[0] for sentence in found] == ["supports", "cone"]
     assert "cone is 2.0e-03 in step 2 (t = 2), more than 1.0e-05" in found
+
+
+def test_what_passes_its_limit_is_said_and_no_more() -> None:
+    zero = Audit(**dict.fromkeys(vars(limits(1e-8)), 0.0))
+    for share, over in ((0.99, 0), (1.0, 0), (1.01, 1)):
+        suction = replace(zero, negative_pressure=share * limits(1e-8).negative_pressure)
+        found = tuple(passed([suction], [1.0], [0.0], 1e-8))
+        assert len(found) == over
+    assert found[0].startswith("negative pressure is 1.0e-05 in step 1 (t = 1), more than 1.0e-05")
+    assert not tuple(passed([], [], [], 1e-8))
+    rough = replace(zero, cone=0.02, equilibrium=5e-5, rounding=1e-5)
+    assert not tuple(passed([rough], [1.0], [1e-3], 1e-8))  # as the method states, and rounding decides
+    with pytest.raises(ValueError, match="shorter"):
+        tuple(passed([zero, zero], [1.0, 2.0], [0.0], 1e-8))
 
 
 @pytest.mark.parametrize("nu", [0.3, 0.4])

@@ -1,0 +1,141 @@
+"""The admissible set of several contacts: their rows, laws in proportion, what springs take, the residual."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import sparse
+
+from geometry.arrays import Array
+from solvers.contact.admissible_set import AdmissibleSet
+from solvers.interface.discrete import discrete_problem
+from solvers.laws.bilateral import Bilateral
+from solvers.laws.capped_coulomb import CappedCoulomb
+from solvers.laws.compliance import Compliance
+from solvers.laws.friction import Coulomb, Stick, Tresca
+from solvers.laws.law import FrictionLaw, NormalLaw
+from solvers.laws.tangential_compliance import TangentialCompliance
+from solvers.laws.tied import Tied
+from solvers.laws.unilateral import Unilateral
+
+Laws = tuple[NormalLaw, FrictionLaw | None]
+SOFT = Compliance(c_n=4.0)
+
+
+@cache
+def rows_of(points: int, dim: int) -> Any:
+    size = points * dim
+    (rows,) = discrete_problem(sparse.identity(size, format="csr"), np.ones(size), np.ones(points)).cone.contacts
+    return rows
+
+
+def cone(*contacts: tuple[int, int, NormalLaw, FrictionLaw | None], time: float = 0.5) -> AdmissibleSet:
+    """Contacts of so many points, in so many dimensions, with these laws; the last time is 1."""
+    return AdmissibleSet(tuple(replace(rows_of(m, d), normal=n, friction=f) for m, d, n, f in contacts), time, 1.0)
+
+
+def test_normal_rows_come_first_then_the_tangential_ones_of_each_contact() -> None:
+    both = cone((2, 3, Unilateral(), None), (4, 3, Unilateral(), Coulomb(mu=0.3, k_T=2.0)))
+    spans = [(place.normal.start, place.normal.stop, place.tangential.start, place.tangential.stop)
+             for place in both.places]  # fmt: skip
+    assert spans == [(0, 2, 6, 10), (2, 6, 10, 18)]
+    assert both.size == 18
+    assert [place.components for place in both.places] == [2, 2]
+    assert [place.rows.friction for place in both.with_friction()] == [Coulomb(mu=0.3, k_T=2.0)]
+    assert_array_equal(both.softness, np.repeat([0.0, 0.5], [10, 8]))
+    assert both.carrying.all()
+    later = both.at(0.8)
+    assert (later.time, later.end, later.contacts) == (0.8, 1.0, both.contacts)
+
+
+HOMOGENEOUS: Mapping[str, tuple[Laws, bool]] = {
+    "unilateral": ((Unilateral(), None), True),
+    "bilateral": ((Bilateral(), None), True),
+    "tied": ((Tied(), None), True),
+    "compliance": ((SOFT, None), True),
+    "compliance, m_n = 1.5": ((Compliance(c_n=4.0, m_n=1.5), None), False),
+    "coulomb": ((Unilateral(), Coulomb(mu=0.3, k_T=2.0)), True),
+    "tresca": ((Unilateral(), Tresca(bound=1.0)), False),
+    "capped": ((Unilateral(), CappedCoulomb(mu=0.3, s_max=0.1)), False),
+    "stick": ((Unilateral(), Stick()), True),
+    "penetration": ((SOFT, TangentialCompliance(c_T=1.0)), True),
+    "penetration, m_T = 2": ((SOFT, TangentialCompliance(c_T=1.0, m_T=2.0)), False),
+}
+
+
+@pytest.mark.parametrize(("laws", "expected"), HOMOGENEOUS.values(), ids=HOMOGENEOUS)
+def test_laws_in_proportion_are_known(laws: Laws, expected: bool) -> None:
+    """As they say; and if so, twice the trial has twice the projection."""
+    found, gamma = cone((2, 3, *laws), (3, 3, Unilateral(), None)), np.linspace(0.5, 2.0, 15)
+    assert found.homogeneous(gamma) is expected
+    assert cone((3, 3, Unilateral(), None), (2, 3, *laws)).homogeneous(gamma) is expected  # whichever comes first
+    trial = np.random.default_rng(0).normal(size=15) * 3
+    twice, once = found.project(2 * trial, gamma), found.project(trial, gamma)
+    assert np.allclose(twice, 2 * once) is expected
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("k_T", [None, 2.0])
+@pytest.mark.parametrize("normal", [Unilateral(), SOFT, Bilateral()])
+def test_solutions_of_the_laws_are_fixed_points_and_without_residual(
+    normal: NormalLaw, k_T: float | None, dim: int
+) -> None:
+    """A point that is open, one that sticks, one that slips, beside a contact without friction."""
+    both = cone((1, dim, Unilateral(), None), (3, dim, normal, Coulomb(mu=0.5, k_T=k_T)))
+    n, (_, place) = 4, both.places
+    p, r = np.zeros(both.size), np.zeros(both.size)
+    p[:n], r[:n] = [2.0, 0.0, 4.0, 6.0], [0.0, -1.0, 0.0, 0.0]
+    if normal.sides == 2:
+        r[1] = 0.0
+    t, slip = p[place.tangential].reshape(3, dim - 1), r[place.tangential].reshape(3, dim - 1)
+    way = np.array([1.0]) if dim == 2 else np.array([0.6, -0.8])
+    t[1], t[2], slip[2] = 1.9 * way, 3.0 * way, 0.7 * way
+    p[place.tangential], r[place.tangential] = t.ravel(), slip.ravel()
+    r[place.tangential] += p[place.tangential] * (0.0 if k_T is None else 1 / k_T)
+    if normal is SOFT:
+        r[2:n] = p[2:n] / 4.0
+    gamma = np.linspace(0.5, 2.0, n)
+    gamma = np.concatenate([gamma, np.ones(dim - 1), np.repeat(gamma[1:], dim - 1)])
+    assert_allclose(both.project(p + gamma * r, gamma), p, atol=1e-14)
+    assert_allclose(both.natural_residual(p, r, gamma), 0.0, atol=1e-14)
+    open_slip = r.copy()
+    open_slip[place.tangential][: dim - 1] = 5.0  # nothing resists where it is open
+    assert_allclose(both.natural_residual(p, open_slip, gamma), 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("p", "r", "expected"),
+    [
+        ((-1.0, 0.0), (-1.0, 0.0), (-1.0, 0.0)),  # suction
+        ((1.0, 0.0), (-0.25, 0.0), (0.5, 0.0)),  # pressure across a gap
+        ((2.0, 0.0), (0.5, 0.0), (-1.0, 0.0)),  # penetration
+        ((2.0, 1.5), (0.0, 0.0), (0.0, 0.5)),  # beyond the bound, 1
+        ((2.0, 0.5), (0.0, 0.1), (0.0, -0.2)),  # slip below the bound
+        ((2.0, 1.0), (0.0, 0.5), (0.0, 0.0)),  # slip at the bound
+        ((2.0, 1.0), (0.0, -1.0), (0.0, 2.0)),  # slip against the traction
+    ],
+)
+def test_residual_is_the_traction_that_is_wrong(p: Any, r: Any, expected: Any) -> None:
+    found = cone((1, 2, Unilateral(), Coulomb(mu=0.5)))
+    assert_allclose(found.natural_residual(np.array(p), np.array(r), 2.0), expected, atol=1e-15)
+
+
+def test_give_and_energy_are_those_of_the_springs() -> None:
+    found = cone((2, 3, SOFT, Coulomb(mu=0.5, k_T=2.0)))
+    p: Array = np.array([8.0, 0.0, 1.0, -2.0, 0.0, 3.0])
+    assert_allclose(found.give(p), [2.0, 0.0, 0.5, -1.0, 0.0, 1.5])
+    assert_allclose(found.energy(p), [8.0, 0.0, 0.25, 1.0, 0.0, 2.25])
+
+
+def test_bounds_follow_the_time() -> None:
+    found = cone((2, 2, Unilateral(), Tresca(bound=4.0)))
+    (place,) = found.places
+    at: Callable[[AdmissibleSet], Array] = lambda cone: cone.bound(place, np.array([1.0, 0.0]))  # noqa: E731
+    assert_array_equal(at(found), [2.0, 0.0])  # half way to the end
+    assert_array_equal(at(found.at(0.25)), [1.0, 0.0])
+    slope = cone((2, 2, Unilateral(), Coulomb(mu=0.4))).bound_slope(place, np.array([1.0, 0.0]))
+    assert_array_equal(slope.toarray(), 0.0)  # of the block's own law

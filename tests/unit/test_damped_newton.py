@@ -1,0 +1,339 @@
+"""Attempts of Newton's method: cycles, the line search, proximal terms, trial tractions that hold no body."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import sparse
+
+from geometry.arrays import Array
+from shared.discrete import random_problem
+from solvers.interface.discrete import DiscreteProblem, discrete_problem
+from solvers.interface.problem import SurfaceProblem
+from solvers.methods.condensed_newton import CondensedNewton
+from solvers.newton import attempts, condensed_system, given_system
+from solvers.newton.active_set import ActiveSet, linearise
+from solvers.newton.attempts import ATTEMPT, Attempts
+from solvers.newton.line_search import DECREASE, HALVINGS, MEMORY, LineSearch
+from solvers.newton.solution import Solution, Status, Step
+from solvers.newton.starts import Start, again, closed, first_starts, other_starts
+from solvers.simulation.simulation import prepare
+from workflows.scene_file.read import from_dict
+
+DRIVEN = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}
+PULLED = {"loads": {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}}
+
+
+def problem_of(tables: dict[str, Any], normal: dict[str, Any] | None = None, mu: float = 0.4) -> SurfaceProblem:
+    """A block pressed and dragged in one step."""
+    laws = {"normal": normal or {"law": "unilateral"}, "friction": {"law": "coulomb", "mu": mu}}
+    scene = {
+        "model": "plane strain",
+        "geometry": {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.25},
+        "bodies": {"block": {"E": 1.0, "nu": 0.3}},
+        "obstacles": {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
+        "contacts": {"base": {"surface": "block.bottom", "against": "foundation"} | laws},
+    }
+    stepper = prepare(from_dict(scene | tables)).stepper
+    return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+
+
+@pytest.fixture(scope="module")
+def held() -> SurfaceProblem:
+    return problem_of(DRIVEN)
+
+
+@pytest.fixture(scope="module")
+def floating() -> SurfaceProblem:
+    return problem_of(PULLED)
+
+
+def given(seed: int = 0) -> DiscreteProblem:
+    """A discrete problem of full rank."""
+    W, q, mu = random_problem(seed, contacts=4, dim=2, bodies=12)
+    return discrete_problem(sparse.csr_matrix(W), q, mu)
+
+
+class Bodies:
+    """Exact bodies; what was asked for is remembered."""
+
+    def __init__(self, problem: SurfaceProblem, linear: Any = condensed_system.solve) -> None:
+        self.problem, self.linear, self.asked = problem, linear, list[ActiveSet]()
+
+    def solve(self, laws: ActiveSet, p: Array, u: Array) -> tuple[Array, Array]:
+        self.asked.append(laws)
+        found: tuple[Array, Array] = self.linear(laws, u)
+        return found
+
+    def relative(self, p: Array, u: Array) -> Array:
+        return self.problem.relative_displacement(u)
+
+
+class Scripted:
+    """Bodies that answer with given tractions in turn, in their own unknowns."""
+
+    def __init__(self, problem: SurfaceProblem, answers: Iterator[Array]) -> None:
+        self.problem, self.answers = problem, answers
+
+    def solve(self, laws: ActiveSet, p: Array, u: Array) -> tuple[Array, Array]:
+        p = next(self.answers)
+        return p, p
+
+    def relative(self, p: Array, u: Array) -> Array:
+        return self.problem.relative_displacement(self.problem.surface.displacement(-self.problem.surface.forces(p)))
+
+
+def start_of(problem: SurfaceProblem) -> Start:
+    p = np.zeros(len(problem.gap))
+    return Start.at(problem, p, problem.contact_displacement(p))
+
+
+def test_plain_newton_arrives_and_says_so(held: SurfaceProblem) -> None:
+    seen: list[Step] = []
+    attempt = Attempts(held, Bodies(held), 1e-12, 100, seen.append)
+    assert not attempt.over
+    attempt(start_of(held))
+    assert attempt.over
+    best = attempt.best
+    assert best is not None
+    assert best.status is Status.CONVERGED
+    assert best.residual <= 1e-12
+    assert [step.iteration for step in attempt.history] == list(range(len(seen)))
+    assert attempt.history == seen
+    assert best.residual == attempt.history[-1].residual == min(step.residual for step in seen)
+    attempt(start_of(held))  # another attempt counts on
+    assert [step.iteration for step in attempt.history] == list(range(len(attempt.history)))
+
+
+def test_a_cycle_ends_an_attempt_at_its_first_repetition() -> None:
+    problem = given()
+    random = np.random.default_rng(1)
+    a, b, c = (random.random(len(problem.gap)) for _ in range(3))
+    cycle = iter([a, b, c, b, a])
+    attempt = Attempts(problem, Scripted(problem, cycle), 1e-12, 100)
+    attempt(replace(start_of(problem), in_equilibrium=False))
+    assert len(attempt.history) == 4  # a, b, c and b again
+    assert [step.iteration for step in attempt.history] == [1, 2, 3, 4]  # the start was not judged
+    assert attempt.best is not None
+    assert attempt.best.status is Status.STALLED
+    assert attempt.best.residual == min(step.residual for step in attempt.history)
+
+
+def test_tractions_that_repeat_with_another_motion_are_no_cycle() -> None:
+    x, y = np.array([1.0, -2.0]), np.array([3.0, 4.0])
+    assert attempts._repeats((x, y), [(y, x), (x * (1 + 1e-11), y)])
+    assert not attempts._repeats((x, y), [(x, y + 1e-6), (x + 1e-6, y)])
+    assert not attempts._repeats((x, y), [])
+
+
+def test_an_attempt_that_never_repeats_has_an_end() -> None:
+    problem, random = given(), np.random.default_rng(1)
+    answers = iter([random.random(len(problem.gap)) for _ in range(200)])
+    attempt = Attempts(problem, Scripted(problem, answers), 1e-12, 1000)
+    attempt(replace(start_of(problem), in_equilibrium=False))
+    assert len(attempt.history) == ATTEMPT - 1
+
+
+def test_iterations_run_out(held: SurfaceProblem) -> None:
+    attempt = Attempts(held, Bodies(held), 1e-12, 2)
+    attempt(start_of(held))
+    assert attempt.over
+    assert (len(attempt.history), attempt.best.status) == (3, Status.MAX_IT)  # type: ignore[union-attr]
+
+
+def test_nan_ends_an_attempt_and_is_the_worst() -> None:
+    problem = given()
+    start = replace(start_of(problem), in_equilibrium=False)
+    nothing, some = np.full(len(problem.gap), np.nan), np.ones(len(problem.gap))
+    attempt = Attempts(problem, Scripted(problem, iter([nothing])), 1e-12, 100)
+    attempt(start)
+    assert attempt.best is not None
+    assert attempt.best.status is Status.NOT_FINITE
+    attempt.bodies = Scripted(problem, iter([some, some]))
+    attempt(start)
+    assert attempt.best.status is Status.STALLED
+    attempt.bodies = Scripted(problem, iter([nothing]))
+    attempt(start)
+    assert attempt.best.status is Status.STALLED
+    assert not attempt.over
+
+
+def test_trial_tractions_that_hold_no_body_are_halved_towards_those_that_do(floating: SurfaceProblem) -> None:
+    start = Start.as_if(floating, closed(floating), closed(floating))
+    attempt = Attempts(floating, Bodies(floating), 1e-12, 100)
+    lifted = -8.5 * start.p_hat  # all rows open; 8.5, 3.75, 1.375, .1875: the third halving closes them
+    found = attempt._solve(lifted, start.p_hat, floating.gamma, (start.p, start.u_c), 0.0)
+    assert found is not None
+    assert_allclose(found[2], lifted / 16 + start.p_hat * 15 / 16)
+    assert len(attempt.bodies.asked) == 5  # type: ignore[attr-defined]
+    assert attempt._solve(lifted, lifted, floating.gamma, (start.p, start.u_c), 0.0) is None
+    assert len(attempt.bodies.asked) == 5 + attempts.RETREATS  # type: ignore[attr-defined]
+    attempt(replace(start, p_hat=lifted))
+    assert attempt.best is not None
+    assert attempt.best.status is Status.NO_HOLD
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("proximal", [1e-3, 0.1])
+def test_a_damped_attempt_arrives_too(proximal: float, seed: int) -> None:
+    problem = given(seed)
+    bodies = Bodies(problem, given_system.solve)
+    attempt = Attempts(problem, bodies, 1e-10, 200)
+    attempt(start_of(problem), proximal)
+    assert attempt.best is not None
+    assert attempt.best.status is Status.CONVERGED
+    weights = [laws.weight for laws in bodies.asked]
+    residuals = [step.residual for step in attempt.history]
+    assert_allclose(weights, [proximal * min(1.0, residual) for residual in residuals[:-1]])  # it fades out
+
+
+def test_a_damped_attempt_arrives_where_bodies_float(floating: SurfaceProblem) -> None:
+    """An active set with a single closed point is held near to the iterate."""
+    attempt = Attempts(floating, Bodies(floating), 1e-12, 200)
+    attempt(Start.as_if(floating, closed(floating), closed(floating)), 1e-2)
+    exact = CondensedNewton(rtol=1e-13)(floating, np.zeros(len(floating.gap)))
+    assert attempt.best is not None
+    assert attempt.best.status is Status.CONVERGED
+    assert_allclose(attempt.best.p, exact.p, atol=1e-10 * np.abs(exact.p).max())
+    assert floating.imbalance(attempt.best.p) <= 1e-12
+
+
+def test_forces_out_of_balance_count_in_the_residual(floating: SurfaceProblem) -> None:
+    exact = CondensedNewton(rtol=1e-13)(floating, np.zeros(len(floating.gap)))
+    attempt = Attempts(floating, Bodies(floating), 1e-8, 100)
+    p = exact.p * (1 + 1e-5)  # laws of a unilateral contact without motion hold for any multiple
+    assert attempt._judge(p, exact.w, exact.u_c, first=3) == pytest.approx(floating.imbalance(p))
+    assert floating.natural_residual(p, exact.w) < 1e-8 < floating.imbalance(p)
+    assert not attempt.over
+    assert attempt.history[0].iteration == 3
+
+
+@pytest.mark.parametrize("weight", [1e-3, 0.5])
+def test_a_single_closed_point_holds_a_body_by_the_proximal_term(weight: float, floating: SurfaceProblem) -> None:
+    """Without it nothing hinders the body from turning about that point."""
+    p_hat = np.full(len(floating.gap), -floating.p_ref)
+    p_hat[0] = floating.p_ref
+    p_hat[floating.surface.normal_rows :] = 0.0
+    laws, before = linearise(floating, p_hat, floating.gamma), np.zeros(floating.surface.size)
+    with pytest.raises(np.linalg.LinAlgError, match="not held"):
+        condensed_system.solve(laws, before)
+    near = laws.proximal(np.zeros(len(p_hat)), weight)
+    p, u_c = condensed_system.solve(near, before)
+    w = floating.relative_displacement(u_c)
+    assert_allclose(near.A_p @ p + near.A_w @ w, near.rhs, atol=1e-9 * np.abs(p).max())
+    # balance, but for soft springs, in series with the augmentation, that hold the motion near to that of the iterate
+    off = floating.load.resultant - floating.surface.R.T @ floating.surface.forces(p)
+    spring = weight / (1 + weight) * floating.surface.rho * (floating.surface.R.T @ (u_c - before))
+    assert_allclose(off, spring, atol=1e-9 * np.abs(floating.load.resultant).max())
+    further, _ = condensed_system.solve(near, u_c)
+    assert np.abs(further - p).max() > 0.01 * np.abs(p).max()  # the springs have moved with the iterate
+
+
+@pytest.mark.parametrize("normal", [{"law": "unilateral"}, {"law": "compliance", "c_n": 20.0}])
+def test_the_solution_is_a_fixed_point_with_the_proximal_term_too(normal: dict[str, Any]) -> None:
+    problem = problem_of(DRIVEN, normal)
+    exact = CondensedNewton(rtol=1e-13)(problem, np.zeros(len(problem.gap)))
+    laws = linearise(problem, exact.p + problem.gamma * (exact.w - problem.gap), problem.gamma)
+    near = laws.proximal(exact.p, 0.3)
+    assert near.weight == 0.3
+    assert near.fixed.any() == laws.weight == 0
+    assert laws.fixed.sum() == laws.held.sum()
+    assert_allclose(condensed_system.solve(near, exact.u_c)[0], exact.p, atol=1e-10 * np.abs(exact.p).max())
+    # w - weight (p_new - p) / gamma in place of w, but in springs
+    p, w = np.random.default_rng(0).normal(size=(2, len(exact.p)))
+    shifted = w - np.where(laws.k == 0, 0.3 * (p - exact.p) / problem.gamma, 0.0)
+    assert_allclose(near.A_p @ p + near.A_w @ w - near.rhs, laws.A_p @ p + laws.A_w @ shifted - laws.rhs, atol=1e-12)
+    springs = laws.k > 0
+    assert springs.any() == (normal["law"] == "compliance")
+    assert_array_equal((near.A_p - laws.A_p)[springs].toarray(), 0.0)
+
+
+def merit(problem: SurfaceProblem, p: Array, w: Array) -> float:
+    residual = problem.cone.natural_residual(p, w - problem.gap, problem.gamma)
+    return float(np.sqrt(np.sum(residual**2 / problem.gamma)))
+
+
+def test_a_step_that_goes_too_far_is_shortened_and_a_good_one_is_not() -> None:
+    problem = given()
+    exact = CondensedNewton(rtol=1e-12).discrete(problem.surface)(problem, np.zeros(len(problem.gap)), lambda s: None)  # type: ignore[misc, arg-type]
+    p, w = np.zeros_like(exact.p), problem.offset
+    search = LineSearch(problem, problem.gamma)
+    assert search(p, w, exact.p, exact.w) == 1.0
+    far = 5.3
+    t = LineSearch(problem, problem.gamma)(p, w, p + far * (exact.p - p), w + far * (exact.w - w))
+    trials = [merit(problem, s * far * exact.p, w + s * far * (exact.w - w)) for s in 0.5 ** np.arange(HALVINGS)]
+    small = [value <= (1 - DECREASE * 0.5**k) * merit(problem, p, w) for k, value in enumerate(trials)]
+    assert t == 0.5 ** small.index(True)
+    assert small.index(True) > 0
+
+
+def test_the_merit_may_rise_for_some_iterations() -> None:
+    problem = given()
+    p, w = np.ones(len(problem.gap)), problem.offset
+    here = merit(problem, p, w)
+    search = LineSearch(problem, problem.gamma)
+    search.recent.append(100 * here)
+    for _ in range(MEMORY - 1):  # none of these steps would do otherwise: the merit only rises on them
+        assert search(p, w, 2 * p, w - 1e-3) == 1.0
+    t = search(p, w, 4 * p, w)  # what was so large is forgotten
+    assert search.recent.maxlen == len(search.recent) == MEMORY
+    assert t == 0.5 ** (HALVINGS - 1)  # none is small enough: the one of least merit
+
+
+def starts(held: SurfaceProblem, p: Array) -> list[tuple[Array, float, bool]]:
+    return [(start.p, start.factor, start.in_equilibrium) for start in other_starts(held, p)]
+
+
+def test_starts_of_bodies_that_supports_hold(held: SurfaceProblem) -> None:
+    p = np.ones(len(held.gap))
+    (first,) = first_starts(held, p)
+    u_c = held.contact_displacement(p)
+    assert_array_equal(first.p, p)
+    assert_allclose(first.u_c, u_c)
+    assert_allclose(first.p_hat, p + held.gamma * (held.relative_displacement(u_c) - held.gap))
+    assert first.in_equilibrium
+    found = starts(held, p)
+    known = [(float(start[0]), factor, at) for start, factor, at in found]
+    assert known == [(0, 1, True), (1, 1, False), (1, 0.1, True), (0, 0.1, True), (1, 0.1, False),
+                     (1, 10, True), (0, 10, True), (1, 10, False)]  # fmt: skip
+    assert len(starts(held, 0 * p)) == 5  # the first start was zero already
+
+
+def test_starts_of_floating_bodies(floating: SurfaceProblem) -> None:
+    p = np.ones(len(floating.gap))
+    last, shut, rigid = first_starts(floating, p)
+    assert_allclose(last.p_hat, p)
+    assert_allclose(shut.p_hat, closed(floating))
+    assert rigid.p.any()
+    assert_allclose(rigid.p_hat, rigid.p)
+    assert not any(start.in_equilibrium for start in (last, shut, rigid))
+    assert len(list(first_starts(floating, 0 * p))) == 2
+    assert [start.factor for start in other_starts(floating, p)] == [0.1, 0.1, 10.0, 10.0]
+    (still,) = first_starts(replace(floating, load=nothing(floating), force=0.0), p)
+    assert_array_equal(np.concatenate([still.p, still.u_c]), 0.0)
+
+
+def nothing(problem: SurfaceProblem) -> Any:
+    load = problem.load
+    f_q = load.f_q.copy()
+    f_q.scale(0.0)
+    return replace(load, f_q=f_q, f_c=0 * load.f_c, resultant=0 * load.resultant, free=0 * load.free)
+
+
+def test_all_closed_presses_on_normal_rows_alone(held: SurfaceProblem) -> None:
+    n = held.surface.normal_rows
+    assert_allclose(closed(held)[:n], held.p_ref)
+    assert_array_equal(closed(held)[n:], 0.0)
+
+
+def test_again_is_the_best_iterate(held: SurfaceProblem) -> None:
+    p, w = np.random.default_rng(0).normal(size=(2, len(held.gap)))
+    best = Solution(p, w, np.ones(held.surface.size), Status.STALLED, 1.0, ())
+    start = again(held, best)
+    assert_allclose(start.p_hat, p + held.gamma * (w - held.gap))
+    assert start.p is p
+    assert start.u_c is best.u_c
+    assert start.in_equilibrium
