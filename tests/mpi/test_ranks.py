@@ -28,7 +28,7 @@ SCENES = {
     "half_space": ["geometry.mesh_size=5.0", "geometry.contact_mesh_size=0.1"],
 }
 ALWAYS = ["solver.tolerance=1e-11", "output.pictures=false"]
-SAME = 1e-9  # two decades above the tolerance: the residual is relative to p_ref, the answer's condition comes on top
+SAME = 1e-9  # two decades above the tolerance: the answer's condition comes on top
 EXCEPTED = {"seconds", "ranks", "version", "counters"}
 # Numbers of one kind are compared at the size of the largest: a force that is 0 by symmetry is a rounding error.
 KINDS = {
@@ -40,7 +40,16 @@ KINDS = {
     "energy": ("external", "stored", "contact", "dissipated", "time_remainder", "dissipation", "dissipation_total"),
 }
 KIND = {key: kind for kind, keys in KINDS.items() for key in keys}
-DEFECTS = {"residual", "iteration", "equilibrium", "penetration", "negative_pressure", "cone", "complementarity"}
+DEFECTS = {
+    "residual",
+    "iteration",
+    "equilibrium",
+    "rounding",
+    "penetration",
+    "negative_pressure",
+    "cone",
+    "complementarity",
+}
 WORK = ("iterations", "volume_solves")
 FEW = 3  # where a step begins with points at their friction bound, rounding decides which of them stick at first
 Leaf = tuple[tuple[str, ...], Any]
@@ -59,7 +68,7 @@ def leaves(value: Any, path: tuple[str, ...] = ()) -> Iterator[Leaf]:
 def kind_of(path: tuple[str, ...]) -> str:
     """What a number is: its key, or that of the list it stands in."""
     key = path[-2] if path[-1].isdigit() and len(path) > 1 else path[-1]
-    if path[0] != "scene" and ("audit" in path or key in DEFECTS):
+    if path[0] not in ("scene", "verdict") and ("audit" in path or key in DEFECTS):
         return "defect"
     return KIND.get(key, "") if path[0] == "steps" else ""
 
@@ -250,7 +259,7 @@ def test_the_block_system_gives_on_two_ranks_what_the_condensed_bodies_give_on_o
         one, two = (read_step(tmp_path / folder / step_name(index)) for folder in ("one", "two"))
         for key in ("displacement", "p", "w"):
             mine, other = getattr(one, key), getattr(two, key)
-            assert_allclose(other, mine, atol=10 * SAME * np.abs(mine).max(), err_msg=f"step {index}, {key}")
+            assert_allclose(other, mine, atol=20 * SAME * np.abs(mine).max(), err_msg=f"step {index}, {key}")
 
 
 def test_iterative_solves_give_on_every_number_of_ranks_what_the_condensed_bodies_give(
