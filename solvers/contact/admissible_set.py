@@ -155,17 +155,21 @@ class AdmissibleSet:
     def natural_residual(self, p: Array, r: Array, gamma: Array | float) -> Array:
         """Complementarity (KKT) residual p - P_C(p + gamma (r - give(p))) (rows,) [Pa]: zero at the solution only.
 
+        Tangential springs are taken implicitly, t - P_C((t + gamma r) / (1 + gamma / k_T)): however soft they are, what
+        rounding leaves of t is no slip.
+
         Args:
             p: tractions (rows,) [Pa].
             r: w - gap (rows,) [m], closing normal motion less the gap, and slip.
             gamma: weight of r beside p [Pa/m], by row or one for all.
         """
         residual, trial = np.empty_like(p), p + gamma * (r - self.give(p))
+        elastic: Array = (p + gamma * r) / (1 + gamma * self.softness)
         for place in self.places:
             n = place.normal
             residual[n] = p[n] - (trial[n] if place.rows.normal.sides == 2 else np.maximum(trial[n], 0.0))
         for place in self.with_friction():
-            hat = np.where(place.rows.free, trial[place.tangential].reshape(-1, place.components), 0.0)
+            hat = np.where(place.rows.free, elastic[place.tangential].reshape(-1, place.components), 0.0)
             disc = project_disc(hat, self.bound(place, p[place.normal]))
             residual[place.tangential] = p[place.tangential] - disc.ravel()
         return residual
