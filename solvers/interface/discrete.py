@@ -143,13 +143,15 @@ def discrete_problem(matrix: Sparse, q: Array, mu: Array) -> DiscreteProblem:
     nothing = PETSc.Vec().createSeq(0, comm=PETSc.COMM_SELF)
     give = surface.matrix.diagonal().reshape(contacts, dim)
     give[:, 1:] = give[:, 1:].max(axis=1, keepdims=True)  # one for a point's tangential rows: its bound is a disc
+    gamma = 1 / np.maximum(surface.N @ give.ravel(), LEAST)
     return DiscreteProblem(
         surface=surface,
         cone=AdmissibleSet((_rows(mu, dim),), 1.0, 1.0),
         load=surface.load(nothing, np.zeros(0)),
         offset=-(surface.N @ q) / length,
         gap=np.zeros(rows),
-        gamma=1 / np.maximum(surface.N @ give.ravel(), LEAST),
+        gamma=gamma,
+        weight=gamma,
         force=1.0,
         stiffness=1.0,
         mu=mu,

@@ -99,14 +99,23 @@ def _driven_columns(system: System, rows: ContactRows, N: Sparse) -> Array:
     return columns
 
 
-def trial_stiffness(system: System) -> Array:
-    """Stiffness E / depth of the bodies behind each row (rows,) [Pa/m]; those of two bodies are in series."""
+def elastic_stiffness(system: System) -> tuple[Array, Array]:
+    """Stiffness of the bodies behind each row (rows,) [Pa/m]: E / depth, and E / extent; two bodies are in series."""
+    deep, long = (
+        _series(system, lambda size, spread: float(spread @ size)),
+        _series(system, lambda size, _: float(size.max())),
+    )
+    return deep, long
+
+
+def _series(system: System, length: Callable[[Array, Array], float]) -> Array:
+    """E / length by row (rows,) [Pa/m]; the length [m] follows from a body's box and the mean normal, (d,) both."""
     scale = []
     for c in system.contacts:
         spread, give = np.abs(c.frames[:, 0]).mean(axis=0), 0.0
         for body in system.problem.pairs[c.name].bodies:
             low, high = system.mesh.body_box(body)
-            give += float(spread @ (high - low)) / system.problem.bodies[body].E
+            give += length(high - low, spread) / system.problem.bodies[body].E
         scale.append(1 / give)
     parts = [np.full(len(c.W_n), s) for c, s in zip(system.contacts, scale, strict=True)]
     parts += [np.full(c.free.size, s) for c, s in zip(system.contacts, scale, strict=True)]

@@ -36,6 +36,7 @@ class SurfaceProblem:
     offset: Array  # (rows,) prescribed part of the relative displacement [m]
     gap: Array  # (rows,) [m] initial gap; tangential: where slip is counted from, w - t/k_T of the last accepted step
     gamma: Array  # (rows,) E / depth of the body [Pa/m], weighs w - gap beside p in Newton's trial tractions
+    weight: Array  # (rows,) E / extent of the bodies [Pa/m], likewise in the residual
     force: float  # applied force, sum of magnitudes [N]
     stiffness: float  # E / L [Pa/m], L the extent of the bodies
 
@@ -95,7 +96,7 @@ class SurfaceProblem:
         """
         u_ref = self.u_ref
         if p.any():
-            u_ref = min(u_ref, self.scale(p) / float(self.gamma.max()))
+            u_ref = min(u_ref, self.scale(p) / float(self.weight.max()))
         return self.surface.under(self.load, p, residual * u_ref)
 
     def relative_displacement(self, u_c: Array) -> Array:
@@ -107,9 +108,9 @@ class SurfaceProblem:
         return self.cone.project(p_hat, np.broadcast_to(gamma, p_hat.shape))
 
     def defect(self, p: Array, w: Array) -> Array:
-        """Complementarity (KKT) defect p - P_C(p + gamma (w - gap)) (rows,) [Pa]: zero at the solution only.
+        """Complementarity (KKT) defect p - P_C(p + k (w - gap)) (rows,) [Pa]: zero at the solution only.
 
-        It is the traction that each row lacks, as the bodies behind it would answer: gamma is theirs, E / depth. Where
+        It is the traction that each row lacks, as the bodies behind it would answer: k is theirs, E / extent. Where
         bodies are much softer than a compliant law, it is a part of what the pressure differs from that of the law.
         What the last digits of the motions decide is no defect.
 
@@ -118,9 +119,9 @@ class SurfaceProblem:
             w: relative displacement (rows,) [m].
         """
         r = w - self.gap
-        found = self.cone.natural_residual(p, r, self.gamma)
+        found: Array = self.cone.natural_residual(p, r, self.weight)
         rounding = LAST_DIGITS * max(float(np.abs(x).max(initial=0.0)) for x in (w, self.gap))
-        found = np.sign(found) * np.maximum(np.abs(found) - self.gamma * rounding, 0.0)
+        found = np.sign(found) * np.maximum(np.abs(found) - self.weight * rounding, 0.0)
         for place in self.cone.places:
             law, n = place.rows.normal, place.normal
             if isinstance(law, Compliance):
@@ -138,9 +139,10 @@ class SurfaceProblem:
         surface = self.surface
         if not surface.floating:
             return 0.0
-        f, held = self.load.resultant, surface.R.T @ surface.forces(p)
-        scale = max(float(np.abs(surface.R).T.dot(np.abs(surface.forces(p))).sum()), float(np.abs(f).sum()))
-        return float(np.abs(f - held).sum() / scale) if scale else 0.0
+        forces, least = surface.forces(p), np.abs(surface.forces(np.full(len(p), LEAST * self.p_ref)))
+        work = np.abs(surface.R).T @ np.maximum(np.abs(forces), least)  # larger than that of any p that balances
+        scale = max(float(work.sum()), float(np.abs(self.load.resultant).sum()))
+        return float(np.abs(self.load.resultant - surface.R.T @ forces).sum() / scale) if scale else 0.0
 
     def natural_residual(self, p: Array, w: Array) -> float:
         """Largest `defect` relative to the largest traction; collective.

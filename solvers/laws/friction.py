@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
@@ -44,6 +44,7 @@ class Coulomb(FrictionLaw):
 class Tresca(FrictionLaw):
     """Tresca's law: s is given, where p_n > 0, or everywhere if the normal law is bilateral."""
 
+    jumps: ClassVar[bool] = True
     bound: Annotated[Amplitude, Key("Pa", "bound of the tangential traction, in time")]
     law: Annotated[Literal["tresca"], Key("-", "the law's name")] = "tresca"
 

@@ -64,6 +64,7 @@ class FrictionLaw(Choice):
     """
 
     tag: ClassVar[str] = "law"
+    jumps: ClassVar[bool] = False  # whether the bound jumps where surfaces part: then there may be no solution
     k_T: Annotated[float | None, Key("Pa/m", "tangential stiffness before slip; absent: rigid")] = None
 
     def __post_init__(self) -> None:

@@ -52,6 +52,7 @@ class Setup:
     surface: DelassusOperator  # in a form that the method works with, see `condensed` and `matrix_free`
     coarse: CoarseMesh | None = None  # an additional coarse mesh, for methods with COARSE_MESH
     safety: float = 1.0  # factor by which a metric overestimates the bodies' flexibility: shorter steps
+    hurried: bool = False  # whether another form of the bodies can take over a step that is slow with this one
 
 
 @dataclass(frozen=True)
@@ -125,7 +126,7 @@ class Method(Keys, ABC):
     TURNS: ClassVar[tuple[Turn, ...]] = ()  # in the chain of `auto`
     COARSE_MESH: ClassVar[bool] = False  # whether it uses an additional coarse mesh
 
-    rtol: float = 1e-8  # on the natural residual, relative to p_ref
+    rtol: float = 1e-8  # on the natural residual
     max_it: int = 10000
 
     @classmethod

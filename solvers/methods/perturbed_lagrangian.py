@@ -244,7 +244,7 @@ class Newton:
             h: flexibility added to 1/ω, see `_path`.
             omega: penalties per area (rows,) [Pa/m] at that level.
             held: tractions (rows,) [Pa] that the springs start from.
-            rtol: tolerance on the natural residual, relative to p_ref.
+            rtol: tolerance on the natural residual.
         """
         if self.reached:
             _, self.u_c, self.Sigma = self.reached[-1]

@@ -23,6 +23,8 @@ from solvers.newton.surface_system import Flexibility
 from solvers.parallel.serialise import Plain
 
 STALL_WINDOW = 50  # iterations in which the smallest residual must halve
+HURRIED = 20  # likewise, if another form of the bodies can take over; usual are 5 to 15 iterations in all
+PATIENCE = 600  # iterations of conjugate gradients in a step, until then; usual are 20 to 75
 VOLUME = 0.3  # accuracy of a volume solve, relative to the residual that is expected after it
 DROP = 0.5  # expected factor, on the safe side, by which one iteration reduces the residual
 
@@ -42,7 +44,7 @@ class SurfaceUzawa(Method):
     WHEN: ClassVar = "few volume solves, as many at every mesh size: bodies too large to condense"
     WORKS_WITH: ClassVar = Applicability(floating=True)
     ROW: ClassVar = 2
-    TURNS: ClassVar = (Turn("matrix-free", 1), Turn("matrix-free", 2, safe=True))
+    TURNS: ClassVar = (Turn("matrix-free", 1), Turn("matrix-free", 2, safe=True), Turn("condensed", 2))
     COARSE_MESH: ClassVar = True
 
     def build(self, setup: Setup) -> Ready:
@@ -53,6 +55,7 @@ class SurfaceUzawa(Method):
             rtol=self.rtol,
             max_it=self.max_it,
             safety=setup.safety,
+            hurried=setup.hurried,
         )
 
     def discrete(self, surface: GivenSurface) -> SameEveryStep:
@@ -72,6 +75,7 @@ class LearningIteration(SameEveryStep):
     rtol: float = 1e-8
     max_it: int = 10000
     safety: float = 1.0  # factor on F: shorter steps; if it is not 1, earlier updates are not used
+    hurried: bool = False  # whether another form of the bodies can take over: a slow step is given up earlier
     smooth: tuple[Array, Array] | None = None  # forces (c, k) [N], and about the displacements (c, k) [m] they cause
     learnt: dict[str, Secants] = field(default_factory=dict, repr=False)
 
@@ -85,7 +89,8 @@ class LearningIteration(SameEveryStep):
         w, forces = problem.relative_displacement(u_c), surface.forces(p)
         motion = np.zeros_like(u_c)
         balanced = not surface.floating or problem.p_ref == 0
-        stalled = Stall(STALL_WINDOW, 0.5)
+        stalled = Stall(HURRIED if self.hurried else STALL_WINDOW, 0.5)
+        enough = surface.counters.linear_iterations + PATIENCE
         for k in range(self.max_it + 1):
             residual = problem.natural_residual(p, w) if balanced else np.inf  # until w is the displacement under p
             history.append(Step(k, residual, problem.volume_solves))
@@ -98,6 +103,9 @@ class LearningIteration(SameEveryStep):
                 break
             if stalled(k, residual):
                 status = Status.STALLED
+                break
+            if self.hurried and surface.counters.linear_iterations > enough:
+                status = Status.SLOW
                 break
             if k == self.max_it:
                 break

@@ -8,12 +8,14 @@ stick, slip either way). The inverse of the Jacobian changes by rank one there; 
 s turns back. No volume solve is needed.
 
 Two homotopies. H = F - s F(z_0) starts at any iterate z_0; nothing is proved of it. H = F with gaps wider by s D starts
-with all rows open, and is Lemke's method with the covering vector D: the linear complementarity problem of Coulomb
-friction is copositive for every mu >= 0, so that for bodies that supports hold it ends at a solution, after finitely
-many kinks if no two come at once (start and D are perturbed for that), perhaps after very many.
+with all rows open, as Lemke's method does with the covering vector D. For bodies that supports hold, with independent
+rows, it arrives for every coefficient of friction: work on the tractions of a solution,
+p^T W G p <= p_n^T W (w_n - gap - s D) + s_t^T W |w_t - gap_t| with the bounds s_t <= mu p_n, shows that solutions are
+bounded, and that p = 0 is the only one for s >= 1, if D is large enough; the path that starts there cannot end but at
+s = 0. It has finitely many kinks if no two come at once (start and D are perturbed for that), perhaps very many.
 
-Source: Katzenelson, Bell Syst. Tech. J. 44 (1965); Lemke, Management Sci. 11 (1965); Klarbring, Ing.-Arch. 56 (1986);
-Cottle, Pang & Stone, The Linear Complementarity Problem (1992), theorem 4.4.13.
+Source: Katzenelson, Bell Syst. Tech. J. 44 (1965); Lemke, Management Sci. 11 (1965); Eaves, Math. Program. Study 7
+(1978), of paths of piecewise-linear maps.
 """
 
 from __future__ import annotations
@@ -82,10 +84,11 @@ def path_from_open(problem: SurfaceProblem, kinks: int) -> Iterator[Start]:
     It arrives, but perhaps after more `kinks` than are allowed.
     """
     maps, zero, n = _Map.of(problem), np.zeros(len(problem.gap)), problem.surface.normal_rows
-    closing = (maps.w_0 - problem.gap)[:n]
     if np.any(maps.two_sided):
         return
-    room = max(float(closing.max(initial=0.0)), 0.0) + problem.p_ref / float(problem.gamma.max())
+    W, free = problem.surface.W, maps.w_0 - problem.gap
+    rubbed = (np.maximum(maps.bound, 0.0).T @ (W * np.abs(free)) / W)[:n]
+    room = float(np.maximum(free[:n] + rubbed, 0.0).max(initial=0.0)) + problem.p_ref / float(problem.gamma.max())
     wider = zero.copy()
     wider[:n] = room * (1 + 0.1 * np.random.default_rng(0).random(n))
     yield from _follow(maps, zero, np.zeros(0), wider, kinks)

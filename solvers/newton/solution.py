@@ -17,6 +17,7 @@ class Status(Enum):
     CONVERGED = "converged"
     MAX_IT = "the iterations ran out: raise solver.max_iterations"
     STALLED = "the residual stopped falling: try another solver.method, or a larger solver.tolerance"
+    SLOW = 'the volume solves take too many iterations: try solver.surface = "condensed"'
     NOT_FINITE = "the iteration left the range of numbers: check the units of E, loads and lengths"
     BROKEN = "a linear solve failed, run.log says why: try another solver.method or solver.surface"
     NO_EQUILIBRIUM = "contact and friction cannot balance the loads"

@@ -91,7 +91,7 @@ class StepResult:
     substeps: int  # number of substeps that the step was solved in; 1 if it succeeded as a whole
     iterations: int  # of all substeps, failed attempts included
     volume_solves: int  # applications of K_B^-1 in this step
-    residual: float  # natural residual of the contact laws at the end, relative to p_ref [-]
+    residual: float  # natural residual of the contact laws at the end [-]
     displacement: Array  # (nodes, d) [m]
     stress: Array  # (cells, 3, 3) at the midpoints [Pa], tension positive
     contacts: Mapping[str, ContactState]
@@ -108,8 +108,8 @@ class StepResult:
     reference: Array  # (rows,) that the contact laws subtract from w [m]: the gap, and the slip at the substep's start
     driven: Array  # (o,) displacement of the obstacles that forces drive [m], for the audit
     searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) that its pairs were searched at [m]
-    p_ref: float  # scale of tractions in the residual [Pa]
-    u_ref: float  # scale of relative displacements in the residual [m]
+    p_ref: float  # scale of tractions: of statuses, and of what counts as none [Pa]
+    u_ref: float  # scale of relative displacements: of statuses [m]
     history: tuple[HistoryTuple, ...]  # each iteration: time, iteration, residual, volume solves, seconds, method
     linear_error: float = 0.0  # error left by an iterative volume solve, energy norm, relative [-]; 0: direct solver
     convergence: Convergence | None = None  # of Uzawa's iteration, from methods that measure it

@@ -224,7 +224,8 @@ class Scene(Noun):
             slave, _ = self.slave_and_master(name)
             other = slaves.setdefault(slave, name)
             expected = f"already the slave of contacts.{other}; a facet has one slave role"
-            require(other == name, f"contacts.{name}", slave, expected)
+            key = f"contacts.{name}.{'surface' if slave == contact.surface else 'against'}"
+            require(other == name, key, slave, expected)
         for name, contact in self.contacts.items():
             slave, master = self.slave_and_master(name)
             other = slaves.get(master or "", name)

@@ -61,7 +61,7 @@ class Solver(Noun):
         Literal["auto", "condensed", "matrix-free"],
         Key("-", "form of the bodies: an exact dense stiffness of the contact dofs, or iterative solves"),
     ] = "auto"
-    tolerance: Annotated[float, Key("-", "on the natural residual, relative to p_ref")] = 1e-8
+    tolerance: Annotated[float, Key("-", "on the natural residual, relative to the largest traction")] = 1e-8
     max_iterations: Annotated[int, Key("-", "per step")] = 10000
 
     def __post_init__(self) -> None:

@@ -13,7 +13,7 @@ from solvers.methods import METHODS
 from solvers.methods.method import Ready, Setup, Solve
 from solvers.methods.surface_uzawa import LearningIteration
 from solvers.metrics.surface_metric import SurfaceMetric, surface_metric
-from solvers.newton.solution import Solution
+from solvers.newton.solution import Solution, Status
 from solvers.newton.surface_system import Flexibility
 from solvers.parallel.serialise import Plain
 from solvers.stepping.choice import Choice, Stage, choose, fits
@@ -40,12 +40,16 @@ class Reached:
     """Position of a run in its chain of methods."""
 
     choice: Choice
-    at: int  # index in `choice.stages`
+    at: int  # index in `choice.stages` that each substep begins with
     switches: tuple[Switch, ...]
 
 
 class Attempts:
-    """Position of a run in its chain of methods. A switch is permanent: the method that failed would fail again."""
+    """Position of a run in its chain of methods.
+
+    A switch to another method with the same form of the bodies lasts for one substep: the next one begins with the
+    first method of that form again. A switch to another form is permanent: the bodies are prepared in one form.
+    """
 
     def __init__(self, system: System, reached: Reached | None = None) -> None:
         """Prepare the bodies for the first method, and a coarse mesh if the method uses one; collective.
@@ -58,6 +62,7 @@ class Attempts:
         self.volume = prepare_volume(system, self.stage.surface)
         self.coarse = CoarseMesh.beside(system) if self.choice.coarse else None
         self._ready: dict[Stage, Ready] = {}
+        self._learnt: dict[str, dict[str, Plain]] = {}  # of methods that are not prepared yet, see `restore`
         self._metric: SurfaceMetric | None = None  # for methods that have none
 
     @property
@@ -66,9 +71,18 @@ class Attempts:
         return self.choice.stages[self.at]
 
     @property
+    def first(self) -> int:
+        """Index of the first method with the present form of the bodies."""
+        return next(k for k, stage in enumerate(self.choice.stages) if stage.surface == self.stage.surface)
+
+    @property
     def reached(self) -> Reached:
         """The position, to continue from later."""
-        return Reached(self.choice, self.at, tuple(self.switches))
+        return Reached(self.choice, self.first, tuple(self.switches))
+
+    def begin(self) -> None:
+        """Begin a substep: with the first method that has the present form of the bodies."""
+        self.at = self.first
 
     def advance(self, system: System, time: float, solution: Solution) -> bool:
         """Switch to the next method of the chain; collective.
@@ -80,13 +94,14 @@ class Attempts:
         Returns:
             Whether it was switched; not if the chain ends, or memory does not suffice for the next form of the bodies.
         """
-        if self.at + 1 == len(self.choice.stages):
+        before, later = self.stage, self._later(other_form=solution.status is Status.SLOW)
+        if not later:
             return False
-        before, after = self.stage, self.choice.stages[self.at + 1]
+        after = self.choice.stages[later[0]]
         if after.surface != before.surface and not fits(system, after.surface):
             log.warning("t = %g: %s: %s; no memory for %s", time, before, solution.status.value, after)
             return False
-        self.at += 1
+        self.at = later[0]
         switch = Switch(time, solution.iterations, str(before), str(self.stage), solution.status.value)
         self.switches.append(switch)
         log.warning("t = %g: %s: %s; goes on with %s", time, switch.before, switch.because, switch.after)
@@ -95,12 +110,25 @@ class Attempts:
             self.volume = prepare_volume(system, self.stage.surface)
         return True
 
+    def _later(self, other_form: bool) -> list[int]:
+        """Indices of the stages after the present one; of those with another form of the bodies only, if asked for."""
+        places, form = range(self.at + 1, len(self.choice.stages)), self.stage.surface
+        return [k for k in places if not other_form or self.choice.stages[k].surface != form]
+
     def method(self, system: System, surface: DelassusOperator) -> Callable[[State], Solve]:
         """A function from a state to the solver of the next step; the method keeps what it has learnt of the bodies."""
-        setup = Setup(system=system, surface=surface, coarse=self.coarse, safety=SAFE if self.stage.safe else 1.0)
+        setup = Setup(
+            system=system,
+            surface=surface,
+            coarse=self.coarse,
+            safety=SAFE if self.stage.safe else 1.0,
+            hurried=any(fits(system, self.choice.stages[k].surface) for k in self._later(other_form=True)),
+        )
         before = self._ready.get(self.stage)
         if before is None:
             ready = METHODS[self.stage.method].of(system.problem.solver).build(setup)
+            if (known := self._learnt.pop(str(self.stage), None)) is not None:
+                ready.restore(known, surface)
         else:
             ready = before.renewed(setup)
         self._ready[self.stage] = ready
@@ -116,9 +144,14 @@ class Attempts:
         return known
 
     def snapshot(self) -> dict[str, Plain]:
-        """What the current method has learnt; see `restore`."""
-        return self._ready[self.stage].snapshot()
+        """What the methods with the present form of the bodies have learnt, by stage; see `restore`."""
+        form = self.stage.surface
+        known = {str(stage): ready.snapshot() for stage, ready in self._ready.items() if stage.surface == form}
+        return self._learnt | known
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
-        """Take over what a `snapshot` holds, made by the same method with the same bodies."""
-        self._ready[self.stage].restore(snapshot, surface)
+        """Take over what a `snapshot` holds, made with the same bodies; a method takes it when it is prepared."""
+        self._learnt = dict(snapshot)
+        for stage, ready in self._ready.items():
+            if (known := self._learnt.pop(str(stage), None)) is not None:
+                ready.restore(known, surface)

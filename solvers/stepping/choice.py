@@ -14,6 +14,7 @@ from solvers.fem.constraints import Constraints
 from solvers.interface.prepare import Form
 from solvers.methods import METHODS
 from solvers.parallel.memory import available
+from solvers.scene.problem import Problem
 from solvers.scene.settings import Solver
 from solvers.system.system import System
 
@@ -21,10 +22,16 @@ ENTRIES = {  # non-zero entries of a row of K_B, inside a regular mesh
     ("triangle", 1): 14, ("triangle", 2): 23, ("quadrilateral", 1): 18, ("quadrilateral", 2): 32,
     ("tetrahedron", 1): 44, ("tetrahedron", 2): 84, ("hexahedron", 1): 81, ("hexahedron", 2): 192,
 }  # fmt: skip
-ITERATIONS = 100  # of conjugate gradients that a frictional problem of two steps takes, measured 60 to 130
-PER_ENTRY = 1.5e-8  # [s] of one such iteration for each entry of K_B: products and one multigrid cycle
-PLANE, SPACE = 1.2e-8, 6e-9  # [s] of a factorisation with its Schur complement, to be multiplied by N^1.5 and N^2
-DENSE = 1e-10  # [s] of the dense algebra, to be multiplied by the cube of the number of contact dofs
+# CPU seconds on one core, one thread, fitted to the table of `workflows.benchmarks.auto`
+FACTOR_TIME = {2: 1.7e-8, 3: 2.7e-9}  # of a factorisation with its Schur complement, times N^1.5 and N^2
+BACK = {2: 8e-7, 3: 2e-6}  # of a step's solves with the factor, times N
+INVERSE = 6e-11  # of the inverse of the dense stiffness, times the cube of the number of contact dofs
+NEWTON = 6e-12  # of a step's Newton iterations, times the same
+SET_UP = 1e-7  # of multigrid, for each entry of K_B
+PER_ENTRY = 1.3e-8  # of one iteration of conjugate gradients, for each entry of K_B: products and a multigrid cycle
+ITERATIONS = {2: 60, 3: 40}  # of conjugate gradients that a step takes, measured 40 to 75 and 20 to 50
+COMPACT = 2.0  # a floating body more slender than this takes more, in proportion to the square
+METRIC, PER_DOF = 0.03, 1e-4  # of a step's problems on the surface: the least, and for each contact dof
 COPIES = 5  # copies of the dense stiffness that are in memory at the same time
 FACTOR = {2: 40.0, 3: 60.0}  # entries of a factor, to be multiplied by N and N^(4/3)
 SHARE = 0.7  # of the available memory that the condensed form may take
@@ -50,26 +57,39 @@ class Size:
     dofs: int
     entries: float  # approximate number of non-zero entries of K_B
     contact_dofs: int
+    steps: int = 2  # requested times
+    slender: float = 1.0  # length over thickness of the most slender body that floats
     ranks: int = 1  # that share a machine's memory
 
     @staticmethod
-    def of(mesh: Mesh, constraints: Constraints, contacts: tuple[ContactRows, ...]) -> Size:
-        """Size from mesh, constraints and contact rows, before assembly; collective."""
+    def of(problem: Problem, mesh: Mesh, constraints: Constraints, contacts: tuple[ContactRows, ...]) -> Size:
+        """Size from what is known before assembly; collective."""
         dofs = constraints.free_total
         nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in contacts)]))
         kind = mesh.domain.topology.cell_type.name, mesh.degree
         machine = mesh.comm.Split_type(MPI.COMM_TYPE_SHARED)
         ranks = mesh.comm.allreduce(machine.size, op=MPI.MAX)
         machine.Free()
-        return Size(mesh.dim, dofs, dofs * ENTRIES[kind], mesh.dim * len(nodes), ranks)
+        return Size(
+            dim=mesh.dim,
+            dofs=dofs,
+            entries=dofs * ENTRIES[kind],
+            contact_dofs=mesh.dim * len(nodes),
+            steps=len(problem.timeline.times),
+            slender=max([1.0, *(_slenderness(mesh, body) for body in _floating(problem))]),
+            ranks=ranks,
+        )
 
     @property
     def seconds(self) -> dict[Form, float]:
-        """Predicted time [s] on one core, by form of the bodies."""
-        factor = PLANE * self.dofs**1.5 if self.dim == 2 else SPACE * self.dofs**2
+        """Predicted time [s] on one core of preparation and all steps, by form of the bodies."""
+        N, cube = self.dofs, float(self.contact_dofs) ** 3
+        prepared = FACTOR_TIME[self.dim] * N ** (1.5 if self.dim == 2 else 2.0) + INVERSE * cube
+        iterations = ITERATIONS[self.dim] * max(1.0, self.slender / COMPACT) ** 2
+        solves = iterations * PER_ENTRY * self.entries
         return {
-            "condensed": factor + DENSE * self.contact_dofs**3,
-            "matrix-free": ITERATIONS * PER_ENTRY * self.entries,
+            "condensed": prepared + self.steps * (BACK[self.dim] * N + NEWTON * cube),
+            "matrix-free": SET_UP * self.entries + self.steps * (solves + METRIC + PER_DOF * self.contact_dofs),
         }
 
     @property
@@ -77,6 +97,18 @@ class Size:
         """Predicted memory [bytes] of the condensed form: a dense stiffness on each rank, one factor for all ranks."""
         factor = self.dofs * (self.dofs ** (1 / 3) * FACTOR[3] if self.dim == 3 else FACTOR[2])
         return 8.0 * (self.ranks * COPIES * self.contact_dofs**2 + factor)
+
+
+def _floating(problem: Problem) -> list[str]:
+    """Bodies with a rigid motion that no support resists."""
+    moved = problem.rigid_modes.any(axis=1).reshape(len(problem.bodies), -1)
+    return [body for body, moves in zip(problem.bodies, moved.any(axis=1), strict=True) if moves]
+
+
+def _slenderness(mesh: Mesh, body: str) -> float:
+    """Length of a body over its thickness; collective."""
+    low, high = mesh.body_box(body)
+    return float(np.max(high - low) / np.min(high - low))
 
 
 @dataclass(frozen=True)
@@ -107,7 +139,7 @@ def fits(system: System, form: Form) -> bool:
 
 
 def _size(system: System) -> Size:
-    return Size.of(system.mesh, system.constraints, system.contacts)
+    return Size.of(system.problem, system.mesh, system.constraints, system.contacts)
 
 
 def _memory(system: System) -> float:
@@ -156,4 +188,4 @@ def _form(size: Size, solver: Solver, fits: bool) -> tuple[Form, str]:
         return "matrix-free", f"the condensed form needs about {needs}, more than this machine has free"
     seconds = size.seconds
     form: Form = "condensed" if seconds["condensed"] <= seconds["matrix-free"] else "matrix-free"
-    return form, f"{size.dofs} dofs in {size.dim}D: {form} is the cheaper form"
+    return form, f"{size.dofs} dofs in {size.dim}D, {size.steps} steps: {form} is the cheaper form"

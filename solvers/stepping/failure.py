@@ -68,7 +68,19 @@ def explain(problem: SurfaceProblem | None, solution: Solution, tolerance: float
         where = "" if broken or problem is None else largest_residual(problem, solution)
         residual = f"{where}residual {solution.residual:.1e}, not {tolerance:g},"
     ending = f"after {solution.iterations} iterations; {solution.status.value}{rigid_bodies}"
-    return f"{residual} in a step of {size:.3g} s {ending}"
+    return f"{residual} in a step of {size:.3g} s {ending}{_jumps(problem)}"
+
+
+def _jumps(problem: SurfaceProblem | None) -> str:
+    """What to know of friction bounds that jump where the surfaces part."""
+    for place in problem.cone.with_friction() if problem is not None else ():
+        friction = place.rows.friction
+        if place.rows.normal.sides == 1 and friction is not None and friction.jumps:
+            return (
+                f"; the friction bound of contacts.{place.rows.name} jumps where the surfaces part: there may be no "
+                "solution; capped_coulomb has one"
+            )
+    return ""
 
 
 def largest_residual(problem: SurfaceProblem, solution: Solution) -> str:

@@ -16,7 +16,7 @@ from geometry.protocols import Vec
 from solvers.contact.admissible_set import AdmissibleSet
 from solvers.interface.flexibility import Load
 from solvers.interface.limit_analysis import unbalanced_motion
-from solvers.interface.prepare import prepare_surface, trial_stiffness
+from solvers.interface.prepare import elastic_stiffness, prepare_surface
 from solvers.interface.problem import SurfaceProblem
 from solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
 from solvers.newton.solution import Convergence, Correction, OnStep, Solution, Status, Step
@@ -103,14 +103,17 @@ class Stepper:
         self.attempts = attempts or Attempts(system)
         self.cone = AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
-        self.gamma = trial_stiffness(system)
+        self.gamma, self.weight = elastic_stiffness(system)
         self.reported: Accepted | None = None  # what the last result of `Simulation.steps` was read from
-        self._prepare_surface()
-
-    def _prepare_surface(self) -> None:
-        """Set up the bodies in the form of the current stage of `attempts`, and its method; collective."""
         self.stage = self.attempts.stage
-        self.surface = prepare_surface(self.system, self.attempts.volume)
+        self.surface = prepare_surface(system, self.attempts.volume)
+        self.method_after = self.attempts.method(system, self.surface)
+
+    def _follow(self) -> None:
+        """Take over the current stage of `attempts`; the surface stays if the form of the bodies does; collective."""
+        before, self.stage = self.stage, self.attempts.stage
+        if self.stage.surface != before.surface:
+            self.surface = prepare_surface(self.system, self.attempts.volume)
         self.method_after = self.attempts.method(self.system, self.surface)
 
     def start(self) -> State:
@@ -165,7 +168,9 @@ class Stepper:
             remaining = target - state.time
             size = control.next_size(remaining, smallest)
             end = target if size == remaining else state.time + size
-            stepper, solution, problem, new = self._solve_with_pairs(state, end, history, on_iteration)
+            stepper, solution, problem, new = self._solve_with_pairs(
+                state, end, history, on_iteration, can_be_cut=size > smallest * (1 + 1e-9)
+            )
             if solution.status is Status.NO_EQUILIBRIUM:
                 unbalanced = end, f"{solution.status.value}: {describe_motion(stepper.system, solution.u_c)}"
             if new is None:
@@ -206,23 +211,24 @@ class Stepper:
         return accepted
 
     def _solve_with_pairs(
-        self, state: State, end: float, history: list[HistoryRow], on_iteration: OnIteration
+        self, state: State, end: float, history: list[HistoryRow], on_iteration: OnIteration, can_be_cut: bool
     ) -> tuple[Stepper, Solution, SurfaceProblem | None, State | None]:
         """One attempt at a substep from `state` to the time `end`; the stepper has the pairs that it was solved with.
 
         Sliding contacts take the pairs of where the substep starts. If points slide off their facets, it is solved
         again with the pairs of where it ends.
         """
+        self.attempts.begin()
         names = [c.name for c in self.system.contacts if self.system.problem.pairs[c.name].contact.sliding]
         if not names:
-            return self, *self._solve(state, end, history, on_iteration)
+            return self, *self._solve(state, end, history, on_iteration, can_be_cut)
         if self.stage is not self.attempts.stage:
-            self._prepare_surface()  # the steppers of other pairs share it
+            self._follow()  # the steppers of other pairs share it
         searched = relative_positions(self.system, state, names)
         for _ in range(SEARCHES):
             stepper = self._with_pairs(searched)
             start = carried_over(state, stepper.system)
-            solution, problem, new = stepper._solve(start, end, history, on_iteration)
+            solution, problem, new = stepper._solve(start, end, history, on_iteration, can_be_cut)
             if new is None:
                 break
             now = relative_positions(stepper.system, new, names)
@@ -241,7 +247,7 @@ class Stepper:
         return other
 
     def _solve(
-        self, state: State, end: float, history: list[HistoryRow], on_iteration: OnIteration
+        self, state: State, end: float, history: list[HistoryRow], on_iteration: OnIteration, can_be_cut: bool
     ) -> tuple[Solution, SurfaceProblem | None, State | None]:
         """One substep with the present pairs, by one method after the other; the new state is None if all fail."""
         began = clock.perf_counter()
@@ -254,11 +260,13 @@ class Stepper:
 
         while True:
             if self.stage is not self.attempts.stage:
-                self._prepare_surface()
+                self._follow()
             attempt = self._attempt(state, end, record)
             solution, _, new = attempt
             if new is not None or solution.status is Status.NO_EQUILIBRIUM:
                 return attempt
+            if can_be_cut and self.stage.surface == "condensed":
+                return attempt  # Newton's chain is long: a shorter step helps it more than another method
             if not self.attempts.advance(self.system, end, solution):
                 return attempt
 
@@ -392,6 +400,7 @@ class Stepper:
             offset=relative_displacement(system, u_s, time, np.zeros(self.surface.driven)),
             gap=np.concatenate([self.gap, (state.w - self.cone.give(state.p))[n:]]),
             gamma=self.gamma,
+            weight=self.weight,
             force=force,
             stiffness=system.problem.softest / system.extent,
         )

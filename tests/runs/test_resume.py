@@ -17,7 +17,10 @@ import pytest
 
 from shared.command import Call, result
 from shared.histories import LEARNS, SMALL, Stop, assert_same, names_in, rows
+from solvers.interface.problem import SurfaceProblem
+from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.surface_uzawa import LearningIteration
+from solvers.newton.solution import Solution
 from workflows.formats.hdf5 import write_arrays
 from workflows.formats.steps import step_name
 from workflows.run.folder import ResultsFolder
@@ -112,6 +115,27 @@ def test_methods_that_were_given_up_stay_so(name: str, tmp_path: Path, monkeypat
         run(scene, tmp_path / "out", resume=True)
     done = result(tmp_path / "out")
     assert [switch["after"] for switch in done["switches"]][-1] == "condensed-newton (condensed)"
+    assert_same(tmp_path / "out", tmp_path / "whole")
+
+
+def test_what_a_method_of_single_steps_has_learnt_is_known_after_a_resume(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where Newton fails, surface-uzawa takes the step over; it learns of the bodies from all such steps."""
+    solve = CondensedNewton.__call__
+    fails = {0.5, 1.5}
+
+    def some(self: CondensedNewton, problem: SurfaceProblem, *rest: Any) -> Solution:
+        return solve(replace(self, max_it=1) if problem.cone.time in fails else self, problem, *rest)
+
+    monkeypatch.setattr(CondensedNewton, "__call__", some)
+    scene = read("cube", [*CUBE, "steps.count=4"])
+    run(scene, tmp_path / "whole")
+    run(scene, tmp_path / "out", Watch(on_step=Stop(1)))
+    run(scene, tmp_path / "out", resume=True)
+    done = result(tmp_path / "out")
+    assert [switch["time"] for switch in done["switches"]] == sorted(fails)
+    assert done["method"] == "condensed-newton"
     assert_same(tmp_path / "out", tmp_path / "whole")
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,20 +11,24 @@ from numpy.testing import assert_allclose
 
 from geometry.errors import MachineError
 from solvers.interface.coarse_mesh import CoarseMesh
+from solvers.linear.conjugate_gradients import MOST_ITERATIONS
 from solvers.methods import Solver
-from solvers.methods.surface_uzawa import LearningIteration
+from solvers.methods.condensed_newton import CondensedNewton
+from solvers.methods.surface_uzawa import PATIENCE, LearningIteration
 from solvers.newton.solution import Solution, Status
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import Simulation
 from solvers.stepping.choice import Size, Stage, chosen
 from solvers.stepping.stepper import StepError
 from solvers.system.system import System
-from workflows.run.result import summary
+from workflows.benchmarks.auto import BARS, Case
+from workflows.run.audit import Audited
+from workflows.run.result import Outcome, summary
 from workflows.scene_file.read import read
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
-CHAIN = ["surface-uzawa", "surface-uzawa", "condensed-newton"]
+CHAIN = ["surface-uzawa", "surface-uzawa", "condensed-newton", "surface-uzawa"]
 BASE = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}}
 FEW = 2  # iterations
 
@@ -70,8 +75,32 @@ def test_methods_that_fail_hand_the_step_on(
     assert (first.after, second.after) == ("surface-uzawa (matrix-free, safer metric)", "condensed-newton (condensed)")
     assert found[0].iterations == 2 * FEW + expected[0].iterations
     assert found[1].iterations == expected[1].iterations
-    choice = summary(simulation, "converged", [], [], 1.0)["choice"]
+    choice = summary(simulation, Outcome("converged", "", Path()), [], Audited(), 1.0)["choice"]
     assert (choice["method"], choice["because"]) == ("surface-uzawa", "solver.surface = matrix-free")
+
+
+def test_a_switch_on_the_same_bodies_lasts_for_one_step(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = forces(simulation_of(pressed(scene_of, method="condensed-newton")))
+    calls, whole = list[None](), CondensedNewton.__call__
+
+    def fails_once(self: CondensedNewton, *arguments: Any) -> Solution:
+        calls.append(None)
+        return whole(replace(self, max_it=1) if len(calls) == 1 else self, *arguments)
+
+    monkeypatch.setattr(CondensedNewton, "__call__", fails_once)
+    simulation = simulation_of(pressed(scene_of))
+    found = list(simulation.steps())
+    assert_allclose([step.contacts["base"].force for step in found], expected, rtol=0, atol=1e-7)
+    (switch,) = simulation.stepper.attempts.switches
+    assert (switch.time, switch.after) == (1.0, "surface-uzawa (condensed)")
+    assert [{row[-1] for row in step.history} for step in found] == [
+        {"condensed-newton", "surface-uzawa"},
+        {"condensed-newton"},
+    ]
+    assert [step.substeps for step in found] == [1, 1]
+    assert simulation.counters.factorisations == 1
 
 
 def test_a_linear_solve_that_fails_hands_the_step_on(
@@ -103,36 +132,73 @@ def test_no_switch_to_what_memory_has_no_room_for(
     with pytest.raises(StepError, match="iterations ran out"):
         next(simulation.steps())
     attempts = simulation.stepper.attempts
-    assert [switch.after for switch in attempts.switches] == ["surface-uzawa (matrix-free, safer metric)"]
+    assert {switch.after for switch in attempts.switches} == {"surface-uzawa (matrix-free, safer metric)"}
     assert attempts.stage.surface == "matrix-free"
 
 
 SMALL, LARGE = Size(3, 1000, 8e4, 100), Size(3, 1_000_000, 8e7, 30_000)
-NEWTON = Stage("condensed-newton", "condensed")
+DENSE = Stage("condensed-newton", "condensed"), Stage("surface-uzawa", "condensed")
 UZAWA = Stage("surface-uzawa", "matrix-free"), Stage("surface-uzawa", "matrix-free", safe=True)
 
 
 def test_the_choice_goes_by_size_and_memory() -> None:
-    assert chosen(SMALL, Solver(), 1e12).stages == (NEWTON,)
-    assert chosen(LARGE, Solver(), 1e15).stages == (*UZAWA, NEWTON)
+    assert chosen(SMALL, Solver(), 1e12).stages == DENSE
+    assert chosen(LARGE, Solver(), 1e15).stages == (*UZAWA, *DENSE)
     assert chosen(SMALL, Solver(), 1e3).stages == UZAWA
-    assert chosen(SMALL, Solver(method="surface-uzawa"), 1e12).stages == (Stage("surface-uzawa", "condensed"),)
+    assert chosen(SMALL, Solver(method="surface-uzawa"), 1e12).stages == DENSE[1:]
     with pytest.raises(MachineError, match="more than this machine has free"):
         chosen(LARGE, Solver(method="condensed-newton"), 1e9)
+
+
+def form(size: Size) -> str:
+    return chosen(size, Solver(), 1e12).stages[0].surface
+
+
+def test_a_factor_pays_in_many_steps() -> None:
+    """Sizes and fastest forms of the table that `workflows.benchmarks.auto` prints."""
+    cube, half_ball = Size(3, 50_700, 4.1e6, 2028), Size(3, 22_903, 1.0e6, 3048)
+    assert [form(each) for each in (cube, half_ball)] == ["matrix-free"] * 2
+    assert [form(replace(each, steps=32)) for each in (cube, half_ball)] == ["condensed"] * 2
+    assert form(Size(2, 3180, 44_520, 868)) == "condensed"  # bars: many of the dofs are contact dofs
+
+
+def test_multigrid_is_not_for_slender_bodies_that_float(system_of: Callable[[Scene], System]) -> None:
+    beam = Size(3, 50_000, 4e6, 2000)
+    assert (form(beam), form(replace(beam, slender=10.0))) == ("matrix-free", "condensed")
+    system = system_of(bars())
+    size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
+    assert size.slender == pytest.approx(10.0 / 0.3)
+
+
+def bars(*words: str) -> Scene:
+    """A bar on a bar under its own weight; nothing but contact holds the upper one."""
+    scene = Case("two_blocks", 2.0, BARS, free=("top",)).read(2)
+    return replace(scene, solver=replace(scene.solver, **dict(word.split("=") for word in words)))
+
+
+@pytest.mark.parametrize("words", [(), ("surface=matrix-free",)])
+def test_bars_of_which_one_floats(words: tuple[str, ...], simulation_of: SimulationOf) -> None:
+    """Conjugate gradients take hundreds of iterations for each solve: the step is handed on after some of them."""
+    simulation = simulation_of(bars(*words))
+    (*_, last) = simulation.steps()
+    assert last.contacts["joint"].force[1] == pytest.approx(1e-3 * 9.81 * 10.0 * 0.3, rel=1e-9)  # its weight
+    assert [switch.because for switch in simulation.stepper.attempts.switches] == [Status.SLOW.value] * len(words)
+    assert simulation.counters.linear_iterations <= len(words) * (PATIENCE + MOST_ITERATIONS)
 
 
 def test_each_rank_of_a_machine_has_a_dense_stiffness_of_its_own() -> None:
     one, four = LARGE.dense_bytes, replace(LARGE, ranks=4).dense_bytes
     assert four - one == pytest.approx(3 * 5 * 8 * LARGE.contact_dofs**2)  # five copies of doubles
     memory = (one + four) / 2 / 0.7  # the part of it that may be taken
-    assert NEWTON in chosen(LARGE, Solver(), memory).stages
-    assert NEWTON not in chosen(replace(LARGE, ranks=4), Solver(), memory).stages
+    assert DENSE[0] in chosen(LARGE, Solver(), memory).stages
+    assert DENSE[0] not in chosen(replace(LARGE, ranks=4), Solver(), memory).stages
 
 
 def test_the_size_is_that_of_what_is_assembled(scene_of: SceneOf, system_of: Callable[[Scene], System]) -> None:
     system = system_of(scene_of(2, {"cells": "tensor", "mesh_size": 0.05}, contacts=BASE))
-    size = Size.of(system.mesh, system.constraints, system.contacts)
+    size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
     assert (size.dim, size.dofs, size.ranks) == (2, system.K_B.size[0], 1)
+    assert (size.steps, size.slender) == (1, 2.0)  # nothing supports it
     assert size.contact_dofs == len(system.interface.dofs)
     assert size.entries == pytest.approx(system.K_B.getInfo()["nz_used"], rel=0.1)  # fewer at the boundary
 

@@ -284,7 +284,8 @@ def test_inner_residuals_obey_the_rule_of_elman_and_golub(share: float, watched:
     surface = simulation.stepper.surface
     moved = np.linalg.norm(np.sqrt(surface.W) * np.diff(seen.p, axis=0), axis=1)[:-1]  # the last is sure of it
     outer = moved * np.sqrt(surface.lambda_max / 1.5)  # relaxation 1.5
-    assert_allclose(seen.allowed[1:-1], share * outer, rtol=1e-6)
+    new = moved > 0  # tractions that seem to be the answer are solved for again, exactly
+    assert_allclose(np.array(seen.allowed[1:-1])[new], share * outer[new], rtol=1e-6)
     assert np.max(np.array(seen.end[1:]) / np.array(seen.allowed[1:])) <= MULTIGRID
 
 

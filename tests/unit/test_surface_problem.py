@@ -126,10 +126,10 @@ def test_rounding_of_motions_is_no_defect() -> None:
     found = solved(problem)
     last = LAST_DIGITS * 1e3
     shaken = found.w + 1e3 + 0.5 * last * np.where(np.arange(len(found.w)) % 2, 1.0, -1.0)
-    assert np.abs(far.cone.natural_residual(found.p, shaken - far.gap, far.gamma)).max() > 0
+    assert np.abs(far.cone.natural_residual(found.p, shaken - far.gap, far.weight)).max() > 0
     assert np.abs(far.defect(found.p, shaken)).max() == 0.0
     wrong = far.defect(found.p, shaken + 3 * last)
-    assert np.abs(wrong).max() == pytest.approx(2.5 * last * problem.gamma.max(), rel=0.5)
+    assert np.abs(wrong).max() == pytest.approx(2.5 * last * problem.weight.max(), rel=0.5)
     assert problem.defect(found.p, found.w + 1e-6).max() <= 0.0
     assert problem.defect(found.p, found.w + 1e-6).min() < 0.0  # closed rows lack pressure
 
@@ -155,7 +155,7 @@ def test_pressure_off_a_stiff_law_is_a_defect_though_the_bodies_hardly_feel_it()
     more[:n] *= 1.2
     seen = problem.defect(more, found.w)[:n]
     law = place.rows.normal.pressure((found.w - problem.gap)[:n])  # type: ignore[attr-defined]
-    natural = problem.cone.natural_residual(more, found.w - problem.gap, problem.gamma)[:n]
+    natural = problem.cone.natural_residual(more, found.w - problem.gap, problem.weight)[:n]
     expected = np.maximum(PART * np.abs(more[:n] - law), np.abs(natural))
     assert_allclose(np.abs(seen)[closed], expected[closed], rtol=1e-3)
     assert np.any(PART * np.abs(more[:n] - law)[closed] > np.abs(natural)[closed])
@@ -189,5 +189,5 @@ def test_iterative_volume_solves_are_as_accurate_as_tractions_need(monkeypatch: 
     monkeypatch.setattr(problem.surface, "under", keep)
     problem.contact_displacement(np.zeros(len(problem.gap)), 0.1)
     problem.contact_displacement(np.full(len(problem.gap), 1e-3 * problem.p_ref), 0.1)
-    scales = [problem.u_ref, 1e-3 * problem.p_ref / problem.gamma.max()]
+    scales = [problem.u_ref, 1e-3 * problem.p_ref / problem.weight.max()]
     assert_allclose(asked, [0.1 * scales[0], 0.1 * min(scales)])

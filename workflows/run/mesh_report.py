@@ -170,7 +170,8 @@ def look(scene: Scene) -> tuple[MeshReport, Choice, int]:
     constraints = find_constraints(problem, mesh, space, nodes)
     contacts = contact_rows(problem, mesh, space, nodes, constraints)
     report = report_mesh(scene, mesh, nodes.total, contacts)
-    return report, chosen(Size.of(mesh, constraints, contacts), scene.solver, available()), constraints.free_total
+    size = Size.of(problem, mesh, constraints, contacts)
+    return report, chosen(size, scene.solver, available()), constraints.free_total
 
 
 def count(scene: Scene) -> dict[str, Any]:

@@ -74,7 +74,10 @@ def times_mu(factor: float, tables: Tables, random: Random) -> Tables | None:
 
 
 def friction_law(law: str, tables: Tables, random: Random) -> Tables | None:
-    """Another friction law in its place, of bounds that the scene may reach; or none."""
+    """Another friction law in its place, of bounds that the scene may reach; or none.
+
+    Tresca's bound comes with bilateral contact: where surfaces part it jumps, and there may be no solution.
+    """
     if not any(frictions(tables)):
         return None
     bound = 0.1 * softest(tables) * travel(tables) / extent(tables)
@@ -86,6 +89,8 @@ def friction_law(law: str, tables: Tables, random: Random) -> Tables | None:
     for contact in tables["contacts"].values():
         if contact.pop("friction", None) and law != "none":
             contact["friction"] = laws[law]
+            if law == "tresca":
+                contact["normal"] = {"law": "bilateral"}
     return tables
 
 
