@@ -107,6 +107,7 @@ def mutate(module: str, files: Sequence[str], tests: Sequence[str]) -> Tally:
         "also_copy": COPIED,
         "pytest_add_cli_args": ["-p", "no:cacheprovider", "-m", "not slow"],
         "pytest_add_cli_args_test_selection": tests,
+        "timeout_multiplier": ["5"],  # of processor time
         "track_dependencies": ["false"],
         "use_git_change_detection": ["false"],
     }

@@ -139,3 +139,28 @@ def test_bounds_follow_the_time() -> None:
     assert_array_equal(at(found.at(0.25)), [1.0, 0.0])
     slope = cone((2, 2, Unilateral(), Coulomb(mu=0.4))).bound_slope(place, np.array([1.0, 0.0]))
     assert_array_equal(slope.toarray(), 0.0)  # of the block's own law
+
+
+def test_each_contact_presses_or_pulls_by_its_own_law() -> None:
+    both = cone((1, 2, Bilateral(), Coulomb(mu=0.5)), (1, 2, Unilateral(), Coulomb(mu=0.5)))
+    p, r = np.array([-1.0, -1.0, 0.0, 0.0]), np.array([0.5, 0.0, 0.0, 0.0])
+    assert_allclose(both.natural_residual(p, r, 2.0), [-1.0, -1.0, 0.0, 0.0])
+
+
+def test_a_direction_without_multiplier_carries_nothing() -> None:
+    (rows,) = cone((2, 3, Unilateral(), Coulomb(mu=0.5))).contacts
+    found = AdmissibleSet((replace(rows, free=np.array([[False, True], [True, True]])),), 1.0, 1.0)
+    assert_array_equal(found.carrying, [True, True, False, True, True, True])
+    p = np.array([4.0, 4.0, 9.0, 1.0, 0.5, 0.5])
+    expected = np.array([4.0, 4.0, 0.0, 1.0, 0.5, 0.5])
+    assert_allclose(found.project(p, np.ones(6)), expected)
+    assert_allclose(found.natural_residual(p, np.zeros(6), 1.0), p - expected)
+
+
+def test_slopes_of_bounds_are_those_of_their_laws() -> None:
+    for normal, friction in ((SOFT, TangentialCompliance(c_T=1.0, m_T=2.0)), (Unilateral(), Coulomb(mu=0.4))):
+        found = cone((2, 2, normal, friction))
+        (place,) = found.places
+        p, h = np.array([1.0, 3.0]), 1e-6
+        columns = [(found.bound(place, p + h * e) - found.bound(place, p - h * e)) / (2 * h) for e in np.eye(2)]
+        assert_allclose(found.bound_slope(place, p).toarray(), np.stack(columns, axis=1), atol=1e-9)

@@ -136,6 +136,7 @@ WRONG: list[tuple[dict[str, Any], Model, str]] = [
     ({"apex": (0.0, 0.0)}, "3d", "apex = .*expected 3 components"),
     ({"axis": (0.0, 1.0)}, "3d", "axis = .*expected 3 components"),
     ({}, "plane strain", 'shape = "cone": there is none in a plane model'),
+    ({}, "plane stress", 'shape = "cone": there is none in a plane model'),
     ({"apex": (1.0, 0.0), "axis": (0.0, 1.0)}, "axisymmetric", "apex = .*axis of symmetry"),
     ({"apex": (0.0, 0.0), "axis": (1.0, 1.0)}, "axisymmetric", "axis = .*expected"),
 ]
@@ -145,6 +146,11 @@ WRONG: list[tuple[dict[str, Any], Model, str]] = [
 def test_wrong_cones_are_refused_by_key(data: dict[str, Any], model: Model, sentence: str) -> None:
     with pytest.raises(SceneError, match=sentence):
         Cone(**({"apex": (0.0, 0.0, 0.0), "axis": (0.0, 0.0, 1.0), "half_angle": 30.0} | data)).check_model(model)
+
+
+def test_a_needle_is_a_cone() -> None:
+    Cone(apex=(0.0, 0.0), axis=(0.0, -1.0), half_angle=0.5).check_model("axisymmetric")
+    Cone(apex=(1.0, 0.0, 0.0), axis=(1.0, 0.0, 1.0), half_angle=89.5).check_model("3d")
 
 
 def ball_in_socket(half_angle: float, mu: float, dim: int, order: int) -> None:

@@ -199,7 +199,7 @@ def test_laws_at_the_edge_of_what_is_possible_are_accepted() -> None:
     for law in (*at_least, TangentialCompliance(c_T=0.5), CoulombByPoint(mu=np.array([0.0, 0.1]))):
         assert law.resists()
     assert not CoulombByPoint(mu=np.zeros(2)).resists()
-    assert CoulombByPoint(mu=np.zeros(0)).mu.size == 0
+    assert CoulombByPoint(mu=np.zeros(0)).lines(Unilateral(), 1.0, 1.0) == (np.inf, np.inf, 0.0)
     assert Coulomb(mu=0.3, k_T=0.5).softness == 2.0
     assert Compliance(c_n=0.5).c_n == 0.5
 
@@ -218,8 +218,10 @@ def test_each_point_has_its_own_coefficient() -> None:
 LINES: list[tuple[FrictionLaw, NormalLaw, bool]] = [  # and whether the lines are the bound itself
     (Coulomb(mu=0.3), Unilateral(), True),
     (Tresca(bound=((1.0, 0.8), (2.0, 4.0))), Unilateral(), True),
+    (Tresca(bound=4.0), Unilateral(), True),
     (Stick(), Unilateral(), True),
     (TangentialCompliance(c_T=2.0), Compliance(c_n=3.0), True),
+    (TangentialCompliance(c_T=2.0, m_T=1.000001), Compliance(c_n=3.0), False),
     (TangentialCompliance(c_T=0.7, m_T=1.5), Compliance(c_n=3.0, m_n=1.5), True),
     (TangentialCompliance(c_T=2.0, m_T=2.0), Compliance(c_n=3.0, m_n=1.5), False),
     (CoulombByPoint(mu=np.array([0.1, 0.2, 0.3])), Unilateral(), False),

@@ -108,7 +108,7 @@ WRONG: list[tuple[type[Obstacle], dict[str, Any], Model, str]] = [
         Plane,
         {"point": (0.0, 0.0), "normal": (0.0, 1.0), "displacement": {"z": 1.0}},
         "plane strain",
-        "displacement.z = given",
+        "displacement.z = given: a plane model has x and y only",
     ),
     (
         Plane,
@@ -164,7 +164,13 @@ def test_right_obstacles_are_accepted() -> None:
     )
     Cylinder(point=(0.0, 3.0), radius=1.0, axis=(0.0, 1.0)).check_model("axisymmetric")
     Cylinder(point=(1.0, 0.0, 0.0), radius=1.0, axis=(1.0, 1.0, 0.0)).check_model("3d")
+    Cylinder(point=(1.0, 0.0), radius=1.0).check_model("plane strain")
     Sphere(center=(0.0, 3.0), radius=1.0).check_model("axisymmetric")
+
+
+def test_wrong_motions_are_refused() -> None:
+    with pytest.raises(SceneError, match=r"^displacement\.y = .*: times must increase"):
+        Plane(point=(0.0, 0.0), normal=(0.0, 1.0), displacement={"y": ((1.0, 1.0), (0.5, 2.0))})
 
 
 def test_wrong_rotations_are_refused() -> None:

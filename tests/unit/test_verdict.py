@@ -163,7 +163,7 @@ def test_both_formulas_of_a_penetration_agree() -> None:
     np.testing.assert_allclose(found, [0.0, 0.0, 0.5, 2.0], rtol=1e-14, atol=0)
     np.testing.assert_allclose(closed_formulas.pressure(law, found), np.maximum(p, 0.0), rtol=1e-13)
     for rigid in (Unilateral(), Bilateral(), Tied()):
-        np.testing.assert_array_equal(closed_formulas.penetration(rigid, p), 0.0)
+        assert np.array_equal(closed_formulas.penetration(rigid, p), np.zeros(4))
         assert closed_formulas.pressure(rigid, p) is None
 
 
@@ -236,6 +236,7 @@ def test_what_passes_its_limit_is_said_and_no_more() -> None:
     assert not tuple(passed([], [], [], 1e-8))
     rough = replace(zero, cone=0.02, equilibrium=5e-5, rounding=1e-5)
     assert not tuple(passed([rough], [1.0], [1e-3], 1e-8))  # as the method states, and rounding decides
+    assert not tuple(passed([replace(zero, cone=2e-3)], [1.0], [0.0], 1e-4))  # as the tolerance allows
     with pytest.raises(ValueError, match="shorter"):
         tuple(passed([zero, zero], [1.0, 2.0], [0.0], 1e-8))
 
