@@ -143,8 +143,8 @@ def test_bounds_follow_the_time() -> None:
 
 def test_each_contact_presses_or_pulls_by_its_own_law() -> None:
     both = cone((1, 2, Bilateral(), Coulomb(mu=0.5)), (1, 2, Unilateral(), Coulomb(mu=0.5)))
-    p, r = np.array([-1.0, -1.0, 0.0, 0.0]), np.array([0.5, 0.0, 0.0, 0.0])
-    assert_allclose(both.natural_residual(p, r, 2.0), [-1.0, -1.0, 0.0, 0.0])
+    p, r = np.array([-1.0, -1.0, 0.0, 0.0]), np.array([0.25, 0.0, 0.0, 0.0])
+    assert_allclose(both.natural_residual(p, r, 2.0), [-0.5, -1.0, 0.0, 0.0])
 
 
 def test_a_direction_without_multiplier_carries_nothing() -> None:

@@ -1,6 +1,7 @@
 """Paths through the kinks of piecewise-linear problems arrive at the solution that Newton's method finds."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from geometry.arrays import Array
+from solvers.contact.admissible_set import AdmissibleSet
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.condensed_newton import CondensedNewton
 from solvers.newton import path
@@ -221,6 +223,20 @@ def test_what_is_off_the_path_returns_to_it(name: str) -> None:
     value = at.map.value(at.p, at.trial, at.state)
     assert_allclose(value, 0.7 * at.at_start, atol=1e-12)
     assert np.abs(at.at_start).max() > 1e-3
+
+
+def test_a_direction_without_multiplier_is_left_out() -> None:
+    """The traction of its row is no unknown, and zero."""
+    whole = problem_of("coulomb")
+    (rows,) = whole.cone.contacts
+    free = rows.free.copy()
+    free[3] = False
+    problem = replace(whole, cone=AdmissibleSet((replace(rows, free=free),), whole.cone.time, whole.cone.end))
+    left_out = problem.surface.normal_rows + 3
+    assert left_out not in path._Map.of(problem).rows
+    (end,) = path.path_from(problem, closed(problem) + problem.p_ref / 10, np.zeros(problem.surface.size), 3000)
+    assert end.p[left_out] == 0.0
+    assert problem.natural_residual(end.p, problem.relative_displacement(end.u_c)) < 1e-11
 
 
 def test_the_same_path_is_followed_again() -> None:

@@ -191,3 +191,10 @@ def test_iterative_volume_solves_are_as_accurate_as_tractions_need(monkeypatch: 
     problem.contact_displacement(np.full(len(problem.gap), 1e-3 * problem.p_ref), 0.1)
     scales = [problem.u_ref, 1e-3 * problem.p_ref / problem.weight.max()]
     assert_allclose(asked, [0.1 * scales[0], 0.1 * min(scales)])
+
+
+def test_small_problems_are_judged_as_large_ones() -> None:
+    problem, tiny = problem_of(), scaled(problem_of(), 1e-8)
+    p, w = solved(problem).p, solved(problem).w + 1e-9 * problem.u_ref
+    assert tiny.natural_residual(1e-8 * p, 1e-8 * w) == pytest.approx(problem.natural_residual(p, w), rel=1e-3)
+    assert not tiny.is_scaled(replace(tiny, gap=tiny.gap + 1e-6 * tiny.u_ref))
