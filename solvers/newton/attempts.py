@@ -38,7 +38,7 @@ class Bodies(Protocol):
 
 @dataclass
 class Attempts:
-    """The attempts so far, and the best iterate of all of them. Newton's system follows from p_hat alone.
+    """The attempts so far, and the best iterate of all of them.
 
     Where all laws are piecewise linear the next iterate of plain Newton depends on the active set alone: it arrives, or
     comes back to where it was and cycles from there on. A damped attempt looks for the length of its steps by a line

@@ -110,6 +110,11 @@ class Attempts:
             self.volume = prepare_volume(system, self.stage.surface)
         return True
 
+    @property
+    def exhausted(self) -> bool:
+        """Whether the method in use is the last one of the chain."""
+        return not self._later(other_form=False)
+
     def _later(self, other_form: bool) -> list[int]:
         """Indices of the stages after the present one; of those with another form of the bodies only, if asked for."""
         places, form = range(self.at + 1, len(self.choice.stages)), self.stage.surface

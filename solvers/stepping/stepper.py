@@ -164,20 +164,25 @@ class Stepper:
         smallest = step / 2**HALVINGS
         accepted: Accepted | None = None
         failed: SurfaceProblem | None = None  # from the present state
+        stuck = False  # whether a shorter step would be the same problem again
         while accepted is None or state.time < target:
             remaining = target - state.time
             size = control.next_size(remaining, smallest)
             end = target if size == remaining else state.time + size
             stepper, solution, problem, new = self._solve_with_pairs(
-                state, end, history, on_iteration, can_be_cut=size > smallest * (1 + 1e-9)
+                state, end, history, on_iteration, can_be_cut=not stuck and size > smallest * (1 + 1e-9)
             )
             if solution.status is Status.NO_EQUILIBRIUM:
                 unbalanced = end, f"{solution.status.value}: {describe_motion(stepper.system, solution.u_c)}"
             if new is None:
                 # from rest, under loads in proportion to time, a shorter step is the same problem again
                 at_rest = not state.p.any() and not state.w.any()
+                known = stuck or self.attempts.exhausted or solution.status is Status.NO_EQUILIBRIUM
                 scaled = at_rest and failed is not None and problem is not None and problem.is_scaled(failed)
                 failed = problem
+                if scaled and not known:
+                    stuck = True  # once more, now by all methods
+                    continue
                 if size <= smallest * (1 + 1e-9) or scaled:
                     if unbalanced is not None:
                         raise NoEquilibriumError(*unbalanced, tuple(history), accepted)
@@ -187,7 +192,7 @@ class Stepper:
                 log.warning("t = %g: %s; the step is cut to %.3g s", end, solution.status.value, control.size)
                 continue
             assert problem is not None
-            failed = None
+            failed, stuck = None, False
             easy = solution.iterations <= EASY * self.system.problem.solver.max_iterations
             control = control.after_success(size, step, easy)
             substep_start, state, substeps = state, replace(new, control=control), substeps + 1
@@ -215,6 +220,7 @@ class Stepper:
     ) -> tuple[Stepper, Solution, SurfaceProblem | None, State | None]:
         """One attempt at a substep from `state` to the time `end`; the stepper has the pairs that it was solved with.
 
+        `can_be_cut`: see `_solve`.
         Sliding contacts take the pairs of where the substep starts. If points slide off their facets, it is solved
         again with the pairs of where it ends.
         """
@@ -249,7 +255,10 @@ class Stepper:
     def _solve(
         self, state: State, end: float, history: list[HistoryRow], on_iteration: OnIteration, can_be_cut: bool
     ) -> tuple[Solution, SurfaceProblem | None, State | None]:
-        """One substep with the present pairs, by one method after the other; the new state is None if all fail."""
+        """One substep with the present pairs, by one method after the other; the new state is None if all fail.
+
+        `can_be_cut`: whether a shorter one can follow. Then on the condensed form the first method alone is tried.
+        """
         began = clock.perf_counter()
 
         def record(step: Step) -> None:

@@ -58,7 +58,8 @@ def scene(
             "top": Load(boundary="block.top", pressure=((0.0, shear_lag.PRESSURE),)),
         },
         steps=Steps(end=times[-1], count=len(pulls)),
-        solver=Solver(method=method, tolerance=1e-12 if method == "condensed-newton" else 1e-10),
+        # surface-uzawa: u of a slender body is a small difference of what its forces cause, right to 1e-10 or so
+        solver=Solver(method=method, tolerance=1e-10 if method == "surface-uzawa" else 1e-12),
     )
 
 
