@@ -16,7 +16,7 @@ from solvers.interface.problem import SurfaceProblem
 from solvers.laws.law import FrictionLaw, NormalLaw
 from solvers.methods.applicability import Applicability
 from solvers.methods.coloured_sweeps import ColouredSweeps
-from solvers.methods.method import Method, Ready, SameEveryStep, Setup
+from solvers.methods.method import Method, Ready, SameEveryStep, Setup, Turn
 from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
 
 STALL_WINDOW = 500  # sweeps in which the smallest residual must halve
@@ -36,9 +36,8 @@ class NSGS(Method):
     point, and the friction of a node comes right after the last one that its bound depends on. There is no step size;
     the number of sweeps grows with the number of points.
 
-    It is not in the chain of `auto`: a switch of methods comes before the step is cut, and it is permanent. Runs whose
-    steps are cut and then solved by condensed-newton would continue with sweeps. It also needs bodies that supports
-    hold.
+    It is the last of the chain of `auto` for bodies that supports hold, in 3D and with every law: slow, and hard to
+    lose. The methods before it solve all of the ready scenes and their variations.
 
     Source: Jean, Comput. Methods Appl. Mech. Engrg. 177 (1999); Acary & Brogliato, Numerical Methods for Nonsmooth
     Dynamical Systems (2008).
@@ -51,6 +50,7 @@ class NSGS(Method):
         "`cylinders`; they grow with the number of points"
     )
     WORKS_WITH: ClassVar = Applicability(floating=False, matrix_free=False, contends=False)
+    TURNS: ClassVar = (Turn("condensed", 3),)
 
     def build(self, setup: Setup) -> Ready:
         return Sweeps(self, _delassus(setup))

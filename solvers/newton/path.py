@@ -14,6 +14,9 @@ p^T W G p <= p_n^T W (w_n - gap - s D) + s_t^T W |w_t - gap_t| with the bounds s
 bounded, and that p = 0 is the only one for s >= 1, if D is large enough; the path that starts there cannot end but at
 s = 0. It has finitely many kinks if no two come at once (start and D are perturbed for that), perhaps very many.
 
+Past s = 0 the second path goes on, and may come back: each time it crosses s = 0 it is at a solution. Their number is
+odd. Solutions on closed paths of their own are not found.
+
 Source: Katzenelson, Bell Syst. Tech. J. 44 (1965); Lemke, Management Sci. 11 (1965); Eaves, Math. Program. Study 7
 (1978), of paths of piecewise-linear maps.
 """
@@ -96,11 +99,9 @@ def path_from_open(problem: SurfaceProblem, kinks: int) -> Iterator[Start]:
 
 def _follow(maps: _Map, p: Array, b: Array, wider: Array, kinks: int) -> Iterator[Start]:
     try:
-        found = _Path(maps, p, b, wider).follow(kinks)
+        yield from _Path(maps, p, b, wider).solutions(kinks)
     except np.linalg.LinAlgError:  # it starts where a row is at a kink, or where nothing holds a body
         return
-    if found is not None:
-        yield found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,25 +205,25 @@ class _Path:
         self.inverse = np.linalg.inv(maps.jacobian(self.state))
         self.crossed: tuple[int, int] | None = None  # row that changed its state last, and its state before
 
-    def follow(self, kinks: int) -> Start | None:
-        """Follow the path; None if it does not arrive within that many kinks, or leads away."""
+    def solutions(self, kinks: int) -> Iterator[Start]:
+        """Where the path crosses s = 0, until it leads away, or has had that many kinks."""
         for kink in range(1, kinks + 1):
             z = -self.direction * (self.inverse @ self._by_s())  # dz along the path, for |ds| = 1
             dp = np.zeros_like(self.p)
             m = len(self.map.rows)
             dp[self.map.rows], db = z[:m], z[m:]
             step, row, to = self._next_kink(dp, db)
-            left = self.s if self.direction < 0 else np.inf
-            if not np.isfinite(min(step, left)):
-                return None
-            self._move(min(step, left), dp, db)
-            if left <= step:
-                return self._end()
+            left = -self.s * self.direction
+            if 0 < left <= step:
+                p, b = self.p + left * dp, self.b + left * db
+                yield self._at(p, b)
+            if not np.isfinite(step):
+                return
+            self._move(step, dp, db)
             if self.s > BACK or not self._change(row, to):
-                return None
+                return
             if kink % REFRESH == 0:
                 self._correct()
-        return None
 
     def _by_s(self) -> Array:
         """dH/ds (m + r,)."""
@@ -300,7 +301,7 @@ class _Path:
         self.b += z[len(maps.rows) :]
         self._evaluate()
 
-    def _end(self) -> Start:
+    def _at(self, p: Array, b: Array) -> Start:
         problem, surface = self.map.problem, condensed(self.map.problem.surface)
-        u_c = surface.flexibility @ (problem.load.f_c - surface.forces(self.p)) + surface.R @ self.b
-        return Start.at(problem, self.p, u_c)
+        u_c = surface.flexibility @ (problem.load.f_c - surface.forces(p)) + surface.R @ b
+        return Start.at(problem, p, u_c)

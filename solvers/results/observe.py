@@ -166,6 +166,7 @@ class Observer:
             u_ref=accepted.problem.u_ref,
             convergence=accepted.convergence,
             history=tuple(row.as_tuple() for row in accepted.history),
+            other_solutions=tuple(_normal_forces(accepted, p) for p in accepted.others),
             columns=self._columns(state.time),
         )
 
@@ -249,6 +250,13 @@ class Observer:
             values = nodal.reshape(-1, system.mesh.dim)[dx.cell_dofs(system.space)[cell]]
             found = ProbeValue(displacement=basis @ values, stress=cell_stress[cell])
         return next(offer for offer in system.mesh.comm.allgather(found) if offer is not None)
+
+
+def _normal_forces(accepted: Accepted, p: Array) -> dict[str, float]:
+    """Normal force [N] of each contact under tractions p (rows,) [Pa]."""
+    pressures = accepted.stepper.split(p)[0]
+    rows = accepted.stepper.system.contacts
+    return {c.name: float(c.W_n @ p_n) for c, p_n in zip(rows, pressures, strict=True)}
 
 
 def _status(

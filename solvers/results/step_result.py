@@ -113,6 +113,9 @@ class StepResult:
     history: tuple[HistoryTuple, ...]  # each iteration: time, iteration, residual, volume solves, seconds, method
     linear_error: float = 0.0  # error left by an iterative volume solve, energy norm, relative [-]; 0: direct solver
     convergence: Convergence | None = None  # of Uzawa's iteration, from methods that measure it
+    other_solutions: tuple[
+        Mapping[str, float], ...
+    ] = ()  # that friction admits and were met: normal force by contact [N]
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 
     def without_fields(self) -> StepResult:

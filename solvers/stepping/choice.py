@@ -60,6 +60,7 @@ class Size:
     steps: int = 2  # requested times
     slender: float = 1.0  # length over thickness of the most slender body that floats
     ranks: int = 1  # that share a machine's memory
+    floating: bool = False  # whether contact or forces alone hold a body or an obstacle
 
     @staticmethod
     def of(problem: Problem, mesh: Mesh, constraints: Constraints, contacts: tuple[ContactRows, ...]) -> Size:
@@ -78,6 +79,7 @@ class Size:
             steps=len(problem.timeline.times),
             slender=max([1.0, *(_slenderness(mesh, body) for body in _floating(problem))]),
             ranks=ranks,
+            floating=bool(problem.rigid_modes.shape[1] or problem.driven),
         )
 
     @property
@@ -154,16 +156,20 @@ def chosen(size: Size, solver: Solver, memory: float) -> Choice:
     forms: tuple[Form, ...] = ("condensed",)
     if form == "matrix-free":
         forms = ("matrix-free", "condensed") if size.dense_bytes < SHARE * memory else ("matrix-free",)
-    return Choice(tuple(stage for each in forms for stage in chain(each)), because)
+    return Choice(tuple(stage for each in forms for stage in chain(each, size.floating)), because)
 
 
-def chain(form: Form) -> tuple[Stage, ...]:
+def chain(form: Form, floating: bool) -> tuple[Stage, ...]:
     """Stages that `auto` tries with one form of the bodies, in the order of the methods' turns.
 
-    >>> [str(stage) for stage in chain("matrix-free")]
+    Args:
+        floating: whether they must work with bodies that contact alone holds.
+
+    >>> [str(stage) for stage in chain("matrix-free", floating=True)]
     ['surface-uzawa (matrix-free)', 'surface-uzawa (matrix-free, safer metric)']
     """
-    turns = [(turn, name) for name, method in METHODS.items() for turn in method.TURNS if turn.form == form]
+    able = {name: method for name, method in METHODS.items() if method.WORKS_WITH.floating or not floating}
+    turns = [(turn, name) for name, method in able.items() for turn in method.TURNS if turn.form == form]
     return tuple(Stage(name, form, turn.safe) for turn, name in sorted(turns, key=lambda each: each[0].place))
 
 

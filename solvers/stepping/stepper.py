@@ -18,6 +18,7 @@ from solvers.interface.flexibility import Load
 from solvers.interface.limit_analysis import unbalanced_motion
 from solvers.interface.prepare import elastic_stiffness, prepare_surface
 from solvers.interface.problem import SurfaceProblem
+from solvers.newton import several
 from solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
 from solvers.newton.solution import Convergence, Correction, OnStep, Solution, Status, Step
 from solvers.stepping import failure
@@ -54,6 +55,7 @@ class Accepted:
     slack: float  # relative distance to the friction bound at which a point still counts as slipping, see `Solution`
     linear_error: float  # of the last substep [-], see `DelassusOperator`
     convergence: Convergence | None  # of the last substep, see `Solution`
+    others: tuple[Array, ...]  # tractions (rows,) [Pa] of other solutions of a substep, the last one that has any
     history: tuple[HistoryRow, ...]  # every iteration of every attempt
 
 
@@ -163,6 +165,7 @@ class Stepper:
         step = target - start.time
         smallest = step / 2**HALVINGS
         accepted: Accepted | None = None
+        others: tuple[Array, ...] = ()
         failed: SurfaceProblem | None = None  # from the present state
         stuck = False  # whether a shorter step would be the same problem again
         while accepted is None or state.time < target:
@@ -185,14 +188,16 @@ class Stepper:
                     continue
                 if size <= smallest * (1 + 1e-9) or scaled:
                     if unbalanced is not None:
-                        raise NoEquilibriumError(*unbalanced, tuple(history), accepted)
+                        when, why = unbalanced
+                        why += f"; the last equilibrium that was found is at t = {state.time:g}"
+                        raise NoEquilibriumError(when, why, tuple(history), accepted)
                     text = failure.explain(problem, solution, self.system.problem.solver.tolerance, size)
                     raise StepError(end, text, tuple(history), accepted)
                 control = control.after_failure(size, smallest)
                 log.warning("t = %g: %s; the step is cut to %.3g s", end, solution.status.value, control.size)
                 continue
             assert problem is not None
-            failed, stuck = None, False
+            failed, stuck, others = None, False, solution.others or others
             easy = solution.iterations <= EASY * self.system.problem.solver.max_iterations
             control = control.after_success(size, step, easy)
             substep_start, state, substeps = state, replace(new, control=control), substeps + 1
@@ -211,6 +216,7 @@ class Stepper:
                 slack=solution.slack,
                 linear_error=stepper.surface.linear_error,
                 convergence=solution.convergence,
+                others=others,
                 history=tuple(history),
             )
         return accepted
@@ -346,7 +352,7 @@ class Stepper:
             log.warning("t = %g: the error of the iteration is unknown: %s", end, error)
             left = replace(before, size=np.nan)
         return (
-            solution,
+            replace(solution, others=tuple(several.others(problem, solution.p))),
             problem,
             replace(new, previous=previous, law_error=law_error, peak=peak, correction=left),
         )

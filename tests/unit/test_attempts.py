@@ -28,7 +28,7 @@ from workflows.scene_file.read import read
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
-CHAIN = ["surface-uzawa", "surface-uzawa", "condensed-newton", "surface-uzawa"]
+CHAIN = ["surface-uzawa", "surface-uzawa", "condensed-newton", "surface-uzawa", "nsgs"]
 BASE = {"base": {"surface": "block.bottom", "against": "foundation", "friction": {"law": "coulomb", "mu": 0.3}}}
 FEW = 2  # iterations
 
@@ -104,6 +104,29 @@ def test_a_switch_on_the_same_bodies_lasts_for_one_step(
     assert simulation.counters.factorisations == 1
 
 
+POWER = {"law": "compliance", "c_n": 40.0, "m_n": 2.0}
+
+
+@pytest.mark.parametrize("normal", [{"law": "unilateral"}, POWER])
+def test_sweeps_are_the_last_resort_in_space(
+    normal: dict[str, Any], scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = scene_of(
+        dim=3,
+        contacts={"base": BASE["base"] | {"normal": normal}},
+        supports={"top": {"boundary": "block.top", "displacement": {"x": 0.02, "y": 0.0, "z": -0.05}}},
+        solver={"tolerance": 1e-10},
+    )
+    expected = forces(simulation_of(scene))
+    hasten(monkeypatch)
+    whole = CondensedNewton.__call__
+    monkeypatch.setattr(CondensedNewton, "__call__", lambda self, *rest: whole(replace(self, max_it=1), *rest))
+    monkeypatch.setattr("solvers.stepping.stepper.HALVINGS", 0)
+    simulation = simulation_of(scene)
+    assert_allclose(forces(simulation), expected, rtol=0, atol=1e-8)
+    assert [switch.after for switch in simulation.stepper.attempts.switches] == [str(stage) for stage in DENSE[1:]]
+
+
 def test_a_linear_solve_that_fails_hands_the_step_on(
     scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -138,7 +161,7 @@ def test_no_switch_to_what_memory_has_no_room_for(
 
 
 SMALL, LARGE = Size(3, 1000, 8e4, 100), Size(3, 1_000_000, 8e7, 30_000)
-DENSE = Stage("condensed-newton", "condensed"), Stage("surface-uzawa", "condensed")
+DENSE = tuple(Stage(name, "condensed") for name in ("condensed-newton", "surface-uzawa", "nsgs"))
 UZAWA = Stage("surface-uzawa", "matrix-free"), Stage("surface-uzawa", "matrix-free", safe=True)
 
 
@@ -146,7 +169,8 @@ def test_the_choice_goes_by_size_and_memory() -> None:
     assert chosen(SMALL, Solver(), 1e12).stages == DENSE
     assert chosen(LARGE, Solver(), 1e15).stages == (*UZAWA, *DENSE)
     assert chosen(SMALL, Solver(), 1e3).stages == UZAWA
-    assert chosen(SMALL, Solver(method="surface-uzawa"), 1e12).stages == DENSE[1:]
+    assert chosen(SMALL, Solver(method="surface-uzawa"), 1e12).stages == DENSE[1:2]
+    assert chosen(replace(SMALL, floating=True), Solver(), 1e12).stages == DENSE[:2]
     with pytest.raises(MachineError, match="more than this machine has free"):
         chosen(LARGE, Solver(method="condensed-newton"), 1e9)
 

@@ -1,6 +1,7 @@
 """A history that becomes unsolvable ends by name, as near to that time as the smallest step comes."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -67,6 +68,10 @@ def test_run_without_equilibrium_ends_with_3_and_keeps_what_was_reached(name: st
     times, limit = [step["time"] for step in content["steps"]], LIMITS[name].time
     assert times[:-1] == [t for k in range(limits_case.STEPS + 1) if (t := k * END / limits_case.STEPS) < limit]
     assert limit - limits_case.NEAR < times[-1] < limit
+    proved, found = re.fullmatch(
+        r"t = (\S+): .* the last equilibrium that was found is at t = (\S+)", outcome.sentence
+    ).groups()  # type: ignore[union-attr]
+    assert (float(found), limit < float(proved) < limit + limits_case.NEAR) == (pytest.approx(times[-1], 1e-5), True)
 
 
 def test_iterations_that_do_not_suffice_from_some_time_on_end_with_3_there(tmp_path: Path) -> None:

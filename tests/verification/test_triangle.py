@@ -1,4 +1,4 @@
-"""One node on a plane with much friction: up to three answers, and each that is found is one of them.
+"""One node on a plane with much friction: up to three answers; one of them is found, and the others are said.
 
 Reference: one P1 triangle, two corners clamped; Coulomb's law by cases on K u + r = f, r in the cone.
 """
@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from solvers.scene.scene import Scene
 from solvers.simulation.simulation import prepare
+from workflows.run.doubts import doubts
 from workflows.scene_file.read import from_dict
 
 DRAWN = """
@@ -32,23 +34,31 @@ LOAD = np.array([-1.0, -0.6])
 OPEN = (-2.681854, 0.122507)  # displacement
 STICK = (1.0, 0.6)  # reaction
 SLIP = (-2.070766, 0.203552, 0.067851)  # u_t, reaction
+CLEARANCE = 0.52823344  # of the node's weighted gap above a plane at its own height: the plane is that much higher
 UNIQUE = 1.4966630  # below this coefficient there is one answer, whatever the load
 
 
 def answer(mu: float, folder: Path, path: list[list[float]]) -> tuple[np.ndarray, np.ndarray]:
     """Displacement of the free node and the reaction on it at the end of a path of loads on it."""
+    simulation = prepare(scene_of(mu, folder, path))
+    *_, step = simulation.steps()
+    free = int(np.argmin(np.linalg.norm(simulation.data.points, axis=1)))
+    return step.displacement[free], step.contacts["tip"].force
+
+
+def scene_of(mu: float, folder: Path, path: list[list[float]], floor: float = 0.0) -> Scene:
     file = folder / "triangle.py"
     file.write_text(DRAWN)
     times = np.arange(len(path)) + 1.0
     # half of what is spread over a side goes to either end: the free node gets half of all
     traction = [[[0.0, 0.0], *([t, 2 * f[i] / LOW] for t, f in zip(times, path, strict=True))] for i in (0, 1)]
-    scene = from_dict(
+    return from_dict(
         {
             "model": "plane strain",
             "geometry": {"file": str(file)},
             "bodies": {"corner": {"E": 1.0, "nu": 0.3}},
             "supports": {"clamp": {"boundary": "corner.high", "displacement": {"x": 0.0, "y": 0.0}}},
-            "obstacles": {"floor": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
+            "obstacles": {"floor": {"shape": "plane", "point": [0.0, floor], "normal": [0.0, 1.0]}},
             "contacts": {
                 "tip": {"surface": "corner.low", "against": "floor", "friction": {"law": "coulomb", "mu": mu}}
             },
@@ -56,9 +66,6 @@ def answer(mu: float, folder: Path, path: list[list[float]]) -> tuple[np.ndarray
             "steps": {"end": float(times[-1]), "count": len(path)},
         }
     )
-    *_, step = prepare(scene).steps()
-    free = int(np.argmin(np.linalg.norm(prepare(scene).data.points, axis=1)))
-    return step.displacement[free], step.contacts["tip"].force
 
 
 def reactions() -> np.ndarray:
@@ -95,3 +102,18 @@ def test_below_the_threshold_the_node_leaves_the_plane(mu: float, tmp_path: Path
     u, reaction = answer(mu, tmp_path, [[-1.0, -0.6]])
     assert_allclose(u, OPEN, atol=2e-6)  # as many digits as are listed, and those of K
     assert_allclose(reaction, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("mu", "others"), [(0.5, 0), (1.1, 0), (1.4, 0), (1.6, 0), (3.0, 2), (10.0, 2)])
+def test_the_three_answers_are_met_and_told(mu: float, others: int, tmp_path: Path) -> None:
+    """Below mu = 1 / 0.6 the node of this load cannot stick: with 1.6 there is one answer as well."""
+    simulation = prepare(scene_of(mu, tmp_path, [[-1.0, -0.6]], floor=CLEARANCE))
+    (step,) = simulation.steps()
+    tip, pressures = step.contacts["tip"], [one["tip"] for one in step.other_solutions]
+    assert len(pressures) == others
+    told = [said for said in doubts(simulation, [step]) if "several solutions" in said]
+    assert len(told) == (others > 0)
+    if others:  # the pressure acts on the clamped halves of the sides too: twice the node's share
+        slip = (STICK[1] - K[0, 1] / K[0, 0] * STICK[0]) / (1 - mu * K[0, 1] / K[0, 0])
+        assert_allclose(sorted([tip.normal_force, *pressures]), [0.0, 2 * slip, 2 * STICK[1]], atol=2e-6)
+        assert f"{pressures[0]:.4g} " in told[0] or f"{pressures[0]:.4g}," in told[0]

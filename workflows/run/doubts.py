@@ -114,6 +114,7 @@ def _jump(cells: Ints, stress: Array, von_mises: Array) -> float:
 def doubts(simulation: Simulation, steps: Sequence[StepResult]) -> Iterator[str]:
     """What contacts and energies give reason to doubt."""
     problem, contacts = simulation.problem, simulation.system.contacts
+    yield from _several_solutions(steps, "N/m" if problem.model.startswith("plane") else "N")
     yield from coarse_steps(steps)
     for rows in contacts:
         states = [step.contacts[rows.name] for step in steps if rows.name in step.contacts]
@@ -125,6 +126,22 @@ def doubts(simulation: Simulation, steps: Sequence[StepResult]) -> Iterator[str]
         if (peak.status != OPEN).any() and peak.max_pressure > 0:
             yield from _few_points(rows, peak)
             yield from _cut_corners(rows, problem, peak)
+
+
+def _several_solutions(steps: Sequence[StepResult], unit: str) -> Iterator[str]:
+    """Where friction admits several solutions: of the first such step, for what follows depends on the one taken."""
+    step = next((step for step in steps if step.other_solutions), None)
+    if step is None:
+        return
+    found = [{name: contact.normal_force for name, contact in step.contacts.items()}, *step.other_solutions]
+    apart = {name: max(one[name] for one in found) - min(one[name] for one in found) for name in found[0]}
+    name = max(apart, key=apart.__getitem__)
+    more = ", ".join(f"{one[name]:.4g}" for one in step.other_solutions)
+    yield (
+        f"t = {step.time:g}: so much friction admits several solutions, and the model does not say which; taken is the "
+        f"one reached from the tractions of the step before, with a normal force of {found[0][name]:.4g} {unit} "
+        f"in contacts.{name}; others that were met have {more} {unit}"
+    )
 
 
 def coarse_steps(steps: Sequence[StepResult]) -> Iterator[str]:

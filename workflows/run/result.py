@@ -159,6 +159,7 @@ def _step(step: StepResult, audit: Audit | None) -> dict[str, Any]:
         },
         "audit": audit and asdict(audit),
         "convergence": step.convergence and asdict(step.convergence),
+        "other_solutions": [dict(forces) for forces in step.other_solutions],
     }
 
 

@@ -38,7 +38,7 @@ class Outcome(Enum):
     """How a variation ended; the values are the words of the page."""
 
     SOLVED = "solved"
-    BRANCH = "solved, another branch"  # a second method found another solution, and both satisfy all conditions
+    BRANCH = "solved, several solutions"  # others were met, or a second method found one: all satisfy all conditions
     PROVED = "no equilibrium, proved"
     REFUSED = "refused"
     FAILED = "failed"
@@ -157,7 +157,12 @@ def judge(scene: Scene, twin: Scene | None = None, scale: Scale = OWN) -> Iterat
         yield Verdict(outcome=Outcome.FAILED, reason=str(error), held=held, seconds=seconds)
         return
     first = Verdict(outcome=Outcome.SOLVED, held=held, iterations=own.iterations, seconds=clock.perf_counter() - began)
-    wrong = [*own.complaints, *(_against_twin(own, twin, scale) if twin is not None else ())]
+    wrong = list(own.complaints)
+    others = max((len(step.other_solutions) for step in own.steps), default=0)
+    if others:  # a twin may take another one
+        first = replace(first, outcome=Outcome.BRANCH, reason=f"{others} other solutions were met")
+    elif twin is not None:
+        wrong += _against_twin(own, twin, scale)
     if wrong:
         first = replace(first, outcome=Outcome.WRONG, reason="; ".join(wrong))
     yield first
@@ -209,8 +214,8 @@ def _with_second_opinion(verdict: Verdict, own: Solved) -> Verdict:
     said = f"{name}: {worst} differ by {off[worst]:.1e}"
     if other.complaints:
         return replace(verdict, second=f"{name}: no use, {other.complaints[0]}")
-    if verdict.outcome is Outcome.SOLVED:
-        return replace(verdict, outcome=Outcome.BRANCH, reason=said, second=said)
+    if verdict.outcome in (Outcome.SOLVED, Outcome.BRANCH):
+        return replace(verdict, outcome=Outcome.BRANCH, reason=verdict.reason or said, second=said)
     return replace(verdict, reason=f"{verdict.reason}; {said}", second=said)
 
 

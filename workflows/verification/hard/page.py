@@ -56,7 +56,10 @@ def _lines(rows: Sequence[Row], command: str, picture: str) -> Iterator[str]:
         "mirror), by that one."
     )
     yield ""
-    yield "- *solved, another branch*: a second method found another solution, and both satisfy all conditions."
+    yield (
+        "- *solved, several solutions*: so much friction admits more than one; others were met on the way, or a second "
+        "method found one, and all satisfy all conditions."
+    )
     yield "- *no equilibrium, proved*: with a collapse mechanism of floating bodies as certificate."
     yield "- *refused*: before solving, with one line that says why."
     yield "- *failed*: no answer within the limits of iterations or time. *wrong*: judges disagree."

@@ -1,0 +1,51 @@
+"""Other solutions of the same step: with much friction there may be several, and all of them are right.
+
+Below some coefficient of friction the solution of the discrete problem is unique; above it there may be an odd number
+of them, or a continuum. Nothing in the quasi-static model says which one a body takes.
+
+Source: Klarbring, Ing.-Arch. 60 (1990), of one node; Hild, Q. J. Mech. Appl. Math. 57 (2004), of discrete problems.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from geometry.arrays import Array
+from solvers.interface.problem import SurfaceProblem
+from solvers.newton import path
+
+ENOUGH = 1.0  # coefficient of friction above which others are looked for; one node of steel has others above 1.5
+KINKS = 2000  # on the path that is followed
+SOLVED = 1e-6  # natural residual of another solution: it is the end of a path, not iterated
+APART = 1e-3  # of the largest traction: solutions that differ by less are one
+
+
+def others(problem: SurfaceProblem, p: Array) -> Iterator[Array]:
+    """Tractions (rows,) [Pa] of solutions that differ from p, on the path from all open; none where it does not apply.
+
+    It finds no others of floating bodies, of compliance, in 3D, or off this path.
+
+    Args:
+        problem: the contact problem of the step.
+        p: tractions (rows,) [Pa] that solve it.
+    """
+    if not path.applies(problem) or problem.surface.floating or _most_friction(problem) <= ENOUGH:
+        return
+    known = [p]
+    for found in path.path_from_open(problem, KINKS):
+        w = problem.relative_displacement(found.u_c)
+        if problem.natural_residual(found.p, w) > SOLVED:
+            continue
+        size = max(np.abs(found.p).max(initial=0.0), np.abs(p).max(initial=0.0))
+        if all(np.abs(found.p - one).max(initial=0.0) > APART * size for one in known):
+            known.append(found.p)
+            yield found.p
+
+
+def _most_friction(problem: SurfaceProblem) -> float:
+    """The largest coefficient of friction of the step [-]."""
+    cone = problem.cone
+    most = [place.rows.friction.lines(place.rows.normal, cone.time, cone.end)[1] for place in cone.with_friction()]  # type: ignore[union-attr]
+    return max((float(np.max(mu, initial=0.0)) for mu in most), default=0.0)
