@@ -13,7 +13,6 @@ import numpy as np
 from geometry.arrays import Array
 from solvers.contact.admissible_set import AdmissibleSet
 from solvers.interface.flexibility import DelassusOperator, Load
-from solvers.laws.compliance import Compliance
 
 ROUNDING = 1e-12  # of the largest motion: normal motion below that counts as zero
 PART = 1e-2  # of the distance from a compliant law that counts as defect
@@ -123,11 +122,9 @@ class SurfaceProblem:
         rounding = LAST_DIGITS * max(float(np.abs(x).max(initial=0.0)) for x in (w, self.gap))
         found = np.sign(found) * np.maximum(np.abs(found) - self.weight * rounding, 0.0)
         for place in self.cone.places:
-            law, n = place.rows.normal, place.normal
-            if isinstance(law, Compliance):
-                doubt = law.stiffness(p[n], p[n]) * rounding
-                off = PART * np.maximum(np.abs(p[n] - law.pressure(r[n])) - doubt, 0.0)
-                found[n] = np.where(off > np.abs(found[n]), off, found[n])
+            n = place.normal
+            off = PART * place.rows.normal.misses(p[n], r[n], rounding)
+            found[n] = np.where(off > np.abs(found[n]), off, found[n])
         return found
 
     def scale(self, p: Array) -> float:

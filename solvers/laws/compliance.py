@@ -70,5 +70,9 @@ class Compliance(NormalLaw):
         slope = self.c_n * self.m_n * self.penetration(p) ** (self.m_n - 1)
         return np.where(p_hat > 0, slope, 0.0)
 
+    def misses(self, p: Array, penetration: Array, rounding: float) -> Array:
+        doubt = self.stiffness(p, p) * rounding
+        return np.asarray(np.maximum(np.abs(p - self.pressure(penetration)) - doubt, 0.0))
+
     def energy(self, p: Array) -> Array:
         return np.asarray(p * self.penetration(p) / (self.m_n + 1))

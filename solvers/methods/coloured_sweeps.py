@@ -17,7 +17,8 @@ from solvers.contact.admissible_set import project_disc
 from solvers.interface.discrete import DiscreteProblem
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.method import SameEveryStep
-from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
+from solvers.methods.sweeps import sweep_until_solved
+from solvers.newton.solution import OnStep, Solution, ignore
 
 STALL_WINDOW = 20000  # sweeps in which the smallest residual must halve; plateaus of 2000 were seen
 CLOSE, FEW = 10, 5  # the residual is measured after each of the first CLOSE sweeps, then after every FEW
@@ -60,30 +61,23 @@ class ColouredSweeps(SameEveryStep):
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         assert isinstance(problem, DiscreteProblem)
-        N, colours = problem.surface.N, list(coloured(problem))
-        history: list[Step] = []
-        status, stalled, r = Status.MAX_IT, Stall(STALL_WINDOW, 0.5), np.asarray(N.T @ p)
-        for k in range(self.max_it + 1):
-            if k <= CLOSE or k % FEW == 0 or k == self.max_it:
-                p = np.asarray(N @ r)
-                u_c = problem.contact_displacement(p)
-                w = problem.relative_displacement(u_c)
-                residual = problem.natural_residual(p, w)
-                history.append(Step(k, residual, problem.volume_solves))
-                on_step(history[-1])
-                if not np.isfinite(residual):
-                    status = Status.NOT_FINITE
-                    break
-                if residual <= self.rtol:
-                    status = Status.CONVERGED
-                    break
-                if stalled(k, residual):
-                    status = Status.STALLED
-                    break
-            if k < self.max_it:
-                for colour in colours:
-                    colour.answer(r)
-        return Solution(p, w, u_c, status, residual, tuple(history))
+        N, colours = problem.surface.N, coloured(problem)
+        r = np.asarray(N.T @ p)
+
+        def sweep() -> None:
+            for colour in colours:
+                colour.answer(r)
+
+        return sweep_until_solved(
+            problem,
+            lambda: np.asarray(N @ r),
+            sweep,
+            rtol=self.rtol,
+            max_it=self.max_it,
+            window=STALL_WINDOW,
+            on_step=on_step,
+            looks=lambda k: k <= CLOSE or k % FEW == 0,
+        )
 
 
 def coloured(problem: DiscreteProblem) -> list[Colour]:

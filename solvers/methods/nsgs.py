@@ -17,7 +17,8 @@ from solvers.laws.law import FrictionLaw, NormalLaw
 from solvers.methods.applicability import Applicability
 from solvers.methods.coloured_sweeps import ColouredSweeps
 from solvers.methods.method import Method, Ready, SameEveryStep, Setup, Turn
-from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
+from solvers.methods.sweeps import sweep_until_solved
+from solvers.newton.solution import OnStep, Solution, ignore
 
 STALL_WINDOW = 500  # sweeps in which the smallest residual must halve
 LEAST = 1e-12  # smallest flexibility of a point, relative to the largest: for rows that move nothing
@@ -74,31 +75,23 @@ class Sweeps(SameEveryStep):
         W, p = problem.surface.W, np.where(problem.cone.carrying, p, 0.0)
         loaded = problem.relative_displacement(problem.load.free) - problem.gap
         points = list(_points(problem, self.D))
-        history: list[Step] = []
-        status, stalled = Status.MAX_IT, Stall(STALL_WINDOW, 0.5)
-        for k in range(self.method.max_it + 1):
-            u_c = problem.contact_displacement(p)
-            w = problem.relative_displacement(u_c)
-            residual = problem.natural_residual(p, w)
-            history.append(Step(k, residual, problem.volume_solves))
-            on_step(history[-1])
-            if not np.isfinite(residual):
-                status = Status.NOT_FINITE
-                break
-            if residual <= self.method.rtol:
-                status = Status.CONVERGED
-                break
-            if stalled(k, residual):
-                status = Status.STALLED
-                break
-            if k == self.method.max_it:
-                break
-            p, forces = p.copy(), W * p
+
+        def sweep() -> None:
+            forces = W * p
             for point in points:
                 i = point.rows
                 p[i] = point.answer(p, loaded[i] - self.D[i] @ forces)
                 forces[i] = W[i] * p[i]
-        return Solution(p, w, u_c, status, residual, tuple(history))
+
+        return sweep_until_solved(
+            problem,
+            p.copy,
+            sweep,
+            rtol=self.method.rtol,
+            max_it=self.method.max_it,
+            window=STALL_WINDOW,
+            on_step=on_step,
+        )
 
 
 @dataclass(frozen=True)

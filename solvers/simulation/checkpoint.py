@@ -16,7 +16,7 @@ from geometry.protocols import Vec
 from solvers.parallel.counters import Counters
 from solvers.parallel.gather import Gather, nodes_of
 from solvers.parallel.serialise import ByNode, Own, Plain, deserialise, serialise
-from solvers.stepping.attempts import Reached
+from solvers.stepping.method_chain import Reached
 from solvers.stepping.state import State
 from solvers.stepping.stepper import Accepted, Stepper
 
@@ -45,13 +45,13 @@ class Checkpoints:
 
     def take(self, accepted: Accepted) -> Checkpoint:
         """The checkpoint of a step; call it before the next step begins."""
-        attempts = self.stepper.attempts
+        chain = self.stepper.chain
         return Checkpoint(
             state=serialise(accepted.state, self._whole, without=(ROWS,)),
             searched=accepted.stepper.searched,
-            reached=attempts.reached,
+            reached=chain.reached,
             counters=self.stepper.system.counters,
-            coarse=attempts.coarse.counters if attempts.coarse else None,
+            coarse=chain.coarse.counters if chain.coarse else None,
         )
 
     def learnt(self) -> Plain:
@@ -59,11 +59,11 @@ class Checkpoints:
 
         It can be large, and a resumed run can do without it. Nothing is copied: it is valid until the next step begins.
         """
-        attempts = self.stepper.attempts
+        chain = self.stepper.chain
         known = {
             "surface": self.stepper.surface.snapshot(),
-            "volume": attempts.volume.snapshot(),
-            "method": attempts.snapshot(),
+            "volume": chain.volume.snapshot(),
+            "method": chain.snapshot(),
         }
         return {"layout": self._layout(), **serialise(known, lambda own: own.values)}
 
@@ -77,12 +77,12 @@ class Checkpoints:
         Returns:
             The state that the next step starts from, and whether `learnt` could be used: not on other ranks.
         """
-        system, attempts = self.stepper.system, self.stepper.attempts
+        system, chain = self.stepper.system, self.stepper.chain
         rows = system.searched(checkpoint.searched).contacts if checkpoint.searched else system.contacts
         state: State = deserialise(State, checkpoint.state, self._vector, rows=rows)
         system.counters.add(checkpoint.counters)
-        if attempts.coarse and checkpoint.coarse:
-            attempts.coarse.counters.add(checkpoint.coarse)
+        if chain.coarse and checkpoint.coarse:
+            chain.coarse.counters.add(checkpoint.coarse)
         if learnt is None or learnt["layout"] != self._layout():
             return state, False
         self._teach(learnt)
@@ -90,10 +90,10 @@ class Checkpoints:
 
     def _teach(self, known: Mapping[str, Any]) -> None:
         """Give the bodies and the method what they had learnt."""
-        attempts, surface = self.stepper.attempts, self.stepper.surface
+        chain, surface = self.stepper.chain, self.stepper.surface
         surface.restore(known["surface"])
-        attempts.volume.restore(known["volume"])
-        attempts.restore(known["method"], surface)
+        chain.volume.restore(known["volume"])
+        chain.restore(known["method"], surface)
 
     def _layout(self) -> str:
         """Number of ranks, and a hash of the numbering of nodes: learnt data fit only the same layout."""

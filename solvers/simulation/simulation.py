@@ -15,8 +15,8 @@ from solvers.scene.problem import PlanRow, Problem
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import planned
 from solvers.simulation.script import Script
-from solvers.stepping.attempts import Attempts, Reached
 from solvers.stepping.history import HistoryRow
+from solvers.stepping.method_chain import MethodChain, Reached
 from solvers.stepping.state import State
 from solvers.stepping.stepper import StepError, Stepper
 from solvers.system.system import System, assemble
@@ -157,7 +157,7 @@ def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = No
     system = assemble(problem, mesh, counters)
     _ = system.K_B  # assembled too
     assembled = clock.perf_counter()
-    stepper = Stepper(system, Attempts(system, reached))
+    stepper = Stepper(system, MethodChain(system, reached))
     seconds.mesh, seconds.assemble = meshed - began, assembled - meshed
     seconds.prepare = clock.perf_counter() - assembled
     return Simulation(

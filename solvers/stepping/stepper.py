@@ -22,9 +22,9 @@ from solvers.newton import several
 from solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
 from solvers.newton.solution import Convergence, Correction, OnStep, Solution, Status, Step
 from solvers.stepping import failure
-from solvers.stepping.attempts import Attempts
 from solvers.stepping.failure import describe_motion
 from solvers.stepping.history import HistoryRow
+from solvers.stepping.method_chain import MethodChain
 from solvers.stepping.sliding import carried_over, pairs_hold, relative_positions
 from solvers.stepping.state import HALVINGS, Energy, Previous, State
 from solvers.stepping.update import displacement, new_state, relative_displacement, split
@@ -87,36 +87,36 @@ class Stepper:
     """Solves load steps with bodies that are prepared once.
 
     A step is solved in one substep if that succeeds, otherwise in several; a substep is attempted with one method
-    after the other, see `Attempts`.
+    after the other, see `MethodChain`.
     """
 
     def __init__(
-        self, system: System, attempts: Attempts | None = None, searched: Mapping[str, Array] = MappingProxyType({})
+        self, system: System, chain: MethodChain | None = None, searched: Mapping[str, Array] = MappingProxyType({})
     ) -> None:
-        """Prepare the bodies, unless `attempts` has them; collective.
+        """Prepare the bodies, unless `chain` has them; collective.
 
         Args:
             system: the bodies, and the contact rows of their present pairs.
-            attempts: shared by the steppers of the same bodies with other pairs; None: made here.
+            chain: shared by the steppers of the same bodies with other pairs; None: made here.
             searched: by sliding contact, `relative_positions` (n_all, d) [m] that its pairs were searched at.
         """
         self.searched = searched
         self.system = system
-        self.attempts = attempts or Attempts(system)
+        self.chain = chain or MethodChain(system)
         self.cone = AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma, self.weight = elastic_stiffness(system)
         self.reported: Accepted | None = None  # what the last result of `Simulation.steps` was read from
-        self.stage = self.attempts.stage
-        self.surface = prepare_surface(system, self.attempts.volume)
-        self.method_after = self.attempts.method(system, self.surface)
+        self.stage = self.chain.stage
+        self.surface = prepare_surface(system, self.chain.volume)
+        self.method_after = self.chain.method(system, self.surface)
 
     def _follow(self) -> None:
-        """Take over the current stage of `attempts`; the surface stays if the form of the bodies does; collective."""
-        before, self.stage = self.stage, self.attempts.stage
+        """Take over the current stage of `chain`; the surface stays if the form of the bodies does; collective."""
+        before, self.stage = self.stage, self.chain.stage
         if self.stage.surface != before.surface:
-            self.surface = prepare_surface(self.system, self.attempts.volume)
-        self.method_after = self.attempts.method(self.system, self.surface)
+            self.surface = prepare_surface(self.system, self.chain.volume)
+        self.method_after = self.chain.method(self.system, self.surface)
 
     def start(self) -> State:
         """The initial state: at rest at t = 0, without load, displacement or traction; collective."""
@@ -180,7 +180,7 @@ class Stepper:
             if new is None:
                 # from rest, under loads in proportion to time, a shorter step is the same problem again
                 at_rest = not state.p.any() and not state.w.any()
-                known = stuck or self.attempts.exhausted or solution.status is Status.NO_EQUILIBRIUM
+                known = stuck or self.chain.exhausted or solution.status is Status.NO_EQUILIBRIUM
                 scaled = at_rest and failed is not None and problem is not None and problem.is_scaled(failed)
                 failed = problem
                 if scaled and not known:
@@ -230,11 +230,11 @@ class Stepper:
         Sliding contacts take the pairs of where the substep starts. If points slide off their facets, it is solved
         again with the pairs of where it ends.
         """
-        self.attempts.begin()
+        self.chain.begin()
         names = [c.name for c in self.system.contacts if self.system.problem.pairs[c.name].contact.sliding]
         if not names:
             return self, *self._solve(state, end, history, on_iteration, can_be_cut)
-        if self.stage is not self.attempts.stage:
+        if self.stage is not self.chain.stage:
             self._follow()  # the steppers of other pairs share it
         searched = relative_positions(self.system, state, names)
         for _ in range(SEARCHES):
@@ -253,7 +253,7 @@ class Stepper:
 
     def _with_pairs(self, searched: Mapping[str, Array]) -> Stepper:
         """A stepper of the same bodies, with the pairs that are found at these `relative_positions`; collective."""
-        other = Stepper(self.system.searched(searched), self.attempts, searched)
+        other = Stepper(self.system.searched(searched), self.chain, searched)
         if other.stage.surface == self.stage.surface:
             other.surface.adopt(self.surface)
         return other
@@ -274,7 +274,7 @@ class Stepper:
             on_iteration(row)
 
         while True:
-            if self.stage is not self.attempts.stage:
+            if self.stage is not self.chain.stage:
                 self._follow()
             attempt = self._attempt(state, end, record)
             solution, _, new = attempt
@@ -282,7 +282,7 @@ class Stepper:
                 return attempt
             if can_be_cut and self.stage.surface == "condensed":
                 return attempt  # Newton's chain is long: a shorter step helps it more than another method
-            if not self.attempts.advance(self.system, end, solution):
+            if not self.chain.advance(self.system, end, solution):
                 return attempt
 
     def _attempt(
@@ -376,7 +376,7 @@ class Stepper:
         else:
             # the uncondensed form solves floating bodies on springs: that is no response of theirs
             most = 0 if self.stage.surface == "sparse" and self.surface.floating else SOLVES
-            left = by_flexibility(exact, self.attempts.flexibility(self.system, self.surface), found.p, w, most)
+            left = by_flexibility(exact, self.chain.flexibility(self.system, self.surface), found.p, w, most)
         return replace(left, size=left.size + PAIRS * before.size) if self.searched else left
 
     def _first_tractions(self, state: State, end: float) -> Array:

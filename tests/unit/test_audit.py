@@ -59,8 +59,8 @@ class Case:
         u_s, load = system.prescribed(self.record.time), system.load(self.record.time)
         f_q = system.T.createVecRight()
         system.T.multTranspose(load - system.K * u_s - system.interface.forces(*stepper.split(p)), f_q)
-        u_c = stepper.surface.displacement(stepper.attempts.volume.condense(f_q))
-        u = system.T * stepper.attempts.volume.expand(f_q, u_c) + u_s
+        u_c = stepper.surface.displacement(stepper.chain.volume.condense(f_q))
+        u = system.T * stepper.chain.volume.expand(f_q, u_c) + u_s
         return self.moved(nodes_of(system.mesh, system.nodes)(u.array.reshape(-1, 2)), p)
 
     def moved(self, u: Array, p: Array | None = None) -> Record:

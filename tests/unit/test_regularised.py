@@ -195,7 +195,7 @@ def test_tractions_add_up_to_the_assembled_forces(
     contact = step.method.contact
     contact.begin(step.u, step.motion, 1.0)
     contact.widths.set(step.method.levels[-1], accepted.problem.u_ref, accepted.problem.p_ref)
-    assembled = stepper.attempts.volume.contact.read(
+    assembled = stepper.chain.volume.contact.read(
         contact.forces(step.method.system.free_part(accepted.state.u, accepted.state.time))
     )
     by_rows = stepper.surface.forces(accepted.state.p)

@@ -226,7 +226,7 @@ def test_rows_on_the_contact_dofs_measure_what_rows_on_the_nodes_do(
     scene = scene_of(dim, geometry, contacts={"base": contact()}, supports=hold, periodic={})
     system = simulation_of(scene).system
     (rows,) = system.contacts
-    surface = prepare_surface(system, simulation_of(scene).stepper.attempts.volume)
+    surface = prepare_surface(system, simulation_of(scene).stepper.chain.volume)
     q = system.T.createVecRight()
     q.array[:] = np.random.default_rng(2).normal(size=q.getSize())
     (u,) = system.interface.displacement(system.T * q)

@@ -66,7 +66,7 @@ def solved(simulation: Simulation) -> list[State]:
     state, states = simulation.stepper.start(), []
     for time in simulation.scene.requested_times():
         accepted = simulation.stepper.reach(state, time, lambda row: None)
-        assert {accepted.substeps, len(simulation.stepper.attempts.switches)} == {1, 0}
+        assert {accepted.substeps, len(simulation.stepper.chain.switches)} == {1, 0}
         state = accepted.state
         states.append(state)
     return states

@@ -176,7 +176,7 @@ def test_a_floating_body_does_not_feel_its_augmentation(
     accepted = stepper.reach(stepper.start(), 1.0, lambda row: None)
     found = []
     for factor in (0.1, 20.0):
-        other: CondensedSurface = prepare_surface(stepper.system, stepper.attempts.volume)
+        other: CondensedSurface = prepare_surface(stepper.system, stepper.chain.volume)
         other.rho *= factor
         problem = replace(accepted.problem, surface=other)
         closed = np.zeros(len(other.W))

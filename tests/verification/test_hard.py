@@ -82,6 +82,20 @@ def test_outcomes_without_an_answer() -> None:
     assert (lost.outcome, lost.held) == (Outcome.FAILED, True)
 
 
+def test_answer_that_its_audit_doubts() -> None:
+    """Weight on springs so soft that the stones slide 1e7 m: rounding takes their stresses."""
+    soft = [f"contacts.{name}.friction.k_T=1e-12" for name in read("stack").contacts]
+    verdict = next(judge(read("stack", ["geometry.mesh_size=0.25", *soft])))
+    assert (verdict.outcome, verdict.held) == (Outcome.DOUBTFUL, False)
+    assert "rounding is" in verdict.reason
+
+
+def test_several_solutions_are_counted() -> None:
+    words = ["contacts.base.friction.mu=6.0", "bodies.block.nu=0.4999", "geometry.order=1"]
+    verdict = next(judge(read("raous", words)))
+    assert (verdict.outcome, verdict.reason) == (Outcome.BRANCH, "4 other solutions were met")
+
+
 def test_process_that_does_not_end_is_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(suite, "LIMIT", 0.01)
     (row,) = results(["block"], 1, 0, jobs=1)
@@ -93,7 +107,7 @@ def test_page_counts_and_repeats(tmp_path: Path) -> None:
     good = Row("block", "mu", "mu x 2", ("contacts.base.friction.mu=0.6",), Verdict(outcome=Outcome.SOLVED))
     bad = replace(good, name="mu x 10", verdict=Verdict(outcome=Outcome.WRONG, reason="two judges disagree"))
     assert list(table("scene", [good, bad], lambda row: row.scene))[-1].startswith(
-        "| block | 2 | 1 | 0 | 0 | 0 | 0 | 1 |"
+        "| block | 2 | 1 | 0 | 0 | 0 | 0 | 0 | 1 |"
     )
     write_page(tmp_path / "hard.md", [good, bad], "stickslip verify hard")
     page = (tmp_path / "hard.md").read_text()

@@ -29,9 +29,9 @@ from solvers.parallel.counters import Counters
 from solvers.scene.contact import Contact
 from solvers.scene.scene import Scene
 from solvers.simulation.resolve import resolve
-from solvers.stepping.attempts import Attempts, Reached
 from solvers.stepping.choice import Choice, Size, Stage, choose
 from solvers.stepping.history import HistoryRow
+from solvers.stepping.method_chain import MethodChain, Reached
 from solvers.stepping.stepper import Stepper
 from solvers.system.system import System, assemble
 from workflows.run.watch import LOGGERS
@@ -172,7 +172,7 @@ def measure(system: System, stage: Stage, limit: float) -> Run:
         if clock.process_time() - began > limit:
             raise LimitError
 
-    stepper = Stepper(system, Attempts(system, Reached(Choice((stage,), ""), 0, ())))
+    stepper = Stepper(system, MethodChain(system, Reached(Choice((stage,), ""), 0, ())))
     prepared = clock.process_time() - began
     began = clock.process_time()
     state, marks, iterations, status = stepper.start(), [began], list[int](), "converged"

@@ -55,7 +55,7 @@ def summary(
     """The content of result.json."""
     scene, counters = simulation.scene, simulation.counters
     audits = audited.audits
-    contacts, attempts = simulation.system.contacts, simulation.stepper.attempts
+    contacts, chain = simulation.system.contacts, simulation.stepper.chain
     resolved = to_dict(scene)
     return {
         "format": 1,
@@ -66,9 +66,9 @@ def summary(
         "version": VERSION,
         "dolfinx": DOLFINX,
         "ranks": simulation.mesh.comm.size,
-        "method": attempts.stage.method,
-        "choice": {**asdict(attempts.choice.stages[0]), "because": attempts.choice.because},
-        "switches": [asdict(switch) for switch in attempts.switches],
+        "method": chain.stage.method,
+        "choice": {**asdict(chain.choice.stages[0]), "because": chain.choice.because},
+        "switches": [asdict(switch) for switch in chain.switches],
         "dofs": simulation.system.constraints.free_total,
         "contact_points": sum(len(c.W_n) for c in contacts),
         "plan": [{"effect": row.effect, "on": row.on, "because": row.because} for row in simulation.plan],
@@ -88,7 +88,7 @@ def summary(
             "linear_iterations": counters.linear_iterations,
             "error_solves": counters.error_solves,
             "lanczos_applications": counters.lanczos_applications,
-            "coarse_mesh": attempts.coarse and {key: getattr(attempts.coarse.counters, key) for key in OF_COARSE},
+            "coarse_mesh": chain.coarse and {key: getattr(chain.coarse.counters, key) for key in OF_COARSE},
         },
         "audit": Audit.worst(audits),
         "verdict": _verdict(simulation, steps, audited) if audits else None,

@@ -42,6 +42,7 @@ class Outcome(Enum):
     PROVED = "no equilibrium, proved"
     REFUSED = "refused"
     FAILED = "failed"
+    DOUBTFUL = "doubtful"  # an answer that its own audit does not vouch for: the run ends with exit code 1
     WRONG = "wrong"
 
 
@@ -157,14 +158,13 @@ def judge(scene: Scene, twin: Scene | None = None, scale: Scale = OWN) -> Iterat
         yield Verdict(outcome=Outcome.FAILED, reason=str(error), held=held, seconds=seconds)
         return
     first = Verdict(outcome=Outcome.SOLVED, held=held, iterations=own.iterations, seconds=clock.perf_counter() - began)
-    wrong = list(own.complaints)
     others = max((len(step.other_solutions) for step in own.steps), default=0)
     if others:  # a twin may take another one
         first = replace(first, outcome=Outcome.BRANCH, reason=f"{others} other solutions were met")
-    elif twin is not None:
-        wrong += _against_twin(own, twin, scale)
-    if wrong:
+    elif wrong := list(_against_twin(own, twin, scale) if twin is not None else ()):
         first = replace(first, outcome=Outcome.WRONG, reason="; ".join(wrong))
+    if own.complaints:
+        first = replace(first, outcome=Outcome.DOUBTFUL, reason="; ".join(own.complaints))
     yield first
     yield _with_second_opinion(first, own)
 

@@ -21,9 +21,10 @@ COLOURS = {  # in the order of the page's columns
     Outcome.PROVED: "#9ecae1",
     Outcome.REFUSED: "#d9d9d9",
     Outcome.FAILED: "#f4a742",
+    Outcome.DOUBTFUL: "#e6d94c",
     Outcome.WRONG: "#c8372d",
 }
-BAD = (Outcome.WRONG, Outcome.FAILED)
+BAD = (Outcome.WRONG, Outcome.FAILED, Outcome.DOUBTFUL)
 SHOWN = 160  # characters of a reason
 
 
@@ -37,9 +38,10 @@ def write_page(page: Path, rows: Sequence[Row], command: str) -> None:
 def sentence(rows: Sequence[Row]) -> str:
     """How many variations ended how."""
     counts = Counter(row.verdict.outcome for row in rows)
-    held = sum(row.verdict.held for row in rows if row.verdict.outcome is Outcome.FAILED)
+    unanswered = [row for row in rows if row.verdict.outcome in (Outcome.FAILED, Outcome.DOUBTFUL)]
+    held = sum(row.verdict.held for row in unanswered)
     words = [f"{counts[outcome]} {outcome.value}" for outcome in COLOURS if counts[outcome]]
-    failed = f" (failed with held bodies: {held})" if counts[Outcome.FAILED] else ""
+    failed = f" (of these with held bodies: {held})" if unanswered else ""
     return f"{len(rows)} variations: {'; '.join(words)}{failed}"
 
 
@@ -62,7 +64,9 @@ def _lines(rows: Sequence[Row], command: str, picture: str) -> Iterator[str]:
     )
     yield "- *no equilibrium, proved*: with a collapse mechanism of floating bodies as certificate."
     yield "- *refused*: before solving, with one line that says why."
-    yield "- *failed*: no answer within the limits of iterations or time. *wrong*: judges disagree."
+    yield "- *failed*: no answer within the limits of iterations or time."
+    yield "- *doubtful*: the audit found a fault; the run says so, and ends with exit code 1."
+    yield "- *wrong*: judges disagree, and the run does not say so."
     yield "- *second*: share of the answers that a second method had an opinion on."
     yield ""
     yield f"![Scenes and variations, coloured by outcome]({picture})"

@@ -65,12 +65,12 @@ def test_methods_that_fail_hand_the_step_on(
     expected = list(exact.steps())
     hasten(monkeypatch)
     simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
-    attempts = simulation.stepper.attempts
-    assert [stage.method for stage in attempts.choice.stages] == CHAIN
+    chain = simulation.stepper.chain
+    assert [stage.method for stage in chain.choice.stages] == CHAIN
     found = list(simulation.steps())
     for step, other in zip(found, expected, strict=True):
         assert_allclose(step.contacts["base"].force, other.contacts["base"].force, rtol=0, atol=1e-7)
-    first, second = attempts.switches  # both in the first step: what failed is not tried again
+    first, second = chain.switches  # both in the first step: what failed is not tried again
     assert (first.time, first.iteration, first.because) == (1.0, FEW, Status.MAX_IT.value)
     assert (first.after, second.after) == ("surface-uzawa (matrix-free, safer metric)", "condensed-newton (condensed)")
     assert found[0].iterations == 2 * FEW + expected[0].iterations
@@ -94,7 +94,7 @@ def test_a_switch_on_the_same_bodies_lasts_for_one_step(
     simulation = simulation_of(pressed(scene_of))
     found = list(simulation.steps())
     assert_allclose([step.contacts["base"].force for step in found], expected, rtol=0, atol=1e-7)
-    (switch,) = simulation.stepper.attempts.switches
+    (switch,) = simulation.stepper.chain.switches
     assert (switch.time, switch.after) == (1.0, "surface-uzawa (condensed)")
     assert [{row[-1] for row in step.history} for step in found] == [
         {"condensed-newton", "surface-uzawa"},
@@ -124,7 +124,25 @@ def test_sweeps_are_the_last_resort_in_space(
     monkeypatch.setattr("solvers.stepping.stepper.HALVINGS", 0)
     simulation = simulation_of(scene)
     assert_allclose(forces(simulation), expected, rtol=0, atol=1e-8)
-    assert [switch.after for switch in simulation.stepper.attempts.switches] == [str(stage) for stage in DENSE[1:]]
+    assert [switch.after for switch in simulation.stepper.chain.switches] == [str(stage) for stage in DENSE[1:]]
+
+
+def test_a_step_that_cutting_does_not_help_is_tried_by_all_methods(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From rest, in proportion to time: half of the step is the same problem again. The second half is not."""
+    supports = {"top": {"boundary": "block.top", "displacement": {"x": 0.02, "y": -0.05}}}
+    scene = scene_of(contacts=BASE, supports=supports)
+    expected = forces(simulation_of(scene))
+    whole = CondensedNewton.__call__
+    monkeypatch.setattr(CondensedNewton, "__call__", lambda self, *rest: whole(replace(self, max_it=1), *rest))
+    simulation = simulation_of(scene)
+    assert_allclose(forces(simulation), expected, rtol=0, atol=1e-7)
+    assert simulation.stepper.chain.switches[0].time == 0.5
+    (step,) = list(simulation.steps())
+    first = [row for row in step.history if row[0] == 0.5]
+    assert {row[-1] for row in first} == {"condensed-newton", "surface-uzawa"}
+    assert min(row[0] for row in step.history) == 0.5
 
 
 def test_a_linear_solve_that_fails_hands_the_step_on(
@@ -134,7 +152,7 @@ def test_a_linear_solve_that_fails_hands_the_step_on(
     simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
     monkeypatch.setattr("solvers.linear.conjugate_gradients.MOST_ITERATIONS", 1)
     assert_allclose(forces(simulation), expected, rtol=0, atol=1e-7)
-    assert {switch.because for switch in simulation.stepper.attempts.switches} == {Status.BROKEN.value}
+    assert {switch.because for switch in simulation.stepper.chain.switches} == {Status.BROKEN.value}
 
 
 def test_a_linear_solve_that_fails_leaves_the_steps_before_it(
@@ -155,9 +173,9 @@ def test_no_switch_to_what_memory_has_no_room_for(
     monkeypatch.setattr("solvers.stepping.choice.available", lambda: 0)
     with pytest.raises(StepError, match="iterations ran out"):
         next(simulation.steps())
-    attempts = simulation.stepper.attempts
-    assert {switch.after for switch in attempts.switches} == {"surface-uzawa (matrix-free, safer metric)"}
-    assert attempts.stage.surface == "matrix-free"
+    chain = simulation.stepper.chain
+    assert {switch.after for switch in chain.switches} == {"surface-uzawa (matrix-free, safer metric)"}
+    assert chain.stage.surface == "matrix-free"
 
 
 SMALL, LARGE = Size(3, 1000, 8e4, 100), Size(3, 1_000_000, 8e7, 30_000)
@@ -207,7 +225,7 @@ def test_bars_of_which_one_floats(words: tuple[str, ...], simulation_of: Simulat
     simulation = simulation_of(bars(*words))
     (*_, last) = simulation.steps()
     assert last.contacts["joint"].force[1] == pytest.approx(1e-3 * 9.81 * 10.0 * 0.3, rel=1e-9)  # its weight
-    assert [switch.because for switch in simulation.stepper.attempts.switches] == [Status.SLOW.value] * len(words)
+    assert [switch.because for switch in simulation.stepper.chain.switches] == [Status.SLOW.value] * len(words)
     assert simulation.counters.linear_iterations <= len(words) * (PATIENCE + MOST_ITERATIONS)
 
 

@@ -44,7 +44,7 @@ class Reached:
     switches: tuple[Switch, ...]
 
 
-class Attempts:
+class MethodChain:
     """Position of a run in its chain of methods.
 
     A switch to another method with the same form of the bodies lasts for one substep: the next one begins with the
