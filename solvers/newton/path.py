@@ -39,6 +39,7 @@ from solvers.newton.starts import Start, closed
 OPEN, CLOSED = 0, 1  # states of normal rows
 DEAD, STICK, FORWARD, BACKWARD = 2, 3, 4, 5  # states of tangential rows; dead: the friction bound is zero or less
 PERTURBATION = 1e-6  # of tractions and gaps at the start, against kinks that come at once
+SOFT = (1e-6, 1e-4, 1e-2)  # springs that hold floating bodies, relative to the bodies' own stiffness
 KINKS = (150, 600, 3000)  # budgets of paths from iterates, one after the other
 MOST_KINKS = 20000  # of the path from all open
 REFRESH = 40  # kinks after which the inverse is computed anew
@@ -63,6 +64,9 @@ def ends(problem: SurfaceProblem, p: Array, best: Solution) -> Iterator[Start]:
             yield from path_from(problem, at, u_c, kinks, seed=attempt)
     if not problem.surface.floating:
         yield from path_from_open(problem, MOST_KINKS)
+        return
+    for soft in SOFT:
+        yield from path_from_open(problem, KINKS[-1], soft)
 
 
 def path_from(problem: SurfaceProblem, p: Array, u_c: Array, kinks: int, seed: int = 0) -> Iterator[Start]:
@@ -81,20 +85,27 @@ def path_from(problem: SurfaceProblem, p: Array, u_c: Array, kinks: int, seed: i
     yield from _follow(maps, p, problem.surface.R.T @ u_c, np.zeros_like(p), kinks)
 
 
-def path_from_open(problem: SurfaceProblem, kinks: int) -> Iterator[Start]:
-    """The end of the path H = F with gaps wider by s D, from all rows open, for bodies that supports hold.
+def path_from_open(problem: SurfaceProblem, kinks: int, soft: float = 0.0) -> Iterator[Start]:
+    """The end of the path H = F with gaps wider by s D, from all rows open.
 
-    It arrives, but perhaps after more `kinks` than are allowed.
+    For bodies that supports hold it arrives, but perhaps after more `kinks` than are allowed. Floating bodies are held
+    by soft springs: if they rest, then the end is near to their solution.
+
+    Args:
+        problem: the contact problem of the step.
+        kinks: their largest number.
+        soft: stiffness of springs on the rigid motions, relative to that of the bodies; 0: none.
     """
-    maps, zero, n = _Map.of(problem), np.zeros(len(problem.gap)), problem.surface.normal_rows
+    maps, zero, n = _Map.of(problem, soft), np.zeros(len(problem.gap)), problem.surface.normal_rows
     if np.any(maps.two_sided):
         return
-    W, free = problem.surface.W, maps.w_0 - problem.gap
+    b = problem.load.resultant / maps.spring if maps.spring else np.zeros(0)
+    W, free = problem.surface.W, maps.w_0 + maps.C @ b - problem.gap
     rubbed = (np.maximum(maps.bound, 0.0).T @ (W * np.abs(free)) / W)[:n]
     room = float(np.maximum(free[:n] + rubbed, 0.0).max(initial=0.0)) + problem.p_ref / float(problem.gamma.max())
     wider = zero.copy()
     wider[:n] = room * (1 + 0.1 * np.random.default_rng(0).random(n))
-    yield from _follow(maps, zero, np.zeros(0), wider, kinks)
+    yield from _follow(maps, zero, b, wider, kinks)
 
 
 def _follow(maps: _Map, p: Array, b: Array, wider: Array, kinks: int) -> Iterator[Start]:
@@ -118,9 +129,10 @@ class _Map:
     normal: Bools  # (rows,)
     two_sided: Bools  # (rows,) normal rows that are always closed
     rows: Ints  # (m,) that may carry a traction
+    spring: float  # on the rigid motions [N/m]
 
     @staticmethod
-    def of(problem: SurfaceProblem) -> _Map:
+    def of(problem: SurfaceProblem, soft: float = 0.0) -> _Map:
         surface, cone = condensed(problem.surface), problem.cone
         count = len(problem.gap)
         moved = surface.flexibility @ (surface.N.T.toarray() * surface.W)  # u of unit tractions
@@ -145,6 +157,7 @@ class _Map:
             normal=normal,
             two_sided=two_sided,
             rows=np.flatnonzero(cone.carrying & (normal | rubs)),
+            spring=soft * surface.rho,
         )
 
     def trial(self, p: Array, b: Array, wider: Array) -> Array:
@@ -157,12 +170,12 @@ class _Map:
         rubbing = np.select([s <= 0, np.abs(trial) <= s, trial > 0], [DEAD, STICK, FORWARD], BACKWARD)
         return np.where(self.normal, np.where(self.two_sided | (trial > 0), CLOSED, OPEN), rubbing)
 
-    def value(self, p: Array, trial: Array, state: Ints) -> Array:
+    def value(self, p: Array, b: Array, trial: Array, state: Ints) -> Array:
         """F (m + r,) at an iterate whose rows are in the given states."""
         s = self.bound @ p
         follows = (state == CLOSED) | (state == STICK)
         P = np.select([follows, state == FORWARD, state == BACKWARD], [trial, s, -s], 0.0)
-        return np.concatenate([(p - P)[self.rows], self.problem.load.resultant - self.H @ p])
+        return np.concatenate([(p - P)[self.rows], self.problem.load.resultant - self.H @ p - self.spring * b])
 
     def gradient(self, row: int, state: int) -> Array:
         """Gradient (m + r,) of F in one row of that state."""
@@ -179,7 +192,7 @@ class _Map:
 
     def jacobian(self, state: Ints) -> Array:
         """(m + r, m + r)."""
-        balance = np.hstack([-self.H[:, self.rows], np.zeros((len(self.H), len(self.H)))])
+        balance = np.hstack([-self.H[:, self.rows], -self.spring * np.eye(len(self.H))])
         return np.vstack([*(self.gradient(i, state[i]) for i in self.rows), balance])
 
 
@@ -201,7 +214,7 @@ class _Path:
         self.state = maps.states(self.trial, self.bounds)
         self.at_start = np.zeros(0)  # F(z_0), if gaps are not wider
         if not wider.any():
-            self.at_start = maps.value(p, self.trial, self.state)
+            self.at_start = maps.value(p, b, self.trial, self.state)
         self.inverse = np.linalg.inv(maps.jacobian(self.state))
         self.crossed: tuple[int, int] | None = None  # row that changed its state last, and its state before
 
@@ -293,7 +306,7 @@ class _Path:
         """Compute the inverse anew, and return to the path, which rounding has left a little."""
         maps = self.map
         self.inverse = np.linalg.inv(maps.jacobian(self.state))
-        off = maps.value(self.p, self.trial, self.state)
+        off = maps.value(self.p, self.b, self.trial, self.state)
         if len(self.at_start):
             off = off - self.s * self.at_start
         z = -self.inverse @ off

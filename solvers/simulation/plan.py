@@ -10,6 +10,7 @@ from solvers.scene.problem import PlanRow, Problem
 from solvers.scene.scene import Scene
 from solvers.simulation.applicable import refuse_method
 from solvers.simulation.resolve import resolve
+from solvers.simulation.unresisted_modes import is_faint
 
 FACING = 1e-6  # cosine of the angle between normals, below which two surfaces do not face each other
 AXIS = 1e-9  # relative to the scene's size: points closer than this to the axis of symmetry lie on it
@@ -37,7 +38,9 @@ def planned(scene: Scene) -> Problem:
     _refuse_reversed(scene)
     problem = resolve(scene)
     if problem.unheld:
-        raise SceneError(f"supports: nothing resists the {problem.unheld}; add a support, a contact or friction")
+        faint = [name for name, contact in scene.contacts.items() if is_faint(scene, contact)]
+        but = f" (contacts.{faint[0]}.friction.k_T is too soft beside the bodies)" if faint else ""
+        raise SceneError(f"supports: nothing resists the {problem.unheld}{but}; add a support, a contact or friction")
     for effect in active(problem):
         if effect.stiffens and problem.rigid_modes.shape[1]:
             raise SceneError(f"{effect.name}: needs bodies that their supports hold; add a support")

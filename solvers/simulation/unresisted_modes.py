@@ -14,6 +14,7 @@ from solvers.scene.contact import Contact
 from solvers.scene.loads import Support
 from solvers.scene.scene import Scene
 
+FAINT = 1e-9  # of E / extent: a body held by softer tangential springs slides until rounding takes its stresses
 PARALLEL = 1e-9  # singular values below this, relative to the largest, count as zero
 
 
@@ -126,9 +127,18 @@ def _touching(scene: Scene, contact: Contact, motions: RigidMotions) -> list[Arr
     else:
         relative -= motions.fields(contact.against.split(".")[0], points)
         normals = outward
-    if contact.tangential and contact.tangential.resists():
+    if contact.tangential and contact.tangential.resists() and not is_faint(scene, contact):
         return list(relative)
     return [np.einsum("kd,kdj->kj", normals, relative)]
+
+
+def is_faint(scene: Scene, contact: Contact) -> bool:
+    """Whether the tangential springs of a contact are too soft to hold a body, beside the softest body's stiffness."""
+    stiffness = min(material.E for material in scene.bodies.values()) / float(
+        np.ptp(scene.geometry.box(scene.dim), axis=0).max()
+    )
+    k_T = contact.tangential.k_T if contact.tangential else None
+    return k_T is not None and k_T < FAINT * stiffness
 
 
 def _nearest_body(scene: Scene, point: Array) -> str:
