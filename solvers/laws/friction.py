@@ -44,7 +44,7 @@ class Coulomb(FrictionLaw):
 class Tresca(FrictionLaw):
     """Tresca's law: s is given, where p_n > 0, or everywhere if the normal law is bilateral."""
 
-    jumps: ClassVar[bool] = True
+    continuous: ClassVar = "capped_coulomb"
     bound: Annotated[Amplitude, Key("Pa", "bound of the tangential traction, in time")]
     law: Annotated[Literal["tresca"], Key("-", "the law's name")] = "tresca"
 
@@ -69,8 +69,13 @@ class Tresca(FrictionLaw):
 
 @dataclass(frozen=True, kw_only=True)
 class Stick(FrictionLaw):
-    """No slip where the surfaces touch: the bound is infinite."""
+    """No slip where the surfaces touch: the bound is infinite.
 
+    With a growing coefficient of Coulomb's law a point that lifts can keep its traction while its pressure goes to
+    zero, as 1 / mu: with unilateral contact there is no solution then.
+    """
+
+    continuous: ClassVar = "coulomb"
     law: Annotated[Literal["stick"], Key("-", "the law's name")] = "stick"
 
     def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:

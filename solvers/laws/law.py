@@ -74,7 +74,9 @@ class FrictionLaw(Choice):
     """
 
     tag: ClassVar[str] = "law"
-    jumps: ClassVar[bool] = False  # whether the bound jumps where surfaces part: then there may be no solution
+    continuous: ClassVar[str] = (
+        ""  # if the bound jumps where surfaces part, so that there may be no solution: a law with one
+    )
     k_T: Annotated[float | None, Key("Pa/m", "tangential stiffness before slip; absent: rigid")] = None
 
     def __post_init__(self) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from geometry.arrays import Array
 from solvers.interface.problem import SurfaceProblem
-from solvers.newton import path
+from solvers.newton import path, simpler_laws
 from solvers.newton.active_set import ActiveSet
 from solvers.newton.attempts import Attempts
 from solvers.newton.solution import OnStep, Solution, ignore
@@ -25,8 +25,8 @@ class SemismoothNewton:
 
     The active set (stick, slip, open) follows from the trial tractions p_hat = p + gamma (w - gap), gamma = E / depth.
     Plain Newton comes first. Only if it fails, it is damped, see `Attempts`; then follow the ends of paths, see `path`,
-    and other trial tractions to start from, before the step counts as failed. None of this costs a volume solve but
-    starts whose displacement is not known.
+    solutions with simpler laws, see `simpler_laws`, and other trial tractions to start from, before the step counts as
+    failed. None of this costs a volume solve but starts whose displacement is not known.
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991); Hüeber, Stadler & Wohlmuth,
     SIAM J. Sci. Comput. 30 (2008). Proximal term: Rockafellar, SIAM J. Control Optim. 14 (1976).
@@ -38,12 +38,36 @@ class SemismoothNewton:
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         attempt = Attempts(problem, _Exact(problem, self.linear), self.rtol, self.max_it, on_step)
-        for start, proximal in _chain(problem, p, attempt):
+        for start, proximal in self._chain(problem, p, attempt):
             attempt(start, proximal)
             if attempt.over:
                 break
         assert attempt.best is not None
         return replace(attempt.best, history=tuple(attempt.history))
+
+    def _chain(self, problem: SurfaceProblem, p: Array, attempts: Attempts) -> Iterator[tuple[Start, float | None]]:
+        """Starts, and the weight of the proximal term of a damped attempt; None: plain Newton.
+
+        Args:
+            problem: the contact problem of the step.
+            p: tractions (rows,) [Pa] of the last step.
+            attempts: those so far.
+        """
+        firsts = []
+        for start in first_starts(problem, p):
+            firsts.append(start)
+            yield start, None
+        for proximal in FIRM:
+            yield firsts[-1], proximal
+        assert attempts.best is not None
+        for start in path.ends(problem, p, attempts.best):
+            yield start, None
+        for start in simpler_laws.ends(problem, attempts.best.p, self):
+            yield start, None
+        for proximal in FIRMER:
+            yield again(problem, attempts.best), proximal
+        for start in other_starts(problem, p):
+            yield start, None
 
 
 @dataclass(frozen=True)
@@ -58,26 +82,3 @@ class _Exact:
 
     def relative(self, p: Array, u: Array) -> Array:
         return self.problem.relative_displacement(u)
-
-
-def _chain(problem: SurfaceProblem, p: Array, attempts: Attempts) -> Iterator[tuple[Start, float | None]]:
-    """Starts, and the weight of the proximal term of a damped attempt; None: plain Newton.
-
-    Args:
-        problem: the contact problem of the step.
-        p: tractions (rows,) [Pa] of the last step.
-        attempts: those so far.
-    """
-    firsts = []
-    for start in first_starts(problem, p):
-        firsts.append(start)
-        yield start, None
-    for proximal in FIRM:
-        yield firsts[-1], proximal
-    assert attempts.best is not None
-    for start in path.ends(problem, p, attempts.best):
-        yield start, None
-    for proximal in FIRMER:
-        yield again(problem, attempts.best), proximal
-    for start in other_starts(problem, p):
-        yield start, None

@@ -75,10 +75,10 @@ def _jumps(problem: SurfaceProblem | None) -> str:
     """What to know of friction bounds that jump where the surfaces part."""
     for place in problem.cone.with_friction() if problem is not None else ():
         friction = place.rows.friction
-        if place.rows.normal.sides == 1 and friction is not None and friction.jumps:
+        if place.rows.normal.sides == 1 and friction is not None and friction.continuous:
             return (
                 f"; the friction bound of contacts.{place.rows.name} jumps where the surfaces part: there may be no "
-                "solution; capped_coulomb has one"
+                f"solution; {friction.continuous} has one"
             )
     return ""
 

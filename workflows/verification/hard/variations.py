@@ -76,7 +76,8 @@ def times_mu(factor: float, tables: Tables, random: Random) -> Tables | None:
 def friction_law(law: str, tables: Tables, random: Random) -> Tables | None:
     """Another friction law in its place, of bounds that the scene may reach; or none.
 
-    Tresca's bound comes with bilateral contact: where surfaces part it jumps, and there may be no solution.
+    Tresca's bound and stick come with bilateral contact: where surfaces part the bound jumps, and there may be no
+    solution.
     """
     if not any(frictions(tables)):
         return None
@@ -89,7 +90,7 @@ def friction_law(law: str, tables: Tables, random: Random) -> Tables | None:
     for contact in tables["contacts"].values():
         if contact.pop("friction", None) and law != "none":
             contact["friction"] = laws[law]
-            if law == "tresca":
+            if law in ("tresca", "stick"):
                 contact["normal"] = {"law": "bilateral"}
     return tables
 
@@ -264,7 +265,8 @@ def slower(factor: float, tables: Tables, random: Random) -> Tables | None:
 
 
 def method(name: str, surface: str, tables: Tables, random: Random) -> Tables | None:
-    tables["solver"] |= {"method": name, "surface": surface}
+    """Another method, with as many iterations as the slowest of them takes."""
+    tables["solver"] |= {"method": name, "surface": surface, "max_iterations": 50_000}
     return tables
 
 

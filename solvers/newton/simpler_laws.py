@@ -1,0 +1,104 @@
+"""A problem with simpler laws, piecewise linear, solved whole: its solution leads to that of the problem itself.
+
+Powers p = c d^m are replaced by their tangents at the last pressures, p = k (d - d_0)_+. A path then leads to the
+solution where Newton's method fails, see `path`. The tangents are taken anew at its pressures: Newton's method for
+generalised equations, in which opening, stick and slip stay exact.
+
+Source: Josephy, Newton's method for generalized equations, Technical Summary Report 1965, Univ. of Wisconsin (1979).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from geometry.arrays import Array
+from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
+from solvers.contact.rows import ContactRows
+from solvers.interface.problem import SurfaceProblem
+from solvers.laws.friction import Coulomb
+from solvers.laws.law import NormalLaw
+from solvers.newton.solution import Solution, Status
+from solvers.newton.starts import Start
+
+MOST = 30  # tangents
+FLOOR = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9)  # of the largest pressure: tangents at less would hold nothing
+NEAR = 1e-4  # residual from which plain Newton takes over
+
+Solve = Callable[[SurfaceProblem, Array], Solution]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tangent(NormalLaw):
+    """p = k (u_n - g)_+, each point with a stiffness of its own."""
+
+    at_quadrature: ClassVar[bool] = True
+    k: Array  # (m,) [Pa/m]
+
+    def resolvent(self, p_hat: Array, gamma: Array) -> Array:
+        return np.asarray(np.maximum(p_hat, 0.0) * (self.k / (self.k + gamma)))
+
+    def stiffness(self, p: Array, p_hat: Array) -> Array:
+        return np.where(p_hat > 0, self.k, 0.0)
+
+    def penetration(self, p: Array) -> Array:
+        return np.asarray(np.maximum(p, 0.0) / self.k)
+
+
+def applies(problem: SurfaceProblem) -> bool:
+    """Whether there are simpler laws: normal laws are curved, and friction is Coulomb's."""
+    return not problem.cone.homogeneous(problem.gamma) and all(
+        place.rows.friction is None or _coulomb(problem, place) is not None for place in problem.cone.places
+    )
+
+
+def ends(problem: SurfaceProblem, p: Array, solve: Solve) -> Iterator[Start]:
+    """Solutions with simpler laws that are near to the one that is sought.
+
+    Args:
+        problem: the contact problem of the step.
+        p: tractions (rows,) [Pa] of the first tangents.
+        solve: solves a problem with simpler laws, from tractions (rows,) [Pa].
+    """
+    if not applies(problem):
+        return
+    for k in range(MOST):
+        found = solve(simplified(problem, p, FLOOR[min(k, len(FLOOR) - 1)]), p)
+        if found.status is not Status.CONVERGED:
+            return
+        p, w = found.p, problem.relative_displacement(found.u_c)
+        if max(problem.natural_residual(p, w), problem.imbalance(p)) < NEAR:
+            yield Start.at(problem, p, found.u_c)
+
+
+def simplified(problem: SurfaceProblem, p: Array, floor: float) -> SurfaceProblem:
+    """The problem with simpler laws, tangents at tractions p (rows,) [Pa].
+
+    Args:
+        problem: the contact problem of the step.
+        p: tractions (rows,) [Pa].
+        floor: of the largest pressure; tangents are taken at no less.
+    """
+    gap, contacts = problem.gap.copy(), list[ContactRows]()
+    for place in problem.cone.places:
+        n, law, rows = place.normal, place.rows.normal, place.rows
+        rows = replace(rows, friction=rows.friction and _coulomb(problem, place))
+        if law.at_quadrature:
+            at = np.maximum(p[n], floor * max(float(p[n].max(initial=0.0)), problem.p_ref * floor))
+            k = law.stiffness(at, at)
+            gap[n] += law.penetration(at) - at / k
+            rows = replace(rows, normal=Tangent(k=k))
+        contacts.append(rows)
+    cone = AdmissibleSet(tuple(contacts), problem.cone.time, problem.cone.end)
+    return replace(problem, cone=cone, gap=gap)
+
+
+def _coulomb(problem: SurfaceProblem, place: ContactBlock) -> Coulomb | None:
+    """The friction law of a contact as Coulomb's; None if it is another one."""
+    friction = place.rows.friction
+    assert friction is not None
+    cap, below, above = friction.lines(place.rows.normal, problem.cone.time, problem.cone.end)
+    return Coulomb(mu=above, k_T=friction.k_T) if below == above < cap == np.inf else None
