@@ -16,7 +16,7 @@ from geometry.protocols import Sparse
 from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.method import Keys
-from solvers.newton.solution import OnStep, Solution, Stall, Status, Step
+from solvers.newton.solution import OnStep, Plateau, Solution, Status, Step
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class FixedStep(Relaxation, FrictionUpdates):
         return self.relaxation / problem.surface.lambda_max
 
 
-STALL_WINDOW = 500  # iterations without a new smallest residual
+STALL_WINDOW = 500  # iterations in which the largest residual must fall
 GIVEN = 0.1  # residual of a problem of given friction, relative to the whole one, at which its bounds are updated
 
 
@@ -130,7 +130,7 @@ class Outer:
         step = with_given_friction(problem, p) if frozen else problem
         history: list[Step] = []
         status = Status.MAX_IT
-        stalled = Stall(STALL_WINDOW)
+        stalled = Plateau(STALL_WINDOW)
         for k in range(self.max_it + 1):
             inner = solve(p)
             p, w = inner.p, problem.relative_displacement(inner.u_c)

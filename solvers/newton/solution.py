@@ -50,7 +50,7 @@ class Stall:
     """
 
     window: int
-    factor: float = 1.0
+    factor: float
     least: float = field(default=np.inf, init=False)  # the smallest residual that counts
     found_at: int = field(default=0, init=False)  # its iteration
 
@@ -59,6 +59,31 @@ class Stall:
         if residual < self.factor * self.least:
             self.least, self.found_at = residual, k
         return k - self.found_at > self.window
+
+
+@dataclass
+class Plateau:
+    """Notices a slow residual that has stopped falling: over `window` iterations its largest value did not.
+
+    A residual that first dips, rises and then falls again, slowly, has not stopped.
+
+    >>> plateau = Plateau(window=2)
+    >>> [plateau(k, residual) for k, residual in enumerate((0.9, 0.1, 0.5, 0.4, 0.3, 0.3, 0.3, 0.3))]
+    [False, False, False, False, False, False, False, True]
+    """
+
+    window: int
+    before: float = field(default=np.inf, init=False)  # largest of the last whole window
+    largest: float = field(default=0.0, init=False)  # of the present one
+
+    def __call__(self, k: int, residual: float) -> bool:
+        """Whether it has stopped falling by iteration k; called once in each, with its residual."""
+        self.largest = max(self.largest, residual)
+        if (k + 1) % self.window:
+            return False
+        stopped = self.largest >= self.before
+        self.before, self.largest = self.largest, 0.0
+        return stopped
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from solvers.results.audit import Audit
 EXACT = 1e-9  # what no iteration decides: supports, and fields that follow from displacement and tractions
 BALANCE = 1e-6  # out of balance; the ready scenes stay below 2e-9
 DIGITS = 10.0  # times the rounding of the displacement: the solver's own rounding comes on top
-NOISE = 1e-4  # rounding of the displacement: beyond that stresses and forces are noise
+NOISE = 1e-3  # rounding of the displacement: beyond that stresses and forces are noise
 LAWS = 1e-5  # contact laws; the ready scenes stay below 1e-7
 LOOSE = 30.0  # times solver.tolerance: the scales of the audit are the step's own, smaller than those of the tolerance
 ROUGH = 0.1  # with any method

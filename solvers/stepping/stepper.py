@@ -187,11 +187,12 @@ class Stepper:
                     stuck = True  # once more, now by all methods
                     continue
                 if size <= smallest * (1 + 1e-9) or scaled:
+                    found = f"the last equilibrium that was found is at t = {state.time:g}"
                     if unbalanced is not None:
                         when, why = unbalanced
-                        why += f"; the last equilibrium that was found is at t = {state.time:g}"
-                        raise NoEquilibriumError(when, why, tuple(history), accepted)
+                        raise NoEquilibriumError(when, f"{why}; {found}", tuple(history), accepted)
                     text = failure.explain(problem, solution, self.system.problem.solver.tolerance, size)
+                    text += f"; {found}" if stepper.surface.floating else ""
                     raise StepError(end, text, tuple(history), accepted)
                 control = control.after_failure(size, smallest)
                 log.warning("t = %g: %s; the step is cut to %.3g s", end, solution.status.value, control.size)

@@ -128,7 +128,7 @@ def test_forces_are_right_where_stresses_are_below_the_last_digit_of_the_displac
     name, overrides, contact, force = BEYOND_DIGITS[case]
     verdict = next(judge(read(name, overrides)))
     assert verdict.outcome is Outcome.DOUBTFUL
-    assert "; rounding is" in verdict.reason
+    assert "rounding is" in verdict.reason
     assert_allclose(solved(name, overrides).contacts[contact].normal_force, force, rtol=1e-9)
 
 

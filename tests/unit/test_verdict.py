@@ -215,7 +215,7 @@ def test_limits_follow_the_tolerance_and_what_a_method_states() -> None:
     assert limits(1e-8).equilibrium == 1e-6
     assert limits(1e-6).equilibrium == pytest.approx(3e-5)
     assert limits(1e-8, rounding=1e-5).equilibrium == pytest.approx(1e-4)
-    assert limits(1e-8, rounding=1.0).equilibrium == pytest.approx(1e-3)  # what is noise is no excuse
+    assert limits(1e-8, rounding=1.0).equilibrium == pytest.approx(1e-2)  # what is noise is no excuse
 
 
 def test_the_worst_step_is_named() -> None:

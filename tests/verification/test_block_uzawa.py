@@ -13,7 +13,7 @@ from solvers.simulation.simulation import prepare
 from workflows.scene_file.read import READY, read
 from workflows.verification.cases.agreement import Answer
 
-TOLERANCE = 1e-11  # of the residual
+TOLERANCE = 1e-13  # of the residual
 AGREEMENT = 1e-8  # of u in the energy norm, and of the tractions of all rows
 HELD_BY_CONTACT = {"arch", "hysteresis", "shrink_fit", "stack", "strip"}
 DRIVEN = {"half_space", "sphere"}  # obstacles that forces move
