@@ -243,8 +243,9 @@ class Auditor:
     def _equilibrium(self, record: Record, u: Vec, inner: Vec, scales: Scales) -> tuple[float, float]:
         """Defect of K u - f + B^T p at free dofs and of forces on driven obstacles, relative to all forces [-].
 
-        The contact forces are those of `_contact_force`. The second number is the change of K u by one unit in the last
-        place of u: a stiff body that moves far is out of balance by that, however well it was solved.
+        The contact forces are those of `_contact_force`. The second number is the change of these forces by one unit in
+        the last place of u, and of the coordinates that gaps are computed from: a stiff body that moves far, or a stiff
+        compliant surface, is out of balance by that, however well it was solved.
         """
         system = self.system
         contact, obstacles = system.vector(), system.obstacles.driving_force(record.time)
@@ -269,7 +270,8 @@ class Auditor:
         last_digit = system.T.createVecRight()
         system.T.multTranspose(self._inner(shaken) - inner, last_digit)
         found = (free.norm(0) + np.abs(obstacles).sum()) / scale if scale else 0.0
-        return float(found), float(last_digit.norm(0) / scale) if scale else 0.0
+        of_laws = EPS * system.extent * sum(_law_stiffness(place, record.p) for place in self.cone.places)
+        return float(found), float((last_digit.norm(0) + of_laws) / scale) if scale else 0.0
 
     def _supports(self, record: Record, u: Vec) -> float:
         """Prescribed displacements that are not met, see `Audit` [-]; periodic sides move alike."""
@@ -455,6 +457,13 @@ class Auditor:
         some = float(rows.W_t @ (length * slip)) + s_top * u_top * float(rows.W_t.sum())
         excess = _largest((length - s)[finite]) / s_top
         return excess, _largest(np.linalg.norm(inside - back, axis=1)) / s_top, max(-float(rows.W_t @ work), 0.0) / some
+
+
+def _law_stiffness(place: ContactBlock, p: Array) -> float:
+    """Change of the normal force of a compliant contact by a common motion [N/m]; 0 for rigid laws."""
+    p_n = p[place.normal]
+    k = place.rows.normal.stiffness(p_n, p_n)
+    return float(place.rows.W_n @ np.where(np.isfinite(k), k, 0.0))
 
 
 def _largest(values: Array) -> float:
