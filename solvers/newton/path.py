@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -39,7 +40,7 @@ from solvers.newton.starts import Start, closed
 OPEN, CLOSED = 0, 1  # states of normal rows
 DEAD, STICK, FORWARD, BACKWARD = 2, 3, 4, 5  # states of tangential rows; dead: the friction bound is zero or less
 PERTURBATION = 1e-6  # of tractions and gaps at the start, against kinks that come at once
-SOFT = (1e-6, 1e-4, 1e-2)  # springs that hold floating bodies, relative to the bodies' own stiffness
+SOFT = (1e-6, 1e-9, 1e-12)  # springs that hold floating bodies, relative to the bodies' own stiffness
 KINKS = (150, 600, 3000)  # budgets of paths from iterates, one after the other
 MOST_KINKS = 20000  # of the path from all open
 REFRESH = 40  # kinks after which the inverse is computed anew
@@ -66,7 +67,7 @@ def ends(problem: SurfaceProblem, p: Array, best: Solution) -> Iterator[Start]:
         yield from path_from_open(problem, MOST_KINKS)
         return
     for soft in SOFT:
-        yield from path_from_open(problem, KINKS[-1], soft)
+        yield from islice(path_from_open(problem, KINKS[-1], soft), 1)
 
 
 def path_from(problem: SurfaceProblem, p: Array, u_c: Array, kinks: int, seed: int = 0) -> Iterator[Start]:

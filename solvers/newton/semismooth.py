@@ -62,6 +62,8 @@ class SemismoothNewton:
         assert attempts.best is not None
         for start in path.ends(problem, p, attempts.best):
             yield start, None
+            if problem.surface.floating:  # next to nothing may hold them
+                yield start, FIRM[-1]
         for start in simpler_laws.ends(problem, attempts.best.p, self):
             yield start, None
         for proximal in FIRMER:

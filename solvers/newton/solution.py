@@ -20,6 +20,7 @@ class Status(Enum):
     SLOW = 'the volume solves take too many iterations: try solver.surface = "condensed"'
     NOT_FINITE = "the iteration left the range of numbers: check the units of E, loads and lengths"
     BROKEN = "a linear solve failed, run.log says why: try another solver.method or solver.surface"
+    APART = "the sides of a sliding contact have moved apart, run.log says where: check loads, friction and supports"
     NO_EQUILIBRIUM = "contact and friction cannot balance the loads"
     NO_HOLD = "no state of contact that was tried holds the bodies: check loads, friction and the start of contact"
 

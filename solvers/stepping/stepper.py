@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from geometry.arrays import Array
-from geometry.errors import SolverError
+from geometry.errors import GeometryError, SceneError, SolverError
 from geometry.protocols import Vec
 from solvers.contact.admissible_set import AdmissibleSet
 from solvers.interface.flexibility import Load
@@ -239,7 +239,11 @@ class Stepper:
             self._follow()  # the steppers of other pairs share it
         searched = relative_positions(self.system, state, names)
         for _ in range(SEARCHES):
-            stepper = self._with_pairs(searched)
+            try:
+                stepper = self._with_pairs(searched)
+            except (SceneError, GeometryError) as error:
+                log.warning("t = %g: %s", end, error)
+                return self, _unsolved(state, self.surface.size, Status.APART, ()), None, None
             start = carried_over(state, stepper.system)
             solution, problem, new = stepper._solve(start, end, history, on_iteration, can_be_cut)
             if new is None:
@@ -319,16 +323,7 @@ class Stepper:
             u, u_strained = displacement(system, end, q, u_s)
         except (SolverError, np.linalg.LinAlgError) as error:
             log.warning("t = %g: %s", end, error)
-            residual = rows[-1].residual if rows else np.inf
-            broken = Solution(
-                p=state.p,
-                w=state.w,
-                u_c=np.zeros(self.surface.size),
-                status=Status.BROKEN,
-                residual=residual,
-                history=tuple(rows),
-            )
-            return broken, problem, None
+            return _unsolved(state, self.surface.size, Status.BROKEN, tuple(rows)), problem, None
         driven = solution.u_c[len(solution.u_c) - len(driving) :]
         new = new_state(
             system=system,
@@ -420,6 +415,12 @@ class Stepper:
             force=force,
             stiffness=system.problem.softest / system.extent,
         )
+
+
+def _unsolved(state: State, size: int, status: Status, rows: tuple[Step, ...]) -> Solution:
+    """What stands for the solution of a substep that ended early: the tractions of the state before it."""
+    residual = rows[-1].residual if rows else np.inf
+    return Solution(p=state.p, w=state.w, u_c=np.zeros(size), status=status, residual=residual, history=rows)
 
 
 def _count_iterations(history: list[HistoryRow]) -> int:

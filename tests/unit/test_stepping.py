@@ -1,6 +1,6 @@
 """Substeps: a step that fails is tried in parts, each from the last good state, and the parts grow again."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from geometry.amplitude import value_at
+from geometry.arrays import Array
+from geometry.errors import SceneError
 from solvers.interface.problem import SurfaceProblem
 from solvers.newton.solution import OnStep, Solution, Status
 from solvers.results.step_result import StepResult
@@ -388,3 +390,18 @@ def test_times_of_every_table_are_hit_with_its_values(
     assert [step.time for step in steps] == [0.3, 0.5, 0.7, 1.0]
     for step in steps:
         assert_allclose(measure(step), of_one * value_at(table, step.time, 1.0), rtol=1e-8)  # solver.tolerance
+
+
+def test_sides_that_move_apart_end_the_step(
+    scene_of: SceneOf, simulation_of: Callable[[Scene], Simulation], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    base = {"surface": "block.bottom", "against": "foundation", "sliding": True}
+    top = {"boundary": "block.top", "displacement": {"x": 0.0, "y": -0.05}}
+    simulation = simulation_of(scene_of(contacts={"base": base}, supports={"top": top}))
+
+    def gone(self: Stepper, searched: Mapping[str, Array]) -> Stepper:
+        raise SceneError("contacts.base: nothing of block.bottom faces foundation")
+
+    monkeypatch.setattr(Stepper, "_with_pairs", gone)
+    with pytest.raises(StepError, match="the sides of a sliding contact have moved apart"):
+        next(simulation.steps())

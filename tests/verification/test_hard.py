@@ -112,7 +112,7 @@ def test_page_counts_and_repeats(tmp_path: Path) -> None:
     good = Row("block", "mu", "mu x 2", ("contacts.base.friction.mu=0.6",), Verdict(outcome=Outcome.SOLVED))
     bad = replace(good, name="mu x 10", verdict=Verdict(outcome=Outcome.WRONG, reason="two judges disagree"))
     assert list(table("scene", [good, bad], lambda row: row.scene))[-1].startswith(
-        "| block | 2 | 1 | 0 | 0 | 0 | 0 | 0 | 1 |"
+        "| block | 2 | 1 | 0 | 0 | 0 | 0 | 0 | 0 | 1 |"
     )
     write_page(tmp_path / "hard.md", [good, bad], "stickslip verify hard")
     page = (tmp_path / "hard.md").read_text()

@@ -12,6 +12,7 @@ import numpy as np
 
 from geometry.arrays import Array
 from geometry.errors import GeometryError, SceneError, StickslipError
+from solvers.interface.limit_analysis import Balance
 from solvers.methods import Solver
 from solvers.results.audit import Audit, Auditor, Record
 from solvers.results.step_result import StepResult
@@ -40,6 +41,7 @@ class Outcome(Enum):
     SOLVED = "solved"
     BRANCH = "solved, several solutions"  # others were met, or a second method found one: all satisfy all conditions
     PROVED = "no equilibrium, proved"
+    UNDECIDED = "near a limit, undecided"  # of floating bodies: neither an equilibrium nor its absence is proved
     REFUSED = "refused"
     FAILED = "failed"
     DOUBTFUL = "doubtful"  # an answer that its own audit does not vouch for: the run ends with exit code 1
@@ -154,8 +156,9 @@ def judge(scene: Scene, twin: Scene | None = None, scale: Scale = OWN) -> Iterat
         )
         return
     except StickslipError as error:
-        seconds = clock.perf_counter() - began
-        yield Verdict(outcome=Outcome.FAILED, reason=str(error), held=held, seconds=seconds)
+        seconds, undecided = clock.perf_counter() - began, Balance.UNDECIDED.value in str(error)
+        outcome = Outcome.UNDECIDED if undecided else Outcome.FAILED
+        yield Verdict(outcome=outcome, reason=str(error), held=held, seconds=seconds)
         return
     first = Verdict(outcome=Outcome.SOLVED, held=held, iterations=own.iterations, seconds=clock.perf_counter() - began)
     others = max((len(step.other_solutions) for step in own.steps), default=0)

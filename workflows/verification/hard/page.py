@@ -19,6 +19,7 @@ COLOURS = {  # in the order of the page's columns
     Outcome.SOLVED: "#bcd9c2",
     Outcome.BRANCH: "#5aa469",
     Outcome.PROVED: "#9ecae1",
+    Outcome.UNDECIDED: "#6a8fb5",
     Outcome.REFUSED: "#d9d9d9",
     Outcome.FAILED: "#f4a742",
     Outcome.DOUBTFUL: "#e6d94c",
@@ -63,6 +64,10 @@ def _lines(rows: Sequence[Row], command: str, picture: str) -> Iterator[str]:
         "method found one, and all satisfy all conditions."
     )
     yield "- *no equilibrium, proved*: with a collapse mechanism of floating bodies as certificate."
+    yield (
+        "- *near a limit, undecided*: of floating bodies; none was found from some load on, which is said, but "
+        "the bounds of the limit analysis are too wide to prove that there is none (with compliance by up to a third)."
+    )
     yield "- *refused*: before solving, with one line that says why."
     yield "- *failed*: no answer within the limits of iterations or time."
     yield "- *doubtful*: the audit found a fault; the run says so, and ends with exit code 1."
@@ -78,7 +83,7 @@ def _lines(rows: Sequence[Row], command: str, picture: str) -> Iterator[str]:
     yield "## By kind of variation"
     yield ""
     yield from table("kind", rows, lambda row: row.kind)
-    for outcome in (*BAD, Outcome.BRANCH, Outcome.REFUSED):
+    for outcome in (*BAD, Outcome.UNDECIDED, Outcome.BRANCH, Outcome.REFUSED):
         found = [row for row in rows if row.verdict.outcome is outcome]
         if found:
             yield ""

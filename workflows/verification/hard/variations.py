@@ -67,6 +67,9 @@ def same(tables: Tables, random: Random) -> Tables | None:
 # friction and normal laws
 
 
+JUMPS = ("stick", "tresca")  # laws whose bound jumps where surfaces part
+
+
 def times_mu(factor: float, tables: Tables, random: Random) -> Tables | None:
     for friction in frictions(tables, "mu"):
         friction["mu"] *= factor
@@ -90,13 +93,15 @@ def friction_law(law: str, tables: Tables, random: Random) -> Tables | None:
     for contact in tables["contacts"].values():
         if contact.pop("friction", None) and law != "none":
             contact["friction"] = laws[law]
-            if law in ("tresca", "stick"):
+            if law in JUMPS:
                 contact["normal"] = {"law": "bilateral"}
     return tables
 
 
 def compliant(stiffness: float, m_n: float, tables: Tables, random: Random) -> Tables | None:
     """Compliant contact; stiffness: of the surface over that of the bodies, at a penetration of the travel."""
+    if any(friction["law"] in JUMPS for friction in frictions(tables)):
+        return None
     own = softest(tables) / extent(tables)
     for contact in tables["contacts"].values():
         contact["normal"] = {"law": "compliance", "c_n": stiffness * own * travel(tables) ** (1 - m_n), "m_n": m_n}
