@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import time as clock
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from solvers.contact.rows import ContactRows
 from solvers.effects import active
 from solvers.newton.correction import FLOOR
 from solvers.parallel.gather import Gather, cells_of, nodes_of
+from solvers.results.recovered_stress import MeshError, RecoveredStress
 from solvers.results.step_result import (
     OPEN,
     SLIP,
@@ -112,13 +114,19 @@ class Observer:
     by_node: Gather  # own nodes to all nodes, on rank 0
     by_cell: Gather  # own cells to all cells, on rank 0
     probes: Mapping[str, tuple[int, Array] | None]  # cell, and its basis at the point (k,); None on other ranks
+    recovered: RecoveredStress | None  # estimates the error of the mesh; None: nobody asks for it
+    on_error: Callable[[float], None]  # called with the seconds that error estimates took
 
     @classmethod
-    def of(cls, stepper: Stepper) -> Observer:
+    def of(
+        cls, stepper: Stepper, data: MeshData | None = None, on_error: Callable[[float], None] = lambda seconds: None
+    ) -> Observer:
         """Compile the strain and find the cells of the probes; collective.
 
         Args:
             stepper: whose steps it will observe.
+            data: the mesh, to estimate its error; None: it is not estimated.
+            on_error: called with the seconds that error estimates took.
 
         Raises:
             SceneError: a probe lies outside the bodies.
@@ -131,6 +139,8 @@ class Observer:
             by_node=nodes_of(system.mesh, system.nodes),
             by_cell=cells_of(system.mesh),
             probes={name: _locate(system.mesh, x, name) for name, x in points.items()},
+            recovered=None if data is None else RecoveredStress(system.problem, data),
+            on_error=on_error,
         )
 
     def __call__(self, accepted: Accepted) -> StepResult:
@@ -138,13 +148,15 @@ class Observer:
         system, state = accepted.stepper.system, accepted.state
         cell_stress, nodal = self.stress(state.u, state.initial), self.stress.displacement.x.array
         contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
+        displacement = self.by_node(state.u.array.reshape(-1, system.mesh.dim))
+        mesh_error, stress_error = self._mesh_error(displacement, state.peak)
         return StepResult(
             time=state.time,
             substeps=accepted.substeps,
             iterations=accepted.iterations,
             volume_solves=accepted.volume_solves,
             residual=accepted.residual,
-            displacement=self.by_node(state.u.array.reshape(-1, system.mesh.dim)),
+            displacement=displacement,
             stress=self.by_cell(cell_stress),
             contacts=contacts,
             obstacles=self._obstacles(accepted.state, contacts),
@@ -155,6 +167,8 @@ class Observer:
             probes={name: self._probe(where, nodal, cell_stress) for name, where in self.probes.items()},
             energy=state.energy,
             iteration_error=iteration_error(accepted),
+            mesh_error=mesh_error,
+            stress_error=stress_error,
             law_error=law_error(accepted),
             linear_error=accepted.linear_error,
             p=state.p,
@@ -169,6 +183,16 @@ class Observer:
             other_solutions=tuple(_normal_forces(accepted, p) for p in accepted.others),
             columns=self._columns(state.time),
         )
+
+    def _mesh_error(self, displacement: Array, peak: float) -> tuple[float, Array]:
+        """`StepResult.mesh_error` and `stress_error`; collective. They are found on rank 0, which has the fields."""
+        if self.recovered is None:
+            return np.nan, np.zeros(0)
+        began, comm = clock.perf_counter(), self.stepper.system.mesh.comm
+        found = self.recovered(displacement) if comm.rank == 0 else MeshError(size=0.0, stress=np.zeros(0))
+        size = float(comm.bcast(found.size))
+        self.on_error(clock.perf_counter() - began)
+        return size / float(np.sqrt(2 * peak)) if peak > 0 else 0.0, found.stress
 
     def _columns(self, time: float) -> dict[str, float]:
         """Numbers that active effects add to steps.csv at a time [s], by column."""

@@ -83,8 +83,9 @@ class ContactState:
 class StepResult:
     """The solution at a requested time.
 
-    Nodes and cells are in the order of the gmsh model, whatever the number of ranks. `displacement` and `stress` are
-    on rank 0 (empty elsewhere), all else is on every rank. Mappings have the names of the scene as keys. d is 2 or 3.
+    Nodes and cells are in the order of the gmsh model, whatever the number of ranks. `displacement`, `stress` and
+    `stress_error` are on rank 0 (empty elsewhere), all else is on every rank. Mappings have the names of the scene as
+    keys. d is 2 or 3.
     """
 
     time: float  # [s]
@@ -102,6 +103,8 @@ class StepResult:
     iteration_error: (
         float  # bound on what iterations left so far, energy norm, relative to the largest [-]; nan: unknown
     )
+    mesh_error: float  # estimate of what the mesh leaves, energy norm, relative to the largest [-]; nan: none
+    stress_error: Array  # (cells,) the same as an error of the stress [Pa], see `MeshError`; empty: not estimated
     law_error: float  # the same by the method's approximation of the contact laws, earlier steps included [-]
     p: Array  # (rows,) tractions, flat [Pa]; for the audit and the next step
     w: Array  # (rows,) relative displacement, flat [m]
@@ -119,8 +122,9 @@ class StepResult:
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 
     def without_fields(self) -> StepResult:
-        """The same, displacement and stress empty: their memory grows with the mesh."""
-        return replace(self, displacement=np.zeros((0, 0)), stress=np.zeros((0, 3, 3)))
+        """The same, fields of nodes and cells empty: their memory grows with the mesh."""
+        nothing = np.zeros(0)
+        return replace(self, displacement=np.zeros((0, 0)), stress=np.zeros((0, 3, 3)), stress_error=nothing)
 
     @property
     def von_mises(self) -> Array:

@@ -30,6 +30,7 @@ class Seconds:
     assemble: float = 0.0  # forms, stiffness, loads, contact rows
     prepare: float = 0.0  # factor or multigrid of the bodies, and what the method prepares
     iterate: float = 0.0  # all steps, failed ones included
+    error: float = 0.0  # estimates of the error of the mesh
     output: float = 0.0  # reading results off the steps, and writing files
 
     def add(self, earlier: Seconds) -> None:
@@ -116,9 +117,9 @@ class Simulation:
                     yield observe(failure.last_good)
                 raise
             self.stepper.reported = accepted
-            solved = clock.perf_counter()
+            solved, estimates = clock.perf_counter(), self.seconds.error
             result = observe(accepted)
-            self.seconds.output += clock.perf_counter() - solved
+            self.seconds.output += clock.perf_counter() - solved - (self.seconds.error - estimates)
             yield result
             state = accepted.state
 
@@ -160,14 +161,19 @@ def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = No
     stepper = Stepper(system, MethodChain(system, reached))
     seconds.mesh, seconds.assemble = meshed - began, assembled - meshed
     seconds.prepare = clock.perf_counter() - assembled
+    data = mesh_data(system)
+
+    def on_error(spent: float) -> None:
+        seconds.error += spent
+
     return Simulation(
         scene=scene,
         problem=problem,
         mesh=mesh,
         system=system,
         stepper=stepper,
-        observer=Observer.of(stepper),
+        observer=Observer.of(stepper, data if scene.output.error else None, on_error),
         counters=counters,
         seconds=seconds,
-        data=mesh_data(system),
+        data=data,
     )

@@ -68,6 +68,13 @@ FORMAT_1: Json = {
             "obstacles": {"*": {"displacement": is_vector, "force": is_vector, "moment": is_moment}},
             "probes": {"*": {"displacement": is_vector, "stress": is_stress}},
             "energy": dict.fromkeys(("external", "stored", "contact", "dissipated", "time_remainder"), is_number),
+            "error": {
+                "energy_norm": {
+                    **dict.fromkeys(("mesh", "law", "iteration", "linear_solver"), is_number),
+                    **dict.fromkeys(("total", "geometry", "time_step"), is_null),  # not computed yet
+                    "converges": lambda value: value is True,
+                }
+            },
             "audit": AUDIT,
         }
     ],
@@ -78,14 +85,14 @@ FORMAT_1: Json = {
     },
     "audit": AUDIT,
     "error": {
-        "discretisation": is_null,  # not computed yet
+        "discretisation": is_number,
         "law": lambda value: value == 0,  # the laws themselves are solved, not smoothed ones
         "iteration": is_number,
         "linear_solver": is_number,
         "what": lambda value: value == "relative, energy norm",
     },
     "seconds": {
-        **dict.fromkeys(("mesh", "assemble", "prepare", "iterate", "output", "total"), is_number),
+        **dict.fromkeys(("mesh", "assemble", "prepare", "iterate", "error", "output", "total"), is_number),
         "linear_reference": is_null,
     },
 }

@@ -89,6 +89,8 @@ def result_of(mesh: MeshData, time: float = 0.1 + 0.2, seed: int = 0) -> StepRes
         probes={"corner": (random.normal(size=d), stress[0] + stress[0].T)},
         energy=Energy(0.0, 0.0, 0.0, 0.0, np.zeros(1)),
         iteration_error=0.0,
+        mesh_error=0.0,
+        stress_error=np.zeros(len(stress)),
         law_error=0.0,
         p=random.normal(size=n * d),
         w=random.normal(size=n * d),

@@ -48,6 +48,7 @@ class StoredStep:
     displacement: Array  # (nodes, 3) [m]
     stress: Array  # (cells, 3, 3) [Pa]
     von_mises: Array  # (cells,) [Pa]
+    stress_error: Array  # (cells,) [Pa]; empty: not estimated
     contacts: Mapping[str, StoredContact]
     p: Array  # (rows,) flat tractions [Pa]
     w: Array  # (rows,) flat relative displacement [m]
@@ -92,6 +93,7 @@ def write_step(folder: Path, index: int, result: StepResult, going: Plain = None
         "displacement": three(result.displacement),
         "stress": result.stress.reshape(-1, 9),
         "von_mises": result.von_mises,
+        "stress_error": result.stress_error,
         "state/p": result.p,
         "state/w": result.w,
         "state/reference": result.reference,
@@ -139,6 +141,7 @@ def read_step(path: Path) -> StoredStep:
             displacement=arrays["displacement"],
             stress=arrays["stress"].reshape(-1, 3, 3),
             von_mises=arrays["von_mises"],
+            stress_error=arrays["stress_error"],
             contacts={name: StoredContact(**columns) for name, columns in contacts.items()},
             p=arrays["state/p"],
             w=arrays["state/w"],

@@ -93,7 +93,7 @@ def summary(
         "audit": Audit.worst(audits),
         "verdict": _verdict(simulation, steps, audited) if audits else None,
         "error": {
-            "discretisation": None,
+            "discretisation": max((step.mesh_error for step in steps), default=None),
             "law": max((step.law_error for step in steps), default=None),
             "iteration": float(np.max([step.iteration_error for step in steps])) if steps else None,
             "linear_solver": max((step.linear_error for step in steps), default=None),
@@ -157,9 +157,24 @@ def _step(step: StepResult, audit: Audit | None) -> dict[str, Any]:
             "dissipated": energy.dissipated,
             "time_remainder": energy.time_remainder,
         },
+        "error": {"energy_norm": _energy_norm(step)},
         "audit": audit and asdict(audit),
         "convergence": step.convergence and asdict(step.convergence),
         "other_solutions": [dict(forces) for forces in step.other_solutions],
+    }
+
+
+def _energy_norm(step: StepResult) -> dict[str, Any]:
+    """Error of the displacement, relative to the largest so far, by its parts; null: not computed, nor is the total."""
+    return {
+        "total": None,
+        "mesh": step.mesh_error,
+        "geometry": None,
+        "time_step": None,
+        "law": step.law_error,
+        "iteration": step.iteration_error,
+        "linear_solver": step.linear_error,
+        "converges": True,
     }
 
 

@@ -96,10 +96,12 @@ class Reporter:
             out.print("no step was solved")
         seconds, counters, audit = content["seconds"], content["counters"], content["audit"]
         phases = ", ".join(
-            f"{name} {seconds[name]:.2f}" for name in ("mesh", "assemble", "prepare", "iterate", "output")
+            f"{name} {seconds[name]:.2f}" for name in ("mesh", "assemble", "prepare", "iterate", "error", "output")
         )
         out.print(f"method {content['method']}, {counters['volume_solves']} volume solves, {content['dofs']} unknowns")
         out.print(f"seconds: {phases}, total {seconds['total']:.2f}")
+        if (error := content["error"]["discretisation"]) is not None:
+            out.print(f"the mesh leaves an error of about {error:.1%} (displacement, energy norm)")
         defects = ", ".join(
             f"{name.replace('_', ' ')} {value:.0e}" for name, value in audit.items() if value is not None
         )

@@ -140,6 +140,8 @@ class VtuFiles(SeriesWriter):
         mesh = self.job.mesh
         shape = shape_of(mesh.shape, mesh.cells)
         at_cells = {"stress": step.stress.reshape(-1, 9), "von_mises": step.von_mises}
+        if len(step.stress_error):
+            at_cells["stress_error"] = step.stress_error
         for number, name in enumerate(mesh.bodies):
             own = mesh.body == number
             nodes, local = np.unique(mesh.cells[own], return_inverse=True)

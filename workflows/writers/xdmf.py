@@ -58,6 +58,7 @@ BODY_FIELDS = (
     Field("stress", "Tensor", "Cell", "{step}:/stress"),
     Field("body", "Scalar", "Cell", f"{MESH_FILE}:/mesh/body", INT64),
 )
+ERROR = Field("stress_error", "Scalar", "Cell", "{step}:/stress_error")
 
 
 class FieldFiles(SeriesWriter):
@@ -81,8 +82,9 @@ class FieldFiles(SeriesWriter):
                 write_arrays(folder / MESH_FILE, arrays, {})
         if not steps:
             return
+        fields = (*BODY_FIELDS, ERROR) if self.job.scene.output.error else BODY_FIELDS
         body = _grid("mesh", "bodies", mesh.points, mesh.cells, mesh.shape)
-        write_aside(folder / "fields.xdmf", _series(body, BODY_FIELDS, steps))
+        write_aside(folder / "fields.xdmf", _series(body, fields, steps))
         for name, surface in mesh.surfaces.items():
             grid = _grid(f"contacts/{name}", name, *surface)
             write_aside(folder / f"contact_{name}.xdmf", _series(grid, contact_fields(name), steps))
