@@ -22,6 +22,18 @@ def own_interrupt() -> Iterator[None]:
 
 
 @contextmanager
+def _no_signals() -> Iterator[None]:
+    """Let gmsh, which sets handlers of signals, be used outside the main thread, where nobody can."""
+    act = signal.signal
+    if threading.current_thread() is not threading.main_thread():
+        signal.signal = lambda number, handler: signal.getsignal(number)  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        signal.signal = act
+
+
+@contextmanager
 def gmsh_session(words: Sequence[str] = ()) -> Iterator[Gmsh]:
     """The initialised gmsh module with an empty model; sessions must not be nested.
 
@@ -30,7 +42,8 @@ def gmsh_session(words: Sequence[str] = ()) -> Iterator[Gmsh]:
     Args:
         words: options as on gmsh's command line.
     """
-    import gmsh
+    with _no_signals():
+        import gmsh
 
     gmsh.initialize(["gmsh", *words], readConfigFiles=False)
     try:
@@ -39,4 +52,5 @@ def gmsh_session(words: Sequence[str] = ()) -> Iterator[Gmsh]:
         gmsh.model.add("scene")
         yield gmsh
     finally:
-        gmsh.finalize()
+        with _no_signals():
+            gmsh.finalize()
