@@ -18,6 +18,7 @@ from geometry.errors import FolderError
 from workflows.formats.aside import disk_errors, sync_folder
 from workflows.formats.own_files import (
     LAST,
+    PART,
     certify,
     claim,
     go_on_moving,
@@ -93,7 +94,7 @@ class ResultsFolder:
         source = moving_from(folder)
         if source is None:
             return
-        if source not in self.replaced:
+        if source not in self.replaced or source == folder:
             raise FolderError(f"{folder}: its files come from {source}, which is not beside it; choose another folder")
         for place in (self.work, folder, source):
             if (place / LOG).is_file():
@@ -113,7 +114,7 @@ class ResultsFolder:
         """
         if read_json(self.place / RESULT).get("status") == "interrupted":
             self._refuse(self.place)
-        if self.work.exists():
+        if is_marked(self.work):
             self.lock(self.work)
             self._refuse(self.work)
 
@@ -227,7 +228,7 @@ def _open_log(folder: Path) -> int:
     path, options = folder / LOG, os.O_APPEND | os.O_NONBLOCK
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "not a regular file")
-    if path.exists() or not is_marked(folder):
+    if path.exists():
         try:
             return os.open(path, os.O_WRONLY | options)
         except OSError as error:
@@ -243,8 +244,8 @@ def _refuse_foreign(folder: Path) -> None:
     Raises:
         FolderError: the folder is there, not empty, and no run has made it; or a link stands for a file of the run.
     """
-    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
-        return
+    if not folder.exists() or (folder.is_dir() and all(path.name == PART for path in folder.iterdir())):
+        return  # empty, or a crash came before it was marked
     if folder.is_dir() and is_marked(folder):
         if link := linked(folder):
             raise FolderError(f"{link}: is a link where a run writes; move it away, or choose another folder with -o")
