@@ -136,7 +136,7 @@ def test_link_in_place_of_a_file_of_the_run_is_named(name: str, call: Call, done
     before = names_in(folder)
     code, _, err = call(*WORDS)
     assert (code, err.count("\n")) == (2, 1)
-    assert f"out/{name}: is a link where a run writes" in err
+    assert f"out/{name}: is a link, or no file or folder, where a run has made one" in err
     assert names_in(folder) == before
 
 

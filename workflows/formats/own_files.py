@@ -100,10 +100,13 @@ def is_certified(path: Path) -> bool:
         return False
 
 
-def linked(folder: Path) -> Path | None:
-    """A link that stands where a run has made a file or a folder; None: there is none."""
-    places = {folder / MARKER, *(folder / part for name in listed(folder) for part in _upwards(name))}
-    return next((place for place in sorted(places) if place.is_symlink()), None)
+def strange(folder: Path) -> Path | None:
+    """What stands where the run has made a file or a folder, and is a link or of another kind; None: nothing does."""
+    names = listed(folder)
+    files = {MARKER, *(name for name in names if not name.endswith("/"))}
+    places = [(folder / name, _is_file) for name in files]
+    places += [(folder / name, _is_folder) for name in {part for name in names for part in _upwards(name)} - files]
+    return next((place for place, fits in sorted(places) if os.path.lexists(place) and not fits(place)), None)
 
 
 def foreign(folder: Path) -> Iterator[Path]:
@@ -132,8 +135,8 @@ def remove_own(folder: Path, below: str = "", but: str = "") -> None:
     gone = [name for name in names if name.startswith(below) and name != but]
     for name in gone:
         for path in (folder / name, folder / _part(name)):
-            if not name.endswith("/") and not path.is_symlink():
-                path.unlink(missing_ok=True)
+            if _is_file(path):
+                path.unlink()
     _remove_empty(folder, gone)
     if below or but:
         _write(folder, [name for name in names if name not in gone], None)
@@ -144,8 +147,8 @@ def remove_own(folder: Path, below: str = "", but: str = "") -> None:
 def remove_unfinished(folder: Path) -> None:
     """Remove what a crash has left of files that the run was writing."""
     for name in listed(folder):
-        if not name.endswith("/"):
-            (folder / _part(name)).unlink(missing_ok=True)
+        if _is_file(folder / _part(name)):
+            (folder / _part(name)).unlink()
 
 
 def move_own(source: Path, target: Path, whole: bool = False) -> None:
@@ -170,7 +173,7 @@ def move_own(source: Path, target: Path, whole: bool = False) -> None:
     folders = {part for name in names for part in _upwards(name) if part not in names}
     for place in sorted({part for name in names for part in _upwards(name)}):
         path = target / place
-        fits = path.is_dir() and not path.is_symlink() if place in folders else place in own
+        fits = _is_folder(path) if place in folders else place in own
         if os.path.lexists(path) and not fits:
             raise FolderError(
                 f"{path}: is not of a run, and in the way of results, which stay in {source}; move it away, and go on "
@@ -195,7 +198,7 @@ def go_on_moving(target: Path) -> None:
         place, path = source / name, target / name
         if name.endswith("/"):
             path.mkdir(parents=True, exist_ok=True)
-        elif os.path.lexists(place):
+        elif _is_file(place):
             path.parent.mkdir(parents=True, exist_ok=True)
             try:
                 place.replace(path)
@@ -205,7 +208,8 @@ def go_on_moving(target: Path) -> None:
                 shutil.copy2(place, target / _part(name), follow_symlinks=False)
                 (target / _part(name)).replace(path)
                 place.unlink()
-        (source / _part(name)).unlink(missing_ok=True)
+        if _is_file(source / _part(name)):
+            (source / _part(name)).unlink()
     _write(target, names, None, checksums)
     if source.is_dir():
         _remove_empty(source, names)
@@ -228,10 +232,18 @@ def _end(folder: Path) -> None:
 
 def _remove_empty(folder: Path, names: Iterable[str]) -> None:
     """Remove folders of listed files that are empty, from within."""
-    for place in sorted({part for name in names for part in _upwards(name)}, key=len, reverse=True):
-        path = folder / place
-        if path.is_dir() and not path.is_symlink() and not any(path.iterdir()):
-            path.rmdir()
+    files = {name for name in names if not name.endswith("/")}
+    for place in sorted({part for name in names for part in _upwards(name)} - files, key=len, reverse=True):
+        if _is_folder(folder / place) and not any((folder / place).iterdir()):
+            (folder / place).rmdir()
+
+
+def _is_file(path: Path) -> bool:
+    return path.is_file() and not path.is_symlink()
+
+
+def _is_folder(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink()
 
 
 def _upwards(name: str) -> Iterator[str]:

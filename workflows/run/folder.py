@@ -23,11 +23,11 @@ from workflows.formats.own_files import (
     claim,
     go_on_moving,
     is_marked,
-    linked,
     mark,
     move_own,
     moving_from,
     remove_own,
+    strange,
 )
 from workflows.formats.regular import read_json, read_regular
 from workflows.formats.steps import step_files
@@ -247,8 +247,11 @@ def _refuse_foreign(folder: Path) -> None:
     if not folder.exists() or (folder.is_dir() and all(path.name == PART for path in folder.iterdir())):
         return  # empty, or a crash came before it was marked
     if folder.is_dir() and is_marked(folder):
-        if link := linked(folder):
-            raise FolderError(f"{link}: is a link where a run writes; move it away, or choose another folder with -o")
+        if found := strange(folder):
+            raise FolderError(
+                f"{found}: is a link, or no file or folder, where a run has made one; move it away, or choose another "
+                "folder with -o"
+            )
         return
     if folder.is_dir() and (folder / LOG).is_file():
         raise FolderError(

@@ -22,6 +22,7 @@ from solvers.stepping.history import HistoryRow
 from solvers.stepping.state import State
 from solvers.stepping.stepper import NoEquilibriumError, StepError
 from workflows.formats.mesh_file import mesh_checksum
+from workflows.formats.own_files import is_marked
 from workflows.formats.steps import step_files, write_step
 from workflows.run.audit import Audited, audit_steps
 from workflows.run.collective import raise_together
@@ -121,6 +122,7 @@ class Run:
 
     def _write(self, index: int, step: StepResult, began: float) -> None:
         """Write rows and the step's file: when this returns, the step is safe; all ranks fail or none."""
+        self._on_rank_0(self._find_folder)
         accepted = self._simulation.stepper.reported
         assert accepted is not None
         checkpoint = self._checkpoints.take(accepted)
@@ -141,6 +143,14 @@ class Run:
             self._learnt.forget()
 
         self._on_rank_0(write)
+
+    def _find_folder(self) -> None:
+        """
+        Raises:
+            MachineError: somebody has removed it.
+        """
+        if not is_marked(self._folder):
+            raise MachineError(f"{self._folder}: is gone, and with it the steps so far; nothing is left to go on with")
 
     def finish(self, status: str, sentence: str, told: Sequence[str], began: float) -> tuple[Outcome, dict[str, Any]]:
         """Judge the answer, write result.json, finish the outputs: how the run ended, and the content of result.json.
@@ -269,7 +279,7 @@ def _solve(
                 status, sentence = working.march(watch, began)
                 outcome, content = working.finish(status, sentence, foreseen(simulation, report), began)
             except MachineError as error:
-                there = len(step_files(work))
+                there = len(step_files(work)) if (work / BEGUN).is_file() else 0
                 kept = f"; {there} steps are kept, go on with --resume" if there else ""
                 raise MachineError(f"{error}{kept}") from None
         raise_together(comm, lambda: results[0].finish())
