@@ -12,7 +12,7 @@ import os
 import stat
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -100,9 +100,11 @@ def patient(compile_object: Callable[..., Any], cache: Path) -> Callable[..., An
     @wraps(compile_object)
     def act(comm: Any, *arguments: Any, **options: Any) -> Any:
         for turn in range(TURNS):
-            try:
-                if comm.rank == 0:
+            if comm.rank == 0:
+                with suppress(OSError):  # the compiler will say it
                     remove_left_over(cache)
+            comm.barrier()  # the other ranks must not hold the lock meanwhile
+            try:
                 with _locked(cache, fcntl.LOCK_SH):
                     return compile_object(comm, *arguments, **options)
             except Exception as error:

@@ -19,7 +19,7 @@ import typer
 
 from geometry.errors import SceneError, StickslipError
 from workflows import VERSION
-from workflows.commands.start import STOPPED, STOPPING, speaks
+from workflows.commands.process import STOPPED, STOPPING, speaks
 
 LONGEST = 280  # letters of a refusal
 

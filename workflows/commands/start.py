@@ -8,13 +8,7 @@ import signal
 import sys
 from types import FrameType
 
-STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
-STOPPED = 130  # exit code
-
-
-def speaks() -> bool:
-    """Whether this process prints: rank 0 only."""
-    return os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0")) == "0"
+from workflows.commands.process import STOPPED, STOPPING, speaks
 
 
 def main() -> None:
