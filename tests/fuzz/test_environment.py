@@ -73,10 +73,10 @@ def environment(lots: random.Random, place: Path) -> dict[str, str]:
     return found
 
 
-def spoil(lots: random.Random, place: Path) -> tuple[Callable[[], None], bool, bool]:
-    """What the process does to its own streams, disk and folder before it begins; is the disk small, the output lost?"""
+def spoil(lots: random.Random, place: Path) -> tuple[Callable[[], None], bool]:
+    """What the process does to its own streams, disk and folder before it begins, and whether its output is lost."""
     acts: list[Callable[[], Any]] = []
-    small, lost = lots.randrange(5) == 0, False
+    lost = False
     for number in range(3):
         choice = lots.randrange(8)
         if choice == 0:
@@ -86,13 +86,13 @@ def spoil(lots: random.Random, place: Path) -> tuple[Callable[[], None], bool, b
         elif choice == 2 and number:
             acts.append(lambda number=number: _deaf(number))
         lost = lost or (choice < 3 and number > 0)
-    if small:
+    if lots.randrange(5) == 0:
         room = lots.randrange(1, 100_000)
         acts.append(lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)))
         acts.append(lambda: signal.signal(signal.SIGXFSZ, signal.SIG_IGN))
     if lots.randrange(8) == 0:
         acts.append(lambda: ((place / "gone").mkdir(), os.chdir(place / "gone"), (place / "gone").rmdir()))
-    return (lambda: [act() for act in acts] and None), small, lost
+    return (lambda: [act() for act in acts] and None), lost
 
 
 def _deaf(number: int) -> None:
@@ -109,7 +109,7 @@ def test_every_environment_ends_as_documented(seed: int, tmp_path_factory: pytes
     name = lots.choice(NAMES)
     if words[:1] == ["run"]:
         words.append(f"--output={name}")
-    before, small, lost = spoil(lots, place)
+    before, lost = spoil(lots, place)
     number = lots.choice((signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)) if lots.randrange(4) == 0 else None
     with subprocess.Popen(
         [sys.executable, *STICKSLIP, *words],

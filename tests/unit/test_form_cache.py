@@ -85,6 +85,9 @@ def test_form_that_a_living_process_compiles_is_left_alone(tmp_path: Path) -> No
 class OneRank:
     rank, size = 0, 1
 
+    def barrier(self) -> None:
+        """Nobody to wait for."""
+
 
 def test_compiler_that_fails_is_said_in_one_line(tmp_path: Path) -> None:
     def fail(comm: Any) -> None:
