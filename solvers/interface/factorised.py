@@ -128,7 +128,7 @@ class FactorisedVolume:
                 "that hang together at a point or along an edge only, and for E that differ by many orders"
             )
         if info in NO_MEMORY:
-            raise MachineError(f"not enough memory to factorise the bodies (MUMPS: {info}); use a larger mesh_size")
+            raise MachineError(f"too little memory to factorise the bodies (MUMPS: {info}); use a larger mesh_size")
         if info < 0:
             raise MachineError(f"the factorisation of the bodies failed (MUMPS: {info}); try another solver.surface")
 

@@ -457,7 +457,7 @@ def test_mechanism_is_not_reported_as_too_little_memory() -> None:
 def test_too_little_memory_is_called_so(monkeypatch: pytest.MonkeyPatch) -> None:
     for word, numbers in (("SINGULAR", ()), ("NO_MEMORY", (-10, -40))):
         monkeypatch.setattr(factorised, word, numbers)
-    with pytest.raises(MachineError, match="not enough memory to factorise the bodies") as found:
+    with pytest.raises(MachineError, match="too little memory to factorise the bodies") as found:
         _factorised(0.0)
     assert found.value.exit_code == 4
 
