@@ -23,10 +23,9 @@ def own_interrupt() -> Iterator[None]:
 
 @contextmanager
 def _no_signals() -> Iterator[None]:
-    """Let gmsh, which sets handlers of signals, be used outside the main thread, where nobody can."""
+    """Keep gmsh from setting handlers: Ctrl-C would end the process, and outside the main thread nobody can."""
     act = signal.signal
-    if threading.current_thread() is not threading.main_thread():
-        signal.signal = lambda number, handler: signal.getsignal(number)  # type: ignore[assignment]
+    signal.signal = lambda number, handler: signal.getsignal(number)  # type: ignore[assignment]
     try:
         yield
     finally:
@@ -42,15 +41,15 @@ def gmsh_session(words: Sequence[str] = ()) -> Iterator[Gmsh]:
     Args:
         words: options as on gmsh's command line.
     """
-    with _no_signals():
+    with own_interrupt(), _no_signals():
         import gmsh
 
-    gmsh.initialize(["gmsh", *words], readConfigFiles=False)
+        gmsh.initialize(["gmsh", *words], readConfigFiles=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("General.AbortOnError", 0)
         gmsh.model.add("scene")
         yield gmsh
     finally:
-        with _no_signals():
+        with own_interrupt(), _no_signals():
             gmsh.finalize()

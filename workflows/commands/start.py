@@ -6,7 +6,9 @@ import errno
 import os
 import signal
 import sys
+from contextlib import suppress
 from types import FrameType
+from typing import NoReturn
 
 from workflows.commands.process import STOPPED, STOPPING, speaks
 
@@ -20,12 +22,34 @@ def main() -> None:
     try:
         os.getcwd()
     except OSError as error:
-        if speaks():
-            print(f"stickslip: the working folder is gone: {error.strerror}; go to another one", file=sys.stderr)
-        sys.exit(4)
+        _end(f"the working folder is gone: {error.strerror}; go to another one")
+    _find_temporary_folder()
+    if "OMPI_COMM_WORLD_SIZE" not in os.environ:  # alone, MPI needs no shared file in a folder that may be full
+        os.environ.setdefault("PMIX_MCA_gds", "hash")
     from workflows.commands.cli import main as command
 
     command()
+
+
+def _end(why: str) -> NoReturn:
+    """The environment fails before anything is read."""
+    if speaks():
+        with suppress(OSError):
+            print(f"stickslip: {why}", file=sys.stderr)
+    sys.exit(4)
+
+
+def _find_temporary_folder() -> None:
+    """Where TMPDIR leads nowhere, MPI would end the process with a page of its own."""
+    chosen = os.environ.get("TMPDIR")
+    if chosen is None:
+        return
+    import tempfile
+
+    try:
+        os.environ["TMPDIR"] = tempfile.gettempdir()
+    except OSError:
+        _end(f"TMPDIR = {chosen}: nothing can be written there, nor in other folders for temporary files")
 
 
 def _open_streams() -> None:
