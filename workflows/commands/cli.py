@@ -66,7 +66,7 @@ def run_command(
         ]
         how = f"; go on with: {shlex.join(again)}" if outcome.status == "interrupted" else ""
         typer.echo(f"stickslip: {outcome.status.replace('_', ' ')}: {outcome.sentence}{how}", err=True)
-    raise typer.Exit(outcome.exit_code)
+    sys.exit(outcome.exit_code)
 
 
 @app.command("plan")
@@ -159,7 +159,7 @@ def cost_command(
     typer.echo(answer.sentence)
     if answer.complaint:
         typer.echo(f"stickslip: {answer.complaint}", err=True)
-    raise typer.Exit(answer.exit_code)
+    sys.exit(answer.exit_code)
 
 
 @app.command("verify")
@@ -269,8 +269,12 @@ def guarded(act: Callable[[], object]) -> int:
         if isinstance(error, BrokenPipeError):
             raise
         return _say(f"{error.filename or 'what is printed cannot be written'}: {error.strerror or error}", 4)
+    except SystemExit as ended:  # a command that has said how it ended; or rich, if the reader of stdout has gone
+        return ended.code if isinstance(ended.code, int) else 1
     except MemoryError:
         return _say("out of memory: use a larger mesh_size", 4)
+    if code == STOPPED:  # typer returns it for KeyboardInterrupt
+        return _say("interrupted", STOPPED)
     return code if isinstance(code, int) else 0
 
 
@@ -303,8 +307,6 @@ def main() -> None:
         code = guarded(lambda: app(standalone_mode=False))
     except BrokenPipeError:
         code = 1
-    except SystemExit as ended:  # rich exits if the reader of stdout has gone
-        code = ended.code if isinstance(ended.code, int) else 1
     for number in STOPPING:  # Python and MPI end now
         signal.signal(number, signal.SIG_IGN)
     sys.exit(_flushed(code))
