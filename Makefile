@@ -3,13 +3,14 @@
 # make lint      style and types
 # make test      lint, and every test that is not slow
 # make verify    every test, then the verification problems
+# make fuzz      inputs, environments, kills and tampering drawn by lot; N=20000: so many of each kind
 # make mutants   changes the code in small ways: does a test notice? ONLY="laws path": some modules of tests/mutation
 
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .ONESHELL:
 .DEFAULT_GOAL := install
-.PHONY: install run lint test verify mutants again
+.PHONY: install run lint test verify fuzz mutants again
 
 PYTHON := /usr/bin/python3# Debian's own: its python3-* packages belong to no other
 WORKERS ?= 2
@@ -78,6 +79,10 @@ test: lint
 verify: install
 	.venv/bin/python -m pytest -n $(WORKERS)
 	.venv/bin/stickslip verify
+
+N ?= 1000
+fuzz: install
+	FUZZ=$(N) .venv/bin/python -m pytest -n $(WORKERS) --timeout 0 tests/fuzz
 
 mutants: install build/mutmut/installed
 	PYTHONPATH=$(CURDIR)/build/mutmut .venv/bin/python tests/mutation/mutants.py $(ONLY)

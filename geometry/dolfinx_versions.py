@@ -3,17 +3,31 @@
 Other files import this one instead of dolfinx, and before anything else that loads a shared library.
 """
 
+# ruff: noqa: E402  what PETSc and dolfinx find when they are imported is prepared before
 from __future__ import annotations
 
+import os
 import sys
 from functools import reduce
 from pathlib import Path
 from typing import Any
 
+from geometry.form_cache import TURN, find_cache, patient
+
+CACHE, CACHE_NOTE = find_cache()  # the note is empty where all is as usual
+try:
+    Path.home()
+except RuntimeError:  # a user without name or home, as in containers; dolfinx asks for one
+    os.environ["HOME"] = str(CACHE)
+
+_flags, _words = sys.getdlopenflags(), sys.argv
+sys.argv = _words[:1]  # dolfinx takes words of the command line for its own, and refuses some characters
+
 import basix
 import dolfinx
 import dolfinx.fem.petsc
 import dolfinx.jit
+import ffcx
 import numpy as np
 import ufl
 from dolfinx import cpp, fem, mesh
@@ -32,14 +46,18 @@ from geometry.protocols import (
     Vec,
 )
 
-_flags = sys.getdlopenflags()
-
+sys.argv = _words
 sys.setdlopenflags(_flags)  # 0.5.2 leaves RTLD_GLOBAL on for every later import
 
 
 DOLFINX: str = dolfinx.__version__
 VERSION = tuple(int(part) for part in DOLFINX.split(".")[:2])
 OLD = VERSION < (0, 6)
+_DEFAULTS = getattr(dolfinx.jit, f"DOLFINX_DEFAULT_JIT_{'PARAMETERS' if OLD else 'OPTIONS'}")
+_DEFAULTS |= {"cache_dir": (CACHE, ""), "timeout": (TURN, "")}
+for _settings in (dolfinx.jit, ffcx.parameters if OLD else ffcx.options):  # whatever lies in the working folder
+    setattr(_settings, f"_load_{'parameters' if OLD else 'options'}", lambda: ({}, {}))
+dolfinx.jit.ffcx_jit = patient(dolfinx.jit.ffcx_jit, CACHE)
 
 
 def with_compiled_coordinate_element(domain: Any) -> Any:
@@ -135,16 +153,17 @@ def compile_form(form: UflForm) -> CompiledForm:
     """Compile a form, or load it from the cache; collective.
 
     Waits up to 600 s while another process compiles the same form.
+
+    Raises:
+        MachineError: there is no compiler, or no room on the disk.
     """
-    options = {"timeout": 600}
-    compiled: CompiledForm = fem.form(form, jit_params=options) if OLD else fem.form(form, jit_options=options)
+    compiled: CompiledForm = fem.form(form)
     return compiled
 
 
 def form_cache() -> Path:
     """Folder in which compiled forms are cached."""
-    jit = dolfinx.jit
-    return Path((jit.get_parameters() if hasattr(jit, "get_parameters") else jit.get_options())["cache_dir"])
+    return CACHE
 
 
 def assemble_matrix(form: CompiledForm) -> Mat:
@@ -167,13 +186,9 @@ class CellExpression:
     """A UFL expression, compiled to be evaluated at reference `points` (q, d) of cells."""
 
     def __init__(self, expression: UflExpr, points: Array, domain: DolfinxMesh) -> None:
-        options = {"timeout": 600}
         self._domain = domain
         self._shape = (len(points), int(np.prod(expression.ufl_shape, initial=1)))
-        if OLD:
-            self._compiled = fem.Expression(expression, points, jit_params=options)
-        else:
-            self._compiled = fem.Expression(expression, points, jit_options=options)
+        self._compiled = fem.Expression(expression, points)
 
     def __call__(self, cells: Ints) -> Array:
         """Values (c, q, components) on cells (c,)."""

@@ -22,6 +22,17 @@ def own_interrupt() -> Iterator[None]:
 
 
 @contextmanager
+def _no_signals() -> Iterator[None]:
+    """Keep gmsh from setting handlers: Ctrl-C would end the process, and outside the main thread nobody can."""
+    act = signal.signal
+    signal.signal = lambda number, handler: signal.getsignal(number)  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        signal.signal = act
+
+
+@contextmanager
 def gmsh_session(words: Sequence[str] = ()) -> Iterator[Gmsh]:
     """The initialised gmsh module with an empty model; sessions must not be nested.
 
@@ -30,13 +41,15 @@ def gmsh_session(words: Sequence[str] = ()) -> Iterator[Gmsh]:
     Args:
         words: options as on gmsh's command line.
     """
-    import gmsh
+    with own_interrupt(), _no_signals():
+        import gmsh
 
-    gmsh.initialize(["gmsh", *words], readConfigFiles=False)
+        gmsh.initialize(["gmsh", *words], readConfigFiles=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("General.AbortOnError", 0)
         gmsh.model.add("scene")
         yield gmsh
     finally:
-        gmsh.finalize()
+        with own_interrupt(), _no_signals():
+            gmsh.finalize()

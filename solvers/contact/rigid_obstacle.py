@@ -9,23 +9,47 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
+from geometry.arrays import Array
+from geometry.errors import SceneError
 from geometry.obstacles import Obstacle
 from geometry.surfaces.surface import Surface
 from solvers.contact.coupling import Coupling, Points
 
+UNIT = 1e-6  # by which a normal may be longer or shorter than 1
+
 
 def rigid_coupling(surface: Surface, obstacle: Obstacle) -> Coupling:
     """Coupling of a surface with a shape that is given by a formula and has no mesh."""
+    gap, normals = seen_from(obstacle, surface.points)
     return Coupling(
         surface=surface,
         master=None,
         weights=surface.node_weights(),
         relative=surface.transform,
-        gap=surface.transform @ obstacle.signed_gap(surface.points),
-        normals=-obstacle.normals(surface.points),
+        gap=surface.transform @ gap,
+        normals=-normals,
         carries=np.ones(len(surface.points), bool),
         points=lambda degree: _points(surface, obstacle, degree),
     )
+
+
+def seen_from(obstacle: Obstacle, points: Array) -> tuple[Array, Array]:
+    """Distance (m,) [m] of points (m, d) from the obstacle, and unit normals (m, d) out of it.
+
+    Raises:
+        SceneError: its formulas give something else.
+    """
+    gap, normals = obstacle.signed_gap(points), obstacle.normals(points)
+    long = np.linalg.norm(normals, axis=1)
+    wrong = np.flatnonzero(~np.isfinite(gap) | ~(np.abs(long - 1) < UNIT))
+    if len(wrong):
+        k, kind = wrong[0], type(obstacle).__name__
+        place = ", ".join(f"{x:g}" for x in points[k])
+        raise SceneError(
+            f"obstacle {kind}: at ({place}) its distance is {gap[k]:g} and its normal {long[k]:g} long; expected a "
+            "number, and a unit vector"
+        )
+    return gap, normals
 
 
 def _points(surface: Surface, obstacle: Obstacle, degree: int) -> Points:
@@ -37,11 +61,11 @@ def _points(surface: Surface, obstacle: Obstacle, degree: int) -> Points:
     node = np.repeat(surface.facets[:, None, :], q, axis=1).ravel()
     relative = sparse.csr_matrix((np.broadcast_to(basis, (f, q, k)).ravel(), (row, node)), shape=(f * q, n))
     psi = sparse.csr_matrix(((dual * weights[:, :, None]).ravel(), (node, row)), shape=(n, f * q))
-    x = relative @ surface.points
+    gap, normals = seen_from(obstacle, relative @ surface.points)
     return Points(
         weights=weights.ravel(),
         relative=relative,
-        gap=obstacle.signed_gap(x),
-        normals=-obstacle.normals(x),
+        gap=gap,
+        normals=-normals,
         psi=psi,
     )

@@ -12,7 +12,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from geometry.arrays import Array, Ints
-from geometry.errors import MachineError
+from geometry.errors import MachineError, SceneError
 from geometry.protocols import KSP, Mat, Vec
 from solvers.linear.petsc_library import call, petsc_library
 from solvers.parallel.counters import Counters
@@ -21,6 +21,8 @@ from solvers.parallel.replicated import Replicated
 BLOCK = 128  # right-hand sides solved together
 WORKSPACE = (20, 100, 400)  # percent of memory that MUMPS adds to its own estimate, tried one after the other
 TOO_LITTLE = (-8, -9)  # INFOG(1): that was not enough
+NO_MEMORY = (*TOO_LITTLE, -5, -7, -13, -19, -22)
+SINGULAR = (-10, -40)  # a pivot is zero, or negative
 METIS = 5  # ordering; the one MUMPS chooses by itself cost 2.7 times the flops on two ranks
 
 
@@ -120,8 +122,15 @@ class FactorisedVolume:
 
     def _check(self) -> None:
         info = self._ksp.getPC().getFactorMatrix().getMumpsInfog(1)
+        if info in SINGULAR:
+            raise SceneError(
+                "the stiffness of the bodies is singular: part of a body moves without being strained; check for cells "
+                "that hang together at a point or along an edge only, and for E that differ by many orders"
+            )
+        if info in NO_MEMORY:
+            raise MachineError(f"too little memory to factorise the bodies (MUMPS: {info}); use a larger mesh_size")
         if info < 0:
-            raise MachineError(f"MUMPS failed with INFOG(1) = {info}; -9 and -13 mean too little memory")
+            raise MachineError(f"the factorisation of the bodies failed (MUMPS: {info}); try another solver.surface")
 
     def _factor_with_schur(self, contact_dofs: Ints) -> None:
         largest = self.K.norm(PETSc.NormType.INFINITY)

@@ -456,7 +456,9 @@ class Auditor:
         work = np.einsum("mi,mi->m", t, du)
         some = float(rows.W_t @ (length * slip)) + s_top * u_top * float(rows.W_t.sum())
         excess = _largest((length - s)[finite]) / s_top
-        return excess, _largest(np.linalg.norm(inside - back, axis=1)) / s_top, max(-float(rows.W_t @ work), 0.0) / some
+        wasted = max(-float(rows.W_t @ work), 0.0)
+        slips = _largest(np.linalg.norm(inside - back, axis=1)) / s_top
+        return excess, slips, wasted / some if some else 0.0  # 0: smaller than the smallest number
 
 
 def _law_stiffness(place: ContactBlock, p: Array) -> float:

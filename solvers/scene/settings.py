@@ -49,6 +49,7 @@ class Steps(Noun):
 
     def __post_init__(self) -> None:
         require(self.end > 0, "end", self.end, "must be positive")
+        require(1e-100 < self.end < 1e100, "end", self.end, "must lie between 1e-100 and 1e100")
         require(1 <= self.count <= 1_000_000, "count", self.count, "must be a whole number from 1 to 1000000")
 
 

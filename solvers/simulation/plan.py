@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from geometry.errors import SceneError
+from solvers.contact.rigid_obstacle import seen_from
 from solvers.effects import active
 from solvers.scene.problem import PlanRow, Problem
 from solvers.scene.scene import Scene
@@ -86,7 +87,7 @@ def _refuse_reversed(scene: Scene) -> None:
         if contact.against not in scene.obstacles:
             continue
         points, outward = scene.geometry.sample(contact.surface, scene.dim)
-        facing = np.einsum("kd,kd->k", scene.obstacles[contact.against].normals(points), outward)
+        facing = np.einsum("kd,kd->k", seen_from(scene.obstacles[contact.against], points)[1], outward)
         if np.all(facing > -FACING):
             raise SceneError(
                 f"obstacles.{contact.against}: its normal must point against {contact.surface} (contacts.{name}), and "

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from geometry.arrays import Array
+from solvers.contact.rigid_obstacle import seen_from
 from solvers.fem.constraints import AXES
 from solvers.fem.rigid_modes import rigid_fields, rigid_names
 from solvers.scene.contact import Contact
@@ -123,7 +124,7 @@ def _touching(scene: Scene, contact: Contact, motions: RigidMotions) -> list[Arr
     relative = motions.fields(contact.surface.split(".")[0], points)
     if contact.against in scene.obstacles:
         relative -= motions.of_obstacle(contact.against, points)
-        normals = scene.obstacles[contact.against].normals(points)
+        normals = seen_from(scene.obstacles[contact.against], points)[1]
     else:
         relative -= motions.fields(contact.against.split(".")[0], points)
         normals = outward

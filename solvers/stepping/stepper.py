@@ -6,7 +6,6 @@ import logging
 import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -91,7 +90,7 @@ class Stepper:
     """
 
     def __init__(
-        self, system: System, chain: MethodChain | None = None, searched: Mapping[str, Array] = MappingProxyType({})
+        self, system: System, chain: MethodChain | None = None, searched: Mapping[str, Array] | None = None
     ) -> None:
         """Prepare the bodies, unless `chain` has them; collective.
 
@@ -100,7 +99,7 @@ class Stepper:
             chain: shared by the steppers of the same bodies with other pairs; None: made here.
             searched: by sliding contact, `relative_positions` (n_all, d) [m] that its pairs were searched at.
         """
-        self.searched = searched
+        self.searched = dict(searched or {})
         self.system = system
         self.chain = chain or MethodChain(system)
         self.cone = AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)

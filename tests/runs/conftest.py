@@ -38,7 +38,7 @@ def call(folder: Path, capfd: pytest.CaptureFixture[str]) -> Callable[..., Spoke
 @pytest.fixture
 def command() -> list[str]:
     """What starts the command line as a process."""
-    return [sys.executable, "-m", "workflows.commands.cli"]
+    return [sys.executable, "-m", "workflows.commands.start"]
 
 
 @pytest.fixture

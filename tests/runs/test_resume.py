@@ -22,9 +22,11 @@ from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.surface_uzawa import LearningIteration
 from solvers.newton.solution import Solution
 from workflows.formats.hdf5 import write_arrays
+from workflows.formats.own_files import MARKER
+from workflows.formats.regular import read_regular
 from workflows.formats.steps import step_name
-from workflows.run.folder import ResultsFolder
-from workflows.run.resume import BEGUN, VERSIONS
+from workflows.run.folder import BEGUN, ResultsFolder
+from workflows.run.resume import VERSIONS
 from workflows.run.run import run
 from workflows.run.watch import Watch
 from workflows.scene_file.read import READY, from_dict, read
@@ -330,16 +332,15 @@ def test_last_step_that_cannot_be_read_now_is_kept(
     number: int, call: Call, stopped: Path, whole: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As on a network disk that is away for a moment: the step may be sound."""
-    read_bytes = Path.read_bytes
 
-    def fail(path: Path) -> bytes:
+    def fail(path: Path, *size: int) -> bytes:
         if path.name == "000003.h5":
             raise OSError(number, os.strerror(number), str(path))
-        return read_bytes(path)
+        return read_regular(path, *size)
 
     before = content_of(stopped)
     with monkeypatch.context() as patched:
-        patched.setattr(Path, "read_bytes", fail)
+        patched.setattr("workflows.formats.hdf5.read_regular", fail)
         code, _, err = call(*WORDS, "--resume")
     assert (code, err.count("\n")) == (4, 1)
     assert f"steps/000003.h5: cannot be read: {os.strerror(number)}; nothing is resumed, nothing was changed" in err
@@ -426,7 +427,7 @@ def test_two_runs_do_not_write_the_same_results(call: Call, folder: Path) -> Non
         code, _, err = call(*words)
         assert (code, err.count("\n")) == (2, 1)
         assert "process is writing it" in err
-    assert names_in(folder) == {".out.running/run.log"}
+    assert names_in(folder) == {".out.running/run.log", f".out.running/{MARKER}"}
     other.release()
     assert call(*WORDS)[0] == 0
 

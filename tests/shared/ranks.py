@@ -19,7 +19,7 @@ MPI = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
 }
-STICKSLIP = ("-m", "workflows.commands.cli")
+STICKSLIP = ("-m", "workflows.commands.start")
 
 
 def mpirun(

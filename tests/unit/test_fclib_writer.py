@@ -15,6 +15,7 @@ from solvers.interface.discrete import discrete_problem
 from solvers.simulation.simulation import prepare
 from solvers.stepping.discrete_chain import solve
 from workflows.formats.fclib import read_problem
+from workflows.formats.own_files import claim
 from workflows.formats.steps import read_step, step_name
 from workflows.run.run import run
 from workflows.run.watch import Watch
@@ -91,6 +92,7 @@ def test_a_resumed_run_has_the_files_of_all_its_steps(tmp_path: Path) -> None:
     run(plain, tmp_path / "out", Watch(on_step=Stop(after=3)))
     extra = tmp_path / "out" / "fclib" / "000005.hdf5"
     extra.parent.mkdir()
+    claim(extra)
     extra.write_bytes(b"left over")
     outcome, _ = run(scene, tmp_path / "out", resume=True)
     assert outcome.status == "converged"

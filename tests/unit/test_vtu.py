@@ -17,6 +17,7 @@ from shared.histories import SMALL, Stop, assert_same, names_in
 from shared.synthetic import FACET, MESHES, SIZE, job_of, mesh_of, padded, result_of
 from solvers.results.step_result import MeshData, StepResult
 from solvers.simulation.simulation import prepare
+from workflows.formats.own_files import MARKER, claim, mark
 from workflows.formats.shapes import SHAPES
 from workflows.formats.steps import step_name, write_step
 from workflows.run.run import run
@@ -128,12 +129,15 @@ def test_every_nth_step_is_written_and_the_last(tmp_path: Path, every: int, coun
 def test_whatever_is_there_a_resumed_run_has_what_its_steps_say(tmp_path: Path) -> None:
     """As a crash leaves it: a step of which a file is missing, one that was taken away, and one shown as the last."""
     mesh = mesh_of("triangle")
+    mark(tmp_path)
     results, files = solved(tmp_path, mesh, 6), files_of(tmp_path, mesh, every=2)
     for index, result in enumerate(results, start=1):
         files.step(index, result)
     before = {name: (tmp_path / name).read_bytes() for name in names_in(tmp_path)}
     assert "vtu/000006.vtm" in before
     (tmp_path / "vtu" / "000002.vtm").unlink()
+    for name in ("000005_body_left.vtu", "000005.vtm"):
+        claim(tmp_path / "vtu" / name)
     (tmp_path / "vtu" / "000004_body_left.vtu").rename(tmp_path / "vtu" / "000005_body_left.vtu")
     (tmp_path / "vtu" / "000004.vtm").rename(tmp_path / "vtu" / "000005.vtm")
     (tmp_path / "vtu" / "mine.vtu").write_text("a user's own")
@@ -144,10 +148,11 @@ def test_whatever_is_there_a_resumed_run_has_what_its_steps_say(tmp_path: Path) 
     for index in (5, 6):
         resumed.step(index, results[index - 1])
     resumed.finish(ENDED)
+    before[MARKER] = (tmp_path / MARKER).read_bytes()
     after = {name: (tmp_path / name).read_bytes() for name in names_in(tmp_path)}
     assert after == before | {"vtu/mine.vtu": b"a user's own"}
     files_of(tmp_path, mesh).resume([])
-    assert names_in(tmp_path) - {step_name(index) for index in range(1, 7)} == {"vtu/mine.vtu"}
+    assert names_in(tmp_path) - {step_name(index) for index in range(1, 7)} == {"vtu/mine.vtu", MARKER}
 
 
 @pytest.mark.parametrize("asked_before", [True, False])

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 import os
 import shlex
+import signal
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,6 +19,9 @@ import typer
 
 from geometry.errors import SceneError, StickslipError
 from workflows import VERSION
+from workflows.commands.process import STOPPED, STOPPING, speaks
+
+LONGEST = 280  # letters of a refusal
 
 app = typer.Typer(
     help="Frictional contact between elastic bodies in FEniCSx.",
@@ -43,12 +49,12 @@ def run_command(
 
     loaded = read(scene, override or ())
     folder = output or Path("results") / find(scene).stem
-    reporter = Reporter(quiet=quiet or not _speaks(), verbose=verbose)
+    reporter = Reporter(quiet=quiet or not speaks(), verbose=verbose)
     with reporter, named(scene):
         outcome, content = run(loaded, folder, reporter.watch(), resume)
     reporter.table(content)
     reporter.files(outcome)
-    if outcome.sentence and _speaks():
+    if outcome.sentence and speaks():
         again = [
             "stickslip",
             "run",
@@ -60,7 +66,7 @@ def run_command(
         ]
         how = f"; go on with: {shlex.join(again)}" if outcome.status == "interrupted" else ""
         typer.echo(f"stickslip: {outcome.status.replace('_', ' ')}: {outcome.sentence}{how}", err=True)
-    raise typer.Exit(outcome.exit_code)
+    sys.exit(outcome.exit_code)
 
 
 @app.command("plan")
@@ -91,7 +97,7 @@ def plan_command(
 
         with named(scene):
             content["mesh"] = count(loaded)
-    if _speaks():
+    if speaks():
         typer.echo(json.dumps(content, indent=1, ensure_ascii=False)) if as_json else print_plan(content)
 
 
@@ -153,7 +159,7 @@ def cost_command(
     typer.echo(answer.sentence)
     if answer.complaint:
         typer.echo(f"stickslip: {answer.complaint}", err=True)
-    raise typer.Exit(answer.exit_code)
+    sys.exit(answer.exit_code)
 
 
 @app.command("verify")
@@ -224,7 +230,7 @@ def new_command(
     """Copy a ready scene to a file of one's own."""
     from workflows.scene_file.read import READY
 
-    if not _speaks():
+    if not speaks():
         return
     path, ready = file or Path(f"{name}.toml"), {p.stem: p for p in READY.glob("*.toml")}
     if name not in ready:
@@ -248,11 +254,6 @@ def start(
         typer.echo(VERSION if version else context.get_help())
 
 
-def _speaks() -> bool:
-    """Whether this process prints: rank 0 only."""
-    return os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0")) == "0"
-
-
 def guarded(act: Callable[[], object]) -> int:
     """Call `act`, print every expected failure in one line on stderr, and return the exit code."""
     try:
@@ -263,39 +264,66 @@ def guarded(act: Callable[[], object]) -> int:
         text = str(error) or "see stickslip --help"
         return _say(text, 2)
     except (KeyboardInterrupt, typer.Abort):
-        return _say("interrupted", 130)
+        return _say("interrupted", STOPPED)
+    except OSError as error:
+        if isinstance(error, BrokenPipeError):
+            raise
+        return _say(f"{error.filename or 'what is printed cannot be written'}: {error.strerror or error}", 4)
+    except SystemExit as ended:  # a command that has said how it ended; or rich, if the reader of stdout has gone
+        return ended.code if isinstance(ended.code, int) else 1
     except MemoryError:
         return _say("out of memory: use a larger mesh_size", 4)
+    if code == STOPPED:  # typer returns it for KeyboardInterrupt
+        return _say("interrupted", STOPPED)
     return code if isinstance(code, int) else 0
 
 
 def _say(text: str, code: int) -> int:
     """Print one line on stderr; return the exit code."""
-    if _speaks():
-        print(f"stickslip: {' '.join(text.split())}", file=sys.stderr)
+    if speaks():
+        with suppress(OSError):  # nothing is left to tell it to
+            print(f"stickslip: {shortened(' '.join(text.split()))}", file=sys.stderr, flush=True)
     return code
 
 
+def shortened(text: str) -> str:
+    """A line of bearable length: of a long one its beginning, which names the key, and its end, which says what to do.
+
+    >>> len(shortened("x" * 100_000))
+    280
+    """
+    return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} ... {text[5 - LONGEST // 2 :]}"
+
+
 def main() -> None:
-    """Entry point of the console script."""
+    """Run the command, and end the process; see `workflows.commands.start`."""
     logging.getLogger().addHandler(logging.NullHandler())  # FFCx writes its compiler commands to the root logger
-    if not _speaks():
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # LANG=C knows no ², and names of files may be any bytes
+    if not speaks():
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115  until the process ends
     try:
         code = guarded(lambda: app(standalone_mode=False))
-    except SystemExit as ended:  # rich exits if the reader of stdout has gone
-        code = ended.code if isinstance(ended.code, int) else 1
+    except BrokenPipeError:
+        code = 1
+    for number in STOPPING:  # Python and MPI end now
+        signal.signal(number, signal.SIG_IGN)
     sys.exit(_flushed(code))
 
 
 def _flushed(code: int) -> int:
-    """Flush stdout and stderr, and return the exit code: 1 instead of Python's 120 if nothing reads stdout any more."""
+    """Flush stdout and stderr, and return the exit code, instead of Python's 120 where this fails.
+
+    It is 1 if nothing reads stdout any more, 4 if the disk is full.
+    """
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
-        except BrokenPipeError:
+        except OSError as error:
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
-            code = code or 1
+            broken = isinstance(error, BrokenPipeError)
+            code = code or (1 if broken else _say(f"what is printed cannot be written: {error.strerror}", 4))
     return code
 
 

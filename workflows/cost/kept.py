@@ -26,7 +26,7 @@ class Kept:
             SceneError: the scene to resume was another one.
         """
         self._folder, plain = ResultsFolder(target), identity(scene, DECIDES_NOTHING)
-        source = next((f for f in (self._folder.work, target) if (f / SCENE).is_file()), None)
+        source = next((f for f in (self._folder.work, self._folder.place) if (f / SCENE).is_file()), None)
         if resume and source is None:
             raise FolderError(f"{target}: holds no cost study to resume; leave out --resume")
         if resume and source is not None:

@@ -8,16 +8,21 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from geometry.errors import MachineError
+from workflows.formats.own_files import claim
 
 
 def write_aside(path: Path, *content: bytes | memoryview) -> None:
     """Write beside `path`, bring it to the disk, then rename: readers and a crash see the old file or the new one.
 
+    A link is followed and kept. In the folder of a run the file is listed as its own.
+
     Raises:
         MachineError: disk full, no permission; `path` is then as it was.
     """
-    aside = path.with_name(f".{path.name}.part")
     with disk_errors(path):
+        claim(path)
+        path = Path(os.path.realpath(path)) if path.is_symlink() else path
+        aside = path.with_name(f".{path.name}.part")
         try:
             with aside.open("wb") as file:
                 file.writelines(content)
@@ -39,6 +44,7 @@ def make_folder(folder: Path) -> None:
     if folder.is_dir():
         return
     with disk_errors(folder):
+        claim(folder, folder=True)
         folder.mkdir(parents=True, exist_ok=True)
         sync_folder(folder.parent)
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from geometry.errors import MachineError
 from workflows.formats.aside import disk_errors, make_folder
+from workflows.formats.own_files import claim, own_files
 
 Row = Sequence[object]
 
@@ -32,6 +33,7 @@ def append_tables(folder: Path, tables: Iterable[Table]) -> None:
     """
     make_folder(folder)
     for name, header, rows in tables:
+        claim(folder / name)
         _append(folder / name, header, rows)
 
 
@@ -52,8 +54,9 @@ def write_tables_again(folder: Path, steps: Iterable[Iterable[Table]], names: It
     with disk_errors(folder):
         for name in names:
             if name in aside:
+                claim(folder / name)
                 aside[name].replace(folder / name)
-            else:
+            elif folder / name in own_files(folder):
                 (folder / name).unlink(missing_ok=True)
 
 

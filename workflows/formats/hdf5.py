@@ -19,6 +19,7 @@ import numpy as np
 from geometry.arrays import AnyArray
 from geometry.errors import DamagedError, MachineError
 from workflows.formats.aside import write_aside
+from workflows.formats.regular import read_regular
 
 Numbers = Mapping[str, float | int]
 USER_BLOCK = 512  # bytes, HDF5's smallest
@@ -66,9 +67,9 @@ def read_arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, float | int]
         MachineError: it cannot be read, or is foreign.
     """
     try:
-        content = path.read_bytes()
+        content = read_regular(path)
     except OSError as error:
-        raise MachineError(f"{path}: cannot be read: {error.strerror}") from error
+        raise MachineError(f"{path}: cannot be read: {error.strerror or error}") from error
     if len(content) < USER_BLOCK:
         raise DamagedError(f"{path}: damaged: cut short")
     sums = _sums(content)
@@ -90,8 +91,7 @@ def read_arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, float | int]
 def stored_checksum(path: Path) -> str | None:
     """What the file says the checksum of its arrays is; None where there is no such file."""
     try:
-        with path.open("rb") as file:
-            sums = _sums(file.read(USER_BLOCK))
+        sums = _sums(read_regular(path, USER_BLOCK))
     except OSError:
         return None
     return sums[1] if sums else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from geometry.arrays import AnyArray
 from solvers.parallel.serialise import ByNode, Plain
 from workflows.formats.aside import write_aside
+from workflows.formats.regular import read_regular
 
 TEXT, BYTES = "text", "bytes"
 ARRAY, BY_NODE = "@array", "@by node"  # keys that no name of a scene can be
@@ -120,14 +122,14 @@ class PlainFile:
 def read_plain(path: Path, checksum: str) -> Plain | None:
     """The plain data, to the same bits; None if the file is lost, damaged, or another one."""
     try:
-        with path.open("rb") as file:
-            line = file.readline()
-            if hashlib.sha256(line).hexdigest() != checksum:
-                return None
-            said, sizes, digests = json.loads(line)
-            parts = [file.read(size) for size in sizes]
+        file = io.BytesIO(read_regular(path))
     except OSError:
         return None
+    line = file.readline()
+    if hashlib.sha256(line).hexdigest() != checksum:
+        return None
+    said, sizes, digests = json.loads(line)
+    parts = [file.read(size) for size in sizes]
     if [hashlib.sha256(part).hexdigest() for part in parts] != digests:
         return None
     return from_parts(said, b"".join(parts), {})

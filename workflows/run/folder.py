@@ -1,57 +1,110 @@
-"""The results folder: a run writes to a working folder and replaces the results at the end; no user file is lost."""
+"""The results folder: a run writes to a working folder and replaces the results at the end; no user file is lost.
+
+Only files that the run has listed in its folder's marker are moved or removed. A link to a folder is followed and kept.
+"""
 
 from __future__ import annotations
 
 import errno
 import fcntl
-import json
 import os
 import re
-import shutil
 import socket
 import weakref
+from contextlib import suppress
 from pathlib import Path
 
 from geometry.errors import FolderError
-from workflows.formats.aside import disk_errors, make_folder, sync_folder
+from workflows.formats.aside import disk_errors, sync_folder
+from workflows.formats.own_files import (
+    LAST,
+    PART,
+    certify,
+    claim,
+    go_on_moving,
+    is_marked,
+    mark,
+    move_own,
+    moving_from,
+    remove_own,
+    strange,
+)
+from workflows.formats.regular import read_json, read_regular
 from workflows.formats.steps import step_files
 
-MARK = "run.log"  # every folder that a run has made holds it
+LOG = LAST  # its lock is that of the folder
+BEGUN, RESULT = "begun.json", "result.json"  # what a run was begun with, and how it ended
 NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)  # errors of network disks without locks
+READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)  # errors of results that may only be read
 AT_WORK = "process {pid} on {host}"  # a line of run.log
+
+
+def place_of(target: Path) -> Path:
+    """Where the results stand: the target, or where a link leads.
+
+    Raises:
+        FolderError: no folder can be made there.
+    """
+    try:
+        place = Path(os.path.realpath(target)) if target.is_symlink() else target
+    except (OSError, ValueError) as error:
+        raise FolderError(f"-o {target}: {getattr(error, 'strerror', None) or error}") from None
+    if place.name in ("", ".."):
+        raise FolderError(f"-o {target}: name a folder that may be made and replaced, for example results/mine")
+    return place
+
+
+def work_of(target: Path) -> Path:
+    """The folder in which a run works whose results will stand at `target`."""
+    place = place_of(target)
+    return place.with_name(f".{place.name}.running")
 
 
 class ResultsFolder:
     """Folder `target` for the results, and folder `work` that a run fills and locks until they are complete."""
 
     def __init__(self, target: Path) -> None:
-        """Check that the folders are free or hold results of a run.
+        """Check that the folders are free or hold results of a run; what a crash has left half moved is moved.
 
         Raises:
             FolderError: `target` holds other files.
         """
-        if target.name in ("", ".."):
-            raise FolderError(f"-o {target}: name a folder that may be made and replaced, for example results/mine")
-        self.target = target
-        self.work = target.with_name(f".{target.name}.running")
+        self.target, self.place, self.work = target, place_of(target), work_of(target)
         self.notes: tuple[str, ...] = ()  # for the user
         self._held: weakref.finalize[..., ResultsFolder] | None = None  # a call releases the lock
-        for folder in (target, self.work, self._old):
-            if folder.exists() and not _ours(folder):
-                raise FolderError(f"{folder}: is not the result of a run and not empty; choose another folder with -o")
+        for folder in (self.place, self.work, self._old):
+            try:
+                _refuse_foreign(folder)
+            except OSError as error:
+                raise FolderError(f"-o {target}: {error.strerror}") from None
+        for folder in (self.place, self.work, self._old):
+            self._go_on_moving(folder)
 
     @property
     def replaced(self) -> tuple[Path, ...]:
         """Folders whose content moves or goes when the results are put in their place."""
-        return self.target, self.work, self._old, self._rubbish
+        return self.place, self.work, self._old
 
     @property
     def _old(self) -> Path:
-        return self.target.with_name(f"{self.target.name}.1")
+        return self.place.with_name(f"{self.place.name}.1")
 
-    @property
-    def _rubbish(self) -> Path:
-        return self.target.with_name(f".{self.target.name}.1.removed")
+    def _go_on_moving(self, folder: Path) -> None:
+        """Go on where a crash has stopped `move_own`."""
+        source = moving_from(folder)
+        if source is None:
+            return
+        if source not in self.replaced or source == folder:
+            raise FolderError(f"{folder}: its files come from {source}, which is not beside it; choose another folder")
+        for place in (self.work, folder, source):
+            if (place / LOG).is_file():
+                self.lock(place)
+                break
+        try:
+            with disk_errors(folder):
+                go_on_moving(folder)
+        finally:
+            self.release()
 
     def refuse_to_lose(self) -> None:
         """Check that no steps of another run would be lost.
@@ -59,20 +112,24 @@ class ResultsFolder:
         Raises:
             FolderError: another run is at work, or one that was stopped or killed has left steps.
         """
-        if _interrupted(self.target):
-            self._refuse(self.target)
-        if self.work.exists():
+        if read_json(self.place / RESULT).get("status") == "interrupted":
+            self._refuse(self.place)
+        if is_marked(self.work):
             self.lock(self.work)
             self._refuse(self.work)
 
     def _refuse(self, folder: Path) -> None:
         """Raise FolderError if the folder holds steps."""
-        if kept := len(step_files(folder)):
-            self.release()
-            raise FolderError(
-                f"{self.target}: a run that was stopped has left {kept} steps in {folder}; go on with --resume, or "
-                "remove that folder, or choose another one with -o"
-            )
+        kept = len(step_files(folder))
+        if not kept:
+            return
+        self.release()
+        known = (folder / BEGUN).is_file()
+        raise FolderError(
+            f"{self.target}: a run that was stopped has left {kept} steps in {folder}; "
+            + ("go on with --resume, or " if known else f"without its {BEGUN} they belong to no scene: ")
+            + "remove that folder, or choose another one with -o"
+        )
 
     def start(self) -> Path:
         """Make an empty, locked working folder; files of a run that was killed before its first step are removed.
@@ -81,19 +138,16 @@ class ResultsFolder:
             FolderError: another run is at work, or one that was stopped or killed has left steps.
         """
         self.refuse_to_lose()
-        make_folder(self.work)
-        self.lock(self.work)
         with disk_errors(self.work):
-            for path in self.work.iterdir():
-                if path.is_dir():
-                    shutil.rmtree(path)
-                elif path.name != MARK:
-                    path.unlink()
-            (self.work / MARK).write_text("", encoding="utf-8")
+            os.makedirs(os.path.realpath(self.work), exist_ok=True)
+            mark(self.work)
+            self.lock(self.work)
+            remove_own(self.work, but=LOG)
+            os.truncate(self.work / LOG, 0)
         return self.work
 
     def take_up(self, folder: Path) -> Path:
-        """Lock `folder`, which may be the target, and rename it to the working folder; returns the working folder.
+        """Lock `folder`, which may be the place, and move its files to the working folder; returns that.
 
         Raises:
             FolderError: another process is at work there.
@@ -101,8 +155,8 @@ class ResultsFolder:
         self.lock(folder)
         if folder != self.work:
             with disk_errors(folder):
-                folder.rename(self.work)
-                sync_folder(folder.parent)
+                move_own(folder, self.work)
+                sync_folder(self.work.parent)
         return self.work
 
     def lock(self, folder: Path) -> None:
@@ -114,7 +168,7 @@ class ResultsFolder:
         if self._held is not None:
             return
         with disk_errors(folder):
-            descriptor = os.open(folder / MARK, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+            descriptor = _open_log(folder)
             try:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
@@ -135,21 +189,25 @@ class ResultsFolder:
             self._held = None
 
     def finish(self) -> Path:
-        """Rename the working folder to the target, and release the lock; earlier results are kept as `TARGET.1`."""
+        """Move the results to their place, and release the lock; earlier ones are kept as `TARGET.1`.
+
+        Raises:
+            FolderError: a file of the user is in the way; nothing is moved.
+        """
         with disk_errors(self.target):
-            if self.target.exists():
-                if self._old.exists():  # renamed first: a killed process may leave it half removed
-                    shutil.rmtree(self._rubbish, ignore_errors=True)
-                    self._old.rename(self._rubbish)
-                self.target.rename(self._old)
-                shutil.rmtree(self._rubbish, ignore_errors=True)
-            self.work.rename(self.target)
+            certify(self.work / RESULT)
+            if is_marked(self.place):
+                remove_own(self._old)
+                move_own(self.place, self._old)
+            move_own(self.work, self.place, whole=True)
+            sync_folder(self.place.parent)
         self.release()
         return self.target
 
     def abandon(self) -> None:
-        """Remove the working folder of a run without results, and release the lock."""
-        shutil.rmtree(self.work, ignore_errors=True)
+        """Remove the files of a run without results, and release the lock."""
+        with suppress(OSError):
+            remove_own(self.work)
         self.release()
 
 
@@ -160,22 +218,44 @@ def at_work() -> str:
 
 def _who(folder: Path) -> str:
     """The process that writes a folder, from its run.log."""
-    said = re.findall(AT_WORK.format(pid=r"\d+", host=r"\S+"), (folder / MARK).read_text(encoding="utf-8"))
+    text = read_regular(folder / LOG).decode(errors="replace")
+    said = re.findall(AT_WORK.format(pid=r"\d+", host=r"\S+"), text)
     return said[-1] if said else "another process"
 
 
-def _interrupted(folder: Path) -> bool:
-    """Whether the folder holds the results of an interrupted run."""
-    path = folder / "result.json"
-    if not path.is_file():
-        return False
-    try:
-        found = json.loads(path.read_text(encoding="utf-8", errors="replace"))
-    except ValueError:
-        return False
-    return isinstance(found, dict) and found.get("status") == "interrupted"
+def _open_log(folder: Path) -> int:
+    """Descriptor of a folder's run.log, which is made if it is not there; of read-only results it can be locked too."""
+    path, options = folder / LOG, os.O_APPEND | os.O_NONBLOCK
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "not a regular file")
+    if path.exists():
+        try:
+            return os.open(path, os.O_WRONLY | options)
+        except OSError as error:
+            if error.errno not in READ_ONLY:
+                raise
+            return os.open(path, os.O_RDONLY | options)
+    claim(path)
+    return os.open(path, os.O_WRONLY | options | os.O_CREAT, 0o666)
 
 
-def _ours(folder: Path) -> bool:
-    """Whether a folder is empty or made by a run."""
-    return folder.is_dir() and (not any(folder.iterdir()) or (folder / MARK).is_file())
+def _refuse_foreign(folder: Path) -> None:
+    """
+    Raises:
+        FolderError: the folder is there, not empty, and no run has made it; or a link stands for a file of the run.
+    """
+    if not folder.exists() or (folder.is_dir() and all(path.name == PART for path in folder.iterdir())):
+        return  # empty, or a crash came before it was marked
+    if folder.is_dir() and is_marked(folder):
+        if found := strange(folder):
+            raise FolderError(
+                f"{found}: is a link, or no file or folder, where a run has made one; move it away, or choose another "
+                "folder with -o"
+            )
+        return
+    if folder.is_dir() and (folder / LOG).is_file():
+        raise FolderError(
+            f"{folder}: an earlier version of stickslip made it, whose files cannot be told from yours; move it away, "
+            "or choose another folder with -o"
+        )
+    raise FolderError(f"{folder}: is not the result of a run and not empty; choose another folder with -o")

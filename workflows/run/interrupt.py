@@ -8,6 +8,8 @@ import threading
 from types import FrameType
 from typing import Any
 
+from geometry.errors import MachineError
+
 NOTED = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)  # Ctrl-C, and signals of batch queues before the time limit
 IMPATIENT = 3  # presses of Ctrl-C after which the program stops at once
 
@@ -23,13 +25,13 @@ class Interrupt:
     def __enter__(self) -> Interrupt:
         if threading.current_thread() is threading.main_thread():  # signals reach the main thread only
             self._former = {number: signal.signal(number, self._note) for number in NOTED}
-            # as Python does by default, so that an error is raised; PETSc's handler would end the process
-            signal.signal(signal.SIGPIPE, signal.SIG_IGN)
         return self
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         for number, former in self._former.items():
             signal.signal(number, former)
+        if self.by and isinstance(error, MachineError):  # Ctrl-C also ends a compiler that the run waits for
+            raise KeyboardInterrupt from error
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.by = self.by or signal.Signals(number).name

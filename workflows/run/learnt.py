@@ -6,14 +6,14 @@ it by its reference: their number, and the checksum of each rank's.
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
 from solvers.parallel.serialise import Plain
 from workflows.formats.aside import disk_errors, make_folder
+from workflows.formats.own_files import claim, own_files, remove_own
 from workflows.formats.serialised import PlainFile, read_plain
-from workflows.run.collective import all_act
+from workflows.run.collective import all_act, raise_together
 
 FOLDER = "learnt"
 
@@ -39,11 +39,13 @@ class LearntFiles:
         if last.split()[1:] != sums:
             last = " ".join([f"{index:06d}", *sums])
 
-            def write() -> None:
+            def claim_all() -> None:
                 make_folder(self._folder)
-                file.write(self._folder / _name(last, self._comm.rank))
+                for rank in range(self._comm.size):  # one rank alone writes the list of the run's files
+                    claim(self._folder / _name(last, rank))
 
-            all_act(self._comm, write)
+            raise_together(self._comm, claim_all)
+            all_act(self._comm, lambda: file.write(self._folder / _name(last, self._comm.rank)))
         self._two = self._two[1], last
         return last
 
@@ -59,14 +61,16 @@ class LearntFiles:
     def forget(self) -> None:
         """Remove the files of earlier steps, of all ranks; rank 0, when the last step is safe."""
         numbers = {reference.partition(" ")[0] for reference in self._two}
+        own = own_files(self._folder.parent)
         with disk_errors(self._folder):
             for path in self._folder.glob("*"):
-                if path.name.partition(".")[0] not in numbers:
+                if path.name.partition(".")[0] not in numbers and path in own:
                     path.unlink()
 
     def remove(self) -> None:
         """The run is done: nothing will go on from here; rank 0."""
-        shutil.rmtree(self._folder, ignore_errors=True)
+        with disk_errors(self._folder):
+            remove_own(self._folder.parent, f"{FOLDER}/")
 
 
 def is_kept(folder: Path, reference: str) -> bool:

@@ -7,6 +7,7 @@ from functools import partial
 
 from solvers.results.step_result import StepResult
 from solvers.stepping.history import HistoryTuple
+from workflows.formats.own_files import claim
 from workflows.run.collective import all_act, raise_together
 from workflows.writers.writer import Ended, Job, Turn, Writer, wanted
 
@@ -23,13 +24,16 @@ class Outputs:
 
     def __init__(self, job: Job) -> None:
         self._comm, self._writers = job.comm, [kind(job) for kind in wanted(job.scene)]
+        self._folder = job.folder
 
     def begin(self) -> None:
         """The run begins in an empty folder."""
+        self._claim()
         self._each(lambda writer: writer.begin())
 
     def resume(self, steps: Sequence[StepResult]) -> None:
         """The run goes on after these steps."""
+        self._claim()
         self._each(lambda writer: writer.resume(steps))
 
     def step(self, index: int, result: StepResult, turns: Sequence[Turn]) -> None:
@@ -43,6 +47,16 @@ class Outputs:
     def finish(self, ended: Ended, turns: Sequence[Turn]) -> None:
         """The run ends: those whose turn it is finish their files."""
         self._each(lambda writer: writer.finish(ended), turns)
+
+    def _claim(self) -> None:
+        """List the files that writers name, for writers that write them without `write_aside`."""
+        names = [name for writer in self._writers for name in writer.files if "*" not in name]
+
+        def claim_all() -> None:
+            for name in names:
+                claim(self._folder / name)
+
+        raise_together(self._comm, claim_all)
 
     def _each(self, act: Callable[[Writer], None], turns: Sequence[Turn] = tuple(Turn)) -> None:
         for writer in self._writers:

@@ -18,13 +18,14 @@ from solvers.simulation.checkpoint import Checkpoint
 from solvers.simulation.simulation import Seconds
 from workflows import VERSION
 from workflows.formats.aside import disk_errors
+from workflows.formats.own_files import is_certified, own_files, remove_unfinished
+from workflows.formats.regular import parse_json, read_json, read_regular
 from workflows.formats.steps import read_checkpoint, step_files, step_name
 from workflows.run.doubts import Seen
-from workflows.run.folder import ResultsFolder
+from workflows.run.folder import BEGUN, RESULT, ResultsFolder
 from workflows.run.learnt import is_kept
 from workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
 
-BEGUN = "begun.json"  # what a run was begun with
 VERSIONS = {"stickslip": VERSION, "dolfinx": DOLFINX}
 FINISHED = ("converged", "doubtful")
 UNTOUCHED = "nothing is resumed, nothing was changed"
@@ -80,19 +81,28 @@ def find_earlier_run(results: ResultsFolder, scene: Scene) -> EarlierRun:
         MachineError: the last step cannot be read, or one before it is damaged or missing; or what the run was begun
             with cannot be known.
     """
-    folder = next((f for f in (results.work, results.target) if (f / BEGUN).is_file()), None)
+    places = (results.work, results.place)
+    folder = next((f for f in places if (f / BEGUN).is_file()), None)
     if folder is None:
+        for place in places:
+            if left := len(step_files(place)):
+                raise MachineError(f"{place / BEGUN}: is lost, so its {left} steps belong to no scene; {UNTOUCHED}")
         return EarlierRun(notes=(f"nothing to resume in {results.target}: begins at the start",))
     results.lock(folder)
     begun = _json(folder / BEGUN)
     if not isinstance(begun.get("scene"), dict) or not isinstance(begun.get("mesh"), str):
         raise MachineError(f"{folder / BEGUN}: damaged: names no scene or no mesh; {UNTOUCHED}")
     refuse_changes(begun["scene"], identity(scene, DECIDES_NOTHING), results.target)
-    ended = _json(folder / "result.json") if folder == results.target else {}
-    if ended.get("status") in FINISHED:
+    ended = read_json(folder / RESULT) if folder == results.place else {}
+    if ended.get("status") in FINISHED and is_certified(folder / RESULT):
         return EarlierRun(finished=ended, notes=(f"{results.target}: the run is finished; nothing was changed",))
     _refuse_versions(begun, results.target)
-    return replace(_read(folder, scene.requested_times(), run_of(begun)), folder=folder, mesh=begun["mesh"])
+    found = _read(folder, scene.requested_times(), run_of(begun))
+    if ended and not is_certified(folder / RESULT):
+        if not found.steps:
+            raise MachineError(f"{folder / RESULT}: was changed after the run, and its steps are gone; {UNTOUCHED}")
+        found = replace(found, notes=(f"{folder / RESULT}: was changed after the run; the steps decide", *found.notes))
+    return replace(found, folder=folder, mesh=begun["mesh"])
 
 
 def run_of(begun: Mapping[str, Any]) -> str:
@@ -147,10 +157,12 @@ def remove_surplus(work: Path, count: int) -> None:
     Raises:
         MachineError: no permission.
     """
-    beyond = [path for index, path in step_files(work).items() if index > count]
     with disk_errors(work):
-        for path in [*beyond, *work.glob("**/.*.part")]:
-            path.unlink()
+        own = own_files(work)
+        for index, path in step_files(work).items():
+            if index > count and path in own:
+                path.unlink()
+        remove_unfinished(work)
 
 
 def _refuse_versions(begun: Mapping[str, Any], target: Path) -> None:
@@ -166,9 +178,10 @@ def _refuse_versions(begun: Mapping[str, Any], target: Path) -> None:
 
 def _json(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = parse_json(read_regular(path))
     except (OSError, ValueError) as error:
-        raise MachineError(f"{path}: cannot be read: {' '.join(str(error).split())}; {UNTOUCHED}") from None
+        said = error.strerror if isinstance(error, OSError) else " ".join(str(error).split())
+        raise MachineError(f"{path}: cannot be read: {said}; {UNTOUCHED}") from None
     if not isinstance(found, dict):
         raise MachineError(f"{path}: damaged: holds no table; {UNTOUCHED}")
     return found

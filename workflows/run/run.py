@@ -22,18 +22,18 @@ from solvers.stepping.history import HistoryRow
 from solvers.stepping.state import State
 from solvers.stepping.stepper import NoEquilibriumError, StepError
 from workflows.formats.mesh_file import mesh_checksum
-from workflows.formats.steps import write_step
+from workflows.formats.own_files import is_marked
+from workflows.formats.steps import step_files, write_step
 from workflows.run.audit import Audited, audit_steps
 from workflows.run.collective import raise_together
 from workflows.run.doubts import Fields, Seen, doubts
-from workflows.run.folder import MARK, ResultsFolder
+from workflows.run.folder import BEGUN, LOG, ResultsFolder, work_of
 from workflows.run.interrupt import Interrupt
 from workflows.run.learnt import LearntFiles
 from workflows.run.mesh_report import report_mesh
 from workflows.run.outputs import AFTER, BEFORE, Outputs
 from workflows.run.result import Outcome, summary, write_json, write_result
 from workflows.run.resume import (
-    BEGUN,
     FINISHED,
     VERSIONS,
     EarlierRun,
@@ -68,7 +68,7 @@ class Run:
             place: where the results will stand.
             name: of the run, see `run_of`.
         """
-        folder = _work(place)
+        folder = work_of(place)
         self._place, self._name = place, name
         self._simulation, self._outputs, self._folder, self._interrupt = simulation, outputs, folder, interrupt
         self._checkpoints = Checkpoints(simulation.stepper)
@@ -122,6 +122,7 @@ class Run:
 
     def _write(self, index: int, step: StepResult, began: float) -> None:
         """Write rows and the step's file: when this returns, the step is safe; all ranks fail or none."""
+        self._on_rank_0(self._find_folder)
         accepted = self._simulation.stepper.reported
         assert accepted is not None
         checkpoint = self._checkpoints.take(accepted)
@@ -142,6 +143,14 @@ class Run:
             self._learnt.forget()
 
         self._on_rank_0(write)
+
+    def _find_folder(self) -> None:
+        """
+        Raises:
+            MachineError: somebody has removed it.
+        """
+        if not is_marked(self._folder):
+            raise MachineError(f"{self._folder}: is gone, and with it the steps so far; nothing is left to go on with")
 
     def finish(self, status: str, sentence: str, told: Sequence[str], began: float) -> tuple[Outcome, dict[str, Any]]:
         """Judge the answer, write result.json, finish the outputs: how the run ended, and the content of result.json.
@@ -257,12 +266,12 @@ def _solve(
         report = report_mesh(scene, simulation.mesh, system.nodes.total, system.contacts)
         begun: dict[str, Any] = {}  # on rank 0
         raise_together(comm, lambda: begun.update(_begun(simulation)))
-        work = _work(place)
+        work = work_of(place)
         outputs = Outputs(Job(folder=work, scene=scene, mesh=simulation.data, comm=comm, simulation=simulation))
         raise_together(comm, lambda: _open(results[0], begun, earlier))
         outputs.begin() if earlier.folder is None else outputs.resume(earlier.steps)
         with ExitStack() as stack:
-            raise_together(comm, lambda: stack.enter_context(RunLog(work / MARK)))
+            raise_together(comm, lambda: stack.enter_context(RunLog(work / LOG)))
             notes = results[0].notes if results else ()
             raise_together(comm, lambda: tell(simulation, report, replace(earlier, notes=notes + earlier.notes), watch))
             working = Run(simulation, outputs, place, run_of(begun), earlier, interrupt)
@@ -270,15 +279,11 @@ def _solve(
                 status, sentence = working.march(watch, began)
                 outcome, content = working.finish(status, sentence, foreseen(simulation, report), began)
             except MachineError as error:
-                kept = f"; {len(working.steps)} steps are kept, go on with --resume" if working.steps else ""
+                there = len(step_files(work)) if (work / BEGUN).is_file() else 0
+                kept = f"; {there} steps are kept, go on with --resume" if there else ""
                 raise MachineError(f"{error}{kept}") from None
         raise_together(comm, lambda: results[0].finish())
     return outcome, content
-
-
-def _work(place: Path) -> Path:
-    """The folder in which a run works whose results will stand at `place`."""
-    return place.with_name(f".{place.name}.running")
 
 
 def _begun(simulation: Simulation) -> dict[str, Any]:

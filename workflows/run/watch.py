@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from geometry.dolfinx_versions import CACHE_NOTE
 from solvers.results.step_result import StepResult
 from solvers.simulation.plan import warnings
 from solvers.simulation.simulation import Simulation
@@ -41,7 +42,7 @@ def tell(simulation: Simulation, report: MeshReport, earlier: EarlierRun, watch:
         log.warning("%s", line)
     watch.on_mesh(report)
     watch.on_prepared(simulation)
-    for line in earlier.notes:
+    for line in filter(None, (CACHE_NOTE, *earlier.notes)):
         log.warning("%s", line)
         watch.on_note(line)
     if earlier.folder is not None:

@@ -27,6 +27,7 @@ from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
 from workflows.formats.aside import disk_errors, make_folder
 from workflows.formats.fclib import LocalProblem, write_local
+from workflows.formats.own_files import own_files
 from workflows.writers.writer import Job, Keys, Turn, Writer, keys_of
 
 FOLDER, KEY = "fclib", "output.fclib"
@@ -117,9 +118,10 @@ class FclibFiles(Writer):
                 self.step(index, result)
         folder = self.job.folder / FOLDER
         wanted = {self._path(index) for index in range(1, len(steps) + 1)}
+        own = own_files(self.job.folder)
         with disk_errors(folder):
             for path in folder.glob("*.hdf5"):
-                if path not in wanted:
+                if path not in wanted and path in own:
                     path.unlink()
 
     def _path(self, index: int) -> Path:

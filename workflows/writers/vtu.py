@@ -20,6 +20,7 @@ from geometry.keys import Key
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
 from workflows.formats.aside import disk_errors, make_folder, write_aside
+from workflows.formats.own_files import own_files
 from workflows.formats.shapes import shape_of
 from workflows.formats.steps import StoredStep, read_step, step_name, three
 from workflows.writers.series import SeriesWriter
@@ -102,10 +103,11 @@ class VtuFiles(SeriesWriter):
                 self.write_step(index)
         self.write_index(self.shown)
         numbers = {f"{index:06d}" for index, _ in self.shown}
+        own = own_files(self.job.folder)
         with disk_errors(folder):
             for path in folder.glob("*.vt[mu]"):
                 found = OF_STEP.match(path.name)
-                if found and found[1] not in numbers:
+                if found and found[1] not in numbers and path in own:
                     path.unlink()
 
     def write_step(self, index: int) -> None:
@@ -126,8 +128,9 @@ class VtuFiles(SeriesWriter):
         """The file that names the steps; none without a step."""
         path = self.job.folder / INDEX
         if not steps:
-            with disk_errors(path):
-                path.unlink(missing_ok=True)
+            if path in own_files(self.job.folder):
+                with disk_errors(path):
+                    path.unlink(missing_ok=True)
             return
         root, kind = _root("Collection", "0.1")
         for index, time in steps:

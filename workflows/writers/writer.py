@@ -35,7 +35,9 @@ class Turn(IntEnum):
 class Job:
     """What a writer knows of its run."""
 
-    folder: Path  # a writer writes below it only; `write_aside` and `make_folder` keep it readable at all times
+    # A writer writes below it only; `write_aside` and `make_folder` keep it readable at all times. The run moves and
+    # removes what these have made, and what `Writer.files` names in full: all else there is taken for a user's file.
+    folder: Path
     scene: Scene
     mesh: MeshData  # on rank 0, empty elsewhere
     comm: Comm  # for writers that every rank calls
@@ -79,7 +81,7 @@ class Writer(ABC):
     collective: ClassVar[bool] = False  # called on every rank; if not, on rank 0 only
     keys: ClassVar[type[Keys]] = Keys
     reader: ClassVar[str] = ""  # what opens the files, for the last lines on the terminal: "ParaView", "scripts"
-    files: ClassVar[tuple[str, ...]] = ()  # their names there, with * as in the shell
+    files: ClassVar[tuple[str, ...]] = ()  # their names there, with * as in the shell; see `Job.folder`
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

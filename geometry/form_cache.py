@@ -1,0 +1,122 @@
+"""The folder of compiled forms: one that can be written, in which no compilation that was killed holds up others.
+
+FFCx marks a form that is being compiled by an empty file, and waits for its end wherever it finds one. Whoever
+compiles here holds a shared lock, so files without an end are left over if nobody holds it.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import stat
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+from geometry.errors import MachineError
+
+LOCK = ".lock"
+TURN, TURNS = 10, 60  # [s] to wait for another process between two looks for left-overs, and how often
+NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
+
+
+def find_cache() -> tuple[Path, str]:
+    """The folder, and why it is not the usual one.
+
+    It is `stickslip` in XDG_CACHE_HOME, or in ~/.cache; if that cannot be written, one of the user's own among the
+    temporary files.
+
+    Raises:
+        MachineError: no folder can be written.
+    """
+    try:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        usual = base.expanduser().absolute() / "stickslip"
+        usual.mkdir(parents=True, exist_ok=True)
+        if os.access(usual, os.W_OK | os.X_OK):
+            return usual, ""
+        why = f"{usual} cannot be written"
+    except (OSError, RuntimeError) as error:
+        why = str(error) if isinstance(error, RuntimeError) else f"{error.filename}: {error.strerror}"
+    folder = _temporary()
+    return folder, f"compiled forms are kept in {folder}, for {' '.join(why.split())}"
+
+
+def _temporary() -> Path:
+    try:
+        folder = Path(tempfile.gettempdir()) / f"stickslip-{os.getuid()}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        about = folder.lstat()
+        if stat.S_ISDIR(about.st_mode) and about.st_uid == os.getuid() and not about.st_mode & 0o022:
+            return folder  # nobody else can put a program there
+        return Path(tempfile.mkdtemp(prefix="stickslip_"))
+    except OSError as error:
+        raise MachineError(f"compiled forms can be kept nowhere: {error.strerror}; set XDG_CACHE_HOME") from None
+
+
+def remove_left_over(cache: Path) -> int:
+    """Remove what compilations that were killed have left; none if somebody compiles now. Returns their number."""
+    found = [path for path in cache.glob("*.c") if not path.with_suffix(".c.cached").exists()]
+    if not found:
+        return 0
+    with _locked(cache, fcntl.LOCK_EX) as alone:
+        if not alone:
+            return 0
+        found = [path for path in found if not path.with_suffix(".c.cached").exists()]
+        for path in found:
+            for other in (*cache.glob(f"{path.stem}.*"), path):
+                other.unlink(missing_ok=True)
+    return len(found)
+
+
+@contextmanager
+def _locked(cache: Path, kind: int) -> Iterator[bool]:
+    """Hold a lock; False if it cannot be had at once, or the disk has none."""
+    descriptor = os.open(cache / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        try:
+            fcntl.flock(descriptor, kind | (fcntl.LOCK_NB if kind == fcntl.LOCK_EX else 0))
+        except OSError as error:
+            if not isinstance(error, BlockingIOError) and error.errno not in NO_LOCKS:
+                raise
+            yield False
+        else:
+            yield True
+    finally:
+        os.close(descriptor)
+
+
+def patient(compile_object: Callable[..., Any], cache: Path) -> Callable[..., Any]:
+    """A compiler of UFL objects that waits for other processes, and clears away what killed ones have left.
+
+    Args:
+        compile_object: of dolfinx, collective on the communicator that is its first argument.
+    """
+
+    @wraps(compile_object)
+    def act(comm: Any, *arguments: Any, **options: Any) -> Any:
+        for turn in range(TURNS):
+            if comm.rank == 0:
+                with suppress(OSError):  # the compiler will say it
+                    remove_left_over(cache)
+            comm.barrier()  # the other ranks must not hold the lock meanwhile
+            try:
+                with _locked(cache, fcntl.LOCK_SH):
+                    return compile_object(comm, *arguments, **options)
+            except Exception as error:
+                late = comm.bcast("compilation timed out" in str(error)) if comm.size > 1 else "timed out" in str(error)
+                if not late or turn + 1 == TURNS:
+                    raise MachineError(f"{cache}: forms cannot be compiled there: {_first_line(error)}") from None
+        raise AssertionError
+
+    return act
+
+
+def _first_line(error: Exception) -> str:
+    if isinstance(error, OSError):
+        return error.strerror or str(error)
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]

@@ -1,0 +1,209 @@
+"""Kills and tampering, drawn by lot: the same answer to the last bit, or one true line; user files are never touched.
+
+`make fuzz N=20000` draws more of them than `make test`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from shared.fuzzing import EXAMPLES, assert_refusal
+from shared.histories import LEARNS, SMALL, assert_same, names_in
+from workflows.commands.cli import app, guarded
+from workflows.formats.own_files import MARKER, PART
+from workflows.run.run import run
+from workflows.scene_file.read import read
+
+SCENE = [*SMALL, *LEARNS, "steps.count=3"]
+WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in SCENE)]
+DISK = ("fsync", "replace", "rename", "unlink", "mkdir", "rmdir")  # of the module os: what outlives a process
+PLACES = ("out", ".out.running", "out.1")
+MINE = "of the user"
+LONG = settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of a run that was left alone."""
+    folder = tmp_path_factory.mktemp("whole") / "out"
+    run(read("block", SCENE), folder)
+    return folder
+
+
+class Disk:
+    """Kills the process before the n-th change below a folder."""
+
+    def __init__(self, below: Path, last: int) -> None:
+        self.below, self.left = f"{below}/", last
+
+    def watch(self) -> None:
+        for name in DISK:
+            setattr(os, name, self._counted(getattr(os, name)))
+
+    def _counted(self, act: Callable[..., Any]) -> Callable[..., Any]:
+        def counted(path: Any, *rest: Any, **options: Any) -> Any:
+            place = os.readlink(f"/proc/self/fd/{path}") if isinstance(path, int) else os.path.abspath(path)
+            if place.startswith(self.below):
+                self.left -= 1
+                if self.left == 0:
+                    os.kill(os.getpid(), signal.SIGKILL)
+            return act(path, *rest, **options)
+
+        return counted
+
+
+def command(place: Path, words: list[str], killed_at: int = 0) -> tuple[int, str]:
+    """Exit code (-9: killed) and standard error of the command, in a process with the libraries of this one."""
+    said = place.parent / "said"
+    process = os.fork()
+    if not process:
+        try:
+            os.chdir(place)
+            for number, name in ((1, os.devnull), (2, said)):
+                os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
+            sys.stdout, sys.stderr = open(1, "w"), open(2, "w")  # noqa: SIM115
+            if killed_at:
+                Disk(place, killed_at).watch()
+            os._exit(guarded(lambda: app(words, standalone_mode=False)))
+        except BaseException as error:
+            os.write(2, f"Traceback: {error!r}\n".encode())
+        finally:
+            os._exit(99)
+    code = os.waitstatus_to_exitcode(os.waitpid(process, 0)[1])
+    return code, said.read_text(errors="replace")
+
+
+def keep(place: Path, lots: random.Random) -> dict[str, str]:
+    """Put files of the user into the folders that are there: what they hold, by name."""
+    kept = {}
+    for _ in range(lots.randrange(4)):
+        folder = place / lots.choice(PLACES) / lots.choice(("", "steps", "learnt", "vtu", "mine/of/mine"))
+        if (place / folder.relative_to(place).parts[0] / MARKER).exists():
+            folder.mkdir(parents=True, exist_ok=True)
+            path = folder / lots.choice(("notes.txt", "000001 copy.h5", ".a.part", "contact_mine.csv", "run.log.bak"))
+            path.write_text(MINE)
+            kept[str(path.relative_to(place))] = MINE
+    return kept
+
+
+def assert_kept(place: Path, kept: dict[str, str]) -> None:
+    """Each is where it was; what lay in a working folder may have come along with the results."""
+    for name, text in kept.items():
+        found = [place / name, place / name.replace(".out.running", "out", 1)]
+        assert text in [path.read_text() for path in found if path.is_file()], name
+
+
+def remove(place: Path, kept: dict[str, str]) -> None:
+    for name in kept:
+        for path in (place / name, place / name.replace(".out.running", "out", 1)):
+            path.unlink(missing_ok=True)
+    for folder in sorted((place / "out").rglob("*"), key=lambda path: len(path.parts), reverse=True):
+        if folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
+
+
+@LONG
+@given(seed=st.integers(0, 2**32 - 1))
+def test_killed_again_and_again_it_ends_with_the_same_bits(
+    seed: int, whole: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    lots, place = random.Random(seed), tmp_path_factory.mktemp("killed") / "place"
+    place.mkdir()
+    kept: dict[str, str] = {}
+    for _ in range(1 + lots.randrange(3)):
+        words = [*WORDS, *["--resume"] * lots.randrange(2)]
+        code, said = command(place, words, 1 + int(150 * lots.random() ** 2))
+        assert code in (-9, 0, 2), said
+        if code == 2:
+            assert_refusal(said)
+        kept |= keep(place, lots)
+    code, said = command(place, [*WORDS, "--resume"])
+    assert code == 0, said
+    assert_kept(place, kept)
+    remove(place, kept)
+    (place / "out" / PART).unlink(missing_ok=True)
+    assert_same(place / "out", whole)
+    shutil.rmtree(place.parent)
+
+
+WAYS = ("cut", "flip", "empty", "zero", "gone", "pipe", "folder", "loop", "device", "other", "nested", "json")
+TABLES: tuple[Any, ...] = (None, 1, "x", [], {}, {"scene": []}, {"status": "converged"}, {"status": 3})
+
+
+def tamper(path: Path, lots: random.Random) -> str:
+    """Do something to a file; what."""
+    how = lots.choice(WAYS)
+    content = path.read_bytes()
+    path.unlink()
+    if how == "cut":
+        path.write_bytes(content[: lots.randrange(len(content) + 1)])
+    elif how == "flip":
+        changed = bytearray(content or b"\0")
+        changed[lots.randrange(len(changed))] ^= 1 << lots.randrange(8)
+        path.write_bytes(changed)
+    elif how == "empty":
+        path.touch()
+    elif how == "zero":
+        path.write_bytes(bytes(len(content)))
+    elif how == "pipe":
+        os.mkfifo(path)
+    elif how == "folder":
+        path.mkdir()
+    elif how == "loop":
+        path.symlink_to(path.name)
+    elif how == "device":
+        path.symlink_to(lots.choice(("/dev/zero", "/dev/full", "/dev/null", "/nowhere")))
+    elif how == "other":
+        path.write_bytes(lots.randbytes(lots.randrange(2000)))
+    elif how == "nested":
+        path.write_text(lots.choice('[{("') * 100_000)
+    elif how == "json":
+        path.write_text(json.dumps(lots.choice(TABLES)))
+    return how
+
+
+@LONG
+@given(seed=st.integers(0, 2**32 - 1))
+def test_whatever_becomes_of_the_files_the_answer_is_the_same_or_one_line(
+    seed: int, whole: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Nothing outside of the results is touched, and nothing of the user's."""
+    lots, place = random.Random(seed), tmp_path_factory.mktemp("tampered") / "place"
+    place.mkdir()
+    (place.parent / "precious").mkdir()
+    (place.parent / "precious" / "data").write_text(MINE)
+    assert command(place, WORDS, 1 + lots.randrange(150))[0] in (-9, 0)
+    kept, done = keep(place, lots), []
+    for _ in range(1 + lots.randrange(2)):
+        files = [path for path in sorted(place.rglob("*")) if path.is_file() and path.stat().st_size < 1e9]
+        files = [path for path in files if str(path.relative_to(place)) not in kept and not path.is_symlink()]
+        if files:
+            path = lots.choice(files)
+            done.append(f"{path.relative_to(place)}: {tamper(path, lots)}")
+    before = names_in(place)
+    for words in ([*WORDS, "--resume"], WORDS, [*WORDS, "--resume"]):
+        code, said = command(place, words)
+        assert code in (0, 2, 4), (done, said)
+        if code:
+            assert_refusal(said, code)
+        assert_kept(place, kept)
+        assert (place.parent / "precious" / "data").read_text() == MINE
+    if code == 0:
+        ours, theirs = (json.loads((folder / "result.json").read_text()) for folder in (place / "out", whole))
+        assert ours["status"] == "converged", (done, before)
+        for key in ("normal_force", "tangential_force"):
+            one, other = (found["steps"][-1]["contacts"]["base"][key] for found in (ours, theirs))
+            assert one == pytest.approx(other, rel=1e-7), done  # of a tolerance of 1e-8: what was learnt may be lost
+    shutil.rmtree(place.parent)

@@ -1,0 +1,80 @@
+"""Entry point of the command line: streams, signals and the working folder, before the imports that take seconds."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import sys
+from contextlib import suppress
+from types import FrameType
+from typing import NoReturn
+
+from workflows.commands.process import STOPPED, STOPPING, speaks
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    for number in STOPPING:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup, or a shell's background
+            signal.signal(number, _stop)
+    _open_streams()
+    try:
+        os.getcwd()
+    except OSError as error:
+        _end(f"the working folder is gone: {error.strerror}; go to another one")
+    _find_temporary_folder()
+    if "OMPI_COMM_WORLD_SIZE" not in os.environ:  # alone, MPI needs no shared file in a folder that may be full
+        os.environ.setdefault("PMIX_MCA_gds", "hash")
+    from workflows.commands.cli import main as command
+
+    command()
+
+
+def _end(why: str) -> NoReturn:
+    """The environment fails before anything is read."""
+    if speaks():
+        with suppress(OSError):
+            print(f"stickslip: {why}", file=sys.stderr)
+    sys.exit(4)
+
+
+def _find_temporary_folder() -> None:
+    """Where TMPDIR leads nowhere, MPI would end the process with a page of its own."""
+    chosen = os.environ.get("TMPDIR")
+    if chosen is None:
+        return
+    import tempfile
+
+    try:
+        os.environ["TMPDIR"] = tempfile.gettempdir()
+    except OSError:
+        _end(f"TMPDIR = {chosen}: nothing can be written there, nor in other folders for temporary files")
+
+
+def _open_streams() -> None:
+    """Where a standard stream is closed, nothing is read, and what is written is lost."""
+    for number, mode in enumerate("rww"):
+        try:
+            os.fstat(number)
+        except OSError as error:
+            if error.errno != errno.EBADF:
+                raise
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+            stream = open(number, mode, closefd=False)  # noqa: SIM115  until the process ends
+            setattr(sys, ("stdin", "stdout", "stderr")[number], stream)
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    """End here: by an error that lets everybody clean up, but at once within an import, which no error may leave."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            if speaks():
+                os.write(2, b"stickslip: interrupted\n")
+            os._exit(STOPPED)
+        frame = frame.f_back
+    raise KeyboardInterrupt
+
+
+if __name__ == "__main__":
+    main()
