@@ -44,6 +44,20 @@ class DamagedError(MachineError):
     """A file is truncated, or its content is not what was written; a caller that can write it again may catch this."""
 
 
+LONGEST = 120  # characters of a user's text that an error repeats
+
+
+def shortened(text: object, longest: int = LONGEST) -> str:
+    """A user's text in one line; of a long one only its beginning and end.
+
+    >>> shortened("a" * 500 + "\\nb", 20)
+    'aaaaaaaaa ... aaaa b'
+    """
+    line = " ".join(str(text).split())
+    head = longest - 5 - longest // 3
+    return line if len(line) <= longest else f"{line[:head]} ... {line[len(line) - longest // 3 :]}"
+
+
 def require(ok: bool, key: str, found: object, expected: str) -> None:
     """Raise `SceneError("key = found: expected")` unless `ok`.
 

@@ -58,6 +58,9 @@ class UserFile(Noun, Shape):
         "simplex"
     )
     order: Annotated[Literal[1, 2], Key("-", "polynomial degree of displacement and geometry")] = 1
+    time_limit: Annotated[
+        float | None, Key("s", "for gmsh to read the file, and again to mesh it; absent: 50 s and an hour")
+    ] = None
     names: Annotated[
         Mapping[str, tuple[str, ...] | Box],
         Key("-", 'sides to name: "part.base" = ["face 12"] (2D: "edge 3"), or { box = [x0, y0, z0, x1, y1, z1] } in m'),
@@ -78,6 +81,8 @@ class UserFile(Noun, Shape):
             require(value is None or value > 0, key, value, "must be positive, in metres")
             require(value is None or kind != "msh", key, value, "a .msh file has its own mesh; remove the key")
         require(self.mesh_size is not None or kind != "cad", "mesh_size", None, "missing, a CAD file says no size")
+        limit = self.time_limit
+        require(limit is None or limit > 0, "time_limit", limit, "must be positive, in seconds")
         fine = self.contact_mesh_size
         require(fine is None or self.mesh_size is not None, "contact_mesh_size", fine, "needs mesh_size too")
         require(fine is None or fine <= (self.mesh_size or 0), "contact_mesh_size", fine, "must not exceed mesh_size")
@@ -163,7 +168,15 @@ class UserFile(Noun, Shape):
         """What the child process is asked: for the mesh if `mesh` is given, else for the outline."""
         names = {k: {"box": v.box} if isinstance(v, Box) else v for k, v in self.names.items()}
         path = Path(self.file).resolve()
-        return Question(path=path, dim=dim, unit=self.unit, names=names, parameters=self.parameters, mesh=mesh)
+        return Question(
+            path=path,
+            dim=dim,
+            unit=self.unit,
+            names=names,
+            parameters=self.parameters,
+            mesh=mesh,
+            time_limit=self.time_limit,
+        )
 
     def _key(self, dim: int) -> _Key:
         return _Key(self.question(dim), repr((self, dim, self.digest())))

@@ -70,12 +70,6 @@ Physical Surface("block") = Surface{:};
 Physical Curve("block.bottom") = Curve In BoundingBox{-1, -0.1, -1, 5, 0.1, 1};
 Physical Curve("block.top") = {10};
 """
-CALLS = (
-    'SystemCall "touch made";',
-    'System "touch made";',
-    'NonBlockingSystemCall "touch made";',
-    'OnelabRun("a", "touch made");',
-)
 KINDS = ["msh", "msh3", "geo", "py", "step", "brep"]
 
 
@@ -344,34 +338,10 @@ def test_a_model_of_the_other_dimension_is_refused(tmp_path: Path) -> None:
         from_dict(scene_data(draw(tmp_path / "c.msh", 3), 2))
 
 
-@pytest.mark.parametrize("call", CALLS)
-@pytest.mark.parametrize("how", ["{}", 'Include "inner.txt";', 'Merge "inner.txt";', 'x = "\\"; {} y = "\\";'])
-def test_system_calls_are_refused_wherever_they_stand(
-    how: str, call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path / "inner.txt", call)
-    with pytest.raises(GeometryError, match="is refused, a scene's geometry runs no other programs"):
-        from_dict(scene_data(write(tmp_path / "b.geo", GEO + how.format(call))))
-    assert not (tmp_path / "made").exists()
-
-
-def test_a_script_in_disguise_and_a_computed_include_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """gmsh runs any text that it does not recognise, whatever its ending."""
-    monkeypatch.chdir(tmp_path)
-    call = write(tmp_path / "b.msh", 'SystemCall "touch made";\n')
+def test_a_script_in_disguise_is_no_mesh(tmp_path: Path) -> None:
+    disguised = write(tmp_path / "b.msh", "x = 1;\n")
     with pytest.raises(GeometryError, match=r"b\.msh: is not a \.msh file: it does not begin with \$MeshFormat"):
-        from_dict(scene_data(call))
-    with pytest.raises(GeometryError, match="Include must name its file as a text in quotes"):
-        from_dict(scene_data(write(tmp_path / "b.geo", GEO + 'Include StrCat("b.", "msh");')))
-    assert not (tmp_path / "made").exists()
-
-
-def test_the_words_of_system_calls_may_stand_in_comments_and_texts(tmp_path: Path) -> None:
-    harmless = GEO + '// SystemCall "x"\n/* OnelabRun */ a = "SystemCall";\n'
-    assert from_dict(scene_data(write(tmp_path / "b.geo", harmless))).geometry.bodies(2)
+        from_dict(scene_data(disguised))
 
 
 @pytest.mark.parametrize(
