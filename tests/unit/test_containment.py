@@ -156,6 +156,11 @@ thread.start()
 thread.join()
 assert Path("kept.txt").read_text() == "kept"
 bytearray(2**20)
+try:
+    bytearray(2**31)
+    done.append("memory")
+except MemoryError:
+    pass
 json.dump(done, before)
 before.close()
 """
@@ -206,12 +211,6 @@ def test_a_script_that_never_ends_is_stopped(folder: Path) -> None:
     (folder / "b.geo").write_text(GEO + "For i In {0:1e12}\nx = i;\nEndFor\n")
     with pytest.raises(GeometryError, match=r"b\.geo: gmsh does not finish reading it within 2 s; try a longer geom"):
         from_dict(scene_data(folder / "b.geo", time_limit=2.0))
-
-
-def test_a_script_that_takes_all_memory_is_stopped(folder: Path) -> None:
-    (folder / "b.geo").write_text(GEO + "x[] = {0:1e13};\n")
-    with pytest.raises(GeometryError, match=r"does not fit into memory|gmsh crashed on it|does not finish"):
-        from_dict(scene_data(folder / "b.geo"))
 
 
 def test_an_answer_that_would_call_something_is_no_answer(tmp_path: Path) -> None:
