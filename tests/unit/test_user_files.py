@@ -373,6 +373,11 @@ def spoil(path: Path, what: str) -> None:
         blocks, count, low, high = lines[0].split()
         lines[0] = f"{int(blocks) + 1} {int(count) + 1} {low} {int(high) + 1}"
         lines[-1:-1] = ["2 1 3 1", f"{int(high) + 1} {a} {b} {c} {d}"]
+    elif what == "twice":
+        blocks, count, low, high = lines[0].split()
+        lines[0] = f"{blocks} {int(count) + 1} {low} {int(high) + 1}"
+        lines[at - 1] = f"2 1 2 {int(lines[at - 1].split()[3]) + 1}"
+        lines.insert(at, f"{int(high) + 1} {b} {c} {a}")
     else:
         lines[at] = f"{number} {a} {c} {b}" if what == "inverted" else f"{number} {a} {b} {b}"
     path.write_text(head + "$Elements\n" + "\n".join(lines) + "\n")
@@ -383,6 +388,7 @@ def spoil(path: Path, what: str) -> None:
     [
         ("inverted", "body block: 1 of .* cells are turned inside out"),
         ("flat", "body block: 1 of .* cells have no volume"),
+        ("twice", "names 1 of its cells twice"),
         ("mixed", "mixes kinds of cells, Triangle 3 and Quadrilateral 4"),
     ],
 )
