@@ -14,6 +14,7 @@ import numpy as np
 from geometry.arrays import Array
 from geometry.errors import GeometryError, SceneError, nearest, require
 from geometry.keys import Key, Noun
+from geometry.mesh.sizes import filled, refined_near
 from geometry.protocols import Gmsh
 from geometry.shape import Model, Request, Shape
 from geometry.user_files.geo_script import parameter_names
@@ -25,7 +26,6 @@ from geometry.user_files.reader import Question, ask
 
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "km": 1e3, "in": 0.0254, "ft": 0.3048}
 PACKAGES = {Path("/usr/share/doc/gmsh-doc"): "gmsh-doc"}  # Debian packages with files that ready scenes use
-MOST_CELLS = 50_000_000
 WITH_PARAMETERS = ("geo", "py")  # kinds of file
 
 
@@ -122,12 +122,20 @@ class UserFile(Noun, Shape):
         return self.outline(dim).bodies
 
     def check_model(self, model: Model) -> None:
-        dim = 3 if model == "3d" else 2
-        cells = 1.0 if self.mesh_size is None else np.prod(np.ceil(np.ptp(self.box(dim), axis=0) / self.mesh_size))
-        require(cells < MOST_CELLS, "mesh_size", self.mesh_size, f"makes more than {MOST_CELLS} cells")
         if model == "axisymmetric":
             left = self.box(2)[0, 0]
             require(left >= -1e-9 * np.ptp(self.box(2)), "file", self.file, f"reaches x = {left:g}; x is the radius")
+
+    def cell_count(self, request: Request) -> float:
+        if self.mesh_size is None:
+            return 0.0
+        outline, dim = self.outline(request.dim), request.dim
+        near = 0.0
+        if self.contact_mesh_size is not None:
+            fine, depth = self.contact_mesh_size, float(np.ptp(outline.box, axis=0).max())
+            areas = (f.size for f in outline.entities if outline.side_of.get(f.number) in request.contact_sides)
+            near = sum(refined_near(area, depth, fine, self.mesh_size, dim) for area in areas)
+        return filled(outline.volume, self.mesh_size, dim) + near
 
     def box(self, dim: int) -> Array:
         return self.outline(dim).box[:, :dim]
