@@ -74,6 +74,11 @@ class Shape:
         """About how many cells the mesh will have; 0 if the mesh sizes are not the scene's."""
         raise NotImplementedError
 
+    def meshing_time(self, request: Request) -> float:
+        """About how long gmsh takes [s]."""
+        with np.errstate(all="ignore"):
+            return float(self.cell_count(request)) * SECONDS
+
     def refuse_too_large(self, request: Request, free: float = np.inf) -> None:
         """Refuse a mesh that is too large, by the key that makes it so; called before gmsh starts.
 

@@ -272,13 +272,17 @@ REFUSED: dict[str, tuple[Callable[[], Builder], Model, str]] = {
 }
 
 
+def check(make: Callable[[], Builder], model: Model) -> None:
+    shape = make()
+    shape.check_model(model)
+    shape.refuse_too_large(all_touch(shape, model))
+
+
 @pytest.mark.parametrize("name", REFUSED)
 def test_nonsense_is_refused_with_one_line(name: str) -> None:
     make, model, message = REFUSED[name]
     with pytest.raises(SceneError, match=message) as caught:
-        shape = make()
-        shape.check_model(model)
-        shape.refuse_too_large(all_touch(shape, model))
+        check(make, model)
     assert "\n" not in str(caught.value)
 
 

@@ -116,14 +116,17 @@ REFUSED: dict[str, tuple[Callable[[], Wedge], Model, str]] = {
 }
 
 
+def check(make: Callable[[], Wedge], model: Model) -> None:
+    shape = make()
+    shape.check_model(model)
+    shape.refuse_too_large(Request(model=model, contact_sides=("wedge.left", "wedge.right")))
+
+
 @pytest.mark.parametrize("name", REFUSED)
 def test_nonsense_is_refused_by_key(name: str) -> None:
     make, model, message = REFUSED[name]
     with pytest.raises(SceneError, match=message):
-        shape = make()
-        shape.check_model(model)
-        sides = tuple(f"wedge.{side}" for side in ("left", "right"))
-        shape.refuse_too_large(Request(model=model, contact_sides=sides))
+        check(make, model)
 
 
 def in_its_notch(half_angle: float, mu: float, **geometry: Any) -> StepResult:

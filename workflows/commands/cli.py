@@ -10,12 +10,15 @@ import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from geometry.errors import SceneError, StickslipError
+from geometry.errors import SceneError, StickslipError, shortened
 from workflows import VERSION
+
+if TYPE_CHECKING:
+    from solvers.scene.scene import Scene
 
 app = typer.Typer(
     help="Frictional contact between elastic bodies in FEniCSx.",
@@ -23,6 +26,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+ANNOUNCED = 10.0  # [s] of gmsh that are announced
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="a scene file, or a ready scene's name")]
 SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override a key of the scene")]
 
@@ -43,6 +47,8 @@ def run_command(
 
     loaded = read(scene, override or ())
     folder = output or Path("results") / find(scene).stem
+    if not quiet:
+        _announce(loaded)
     reporter = Reporter(quiet=quiet or not _speaks(), verbose=verbose)
     with reporter, named(scene):
         outcome, content = run(loaded, folder, reporter.watch(), resume)
@@ -89,6 +95,7 @@ def plan_command(
     if mesh:
         from workflows.run.mesh_report import count
 
+        _announce(loaded)
         with named(scene):
             content["mesh"] = count(loaded)
     if _speaks():
@@ -116,6 +123,7 @@ def mesh_command(
                 edit(geometry, model)
     if output is not None or not (listed or gui):
         loaded = read(scene, override or ())
+        _announce(loaded)
         with named(scene):
             report(loaded, output)
 
@@ -248,6 +256,15 @@ def start(
         typer.echo(VERSION if version else context.get_help())
 
 
+def _announce(scene: Scene) -> None:
+    """Say how long gmsh takes, if that is long."""
+    request = scene.request()
+    seconds = scene.geometry.meshing_time(request)
+    if seconds > ANNOUNCED and _speaks():
+        count = scene.geometry.cell_count(request)
+        typer.echo(f"gmsh makes about {count:.1g} cells, which takes up to {seconds / 60:.1f} minutes ...", err=True)
+
+
 def _speaks() -> bool:
     """Whether this process prints: rank 0 only."""
     return os.environ.get("OMPI_COMM_WORLD_RANK", os.environ.get("PMI_RANK", "0")) == "0"
@@ -266,6 +283,10 @@ def guarded(act: Callable[[], object]) -> int:
         return _say("interrupted", 130)
     except MemoryError:
         return _say("out of memory: use a larger mesh_size", 4)
+    except BrokenPipeError:
+        raise
+    except (ImportError, OSError) as error:  # a library that does not fit under `ulimit -v`, a folder that is gone
+        return _say(f"{shortened(error, 200)}; a library, a file or memory is missing (see ulimit -v)", 4)
     return code if isinstance(code, int) else 0
 
 
