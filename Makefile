@@ -3,16 +3,18 @@
 # make lint      style and types
 # make test      lint, and every test that is not slow
 # make verify    every test, then the verification problems
+# make fuzz      odd scenes, files and environments at length; N=20000: so many examples of each fuzzer
 # make mutants   changes the code in small ways: does a test notice? ONLY="laws path": some modules of tests/mutation
 
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .ONESHELL:
 .DEFAULT_GOAL := install
-.PHONY: install run lint test verify mutants again
+.PHONY: install run lint test verify fuzz mutants again
 
 PYTHON := /usr/bin/python3# Debian's own: its python3-* packages belong to no other
 WORKERS ?= 2
+N ?= 2000
 SOURCES := geometry solvers workflows stickslip.py
 STAMP := .venv/installed-at
 
@@ -78,6 +80,9 @@ test: lint
 verify: install
 	.venv/bin/python -m pytest -n $(WORKERS)
 	.venv/bin/stickslip verify
+
+fuzz: install
+	FUZZ=$(N) .venv/bin/python -m pytest -n $(WORKERS) --timeout 0 tests/fuzz
 
 mutants: install build/mutmut/installed
 	PYTHONPATH=$(CURDIR)/build/mutmut .venv/bin/python tests/mutation/mutants.py $(ONLY)
