@@ -1,6 +1,6 @@
 # make install   what is missing of Debian's packages (packages.txt), then .venv with PyPI's (requirements.txt) and stickslip
 # make run       the first scene; its results are then in results/block
-# make lint      style and types
+# make lint      style, types, and bandit for what could be unsafe
 # make test      lint, and every test that is not slow
 # make verify    every test, then the verification problems
 # make fuzz      odd scenes, files and environments at length; N=20000: so many examples of each fuzzer
@@ -73,6 +73,7 @@ lint: install
 	.venv/bin/ruff check
 	.venv/bin/ruff format --check
 	.venv/bin/mypy $(SOURCES)
+	.venv/bin/bandit -q -r -c pyproject.toml $(SOURCES)
 
 test: lint
 	.venv/bin/python -m pytest -n $(WORKERS) -m 'not slow'

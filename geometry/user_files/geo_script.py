@@ -39,7 +39,7 @@ def scripts(path: Path, seen: set[Path] | None = None) -> Iterator[list[str]]:
     yield found
     for i, word in enumerate(found):
         if word in READS:
-            name = next((token for token in found[i + 1 : i + 3] if token != "("), "")
+            name = next((after for after in found[i + 1 : i + 3] if after != "("), "")
             if name[:1] in ('"', "'"):
                 yield from scripts((path.parent / name[1:-1]).resolve(), seen)
 
@@ -66,17 +66,17 @@ def parameter_names(path: Path) -> set[str]:
     names: set[str] = set()
     for found in scripts(path):
         depth = 0
-        for i, token in enumerate(found):
+        for i, word in enumerate(found):
             before = found[max(0, i - 2) : i]
-            if token == "DefineConstant":
+            if word == "DefineConstant":
                 depth = 1
             elif depth:
-                depth += (token in "[{(") - (token in "]})")
-                depth = 0 if depth == 1 and token == "]" else depth
-                if depth == 2 and found[i + 1 : i + 2] in (["="], [","], ["]"]) and token[0].isalpha():
-                    names.add(token)
+                depth += (word in "[{(") - (word in "]})")
+                depth = 0 if depth == 1 and word == "]" else depth
+                if depth == 2 and found[i + 1 : i + 2] in (["="], [","], ["]"]) and word[0].isalpha():
+                    names.add(word)
                 if before == ["Name"] or before[-1:] == ["Name"]:
-                    names.add(token[1:-1])
+                    names.add(word[1:-1])
             if before == ["Exists", "("]:
-                names.add(token)
+                names.add(word)
     return names

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import logging
 import os
-import pickle
+import pickle  # nosec B403
 import signal
 import subprocess
 import sys
@@ -156,7 +156,7 @@ def read_parts(gmsh: Gmsh, question: Question) -> Parts:
 def main() -> None:
     """`python -m geometry.user_files.reader QUESTION ANSWER`: two pickles; the answer is a text if it fails."""
     asked, answered = (Path(word) for word in sys.argv[1:])
-    question: Question = pickle.loads(asked.read_bytes())
+    question: Question = pickle.loads(asked.read_bytes())  # the parent's  # nosec B301
     content: Outline | RawMesh | str
     with answered.open("wb") as target:  # before containment
         try:

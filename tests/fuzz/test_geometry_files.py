@@ -23,8 +23,8 @@ LIMIT = 20.0  # [s] of gmsh
 WORDS = [
     "0", "-1", "1e308", "nan", "1e-9", "9" * 400, "", ";", "{", "}", "(", "*/", "/*", '"', "\n", " ", "\0", "é",
     'SystemCall "touch made";', 'Printf("x") > "made";', 'Merge "b.geo";', 'Include "b.geo";', "Mesh 2;",
-    "Delete Model;", "Physical Surface", "Box(9) = {0,0,0,1,1,1};", "For i In {0:9}", "EndFor", "If (0)", "EndIf", "Exit;", "Abort;",
-    "$EndElements", "$Nodes", "#10", "ISO-10303-21;", "ENDSEC;", "$",
+    "Delete Model;", "Physical Surface", "Box(9) = {0,0,0,1,1,1};", "For i In {0:9}", "EndFor",
+    "If (0)", "EndIf", "Exit;", "Abort;", "$EndElements", "$Nodes", "#10", "ISO-10303-21;", "ENDSEC;", "$",
 ]  # fmt: skip
 
 

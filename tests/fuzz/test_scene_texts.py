@@ -19,9 +19,9 @@ from workflows.scene_file.read import READY, from_dict, read
 SCENES = {p.stem: p.read_text(encoding="utf-8") for p in sorted(READY.glob("*.toml")) if p.stem != "cad_part"}
 SNIPPETS = [
     "", "\n", "[", "]", "[[", "{", "}", "=", ".", '"', "'", "#", ",", "-", "inf", "nan", "-1", "0", "1e308", "1e-308",
-    "true", "[]", "{}", "[[0,0],[1]]", "[[]]", "[1]", "9" * 5000, "[" * 3000, "a." * 3000, "x" * 5000, "\0", "\ufeff", "\u2028",
-    "é", "2020-01-01", "3d", "axisymmetric", "plane stress", "block.bottom", "block.top", "foundation", "[geometry]",
-    "model",
+    "true", "[]", "{}", "[[0,0],[1]]", "[[]]", "[1]", "9" * 5000, "[" * 3000, "a." * 3000, "x" * 5000, "\0", "\ufeff",
+    "\u2028", "é", "2020-01-01", "3d", "axisymmetric", "plane stress", "block.bottom", "block.top", "foundation",
+    "[geometry]", "model",
 ]  # fmt: skip
 
 
