@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.errors import require
 from geometry.keys import Choice, Key
+from geometry.mesh.sizes import filled
 from geometry.protocols import Gmsh
 from geometry.shape import Request, Shape
 
@@ -61,6 +62,10 @@ class Builder(Choice, Shape):
         self.in_units_of(unit).draw(gmsh, request)
         gmsh.model.mesh.generate(request.dim)
         return unit
+
+    def cell_count(self, request: Request) -> float:
+        """As if the shape filled its box, and had one size of cells; a shape that does not says so itself."""
+        return filled(float(np.prod(np.ptp(self.box(request.dim), axis=0))), self.mesh_size, request.dim)
 
     def draw(self, gmsh: Gmsh, request: Request) -> None:
         """Put the shape, its mesh sizes and its named physical groups into the current gmsh model."""

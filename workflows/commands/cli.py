@@ -10,15 +10,12 @@ import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from geometry.errors import SceneError, StickslipError, shortened
 from workflows import VERSION
-
-if TYPE_CHECKING:
-    from solvers.scene.scene import Scene
 
 app = typer.Typer(
     help="Frictional contact between elastic bodies in FEniCSx.",
@@ -26,7 +23,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-ANNOUNCED = 10.0  # [s] of gmsh that are announced
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="a scene file, or a ready scene's name")]
 SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override a key of the scene")]
 
@@ -41,14 +37,15 @@ def run_command(
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="one line an iteration")] = False,
 ) -> None:
     """Solve a scene and write its results."""
+    from workflows.commands.mesh import announce
     from workflows.run.run import run
     from workflows.run.terminal import Reporter
     from workflows.scene_file.read import find, named, read
 
     loaded = read(scene, override or ())
     folder = output or Path("results") / find(scene).stem
-    if not quiet:
-        _announce(loaded)
+    if not quiet and _speaks():
+        announce(loaded)
     reporter = Reporter(quiet=quiet or not _speaks(), verbose=verbose)
     with reporter, named(scene):
         outcome, content = run(loaded, folder, reporter.watch(), resume)
@@ -93,9 +90,11 @@ def plan_command(
         "warnings": list(warnings(loaded)),
     }
     if mesh:
+        from workflows.commands.mesh import announce
         from workflows.run.mesh_report import count
 
-        _announce(loaded)
+        if _speaks():
+            announce(loaded)
         with named(scene):
             content["mesh"] = count(loaded)
     if _speaks():
@@ -111,7 +110,7 @@ def mesh_command(
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE.msh", help="write the mesh")] = None,
 ) -> None:
     """Mesh a scene and judge its mesh, without solving."""
-    from workflows.commands.mesh import edit, list_entities, report
+    from workflows.commands.mesh import announce, edit, list_entities, report
     from workflows.scene_file.read import find, named, read, read_geometry
 
     if listed or gui:
@@ -123,7 +122,8 @@ def mesh_command(
                 edit(geometry, model)
     if output is not None or not (listed or gui):
         loaded = read(scene, override or ())
-        _announce(loaded)
+        if _speaks():
+            announce(loaded)
         with named(scene):
             report(loaded, output)
 
@@ -254,15 +254,6 @@ def start(
     """Frictional contact between elastic bodies in FEniCSx."""
     if version or context.invoked_subcommand is None:
         typer.echo(VERSION if version else context.get_help())
-
-
-def _announce(scene: Scene) -> None:
-    """Say how long gmsh takes, if that is long."""
-    request = scene.request()
-    seconds = scene.geometry.meshing_time(request)
-    if seconds > ANNOUNCED and _speaks():
-        count = scene.geometry.cell_count(request)
-        typer.echo(f"gmsh makes about {count:.1g} cells, which takes up to {seconds / 60:.1f} minutes ...", err=True)
 
 
 def _speaks() -> bool:

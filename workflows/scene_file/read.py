@@ -262,8 +262,6 @@ def _override(data: dict[str, Any], override: str) -> None:
     said = f"--set {shortened(override)}"
     if not equals or not key.strip():
         raise SceneError(f"{said}: expected KEY=VALUE, for example solver.method=uzawa")
-    if "\n" in text or len(text) > LARGEST:
-        raise SceneError(f"{said}: expected a value in one line")
     try:
         value = _toml(f"value = {text}")["value"]
     except ValueError as error:
