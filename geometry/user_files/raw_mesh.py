@@ -82,7 +82,7 @@ def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts) -> RawMesh:
     points = x[np.searchsorted(numbers, used)]
     if not np.isfinite(points).all():
         raise GeometryError("a node has a coordinate that is not a finite number")
-    _check_neighbours(kind, cells)
+    check_neighbours(kind, cells)
     _check_facets(kind, cells, facets)
     return RawMesh(
         dim, kind, points,
@@ -130,7 +130,7 @@ def _check_volumes(gmsh: Gmsh, dim: int, kind: int, parts: Parts) -> None:
             raise GeometryError(f"body {body}: {int(inverted.sum())} of {len(inverted)} cells are turned inside out")
 
 
-def _check_neighbours(kind: int, cells: dict[str, Ints]) -> None:
+def check_neighbours(kind: int, cells: dict[str, Ints]) -> None:
     """Check that no cell is there twice, and that no facet bounds three: dolfinx crashes on such meshes."""
     pattern = np.array(LOCAL_FACETS[FIRST_ORDER[kind]])
     corners = np.concatenate(list(cells.values()))[:, : pattern.max() + 1]

@@ -19,6 +19,7 @@ from geometry.mesh.msh_file import write_msh
 from geometry.mesh.quality import worst_quality
 from geometry.user_files.geo_script import parameter_names
 from geometry.user_files.parts import find_parts
+from geometry.user_files.raw_mesh import check_neighbours
 from shared.drawn import FACES, GEO, PY, draw, scene_data
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import make_plan
@@ -396,6 +397,13 @@ def test_unusable_cells_are_refused(what: str, says: str, tmp_path: Path) -> Non
     spoil(tmp_path / "b.msh", what)
     with pytest.raises(GeometryError, match=says):
         from_dict(scene_data(tmp_path / "b.msh"))
+
+
+def test_a_facet_of_three_cells_is_refused() -> None:
+    fan = np.array([[1, 2, 3], [1, 2, 4], [1, 2, 5]])
+    check_neighbours(2, {"a": fan[:2]})
+    with pytest.raises(GeometryError, match=r"the facet of the nodes \[1, 2\] bounds 3 cells, and can bound two"):
+        check_neighbours(2, {"a": fan[:2], "b": fan[2:]})
 
 
 def test_a_side_that_lies_inside_is_refused(tmp_path: Path) -> None:
