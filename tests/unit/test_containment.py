@@ -178,6 +178,33 @@ def test_each_wall_is_enough_alone(wall: str, tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"answer", "kept.txt"}
 
 
+WINDOW = """
+import os, sys
+from pathlib import Path
+from geometry.user_files.containment import restrict_files
+restrict_files((Path("own"),))
+Path("own/made").write_text("x")
+for act in (lambda: Path("made").write_text("x"), lambda: os.execv("/usr/bin/touch", ["touch", "made"])):
+    try:
+        act()
+    except PermissionError:
+        continue
+    sys.exit(1)
+"""
+
+
+def test_behind_the_window_only_the_folder_of_the_geometry_changes(tmp_path: Path) -> None:
+    (tmp_path / "own").mkdir()
+    words = [sys.executable, "-c", WINDOW]
+    done = subprocess.run(words, cwd=tmp_path, env=reader.child_environment(), capture_output=True, timeout=60)
+    if "Landlock" not in walls():  # nothing holds the window then, as docs/security.md says
+        assert done.returncode == 1
+        return
+    assert done.returncode == 0, done.stderr.decode()
+    assert (tmp_path / "own" / "made").exists()
+    assert not (tmp_path / "made").exists()
+
+
 def test_a_python_geometry_is_a_program(tmp_path: Path) -> None:
     made = tmp_path / "made"
     (tmp_path / "b.py").write_text(f"open({str(made)!r}, 'w').close()\n" + PY)
