@@ -1,9 +1,9 @@
 # make install   what is missing of Debian's packages (packages.txt), then .venv with PyPI's (requirements.txt) and stickslip
 # make run       the first scene; its results are then in results/block
-# make lint      style and types
+# make lint      style, types, and bandit for what could be unsafe
 # make test      lint, and every test that is not slow
 # make verify    every test, then the verification problems
-# make fuzz      inputs, environments, kills and tampering drawn by lot; N=20000: so many of each kind
+# make fuzz      inputs, files, environments, kills and tampering drawn by lot; N=20000: so many of each kind
 # make mutants   changes the code in small ways: does a test notice? ONLY="laws path": some modules of tests/mutation
 
 SHELL := /bin/bash
@@ -14,6 +14,7 @@ SHELL := /bin/bash
 
 PYTHON := /usr/bin/python3# Debian's own: its python3-* packages belong to no other
 WORKERS ?= 2
+N ?= 2000
 SOURCES := geometry solvers workflows stickslip.py
 STAMP := .venv/installed-at
 
@@ -72,6 +73,7 @@ lint: install
 	.venv/bin/ruff check
 	.venv/bin/ruff format --check
 	.venv/bin/mypy $(SOURCES)
+	.venv/bin/bandit -q -r -c pyproject.toml $(SOURCES)
 
 test: lint
 	.venv/bin/python -m pytest -n $(WORKERS) -m 'not slow'

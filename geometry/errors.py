@@ -5,6 +5,19 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+LONGEST, LONGEST_LINE = 120, 280  # characters of a user's text that an error repeats, and of the whole line
+
+
+def shortened(text: object, longest: int = LONGEST) -> str:
+    """A user's text in one line; of a long one only its beginning and end.
+
+    >>> shortened("a" * 500 + "\\nb", 20)
+    'aaaaaaaaa ... aaaa b'
+    """
+    line = " ".join(str(text).split())
+    head = longest - 5 - longest // 3
+    return line if len(line) <= longest else f"{line[:head]} ... {line[len(line) - longest // 3 :]}"
+
 
 class StickslipError(Exception):
     """Base of every error that a user meets; its text is one line, its exit code is that of the command line."""
@@ -12,20 +25,25 @@ class StickslipError(Exception):
     exit_code = 1
 
 
-class SceneError(StickslipError, ValueError):
-    """The scene asks for something impossible; the text names the key, the value and what is possible instead."""
+class InputError(StickslipError):
+    """What the user wrote is wrong. It may be of any length, and the text of the error repeats the ends of it only."""
 
     exit_code = 2
+
+    def __init__(self, text: str) -> None:
+        super().__init__(shortened(text, LONGEST_LINE))
+
+
+class SceneError(InputError, ValueError):
+    """The scene asks for something impossible; the text names the key, the value and what is possible instead."""
 
 
 class FolderError(SceneError):
     """The results cannot be written to the folder that the user names."""
 
 
-class GeometryError(StickslipError):
+class GeometryError(InputError):
     """A shape or a mesh cannot be made, or does not fit the scene."""
-
-    exit_code = 2
 
 
 class SolverError(StickslipError):
@@ -55,7 +73,7 @@ def require(ok: bool, key: str, found: object, expected: str) -> None:
     >>> require(1 < 2, "mu", 0.3, "must not be negative")
     """
     if not ok:
-        raise SceneError(f"{key} = {found}: {expected}")
+        raise SceneError(f"{key} = {shortened(found)}: {expected}")
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -67,7 +85,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
     'known: a, b'
     """
     names = {entry.lower(): entry for entry in sorted(known)}
-    close = difflib.get_close_matches(name.lower(), names, n=1)
+    close = difflib.get_close_matches(name.lower(), names, n=1) if len(name) < LONGEST else []
     if close:
         return f"did you mean {names[close[0]]}?"
-    return f"known: {', '.join(names.values())}" if names else "there is none in this scene"
+    return f"known: {shortened(', '.join(names.values()))}" if names else "there is none in this scene"

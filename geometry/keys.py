@@ -1,15 +1,53 @@
-"""Scene keys: the unit and meaning of each, and families of which a scene chooses one kind by a key."""
+"""Scene keys: the unit and meaning of each, families of which a scene chooses one kind, and the check of all values.
+
+A value is checked against the types of its dataclass by pydantic, whether it comes from a file or from Python, and a
+wrong one is refused in the same words.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import reduce
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import cache, reduce
 from inspect import get_annotations
 from operator import or_
-from typing import Annotated, Any, ClassVar
+from pathlib import Path
+from types import UnionType
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    NotRequired,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
-from pydantic import Discriminator
+import numpy as np
+from pydantic import Discriminator, TypeAdapter, ValidationError
+from pydantic_core import core_schema
+from typing_extensions import TypedDict
+
+from geometry.errors import SceneError, nearest, shortened
+
+_TABLE, _OPTIONAL = cast(Any, TypedDict), cast(Any, NotRequired)  # of keys that are known at run time only
+EXPECTED = {  # pydantic speaks of JSON; a user wrote TOML
+    "float_type": "expected a number",
+    "int_type": "expected a whole number",
+    "int_from_float": "expected a whole number",
+    "string_type": "expected a text, in quotes",
+    "bool_type": "expected true or false",
+    "dict_type": "expected a table",
+    "dataclass_type": "expected a table",
+    "model_attributes_type": "expected a table",
+    "mapping_type": "expected a table",
+    "is_instance_of": "expected a table",
+    "finite_number": "must be a finite number",
+    "tuple_type": "expected a list",
+}
 
 
 @dataclass(frozen=True)
@@ -20,10 +58,33 @@ class Key:
     meaning: str
 
 
-class Noun:
+class Checked(type):
+    """Metaclass of the nouns: a call checks the values, as `parse` does for those of a file."""
+
+    def __call__(cls, *args: Any, **values: Any) -> Any:
+        if args or not is_dataclass(cls) or not cls.is_key():
+            return super().__call__(*args, **values)
+        given = {key: plain(value) for key, value in values.items()}
+        try:
+            checked = _adapter(cls).validate_python(given, strict=True, by_name=True)
+        except ValidationError as error:
+            raise SceneError(_explain(error, cls, given, ())) from None
+        return super().__call__(**checked)
+
+
+class Noun(metaclass=Checked):
     """Base of the frozen dataclasses that a scene is made of; keys that are no fields are refused."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "allow_inf_nan": False}
+
+    @classmethod
+    def is_key(cls) -> bool:
+        """Whether a scene file can hold it, so that all its values have types that can be checked."""
+        return True
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Callable[[Any], Any]) -> Any:
+        return handler(source) if is_dataclass(cls) else core_schema.is_instance_schema(cls)
 
 
 class Choice(Noun):
@@ -48,6 +109,116 @@ class Choice(Noun):
         if Choice not in cls.__bases__:
             return handler(source)
         if len(cls.kinds) == 1:
-            return handler(cls.kinds[0])
-        any_kind = reduce(or_, cls.kinds)
-        return handler.generate_schema(Annotated[any_kind, Discriminator(cls.tag)])  # type: ignore[attr-defined]
+            known = handler(cls.kinds[0])
+        else:
+            any_kind: Any = Annotated[reduce(or_, cls.kinds), Discriminator(cls.tag)]
+            known = handler.generate_schema(any_kind)  # type: ignore[attr-defined]
+
+        def accept(value: Any, check: Callable[[Any], Any]) -> Any:
+            return value if isinstance(value, cls) else check(value)  # a program may have kinds of its own
+
+        from_python = core_schema.no_info_wrap_validator_function(accept, known)
+        return core_schema.json_or_python_schema(json_schema=known, python_schema=from_python)
+
+    @classmethod
+    def is_key(cls) -> bool:
+        return cls in cls.kinds
+
+
+def plain(value: Any) -> Any:
+    """A value from Python as a scene file has it: numpy's numbers and arrays, paths and lists become plain ones."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return tuple(plain(item) for item in value)
+    return value
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    """Checks the values of a dataclass by name."""
+    hints = get_type_hints(kind, include_extras=True)
+    optional = {f.name for f in fields(kind) if f.default is not MISSING or f.default_factory is not MISSING}
+    table = {f.name: _OPTIONAL[hints[f.name]] if f.name in optional else hints[f.name] for f in fields(kind)}
+    values = _TABLE(kind.__name__, table)
+    values.__pydantic_config__ = kind.__pydantic_config__
+    return TypeAdapter(values)
+
+
+def parse(kind: Any, value: Any, at: tuple[str, ...]) -> Any:
+    """The value of a key of a scene file, checked against its type.
+
+    Args:
+        kind: type of the key.
+        value: as a TOML reader gives it.
+        at: the key, by its parts.
+
+    Raises:
+        SceneError: key, what was found, what is expected, the nearest valid name.
+    """
+    try:
+        return TypeAdapter(kind).validate_json(json.dumps(value, default=str), strict=True)
+    except ValidationError as error:
+        raise SceneError(_explain(error, kind, value, at)) from None
+
+
+def _explain(error: ValidationError, kind: Any, data: Any, at: tuple[str, ...]) -> str:
+    """The most specific of pydantic's errors, in one line in terms of the scene's keys."""
+    rank = {"unexpected_keyword_argument": 0, "extra_forbidden": 0, "value_error": 1, "missing": 2}
+    problem = min(error.errors(include_url=False), key=lambda e: (rank.get(e["type"], 3), len(e["loc"])))
+    path, node = list(at), data
+    for part in problem["loc"]:  # pydantic also names the branch of a choice; the file does not
+        inside = isinstance(node, list | tuple) and isinstance(part, int) and part < len(node)
+        if inside or (isinstance(node, Mapping) and part in node):
+            path.append(str(part))
+            node = node[part]
+    key, found = shortened(".".join(path)), shortened(json.dumps(node, ensure_ascii=False, default=str, skipkeys=True))
+    what, context, inner = problem["type"], problem.get("ctx", {}), f"{key}." if key else ""
+    if what == "value_error":
+        return f"{inner}{context['error']}" if isinstance(node, Mapping) or not key else f"{key}: {context['error']}"
+    if what == "missing" and isinstance(node, list | tuple):  # a row of a value in time
+        return f"{key} = {found}: expected a pair [time, value]"
+    if what in ("missing", "missing_argument", "missing_keyword_only_argument"):
+        return f"{inner}{problem['loc'][-1]}: missing, it has no default"
+    if what in ("unexpected_keyword_argument", "extra_forbidden"):
+        return f"{key}: unknown key; {nearest(path[-1], _keys_at(kind, data, path[len(at) : -1]))}"
+    if what in ("union_tag_invalid", "union_tag_not_found"):
+        tag = context["discriminator"].strip("'")
+        if what == "union_tag_not_found":
+            return f"{inner}{tag}: missing, it says which kind is meant"
+        wanted = [name.strip(" '") for name in context["expected_tags"].split(",")]
+        named = str(context["tag"])
+        return f"{inner}{tag} = {shortened(json.dumps(named))}: not one of these; {nearest(named, wanted)}"
+    if what == "literal_error":
+        wanted = [name.strip(" '") for name in context["expected"].replace(" or ", ",").split(",")]
+        return f"{key} = {found}: not one of these; {nearest(str(node), wanted)}"
+    if what == "float_type" and "float" in problem["loc"]:  # one branch of a value in time
+        return f"{key} = {found}: expected a number, or a table [[time, value], ...]"
+    if what == "dataclass_exact_type":
+        return f"{key} = {found}: expected a {context['class_name']}"
+    return f"{key} = {found}: {EXPECTED.get(what, problem['msg'][0].lower() + problem['msg'][1:])}"
+
+
+def _keys_at(kind: Any, data: Any, path: Sequence[str]) -> set[str]:
+    """Valid names in the table at `path`, found by walking the types along the data."""
+    kind = (
+        next((k for k in get_args(kind) if k is not type(None)), kind)
+        if get_origin(kind) in (Union, UnionType)
+        else kind
+    )
+    if get_origin(kind) is Annotated:
+        return _keys_at(get_args(kind)[0], data, path)
+    if get_origin(kind) is Mapping:
+        return _keys_at(get_args(kind)[1], data[path[0]], path[1:]) if path else set()
+    if isinstance(kind, type) and issubclass(kind, Choice) and Choice in kind.__bases__:
+        tags = {get_args(get_type_hints(k)[kind.tag])[0]: k for k in kind.kinds}
+        kind = tags[data[kind.tag]] if len(tags) > 1 else kind.kinds[0]
+    if not is_dataclass(kind):
+        return set()
+    hints = get_type_hints(kind, include_extras=True)
+    names = {f.name.rstrip("_"): hints[f.name] for f in fields(kind)}
+    return _keys_at(names[path[0]], data[path[0]], path[1:]) if path else set(names)

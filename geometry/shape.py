@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal, Self
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Self, cast
+
+import numpy as np
 
 from geometry.arrays import Array
+from geometry.errors import require
 from geometry.protocols import Gmsh
 
+MOST_CELLS = 50_000_000
+BYTES, SECONDS = 1500, 1e-4  # of a cell in gmsh and dolfinx, measured: 600 to 1600 bytes, 8 to 100 microseconds
+LONGEST = 3600.0  # [s] for gmsh
+SIZES = ("edge_mesh_size", "contact_mesh_size", "lower_mesh_size", "inner_mesh_size")  # besides `mesh_size`
 Model = Literal["plane strain", "plane stress", "axisymmetric", "3d"]
 
 
@@ -63,6 +70,46 @@ class Shape:
         """
         raise NotImplementedError
 
+    def cell_count(self, request: Request) -> float:
+        """About how many cells the mesh will have; 0 if the mesh sizes are not the scene's."""
+        raise NotImplementedError
+
+    def meshing_time(self, request: Request) -> float:
+        """About how long gmsh takes [s]."""
+        with np.errstate(all="ignore"):
+            return float(self.cell_count(request)) * SECONDS
+
+    def refuse_too_large(self, request: Request, free: float = np.inf) -> None:
+        """Refuse a mesh that is too large, by the key that makes it so; called before gmsh starts.
+
+        Args:
+            free: memory that it may take [bytes].
+
+        Raises:
+            SceneError: key, size, number of cells, what they need.
+        """
+        with np.errstate(all="ignore"):  # sizes of 1e-300 m make infinitely many
+            count = float(self.cell_count(request))
+            memory, time = count * BYTES, count * SECONDS
+            if count < MOST_CELLS and memory < free and time < LONGEST:
+                return
+            key = next(
+                (key for key in self._sizes() if self._without(key).cell_count(request) < count / 2), "mesh_size"
+            )
+        expected = f"makes more than {MOST_CELLS} cells"
+        if count < MOST_CELLS:
+            expected = f"makes about {count:.2g} cells; gmsh would take "
+            expected += f"about {time / 60:.0f} minutes" if memory < free else _gigabytes(memory, free)
+        require(False, key, getattr(self, key), f"{expected}; use a larger size")
+
+    def _sizes(self) -> tuple[str, ...]:
+        """The keys of mesh sizes that are given and may be left out, the finest first."""
+        return tuple(key for key in SIZES if getattr(self, key, None) is not None)
+
+    def _without(self, key: str) -> Shape:
+        found: Shape = replace(cast(Any, self), **{key: None})
+        return found
+
     def put(self, gmsh: Gmsh, request: Request) -> float:
         """Put the shape, its mesh sizes and its named physical groups into the current gmsh model, and mesh it.
 
@@ -73,3 +120,7 @@ class Shape:
             Length of the gmsh model's unit [m].
         """
         raise NotImplementedError
+
+
+def _gigabytes(needed: float, free: float) -> str:
+    return f"about {needed / 1e9:.2g} GB of memory, and {free / 1e9:.2g} GB are free"

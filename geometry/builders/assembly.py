@@ -59,18 +59,26 @@ class Part:
 
     def mesh(self, gmsh: Gmsh, name: str, request: Request) -> RawMesh:
         """Mesh of the body `name` in metres, made in a separate gmsh model."""
-        sides, dim = self.sides(request.dim), request.dim
-        own = {f"{name}.{side}": there for side, there in sides.items()}
-        slaves = tuple(own[side] for side in request.contact_sides if side in own)
-        pairs = tuple((own[a], own[b]) for a, b in request.periodic if a in own and b in own)
+        dim, own = request.dim, self._own(name, request.dim)
         with _separate_model(gmsh):
-            unit = mesh_shape(gmsh, self.shape, replace(request, contact_sides=slaves, periodic=pairs))
+            unit = mesh_shape(gmsh, self.shape, self.request(name, request))
             found = find_parts(gmsh, dim, False, {}, unit)
             (cells,) = found.bodies.values()
             mesh = read_raw_mesh(gmsh, dim, Parts({name: cells}, {here: found.sides[own[here]] for here in own}))
         points = np.zeros_like(mesh.points)
         points[:, :dim] = self.placed(unit * mesh.points[:, :dim])
         return replace(mesh, points=points)
+
+    def request(self, name: str, request: Request) -> Request:
+        """What the assembly's mesh requires of that of the body `name`."""
+        own = self._own(name, request.dim)
+        slaves = tuple(own[side] for side in request.contact_sides if side in own)
+        pairs = tuple((own[a], own[b]) for a, b in request.periodic if a in own and b in own)
+        return replace(request, contact_sides=slaves, periodic=pairs)
+
+    def _own(self, name: str, dim: int) -> dict[str, str]:
+        """Name of each side of the body `name` -> its name in the shape."""
+        return {f"{name}.{side}": there for side, there in self.sides(dim).items()}
 
     def _turned(self, vectors: Array) -> Array:
         return vectors if self.turn is None else vectors @ np.asarray(self.turn, np.float64).T
@@ -108,6 +116,9 @@ class Assembly(Builder):
         low = self.box(3 if model == "3d" else 2)[0, 0]
         if model == "axisymmetric" and low < 0:
             raise SceneError(f"geometry: reaches x = {low:g} m; an axisymmetric model lies in x >= 0")
+
+    def cell_count(self, request: Request) -> float:
+        return sum(part.shape.cell_count(part.request(name, request)) for name, part in self.parts().items())
 
     def box(self, dim: int) -> Array:
         points = [part.sample(side, dim)[0] for part in self.parts().values() for side in part.sides(dim)]

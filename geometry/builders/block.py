@@ -9,10 +9,10 @@ import numpy as np
 
 from geometry.builders import sides
 from geometry.builders.cuboid import Cuboid, grid
-from geometry.builders.sizes import graded, grow
 from geometry.keys import Key
+from geometry.mesh.sizes import filled, graded, graded_count, grow, refined_near
 from geometry.protocols import Gmsh
-from geometry.shape import Model, Request
+from geometry.shape import Request
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,9 +22,18 @@ class Block(Cuboid):
     body: ClassVar[str] = "block"
     builder: Annotated[Literal["block"], Key("-", "the shape's name")] = "block"
 
-    def check_model(self, model: Model) -> None:
-        super().check_model(model)
-        self.refuse_too_many(np.prod([np.ceil(size / self.mesh_size) for size in self.size(3 if model == "3d" else 2)]))
+    def cell_count(self, request: Request) -> float:
+        dim, size = request.dim, self.size(request.dim)
+        fine = {sides.of_box(dim)[side.split(".")[1]] for side in request.contact_sides}
+        if self.contact_mesh_size is None or self.cells == "tensor":
+            along = [self._count(size[axis], axis, fine) for axis in range(dim)]
+            return float(np.prod(along)) * self.pieces(dim)
+        volume = float(np.prod(size))
+        near = [
+            refined_near(volume / size[axis], size[axis], self.contact_mesh_size, self.mesh_size, dim)
+            for axis, _ in sorted(fine)
+        ]
+        return filled(volume, self.mesh_size, dim) + sum(near)
 
     def draw(self, gmsh: Gmsh, request: Request) -> None:
         dim, size = request.dim, self.size(request.dim)
@@ -36,6 +45,13 @@ class Block(Cuboid):
         away = [f"Abs({'xyz'[axis]} - {end * size[axis]:.17g})" for axis, end in sorted(fine)]
         grow(gmsh, self.mesh_size, [(self.contact_mesh_size, distance) for distance in away])
         sides.match(gmsh, dim, request.periodic, tags, sides.of_box(dim), self.box(dim))
+
+    def _count(self, length: float, axis: int, fine: set[tuple[int, int]]) -> float:
+        """Number of cells along an axis, not rounded: as `_grading` has it."""
+        ends = sum(1 for side in fine if side[0] == axis)
+        if not fine or ends == 0 or any(side[0] != axis for side in fine):
+            return max(1.0, length / (self.fine_size if fine else self.mesh_size))
+        return graded_count(length, self.fine_size, self.mesh_size, ends)
 
     def _grading(self, length: float, axis: int, fine: set[tuple[int, int]]) -> tuple[int, float]:
         """Number of cells along an axis and their grading coefficient, as from `graded`.

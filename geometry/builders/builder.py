@@ -9,10 +9,9 @@ import numpy as np
 
 from geometry.errors import require
 from geometry.keys import Choice, Key
+from geometry.mesh.sizes import filled
 from geometry.protocols import Gmsh
 from geometry.shape import Request, Shape
-
-MOST_CELLS = 50_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,9 +44,9 @@ class Builder(Choice, Shape):
         """Edge length at contact surfaces [m]."""
         return self.mesh_size if self.contact_mesh_size is None else self.contact_mesh_size
 
-    def refuse_too_many(self, cells: float) -> None:
-        """Raise SceneError if a mesh of about this number of cells is too large; called before it is made."""
-        require(cells < MOST_CELLS, "mesh_size", self.mesh_size, f"makes more than {MOST_CELLS} cells")
+    def pieces(self, dim: int) -> int:
+        """Cells that a quadrilateral or hexahedron of a grid is cut into."""
+        return 1 if self.cells == "tensor" else {2: 2, 3: 6}[dim]
 
     def in_units_of(self, unit: float) -> Self:
         """The same shape with all lengths divided by `unit` [m]: a scene in m and one in mm give the same mesh."""
@@ -63,6 +62,10 @@ class Builder(Choice, Shape):
         self.in_units_of(unit).draw(gmsh, request)
         gmsh.model.mesh.generate(request.dim)
         return unit
+
+    def cell_count(self, request: Request) -> float:
+        """As if the shape filled its box, and had one size of cells; a shape that does not says so itself."""
+        return filled(float(np.prod(np.ptp(self.box(request.dim), axis=0))), self.mesh_size, request.dim)
 
     def draw(self, gmsh: Gmsh, request: Request) -> None:
         """Put the shape, its mesh sizes and its named physical groups into the current gmsh model."""

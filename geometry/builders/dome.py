@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
+import numpy as np
+
 from geometry.builders.builder import Builder
-from geometry.builders.sizes import beyond, cells_around, grow, norm
 from geometry.errors import require
 from geometry.keys import Key
+from geometry.mesh.sizes import SIMPLICES, beyond, cells_around, grow, norm
 from geometry.protocols import Gmsh
-from geometry.shape import Model
+from geometry.shape import Model, Request
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +38,15 @@ class Dome(Builder):
 
     def check_model(self, model: Model) -> None:
         require(self.cells == "simplex", "cells", self.cells, "this shape has no grid; use simplex")
-        dim = 3 if model == "3d" else 2
-        self.refuse_too_many(cells_around(dim, self.fine_size, self.near, self.mesh_size, self.radius))
+
+    def cell_count(self, request: Request) -> float:
+        dim = request.dim
+        half = cells_around(dim, self.fine_size, self.near, self.mesh_size, self.radius)
+        return SIMPLICES[dim] * half * self.share(dim)
+
+    def share(self, dim: int) -> float:
+        """How much of the half disc or ball there is: box of the body over that of the whole."""
+        return float(np.prod(np.ptp(self.box(dim), axis=0)[:-1])) / (2 * self.radius) ** (dim - 1)
 
     def size_cells(self, gmsh: Gmsh) -> None:
         """Set the mesh sizes of the current gmsh model."""

@@ -12,9 +12,9 @@ import numpy as np
 from geometry.arrays import Array
 from geometry.builders import sides
 from geometry.builders.builder import Builder
-from geometry.builders.sizes import beyond, cells_around, grow, norm
 from geometry.errors import require
 from geometry.keys import Key
+from geometry.mesh.sizes import SIMPLICES, beyond, cells_around, grow, norm
 from geometry.protocols import Gmsh
 from geometry.shape import Model, Request
 
@@ -50,10 +50,12 @@ class HalfSpace(Builder):
     def check_model(self, model: Model) -> None:
         sides.check_symmetric(self.symmetric, model)
         require(self.cells == "simplex", "cells", self.cells, "this shape has no grid; use simplex")
-        dim, a = 3 if model == "3d" else 2, self.contact_half_width
+
+    def cell_count(self, request: Request) -> float:
+        dim, a = request.dim, self.contact_half_width
         within = cells_around(dim, self.fine_size, a, self.mesh_size, self.size)
         edge = cells_around(2, self.edge_size, 0.0, self.fine_size, a) * (1 if dim == 2 else a / self.edge_size)
-        self.refuse_too_many(within + edge)
+        return SIMPLICES[dim] * (within + edge) * (0.5 if self.symmetric else 1.0)
 
     def box(self, dim: int) -> Array:
         low, high = np.full(dim, -self.size), np.full(dim, self.size)

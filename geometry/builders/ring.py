@@ -12,9 +12,9 @@ from geometry.arrays import Array
 from geometry.builders import sides
 from geometry.builders.builder import Builder
 from geometry.builders.cuboid import transfinite
-from geometry.builders.sizes import graded
 from geometry.errors import SceneError, require
 from geometry.keys import Key
+from geometry.mesh.sizes import graded, graded_count
 from geometry.protocols import Gmsh
 from geometry.shape import Model, Request
 
@@ -44,8 +44,16 @@ class Ring(Builder):
     def check_model(self, model: Model) -> None:
         if model in ("3d", "axisymmetric"):
             raise SceneError('builder = "ring": there is one in plane models only')
-        around, across = 2 * np.pi * self.outer_radius, self.outer_radius - self.inner_radius
-        self.refuse_too_many(around * across / self.fine_size**2)
+
+    def cell_count(self, request: Request) -> float:
+        radii = {"inner": self.inner_radius, "outer": self.outer_radius}
+        touched = {side.split(".")[1] for side in request.contact_sides} & radii.keys()
+        sizes = {name: (self.fine_size if name in touched else self.mesh_size) for name in radii}
+        along = max(np.radians(self.angle) * radii[name] / sizes[name] for name in radii)
+        across = graded_count(
+            self.outer_radius - self.inner_radius, min(sizes.values()), self.mesh_size, max(1, len(touched))
+        )
+        return float(max(1.0, along) * across) * self.pieces(2)
 
     def box(self, dim: int) -> Array:
         return self.outer_radius * np.array([[0.0, 0.0] if self.angle == 90 else [-1.0, -1.0], [1.0, 1.0]])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import prod
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -36,7 +35,11 @@ class Sector(Builder):
 
     def check_model(self, model: Model) -> None:
         require(self.contact_mesh_size is None, "contact_mesh_size", self.contact_mesh_size, "use mesh_size alone")
-        self.refuse_too_many(prod(self.steps()))
+
+    def cell_count(self, request: Request) -> float:
+        size, across = self.mesh_size, self.outer_radius - self.inner_radius
+        along = np.radians(self.end - self.start) * self.outer_radius
+        return float(max(1.0, along / size) * max(1.0, across / size)) * self.pieces(2)
 
     def steps(self) -> tuple[int, int]:
         """Number of cells along the arcs, and from the inner arc to the outer one."""

@@ -10,7 +10,7 @@ from geometry.builders.cuboid import Cuboid, grid
 from geometry.errors import SceneError, require
 from geometry.keys import Key
 from geometry.protocols import Gmsh
-from geometry.shape import Model, Request
+from geometry.shape import Request
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,10 +31,9 @@ class Strip(Cuboid):
     def refined(self, factor: float) -> Self:
         return replace(super().refined(factor), layers=max(1, round(self.layers / factor)))
 
-    def check_model(self, model: Model) -> None:
-        super().check_model(model)
-        dim = 3 if model == "3d" else 2
-        self.refuse_too_many(prod(self.steps(axis, dim) for axis in range(dim)))
+    def cell_count(self, request: Request) -> float:
+        along = [max(1.0, length / self.mesh_size) for length in self.size(request.dim)[:-1]]
+        return prod(along) * self.layers * self.pieces(request.dim)
 
     def steps(self, axis: int, dim: int) -> int:
         """Number of cells along an axis."""

@@ -12,9 +12,9 @@ from geometry.arrays import Array
 from geometry.builders import sides
 from geometry.builders.builder import Builder
 from geometry.builders.cuboid import transfinite
-from geometry.builders.sizes import graded
 from geometry.errors import SceneError, require
 from geometry.keys import Key
+from geometry.mesh.sizes import graded, graded_count
 from geometry.shape import Model, Request
 
 SIDES = ("left", "right", "bottom", "top")
@@ -51,7 +51,19 @@ class Wedge(Builder):
     def check_model(self, model: Model) -> None:
         if model in ("3d", "axisymmetric"):
             raise SceneError('builder = "wedge": there is one in plane models only')
-        self.refuse_too_many(self.top_width * self.side_length / self.fine_size**2)
+
+    def cell_count(self, request: Request) -> float:
+        fine = {side.split(".")[1] for side in request.contact_sides}
+        counts: list[float] = []
+        for along, length, ends in (
+            ({"left", "right"}, self.side_length, {"bottom", "top"}),
+            ({"bottom", "top"}, self.top_width, {"left", "right"}),
+        ):
+            size = self.fine_size if fine & along else self.mesh_size
+            counts.append(length / size)
+            if not fine & along and fine & ends:
+                counts[-1] = graded_count(length, self.fine_size, self.mesh_size, len(fine & ends))
+        return max(1.0, counts[0]) * max(1.0, counts[1]) * self.pieces(2)
 
     def box(self, dim: int) -> Array:
         half = self.top_width / 2

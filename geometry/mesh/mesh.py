@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Ints
 from geometry.errors import GeometryError, SceneError
+from geometry.memory import available
 from geometry.mesh.gmsh_session import gmsh_session, own_interrupt
 from geometry.mesh.jacobian import refuse_inverted_cells
 from geometry.protocols import Comm, DolfinxMesh, Gmsh, MeshTags
@@ -84,6 +85,10 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
     with gmsh_session() if comm.rank == 0 else nullcontext() as gmsh:
         if gmsh is not None:
             try:
+                try:
+                    shape.refuse_too_large(request, available())
+                except SceneError as error:
+                    raise SceneError(f"geometry.{error}") from None
                 unit = mesh_shape(gmsh, shape, request)
                 names = {d: _group_names(gmsh, d) for d in (request.dim - 1, request.dim)}
                 parts = _connected_parts(gmsh, request.dim)

@@ -9,15 +9,17 @@ import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
-from geometry.errors import GeometryError
+from geometry.errors import GeometryError, shortened
 from geometry.protocols import Gmsh
-from geometry.user_files.geo_script import scripts
+from geometry.user_files.geo_script import refuse_open_end
 
 Parameter = bool | int | float | str
 KINDS = {".geo": "geo", ".step": "cad", ".stp": "cad", ".brep": "cad", ".msh": "msh", ".py": "py"}
 # How files of a kind begin; gmsh would run any other content as a .geo script.
 BEGINS = {".msh": "$MeshFormat", ".step": "ISO-10303-21", ".stp": "ISO-10303-21", ".brep": "CASCADE Topology"}
 HEAD = 4096  # bytes in which that must occur
+STARTS = ("Info: Calling ", "aborting system call", "Abnormal server termination")  # how gmsh logs that
+LARGEST = 2**30  # bytes of an unpacked file
 
 
 def kind_of(path: Path) -> str | None:
@@ -26,16 +28,25 @@ def kind_of(path: Path) -> str | None:
 
 
 def _suffix(path: Path) -> str:
-    return Path(path.stem if path.suffix == ".gz" else path.name).suffix.lower()
+    return Path(path.stem if path.suffix.lower() == ".gz" else path.name).suffix.lower()
 
 
 def unpacked(path: Path, folder: Path) -> Path:
-    """Path of the file itself, or of the decompressed content of a .gz file, which is written into `folder`."""
-    if path.suffix != ".gz":
+    """Path of the file itself, or of the decompressed content of a .gz file, which is written into `folder`.
+
+    Raises:
+        GeometryError: it is damaged, or its content is larger than LARGEST.
+    """
+    if path.suffix.lower() != ".gz":
         return path
-    plain = folder / path.stem
+    plain, size = folder / path.stem, 0
     try:
-        plain.write_bytes(gzip.decompress(path.read_bytes()))
+        with gzip.open(path) as packed, plain.open("wb") as target:
+            while piece := packed.read(2**20):
+                size += len(piece)
+                if size > LARGEST:
+                    raise GeometryError(f"unpacks to more than {LARGEST // 2**20} MiB")
+                target.write(piece)
     except (OSError, EOFError, zlib.error) as error:
         raise GeometryError(f"cannot be unpacked: {error}") from None
     return plain
@@ -52,8 +63,7 @@ def open_file(gmsh: Gmsh, path: Path, parameters: Mapping[str, Parameter]) -> No
         _run_build(gmsh, path, parameters)
         return
     if suffix == ".geo":
-        for _ in scripts(path):
-            pass
+        refuse_open_end(path)
     begins = BEGINS.get(suffix)
     if begins is not None and begins.encode() not in path.read_bytes()[:HEAD]:
         raise GeometryError(f"is not a {suffix} file: it does not begin with {begins}")
@@ -70,9 +80,11 @@ def raise_gmsh_error(gmsh: Gmsh, folder: Path | None = None) -> None:
         raise GeometryError("contains bytes that are not text") from None
     finally:
         gmsh.logger.stop()
+    if any(words in line for line in lines for words in STARTS):  # its process is kept from it
+        raise GeometryError("starts a program, and a geometry may not; a .py file may")
     errors = [line.removeprefix("Error: ") for line in lines if line.startswith("Error")]
     if errors:
-        raise GeometryError(f"gmsh says: {errors[0].replace(f'{folder}/', '')}")
+        raise GeometryError(f"gmsh says: {shortened(errors[0].replace(f'{folder}/', ''), 200)}")
 
 
 def _run_build(gmsh: Gmsh, path: Path, parameters: Mapping[str, Parameter]) -> None:

@@ -68,6 +68,7 @@ class Outline:
 
     bodies: dict[str, tuple[str, ...]]  # body -> its sides
     box: Array  # (2, 3)
+    volume: float  # [m^3], of a plane model area [m^2]; that of the box if the model does not say it
     entities: tuple[Facets, ...]
     samples: dict[str, tuple[Array, Array]]  # body.side -> points (k, 3), unit outward normals (k, 3)
     side_of: dict[int, str]  # tag of an entity -> its body.side
@@ -108,7 +109,10 @@ def read_outline(gmsh: Gmsh, dim: int, parts: Parts, unit: float) -> Outline:
     sides = {body: tuple(s.split(".")[1] for s in parts.sides if s.split(".")[0] == body) for body in parts.bodies}
     box = np.array([corners.min(axis=0), corners.max(axis=0)])
     side_of = {tag: side for side, tags in parts.sides.items() for tag in tags}
-    return Outline(sides, box, tuple(of.values()), samples, side_of)
+    exact = [_exact_size(gmsh, dim, tag, unit) for _, tag in gmsh.model.getEntities(dim)]
+    volume = sum(size or np.inf for size in exact)
+    volume = min(volume, float(np.prod(np.ptp(box, axis=0)[:dim])))
+    return Outline(sides, box, volume, tuple(of.values()), samples, side_of)
 
 
 def _outward_of_mesh(raw: RawMesh, side: str, unit: float) -> tuple[Array, Array]:

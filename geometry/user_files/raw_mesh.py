@@ -82,6 +82,7 @@ def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts) -> RawMesh:
     points = x[np.searchsorted(numbers, used)]
     if not np.isfinite(points).all():
         raise GeometryError("a node has a coordinate that is not a finite number")
+    check_neighbours(kind, cells)
     _check_facets(kind, cells, facets)
     return RawMesh(
         dim, kind, points,
@@ -127,6 +128,27 @@ def _check_volumes(gmsh: Gmsh, dim: int, kind: int, parts: Parts) -> None:
         inverted = turned.any(axis=1)
         if inverted.any():
             raise GeometryError(f"body {body}: {int(inverted.sum())} of {len(inverted)} cells are turned inside out")
+
+
+def check_neighbours(kind: int, cells: dict[str, Ints]) -> None:
+    """Check that no cell is there twice, and that no facet bounds three: dolfinx crashes on such meshes."""
+    pattern = np.array(LOCAL_FACETS[FIRST_ORDER[kind]])
+    corners = np.concatenate(list(cells.values()))[:, : pattern.max() + 1]
+    twice = len(corners) - _different(corners)[0].size
+    if twice:
+        raise GeometryError(f"names {twice} of its cells twice")
+    shared, times = _different(corners[:, pattern].reshape(-1, pattern.shape[1]))
+    if np.any(times > 2):
+        nodes = sorted(corners[:, pattern].reshape(-1, pattern.shape[1])[shared[times > 2][0]].tolist())
+        raise GeometryError(f"the facet of the nodes {nodes} bounds {int(times.max())} cells, and can bound two")
+
+
+def _different(rows: Ints) -> tuple[Ints, Ints]:
+    """One of each set of nodes, rows of `rows` (n, k), and how often the set is there."""
+    ordered = np.ascontiguousarray(np.sort(rows, axis=1), np.int64)
+    as_one = ordered.view(np.dtype((np.void, ordered.dtype.itemsize * ordered.shape[1]))).ravel()
+    _, first, times = np.unique(as_one, return_index=True, return_counts=True)
+    return first, times
 
 
 def _check_facets(kind: int, cells: dict[str, Ints], facets: dict[str, Ints]) -> None:

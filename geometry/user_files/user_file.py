@@ -14,6 +14,7 @@ import numpy as np
 from geometry.arrays import Array
 from geometry.errors import GeometryError, SceneError, nearest, require
 from geometry.keys import Key, Noun
+from geometry.mesh.sizes import filled, refined_near
 from geometry.protocols import Gmsh
 from geometry.shape import Model, Request, Shape
 from geometry.user_files.geo_script import parameter_names
@@ -25,7 +26,6 @@ from geometry.user_files.reader import Question, ask
 
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "km": 1e3, "in": 0.0254, "ft": 0.3048}
 PACKAGES = {Path("/usr/share/doc/gmsh-doc"): "gmsh-doc"}  # Debian packages with files that ready scenes use
-MOST_CELLS = 50_000_000
 WITH_PARAMETERS = ("geo", "py")  # kinds of file
 
 
@@ -58,6 +58,9 @@ class UserFile(Noun, Shape):
         "simplex"
     )
     order: Annotated[Literal[1, 2], Key("-", "polynomial degree of displacement and geometry")] = 1
+    time_limit: Annotated[
+        float | None, Key("s", "for gmsh to read the file, and again to mesh it; absent: 50 s and an hour")
+    ] = None
     names: Annotated[
         Mapping[str, tuple[str, ...] | Box],
         Key("-", 'sides to name: "part.base" = ["face 12"] (2D: "edge 3"), or { box = [x0, y0, z0, x1, y1, z1] } in m'),
@@ -78,6 +81,8 @@ class UserFile(Noun, Shape):
             require(value is None or value > 0, key, value, "must be positive, in metres")
             require(value is None or kind != "msh", key, value, "a .msh file has its own mesh; remove the key")
         require(self.mesh_size is not None or kind != "cad", "mesh_size", None, "missing, a CAD file says no size")
+        limit = self.time_limit
+        require(limit is None or limit > 0, "time_limit", limit, "must be positive, in seconds")
         fine = self.contact_mesh_size
         require(fine is None or self.mesh_size is not None, "contact_mesh_size", fine, "needs mesh_size too")
         require(fine is None or fine <= (self.mesh_size or 0), "contact_mesh_size", fine, "must not exceed mesh_size")
@@ -117,12 +122,20 @@ class UserFile(Noun, Shape):
         return self.outline(dim).bodies
 
     def check_model(self, model: Model) -> None:
-        dim = 3 if model == "3d" else 2
-        cells = 1.0 if self.mesh_size is None else np.prod(np.ceil(np.ptp(self.box(dim), axis=0) / self.mesh_size))
-        require(cells < MOST_CELLS, "mesh_size", self.mesh_size, f"makes more than {MOST_CELLS} cells")
         if model == "axisymmetric":
             left = self.box(2)[0, 0]
             require(left >= -1e-9 * np.ptp(self.box(2)), "file", self.file, f"reaches x = {left:g}; x is the radius")
+
+    def cell_count(self, request: Request) -> float:
+        if self.mesh_size is None:
+            return 0.0
+        outline, dim = self.outline(request.dim), request.dim
+        near = 0.0
+        if self.contact_mesh_size is not None:
+            fine, depth = self.contact_mesh_size, float(np.ptp(outline.box, axis=0).max())
+            areas = (f.size for f in outline.entities if outline.side_of.get(f.number) in request.contact_sides)
+            near = sum(refined_near(area, depth, fine, self.mesh_size, dim) for area in areas)
+        return filled(outline.volume, self.mesh_size, dim) + near
 
     def box(self, dim: int) -> Array:
         return self.outline(dim).box[:, :dim]
@@ -163,7 +176,15 @@ class UserFile(Noun, Shape):
         """What the child process is asked: for the mesh if `mesh` is given, else for the outline."""
         names = {k: {"box": v.box} if isinstance(v, Box) else v for k, v in self.names.items()}
         path = Path(self.file).resolve()
-        return Question(path=path, dim=dim, unit=self.unit, names=names, parameters=self.parameters, mesh=mesh)
+        return Question(
+            path=path,
+            dim=dim,
+            unit=self.unit,
+            names=names,
+            parameters=self.parameters,
+            mesh=mesh,
+            time_limit=self.time_limit,
+        )
 
     def _key(self, dim: int) -> _Key:
         return _Key(self.question(dim), repr((self, dim, self.digest())))

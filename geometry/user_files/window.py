@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
-import pickle
+import pickle  # nosec B403
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from geometry.errors import MachineError, StickslipError
 from geometry.mesh.gmsh_session import gmsh_session
 from geometry.shape import Request, Shape
+from geometry.user_files.containment import restrict_files
+from geometry.user_files.open_file import unpacked
 from geometry.user_files.reader import child_environment, gmsh_options, read_parts
 from geometry.user_files.user_file import UserFile
 
@@ -30,7 +33,7 @@ def open_window(shape: Shape, request: Request) -> None:
     with tempfile.TemporaryDirectory(prefix="stickslip-") as folder:
         pickled = Path(folder) / "pickled"
         pickled.write_bytes(pickle.dumps((shape, request)))
-        words = [sys.executable, "-m", "geometry.user_files.window", str(pickled)]
+        words = [sys.executable, "-P", "-m", "geometry.user_files.window", str(pickled)]
         done = subprocess.run(words, env=child_environment(), capture_output=True, check=False)
     if done.returncode == NO_WINDOW:
         raise MachineError("--gui: this gmsh was built without its window (FLTK); try --list")
@@ -40,8 +43,13 @@ def open_window(shape: Shape, request: Request) -> None:
 
 def main() -> int:
     """`python -m geometry.user_files.window FILE`, a pickled pair of shape and request; returns the exit code."""
-    shape, request = pickle.loads(Path(sys.argv[1]).read_bytes())
+    shape, request = pickle.loads(Path(sys.argv[1]).read_bytes())  # the parent's  # nosec B301
     question = shape.question(request.dim) if isinstance(shape, UserFile) else None
+    if question and question.contained:
+        import gmsh as _  # noqa: F401  starts programs to find its library
+
+        restrict_files((question.path.parent, Path("/dev"), Path(sys.argv[1]).parent))  # the user may save there
+        question = replace(question, path=unpacked(question.path, Path(sys.argv[1]).parent))
     with gmsh_session(gmsh_options(question) if question else ()) as gmsh:
         if "Fltk" not in gmsh.option.getString("General.BuildOptions").split():
             return NO_WINDOW

@@ -20,7 +20,7 @@ class Periodic(EffectTable):
     with_: Annotated[str, Key("-", "opposite side; the key is `with`")]
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {
-        "extra": "forbid",
+        **EffectTable.__pydantic_config__,
         "alias_generator": lambda name: name.rstrip("_"),
     }
 

@@ -1,1 +1,1 @@
-"""MPI ranks together: gather and scatter, replicated entries, serialisation, counters of work, memory."""
+"""MPI ranks together: gather and scatter, replicated entries, serialisation, counters of work."""

@@ -73,6 +73,8 @@ class Scene(Noun):
         self._check_names()
         self._check_dimensions()
         self._check_references()
+        with prefixed("geometry"):
+            self.geometry.refuse_too_large(self.request())
         self.exact.check(self.quantities())
         for (section, name), table in self.effect_tables().items():
             table.check(self, f"{section}.{name}" if name else section)

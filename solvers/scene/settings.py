@@ -10,6 +10,8 @@ from typing import Annotated, Any, Literal
 from geometry.errors import nearest, require
 from geometry.keys import Key, Noun
 
+SHORTEST, LONGEST = 1e-100, 1e100  # [s] of a history; powers of times far beyond are 0 or infinite
+
 
 @dataclass(frozen=True, kw_only=True)
 class Exact(Noun):
@@ -49,7 +51,7 @@ class Steps(Noun):
 
     def __post_init__(self) -> None:
         require(self.end > 0, "end", self.end, "must be positive")
-        require(1e-100 < self.end < 1e100, "end", self.end, "must lie between 1e-100 and 1e100")
+        require(SHORTEST <= self.end <= LONGEST, "end", self.end, f"must be from {SHORTEST:g} to {LONGEST:g} s")
         require(1 <= self.count <= 1_000_000, "count", self.count, "must be a whole number from 1 to 1000000")
 
 

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from geometry.errors import SceneError
+from geometry.user_files.containment import walls
+from geometry.user_files.open_file import kind_of
+from geometry.user_files.user_file import UserFile
 from solvers.contact.rigid_obstacle import seen_from
 from solvers.effects import active
 from solvers.scene.problem import PlanRow, Problem
@@ -50,7 +55,20 @@ def planned(scene: Scene) -> Problem:
 
 
 def warnings(scene: Scene) -> tuple[str, ...]:
-    """Warnings (one line each) about a scene that can be solved, but only with a large error."""
+    """Warnings (one line each) about a scene that can be solved, but only with a large error or at a risk."""
+    return (*_uncontained(scene), *_locking(scene))
+
+
+def _uncontained(scene: Scene) -> tuple[str, ...]:
+    if not isinstance(scene.geometry, UserFile) or kind_of(Path(scene.geometry.file)) == "py" or walls():
+        return ()
+    return (
+        "geometry.file: this machine has neither seccomp (Debian's python3-seccomp) nor Landlock, so commands in the "
+        "file can start programs and write files; use files that you trust",
+    )
+
+
+def _locking(scene: Scene) -> tuple[str, ...]:
     if scene.geometry.degree > 1 or scene.model == "plane stress":  # in plane stress the thickness changes freely
         return ()
     return tuple(

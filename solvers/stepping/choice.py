@@ -8,12 +8,12 @@ import numpy as np
 from mpi4py import MPI
 
 from geometry.errors import MachineError
+from geometry.memory import available
 from geometry.mesh.mesh import Mesh
 from solvers.contact.rows import ContactRows
 from solvers.fem.constraints import Constraints
 from solvers.interface.prepare import Form
 from solvers.methods import METHODS
-from solvers.parallel.memory import available
 from solvers.scene.problem import Problem
 from solvers.scene.settings import Solver
 from solvers.system.system import System

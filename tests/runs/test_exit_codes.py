@@ -4,6 +4,7 @@ import os
 import re
 import signal
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 import workflows.run.run
 from geometry.errors import SolverError, StickslipError
+from geometry.user_files.reader import child_environment
 from shared.command import COARSE, Call, result, table
 from solvers.simulation.simulation import Simulation, prepare
 from workflows.commands.cli import app, guarded
@@ -146,3 +148,13 @@ def test_program_error_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("workflows.scene_file.read.read", wrong)
     with pytest.raises(ZeroDivisionError):
         guarded(lambda: app(["plan", "block"], standalone_mode=False))
+
+
+@pytest.mark.parametrize("kilobytes", [200_000, 700_000])
+def test_too_little_memory_for_the_libraries_ends_in_one_line(kilobytes: int, folder: Path) -> None:
+    """`ulimit -v`, as batch queues set it."""
+    words = f"ulimit -v {kilobytes}; exec {sys.executable} -P -m workflows.commands.cli plan block --mesh"
+    done = subprocess.run(["bash", "-c", words], cwd=folder, env=child_environment(), capture_output=True, timeout=100)
+    assert (done.returncode, done.stdout) == (4, b"")
+    (line,) = done.stderr.decode().splitlines()
+    assert line.endswith("a library, a file or memory is missing (see ulimit -v)")

@@ -15,6 +15,7 @@ from shared.drawn import draw, scene_data
 from solvers.parallel.counters import Counters
 from solvers.simulation.resolve import resolve
 from solvers.system.system import assemble
+from workflows.commands.mesh import announce
 from workflows.run.mesh_report import elements_across, look
 from workflows.run.run import run
 from workflows.scene_file.read import from_dict, read
@@ -192,3 +193,10 @@ def test_a_ready_part_that_is_not_there_says_how_to_get_it(call: Call) -> None:
     code, _, err = call("mesh", "cad_part", "--set", "geometry.file=/usr/share/doc/gmsh-doc/nowhere/component8.step.gz")
     assert (code, err.count("\n")) == (2, 1)
     assert "no such file; it is in Debian's package gmsh-doc: apt-get install gmsh-doc" in err
+
+
+def test_a_long_mesh_is_announced(capsys: pytest.CaptureFixture[str]) -> None:
+    announce(read("block"))
+    assert capsys.readouterr().err == ""
+    announce(read("block", ["geometry.contact_mesh_size=1e-5"]))
+    assert capsys.readouterr().err == "gmsh makes about 3e+06 cells, in up to 5.1 minutes ...\n"

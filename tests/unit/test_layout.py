@@ -19,8 +19,8 @@ PACKAGES = ("geometry", "solvers", "workflows")
 SOURCES = [ROOT / "stickslip.py", *sorted(p for name in PACKAGES for p in (ROOT / name).rglob("*.py"))]
 # A room is a folder of a package, or a file beside such folders. It imports itself and the rooms below it.
 FLOORS = {  # from the ground up
-    "geometry": "errors keys arrays protocols amplitude shape form_cache dolfinx_versions mesh surfaces user_files"
-    " builders obstacles",
+    "geometry": "errors memory keys arrays protocols amplitude shape form_cache dolfinx_versions mesh surfaces"
+    " user_files builders obstacles",
     "solvers": "parallel linear laws scene fem contact effects system interface blocks metrics newton methods stepping"
     " results simulation analysis",
     "workflows": "formats pictures writers scene_file run cost verification commands",

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from solvers.parallel.memory import available
+from geometry.memory import available
 
 GIB = 2**30
 

@@ -138,7 +138,12 @@ WRONG: list[tuple[type[Obstacle], dict[str, Any], Model, str]] = [
         for dim, turn, model, sentence in [
             (2, {"point": (0.0, 0.0, 0.0)}, "plane strain", "^rotation.point = .*: expected 2 components here"),
             (3, {"point": (0.0, 0.0), "axis": (0, 0, 1)}, "3d", "^rotation.point = .*: expected 3 components here"),
-            (3, {"point": (0.0, 0.0, 0.0), "axis": (0, 1)}, "3d", r"^rotation.axis = \(0, 1\): expected 3 components"),
+            (
+                3,
+                {"point": (0.0, 0.0, 0.0), "axis": (0, 1)},
+                "3d",
+                r"^rotation.axis = \(0.0, 1.0\): expected 3 components",
+            ),
         ]
     ),
 ]

@@ -19,6 +19,7 @@ from geometry.mesh.msh_file import write_msh
 from geometry.mesh.quality import worst_quality
 from geometry.user_files.geo_script import parameter_names
 from geometry.user_files.parts import find_parts
+from geometry.user_files.raw_mesh import check_neighbours
 from shared.drawn import FACES, GEO, PY, draw, scene_data
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import make_plan
@@ -70,12 +71,6 @@ Physical Surface("block") = Surface{:};
 Physical Curve("block.bottom") = Curve In BoundingBox{-1, -0.1, -1, 5, 0.1, 1};
 Physical Curve("block.top") = {10};
 """
-CALLS = (
-    'SystemCall "touch made";',
-    'System "touch made";',
-    'NonBlockingSystemCall "touch made";',
-    'OnelabRun("a", "touch made");',
-)
 KINDS = ["msh", "msh3", "geo", "py", "step", "brep"]
 
 
@@ -344,34 +339,10 @@ def test_a_model_of_the_other_dimension_is_refused(tmp_path: Path) -> None:
         from_dict(scene_data(draw(tmp_path / "c.msh", 3), 2))
 
 
-@pytest.mark.parametrize("call", CALLS)
-@pytest.mark.parametrize("how", ["{}", 'Include "inner.txt";', 'Merge "inner.txt";', 'x = "\\"; {} y = "\\";'])
-def test_system_calls_are_refused_wherever_they_stand(
-    how: str, call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    write(tmp_path / "inner.txt", call)
-    with pytest.raises(GeometryError, match="is refused, a scene's geometry runs no other programs"):
-        from_dict(scene_data(write(tmp_path / "b.geo", GEO + how.format(call))))
-    assert not (tmp_path / "made").exists()
-
-
-def test_a_script_in_disguise_and_a_computed_include_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """gmsh runs any text that it does not recognise, whatever its ending."""
-    monkeypatch.chdir(tmp_path)
-    call = write(tmp_path / "b.msh", 'SystemCall "touch made";\n')
+def test_a_script_in_disguise_is_no_mesh(tmp_path: Path) -> None:
+    disguised = write(tmp_path / "b.msh", "x = 1;\n")
     with pytest.raises(GeometryError, match=r"b\.msh: is not a \.msh file: it does not begin with \$MeshFormat"):
-        from_dict(scene_data(call))
-    with pytest.raises(GeometryError, match="Include must name its file as a text in quotes"):
-        from_dict(scene_data(write(tmp_path / "b.geo", GEO + 'Include StrCat("b.", "msh");')))
-    assert not (tmp_path / "made").exists()
-
-
-def test_the_words_of_system_calls_may_stand_in_comments_and_texts(tmp_path: Path) -> None:
-    harmless = GEO + '// SystemCall "x"\n/* OnelabRun */ a = "SystemCall";\n'
-    assert from_dict(scene_data(write(tmp_path / "b.geo", harmless))).geometry.bodies(2)
+        from_dict(scene_data(disguised))
 
 
 @pytest.mark.parametrize(
@@ -403,6 +374,11 @@ def spoil(path: Path, what: str) -> None:
         blocks, count, low, high = lines[0].split()
         lines[0] = f"{int(blocks) + 1} {int(count) + 1} {low} {int(high) + 1}"
         lines[-1:-1] = ["2 1 3 1", f"{int(high) + 1} {a} {b} {c} {d}"]
+    elif what == "twice":
+        blocks, count, low, high = lines[0].split()
+        lines[0] = f"{blocks} {int(count) + 1} {low} {int(high) + 1}"
+        lines[at - 1] = f"2 1 2 {int(lines[at - 1].split()[3]) + 1}"
+        lines.insert(at, f"{int(high) + 1} {b} {c} {a}")
     else:
         lines[at] = f"{number} {a} {c} {b}" if what == "inverted" else f"{number} {a} {b} {b}"
     path.write_text(head + "$Elements\n" + "\n".join(lines) + "\n")
@@ -413,6 +389,7 @@ def spoil(path: Path, what: str) -> None:
     [
         ("inverted", "body block: 1 of .* cells are turned inside out"),
         ("flat", "body block: 1 of .* cells have no volume"),
+        ("twice", "names 1 of its cells twice"),
         ("mixed", "mixes kinds of cells, Triangle 3 and Quadrilateral 4"),
     ],
 )
@@ -420,6 +397,13 @@ def test_unusable_cells_are_refused(what: str, says: str, tmp_path: Path) -> Non
     spoil(tmp_path / "b.msh", what)
     with pytest.raises(GeometryError, match=says):
         from_dict(scene_data(tmp_path / "b.msh"))
+
+
+def test_a_facet_of_three_cells_is_refused() -> None:
+    fan = np.array([[1, 2, 3], [1, 2, 4], [1, 2, 5]])
+    check_neighbours(2, {"a": fan[:2]})
+    with pytest.raises(GeometryError, match=r"the facet of the nodes \[1, 2\] bounds 3 cells, and can bound two"):
+        check_neighbours(2, {"a": fan[:2], "b": fan[2:]})
 
 
 def test_a_side_that_lies_inside_is_refused(tmp_path: Path) -> None:

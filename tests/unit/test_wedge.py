@@ -111,16 +111,22 @@ REFUSED: dict[str, tuple[Callable[[], Wedge], Model, str]] = {
     "low": (lambda: replace(WEDGE, height=-1.0), "plane stress", "height = -1.0: must be positive"),
     "in 3D": (lambda: WEDGE, "3d", 'builder = "wedge": there is one in plane models only'),
     "round": (lambda: WEDGE, "axisymmetric", 'builder = "wedge": there is one in plane models only'),
-    "fine": (lambda: replace(WEDGE, contact_mesh_size=1e-5), "plane strain", "mesh_size = 0.2: makes more than"),
+    "fine": (lambda: replace(WEDGE, contact_mesh_size=1e-6), "plane strain", "contact_mesh_size = 1e-06: makes"),
     "coarse": (lambda: replace(WEDGE, contact_mesh_size=0.5), "plane strain", "must not exceed mesh_size"),
 }
+
+
+def check(make: Callable[[], Wedge], model: Model) -> None:
+    shape = make()
+    shape.check_model(model)
+    shape.refuse_too_large(Request(model=model, contact_sides=("wedge.left", "wedge.right")))
 
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_nonsense_is_refused_by_key(name: str) -> None:
     make, model, message = REFUSED[name]
     with pytest.raises(SceneError, match=message):
-        make().check_model(model)
+        check(make, model)
 
 
 def in_its_notch(half_angle: float, mu: float, **geometry: Any) -> StepResult:

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 import typer
 
-from geometry.errors import SceneError, StickslipError
+from geometry.errors import SceneError, StickslipError, shortened
 from workflows import VERSION
 from workflows.commands.process import STOPPED, STOPPING, speaks
 
@@ -43,12 +43,15 @@ def run_command(
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="one line an iteration")] = False,
 ) -> None:
     """Solve a scene and write its results."""
+    from workflows.commands.mesh import announce
     from workflows.run.run import run
     from workflows.run.terminal import Reporter
     from workflows.scene_file.read import find, named, read
 
     loaded = read(scene, override or ())
     folder = output or Path("results") / find(scene).stem
+    if not quiet and speaks():
+        announce(loaded)
     reporter = Reporter(quiet=quiet or not speaks(), verbose=verbose)
     with reporter, named(scene):
         outcome, content = run(loaded, folder, reporter.watch(), resume)
@@ -93,8 +96,11 @@ def plan_command(
         "warnings": list(warnings(loaded)),
     }
     if mesh:
+        from workflows.commands.mesh import announce
         from workflows.run.mesh_report import count
 
+        if speaks():
+            announce(loaded)
         with named(scene):
             content["mesh"] = count(loaded)
     if speaks():
@@ -110,7 +116,7 @@ def mesh_command(
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE.msh", help="write the mesh")] = None,
 ) -> None:
     """Mesh a scene and judge its mesh, without solving."""
-    from workflows.commands.mesh import edit, list_entities, report
+    from workflows.commands.mesh import announce, edit, list_entities, report
     from workflows.scene_file.read import find, named, read, read_geometry
 
     if listed or gui:
@@ -122,6 +128,8 @@ def mesh_command(
                 edit(geometry, model)
     if output is not None or not (listed or gui):
         loaded = read(scene, override or ())
+        if speaks():
+            announce(loaded)
         with named(scene):
             report(loaded, output)
 
@@ -273,6 +281,8 @@ def guarded(act: Callable[[], object]) -> int:
         return ended.code if isinstance(ended.code, int) else 1
     except MemoryError:
         return _say("out of memory: use a larger mesh_size", 4)
+    except ImportError as error:  # a library that does not fit under `ulimit -v`
+        return _say(f"{shortened(error, 200)}; a library, a file or memory is missing (see ulimit -v)", 4)
     if code == STOPPED:  # typer returns it for KeyboardInterrupt
         return _say("interrupted", STOPPED)
     return code if isinstance(code, int) else 0
@@ -282,17 +292,8 @@ def _say(text: str, code: int) -> int:
     """Print one line on stderr; return the exit code."""
     if speaks():
         with suppress(OSError):  # nothing is left to tell it to
-            print(f"stickslip: {shortened(' '.join(text.split()))}", file=sys.stderr, flush=True)
+            print(f"stickslip: {shortened(text, LONGEST)}", file=sys.stderr, flush=True)
     return code
-
-
-def shortened(text: str) -> str:
-    """A line of bearable length: of a long one its beginning, which names the key, and its end, which says what to do.
-
-    >>> len(shortened("x" * 100_000))
-    280
-    """
-    return text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} ... {text[5 - LONGEST // 2 :]}"
 
 
 def main() -> None:

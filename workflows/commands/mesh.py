@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,17 @@ from solvers.scene.scene import Scene
 from workflows.run.collective import raise_together
 from workflows.run.mesh_report import look
 from workflows.run.terminal import console, print_mesh, print_table
+
+ANNOUNCED = 10.0  # [s] of gmsh
+
+
+def announce(scene: Scene) -> None:
+    """Say on stderr how long gmsh takes, if that is long."""
+    request = scene.request()
+    seconds = scene.geometry.meshing_time(request)
+    if seconds > ANNOUNCED:
+        count = scene.geometry.cell_count(request)
+        print(f"gmsh makes about {count:.1g} cells, in up to {seconds / 60:.1f} minutes ...", file=sys.stderr)
 
 
 def report(scene: Scene, target: Path | None) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from geometry.errors import SceneError
-from solvers.parallel.memory import available
+from geometry.memory import available
 from solvers.scene.scene import Scene
 from workflows.cost.climb import Budget, climb, retry
 from workflows.cost.kept import Kept

@@ -12,13 +12,13 @@ from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
 from geometry.amplitude import Amplitude, listed_times, value_at
+from geometry.memory import available
 from geometry.mesh.mesh import Mesh, build_mesh
 from geometry.mesh.nodes import Nodes
 from geometry.mesh.quality import worst_quality
 from geometry.surfaces.surface import Surface
 from solvers.contact.rows import ContactRows
 from solvers.fem.supports import find_constraints
-from solvers.parallel.memory import available
 from solvers.scene.scene import Scene
 from solvers.simulation.resolve import resolve
 from solvers.stepping.choice import Choice, Size, chosen

@@ -25,6 +25,7 @@ from solvers.simulation.simulation import Simulation
 from workflows import VERSION
 from workflows.formats.aside import write_aside
 from workflows.run.audit import Audited
+from workflows.run.packages import packages
 from workflows.scene_file.read import to_dict
 
 OF_COARSE = ("factorisations", "volume_solves", "linear_iterations")  # counters of the coarse mesh beside
@@ -65,6 +66,7 @@ def summary(
         "scene": resolved | {"hash": scene_hash(scene)},
         "version": VERSION,
         "dolfinx": DOLFINX,
+        "packages": packages(),
         "ranks": simulation.mesh.comm.size,
         "method": chain.stage.method,
         "choice": {**asdict(chain.choice.stages[0]), "because": chain.choice.because},

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Annotated, Any
-from xml.etree import ElementTree as ET
+from xml.etree import ElementTree as ET  # it writes only  # nosec B405
 
 import numpy as np
 

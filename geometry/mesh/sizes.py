@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.optimize import brentq
 from geometry.protocols import Gmsh
 
 GROWTH = 0.3  # of the cell size per distance from the contact
+SIMPLICES = {2: 2.3, 3: 8.0}  # of edge length 1 in a unit square and cube; gmsh's meshes have about so many
 
 
 def beyond(radius: float, distance: str) -> str:
@@ -64,6 +66,35 @@ def cells_around(dim: int, fine: float, radius: float, coarse: float, reach: flo
     r = np.linspace(0, reach, 20000) if r is None else r
     size = np.minimum(coarse, fine + GROWTH * np.maximum(r - radius, 0))
     return float(np.trapz(np.pi * (dim - 1) * r ** (dim - 1) / size**dim, r))
+
+
+def filled(volume: float, size: float, dim: int) -> float:
+    """About how many simplices of an edge length fill a volume (an area if dim = 2)."""
+    return SIMPLICES[dim] * _over(volume, size, dim)
+
+
+def refined_near(area: float, depth: float, fine: float, coarse: float, dim: int) -> float:
+    """About how many simplices more there are if they grow from `fine` at a side of this area (length if dim = 2).
+
+    >>> round(refined_near(1.0, 1.0, 0.001, 0.1, 2))  # the integral of SIMPLICES / size**2, less those of `coarse`
+    7514
+    """
+    far = min(depth, (coarse - fine) / GROWTH)
+    near = (_over(1.0, fine, dim - 1) - _over(1.0, fine + GROWTH * far, dim - 1)) / (GROWTH * (dim - 1))
+    return SIMPLICES[dim] * area * max(0.0, near - _over(far, coarse, dim))
+
+
+def _over(number: float, size: float, times: int) -> float:
+    """number / size**times; a power of a small size would be 0, and that of a large one fail."""
+    for _ in range(times):
+        number /= size
+    return number
+
+
+def graded_count(length: float, fine: float, coarse: float, ends: int) -> float:
+    """Number of cells along a line as from `graded`, not rounded."""
+    part = length / ends
+    return ends * max(1.0, math.log1p(part / fine * GROWTH) / math.log(1 + GROWTH), part / coarse)
 
 
 def graded(length: float, fine: float, coarse: float, ends: int) -> tuple[int, float]:

@@ -1,7 +1,8 @@
-"""How much memory this process may still take, by the machine and by the control groups (cgroups) it runs in."""
+"""How much memory this process may still take, by the machine, its control groups (cgroups) and its own limit."""
 
 from __future__ import annotations
 
+import resource
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +15,16 @@ def available(root: Path = Path("/")) -> int:
     Args:
         root: the folder that holds proc and sys.
     """
-    return min((_of_machine(root), *_of_groups(root)))
+    return min((_of_machine(root), *_of_groups(root), _of_process(root)))
+
+
+def _of_process(root: Path) -> int:
+    """Bytes that the limit of the process (`ulimit -v`) leaves it."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    taken = _text(root / "proc/self/statm").split()
+    if limit == resource.RLIM_INFINITY or not taken:
+        return 2**63
+    return max(0, limit - int(taken[0]) * resource.getpagesize())
 
 
 def _of_machine(root: Path) -> int:
