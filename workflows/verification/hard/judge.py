@@ -14,6 +14,7 @@ from geometry.arrays import Array
 from geometry.errors import GeometryError, SceneError, StickslipError
 from solvers.interface.limit_analysis import Balance
 from solvers.methods import Solver
+from solvers.newton.solution import Status
 from solvers.results.audit import Audit, Auditor, Record
 from solvers.results.step_result import StepResult
 from solvers.results.verdict import passed
@@ -156,9 +157,8 @@ def judge(scene: Scene, twin: Scene | None = None, scale: Scale = OWN) -> Iterat
         )
         return
     except StickslipError as error:
-        seconds, undecided = clock.perf_counter() - began, Balance.UNDECIDED.value in str(error)
-        outcome = Outcome.UNDECIDED if undecided else Outcome.FAILED
-        yield Verdict(outcome=outcome, reason=str(error), held=held, seconds=seconds)
+        seconds = clock.perf_counter() - began
+        yield Verdict(outcome=_without_answer(str(error)), reason=str(error), held=held, seconds=seconds)
         return
     first = Verdict(outcome=Outcome.SOLVED, held=held, iterations=own.iterations, seconds=clock.perf_counter() - began)
     others = max((len(step.other_solutions) for step in own.steps), default=0)
@@ -170,6 +170,13 @@ def judge(scene: Scene, twin: Scene | None = None, scale: Scale = OWN) -> Iterat
         first = replace(first, outcome=Outcome.DOUBTFUL, reason="; ".join(own.complaints))
     yield first
     yield _with_second_opinion(first, own)
+
+
+def _without_answer(sentence: str) -> Outcome:
+    """The outcome of a run that ended with this sentence."""
+    if Balance.UNDECIDED.value in sentence:
+        return Outcome.UNDECIDED
+    return Outcome.REFUSED if Status.APART.value in sentence else Outcome.FAILED
 
 
 def _against_twin(own: Solved, scene: Scene, scale: Scale) -> Iterator[str]:

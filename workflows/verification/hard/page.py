@@ -68,7 +68,10 @@ def _lines(rows: Sequence[Row], command: str, picture: str) -> Iterator[str]:
         "- *near a limit, undecided*: of floating bodies; none was found from some load on, which is said, but "
         "the bounds of the limit analysis are too wide to prove that there is none (with compliance by up to a third)."
     )
-    yield "- *refused*: before solving, with one line that says why."
+    yield (
+        "- *refused*: with one line that says why, before solving or where the sides of a sliding contact have moved "
+        "apart."
+    )
     yield "- *failed*: no answer within the limits of iterations or time."
     yield "- *doubtful*: the audit found a fault; the run says so, and ends with exit code 1."
     yield "- *wrong*: judges disagree, and the run does not say so."
