@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.integrate import trapezoid
 from scipy.optimize import brentq
 
 from geometry.protocols import Gmsh
@@ -65,7 +66,7 @@ def cells_around(dim: int, fine: float, radius: float, coarse: float, reach: flo
     r = np.concatenate([np.linspace(0, radius, 200), np.geomspace(radius, reach, 2000)]) if radius else None
     r = np.linspace(0, reach, 20000) if r is None else r
     size = np.minimum(coarse, fine + GROWTH * np.maximum(r - radius, 0))
-    return float(np.trapz(np.pi * (dim - 1) * r ** (dim - 1) / size**dim, r))
+    return float(trapezoid(np.pi * (dim - 1) * r ** (dim - 1) / size**dim, r))
 
 
 def filled(volume: float, size: float, dim: int) -> float:

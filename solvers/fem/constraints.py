@@ -15,7 +15,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.linalg import null_space
 
-from geometry.arrays import Array, Bools, Ints
+from geometry.arrays import Array, Bools, Ints, cross
 from geometry.errors import SceneError
 from geometry.mesh.nodes import Nodes
 from geometry.protocols import Comm, Mat
@@ -224,7 +224,7 @@ class Constraints:
         for alike in self.alike:
             share = np.einsum("kdr,kd->kr", alike.inverse, at[alike.at])
             pull = share[:, :, None] * alike.directions
-            turn = np.cross(points[alike.at][:, None], pull).reshape(*share.shape, moment.shape[1])
+            turn = cross(points[alike.at][:, None], pull).reshape(*share.shape, moment.shape[1])
             np.add.at(force, alike.supports, pull)
             np.add.at(moment, alike.supports, turn)
         if self.axisymmetric:  # over the full circle the radial parts balance

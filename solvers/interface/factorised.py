@@ -168,8 +168,10 @@ class FactorisedVolume:
             K_ic.assemble()
             X = K_ic.duplicate()
             factor.matSolve(K_ic, X)
-            correction = self.K.matMult(X).getDenseArray()[self.contact.local]
-            self.S[np.ix_(self.contact.mine, block)] = direct - correction
+            product = self.K.matMult(X)  # has a name, because its array does not keep it alive
+            self.S[np.ix_(self.contact.mine, block)] = direct - product.getDenseArray()[self.contact.local]
+            for matrix in (K_ic, X, product):
+                matrix.destroy()
         self.S = self.K.comm.tompi4py().allreduce(self.S)
         self.S = (self.S + self.S.T) / 2
 

@@ -189,7 +189,7 @@ class VolumeNewton:
         allowed = self.method.max_it - self.iteration
         atol = max(self.method.rtol, PENETRATION / level) * self.scale
         self.snes.setTolerances(rtol=0.0, atol=atol, stol=0.0, max_it=min(allowed, NEWTON_STEPS))
-        self.snes.solve(None, q)
+        self._solve(q)
         if self.snes.getConvergedReason() > 0:
             return Status.CONVERGED
         if not np.isfinite(self.snes.getFunctionNorm()):
@@ -204,9 +204,16 @@ class VolumeNewton:
         self.snes.setTolerances(rtol=0.0, atol=atol, stol=0.0, max_it=FURTHER)
         self.snes.setForceIteration(True)
         with system.counters.for_error():
-            self.snes.solve(None, exact)
+            self._solve(exact)
         moved = exact - q
         return MARGIN * float(np.sqrt(max((system.K_B * moved).dot(moved), 0.0)))
+
+    def _solve(self, q: Vec) -> None:
+        """Newton's method from q [m], in place."""
+        try:
+            self.snes.solve(None, q)
+        except PETSc.Error as error:  # newer petsc4py wraps what a callback raises, Ctrl-C too
+            raise error.__cause__ or error from None
 
     def _snes(self, K: Any) -> Any:
         snes = PETSc.SNES().create(K.comm)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Ints
+from geometry.arrays import Array, Ints, cross
 from geometry.errors import SceneError
 from geometry.mesh.mesh import Mesh
 from geometry.protocols import Vec
@@ -219,7 +219,7 @@ class Observer:
         on = own if pair.slave == pair.contact.surface else ~own  # nodes of the side that the scene calls the surface
         x, forces = c.points[on], -c.nodal_forces(p_n, t)[on]
         resultant, tangential = forces.sum(axis=0), (weight[:, None] * multiplier).sum(axis=0)
-        moment = np.atleast_1d(np.cross(x, forces).sum(axis=0))
+        moment = np.atleast_1d(cross(x, forces).sum(axis=0))
         if c.surface.axisymmetric:  # over the full circle the radial parts balance
             resultant, tangential, moment = resultant * [0, 1], tangential * [0, 1], 0 * moment
         return ContactState(
@@ -256,7 +256,7 @@ class Observer:
             force = sum((c.force for c in touching), np.zeros(system.mesh.dim))
             moment = sum((c.moment for c in touching), np.zeros(1 if system.mesh.dim == 2 else 3))
             axis_point = np.array(obstacle.rotation.point) if obstacle.rotation else np.zeros(system.mesh.dim)
-            found[name] = ObstacleState(displacement=moved, force=force, moment=moment - np.cross(axis_point, force))
+            found[name] = ObstacleState(displacement=moved, force=force, moment=moment - cross(axis_point, force))
         return found
 
     def _probe(self, where: tuple[int, Array] | None, nodal: Array, cell_stress: Array) -> ProbeValue:

@@ -8,6 +8,7 @@ import pyvista
 from numpy.testing import assert_allclose
 
 from geometry.amplitude import value_at
+from geometry.arrays import cross
 from geometry.builders.pair import Domes
 from geometry.obstacles.plane import Plane
 from shared.measures import facets_miss, measures
@@ -32,7 +33,7 @@ def weight(solved: Solved, time: float) -> Any:
     centre = mass @ np.array(grid.cell_centers().points)[:, : scene.dim] / mass.sum()
     acceleration = [value_at(a, time, scene.steps.end) for a in scene.sections["gravity"].acceleration]
     force = mass.sum() * np.array(acceleration)
-    return force, np.atleast_1d(np.cross(centre, force))
+    return force, np.atleast_1d(cross(centre, force))
 
 
 def push(scene: Scene, time: float) -> Any:
@@ -44,7 +45,7 @@ def push(scene: Scene, time: float) -> Any:
             corners, normals = scene.geometry.sample(load.boundary, scene.dim)
             area = measures(scene.geometry, scene.dim)[load.boundary]
             force = -value_at(load.pressure, time, scene.steps.end) * area * normals[0]
-            pull, turn = pull + force, turn + np.cross(corners.mean(axis=0), force)
+            pull, turn = pull + force, turn + cross(corners.mean(axis=0), force)
             continue
         assert load.force is not None  # a ready scene with another load: add its resultant here
         assert load.boundary == "inner.inside"  # a circle about the origin, where its middle is

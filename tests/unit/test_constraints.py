@@ -11,6 +11,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
+from geometry.arrays import cross
 from geometry.errors import SceneError
 from geometry.surfaces.surface import Surface, gather_surface
 from solvers.fem.constraints import Row
@@ -235,7 +236,7 @@ def test_reactions_contact_and_loads_balance(
     points = simulation.system.nodes.points
     contact = step.contacts["base"]
     force = load.sum(axis=0) + contact.force + sum(f for f, _ in step.supports.values())
-    moment = np.atleast_1d(np.cross(points, load).sum(axis=0)) + contact.moment
+    moment = np.atleast_1d(cross(points, load).sum(axis=0)) + contact.moment
     moment = moment + sum(m for _, m in step.supports.values())
     largest = max(float(np.linalg.norm(f)) for f, _ in step.supports.values())
     assert contact.normal_force > 0.01

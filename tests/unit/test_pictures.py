@@ -14,6 +14,7 @@ from matplotlib.colors import Normalize
 from matplotlib.image import imread
 from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
+from scipy.integrate import trapezoid
 
 import stickslip
 from geometry.arrays import Array
@@ -352,7 +353,7 @@ def test_loops_show_what_drives_and_what_slips_with_their_signs() -> None:
     assert slipping.y.min() == -1.0
     assert slipping.y.max() == 1.0
     second = slice(12, 25)  # the second cycle is closed: what the top puts in is what friction takes out
-    work = [np.trapz(panel.y[second], panel.x[second]) for panel in (pushed, slipping)]
+    work = [trapezoid(panel.y[second], panel.x[second]) for panel in (pushed, slipping)]
     assert work[0] > 0
     assert work[0] == pytest.approx(work[1], rel=1e-12)
 

@@ -280,3 +280,16 @@ def test_without_load_nothing_moves(scene_of: SceneOf, simulation_of: Simulation
     )
     (step,) = simulation_of(scene).steps()
     assert (step.iterations, step.law_error, np.abs(step.displacement).max(), np.abs(step.p).max()) == (0, 0, 0, 0)
+
+
+def test_ctrl_c_in_the_middle_of_newtons_method_is_ctrl_c(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulation = simulation_of(pressed(scene_of))
+
+    def interrupted(*arguments: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module.VolumeNewton, "_residual", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        list(simulation.steps())

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.integrate import trapezoid
 
 from geometry.arrays import Array
 from geometry.builders.block import Block
@@ -99,7 +100,7 @@ def solve(
     end = np.flatnonzero(np.isclose(points[:, 0], 0.0, atol=1e-9))
     end = end[np.argsort(points[end, 1])]
     steps = tuple(step for step in simulation.steps() if step.time > 0)  # the pressure on top is there from the start
-    tips = [-np.trapz(step.displacement[end, 0], points[end, 1]) / HEIGHT for step in steps]
+    tips = [-trapezoid(step.displacement[end, 0], points[end, 1]) / HEIGHT for step in steps]
     return Answer(steps, np.array(tips), simulation.data.surfaces["base"][0][:, 0])
 
 
