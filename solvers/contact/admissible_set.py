@@ -90,10 +90,8 @@ class AdmissibleSet:
             one, stiff = np.ones(place.normal.stop - place.normal.start), gamma[place.normal]
             if not np.allclose(law.resolvent(2 * one, stiff), 2 * law.resolvent(one, stiff)):
                 return False
-            if friction is not None:
-                cap, below, above = friction.lines(law, self.time, self.end)
-                if np.isfinite(cap) or below != above:
-                    return False
+            if friction is not None and not friction.homogeneous(law, self.time, self.end):
+                return False
         return True
 
     def at(self, time: float) -> AdmissibleSet:

@@ -34,5 +34,8 @@ class CoulombByPoint(FrictionLaw):
     def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
         return average.multiply(np.where(average @ p > 0, self.mu, 0.0)[:, None]).tocsr()
 
+    def homogeneous(self, normal: NormalLaw, time: float, end: float) -> bool:
+        return True
+
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
         return np.inf, float(self.mu.min(initial=np.inf)), float(self.mu.max(initial=0.0))

@@ -124,6 +124,11 @@ class FrictionLaw(Choice):
         """
         raise NotImplementedError
 
+    def homogeneous(self, normal: NormalLaw, time: float, end: float) -> bool:
+        """Whether twice the pressure has twice the bound."""
+        cap, below, above = self.lines(normal, time, end)
+        return cap == np.inf and below == above
+
     def amplitudes(self) -> Mapping[str, Amplitude]:
         """The law's values in time, by key."""
         return {}

@@ -145,8 +145,7 @@ class _Map:
             normal[n], two_sided[n] = True, place.rows.normal.sides == 2
             share[n] = place.rows.normal.resolvent(one, problem.gamma[n])
             if place.rows.friction is not None:
-                _, mu, _ = place.rows.friction.lines(place.rows.normal, cone.time, cone.end)
-                bound[t, n], rubs[t] = mu * place.average.toarray(), True
+                bound[t, n], rubs[t] = cone.bound_slope(place, one).toarray(), True
         return _Map(
             problem=problem,
             w_0=problem.relative_displacement(surface.flexibility @ problem.load.f_c),

@@ -1,8 +1,9 @@
 """A problem with simpler laws, piecewise linear, solved whole: its solution leads to that of the problem itself.
 
-Powers p = c d^m are replaced by their tangents at the last pressures, p = k (d - d_0)_+. A path then leads to the
-solution where Newton's method fails, see `path`. The tangents are taken anew at its pressures: Newton's method for
-generalised equations, in which opening, stick and slip stay exact.
+Powers p = c d^m are replaced by their tangents at the last pressures, p = k (d - d_0)_+, and friction bounds by
+Coulomb's law through the bounds at these pressures, with a coefficient for each point. A path then leads to the
+solution where Newton's method fails, see `path`. Tangents and coefficients are taken anew at its pressures. With
+Coulomb's friction that is Newton's method for generalised equations, in which opening, stick and slip stay exact.
 
 Source: Josephy, Newton's method for generalized equations, Technical Summary Report 1965, Univ. of Wisconsin (1979).
 """
@@ -16,10 +17,10 @@ from typing import ClassVar
 import numpy as np
 
 from geometry.arrays import Array
-from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
+from solvers.contact.admissible_set import AdmissibleSet
 from solvers.contact.rows import ContactRows
 from solvers.interface.problem import SurfaceProblem
-from solvers.laws.friction import Coulomb
+from solvers.laws.coulomb_by_point import CoulombByPoint
 from solvers.laws.law import NormalLaw
 from solvers.newton.solution import Solution, Status
 from solvers.newton.starts import Start
@@ -49,10 +50,9 @@ class Tangent(NormalLaw):
 
 
 def applies(problem: SurfaceProblem) -> bool:
-    """Whether there are simpler laws: normal laws are curved, and friction is Coulomb's."""
-    return not problem.cone.homogeneous(problem.gamma) and all(
-        place.rows.friction is None or _coulomb(problem, place) is not None for place in problem.cone.places
-    )
+    """Whether there are simpler laws: pressures or friction bounds are not proportional, and no bound jumps."""
+    jump = any(place.rows.friction is not None and place.rows.friction.continuous for place in problem.cone.places)
+    return not problem.cone.homogeneous(problem.gamma) and not jump
 
 
 def ends(problem: SurfaceProblem, p: Array, solve: Solve) -> Iterator[Start]:
@@ -75,30 +75,25 @@ def ends(problem: SurfaceProblem, p: Array, solve: Solve) -> Iterator[Start]:
 
 
 def simplified(problem: SurfaceProblem, p: Array, floor: float) -> SurfaceProblem:
-    """The problem with simpler laws, tangents at tractions p (rows,) [Pa].
+    """The problem with simpler laws at tractions p (rows,) [Pa].
 
     Args:
         problem: the contact problem of the step.
         p: tractions (rows,) [Pa].
-        floor: of the largest pressure; tangents are taken at no less.
+        floor: of the largest pressure; tangents and coefficients are taken at no less.
     """
     gap, contacts = problem.gap.copy(), list[ContactRows]()
     for place in problem.cone.places:
-        n, law, rows = place.normal, place.rows.normal, place.rows
-        rows = replace(rows, friction=rows.friction and _coulomb(problem, place))
+        n, rows, law = place.normal, place.rows, place.rows.normal
+        at = np.maximum(p[n], floor * max(float(p[n].max(initial=0.0)), problem.p_ref * floor))
+        if rows.friction is not None:
+            mean = place.average @ at
+            mu = problem.cone.bound(place, at) / np.where(mean > 0, mean, np.inf)
+            rows = replace(rows, friction=CoulombByPoint(mu=mu, k_T=rows.friction.k_T))
         if law.at_quadrature:
-            at = np.maximum(p[n], floor * max(float(p[n].max(initial=0.0)), problem.p_ref * floor))
             k = law.stiffness(at, at)
             gap[n] += law.penetration(at) - at / k
             rows = replace(rows, normal=Tangent(k=k))
         contacts.append(rows)
     cone = AdmissibleSet(tuple(contacts), problem.cone.time, problem.cone.end)
     return replace(problem, cone=cone, gap=gap)
-
-
-def _coulomb(problem: SurfaceProblem, place: ContactBlock) -> Coulomb | None:
-    """The friction law of a contact as Coulomb's; None if it is another one."""
-    friction = place.rows.friction
-    assert friction is not None
-    cap, below, above = friction.lines(place.rows.normal, problem.cone.time, problem.cone.end)
-    return Coulomb(mu=above, k_T=friction.k_T) if below == above < cap == np.inf else None

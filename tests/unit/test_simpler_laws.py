@@ -19,6 +19,7 @@ from solvers.simulation.simulation import Simulation
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
 COULOMB = {"law": "coulomb", "mu": 0.4}
+CAPPED = {"law": "capped_coulomb", "mu": 0.4, "s_max": 0.06}
 
 
 @pytest.fixture
@@ -39,8 +40,9 @@ def newton(problem: SurfaceProblem, p: Array) -> Solution:
     return SemismoothNewton(rtol=1e-12, max_it=200, linear=condensed_system.solve)(problem, p)
 
 
-def test_tangents_lead_to_the_solution(problem_of: Callable[..., SurfaceProblem]) -> None:
-    problem = problem_of()
+@pytest.mark.parametrize("friction", [COULOMB, CAPPED, {"law": "compliance", "c_T": 10.0, "m_T": 1.5}])
+def test_simpler_laws_lead_to_the_solution(friction: dict[str, Any], problem_of: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of(2.0, friction)
     exact = newton(problem, np.zeros(len(problem.gap)))
     assert exact.status is Status.CONVERGED
     ends = list(simpler_laws.ends(problem, np.zeros(len(problem.gap)), newton))
@@ -79,7 +81,9 @@ def test_open_points_have_tangents_at_the_floor(problem_of: Callable[..., Surfac
         (2.0, COULOMB, True),
         (2.0, None, True),
         (1.0, COULOMB, False),  # linear already
-        (2.0, {"law": "capped_coulomb", "mu": 0.4, "s_max": 0.1}, False),
+        (2.0, {"law": "capped_coulomb", "mu": 0.4, "s_max": 0.1}, True),
+        (1.0, {"law": "capped_coulomb", "mu": 0.4, "s_max": 0.1}, True),
+        (2.0, {"law": "compliance", "c_T": 10.0, "m_T": 1.5}, True),
         (2.0, {"law": "tresca", "bound": 0.1}, False),
     ],
 )
@@ -90,6 +94,17 @@ def test_what_has_simpler_laws(
     assert simpler_laws.applies(problem) is expected
     if not expected:
         assert not list(simpler_laws.ends(problem, np.zeros(len(problem.gap)), newton))
+
+
+def test_bounds_are_those_at_the_last_pressures(problem_of: Callable[..., SurfaceProblem]) -> None:
+    problem = problem_of(2.0, CAPPED)
+    n = problem.surface.normal_rows
+    p = np.where(np.arange(len(problem.gap)) < n, 0.3, 0.0)
+    simpler = simpler_laws.simplified(problem, p, 1e-3)
+    (place,), (before,) = simpler.cone.places, problem.cone.places
+    assert_allclose(simpler.cone.bound(place, p[:n]), 0.06)
+    assert_allclose(simpler.cone.bound(place, p[:n] / 3), 0.02)
+    assert_allclose(problem.cone.bound(before, p[:n] / 3), 0.04)
 
 
 def test_no_end_where_the_simpler_problem_is_not_solved(problem_of: Callable[..., SurfaceProblem]) -> None:
