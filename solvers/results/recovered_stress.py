@@ -50,53 +50,53 @@ class RecoveredStress:
         for body, parts in zip(self._bodies, self._parts, strict=True):
             smooth = self._smooth(body, parts, displacement)
             for part in parts:
-                off = np.tensordot(self._basis, smooth[part.nodes], (1, 1)).swapaxes(0, 1)
+                off = np.tensordot(self._basis, smooth[:, part.nodes], (1, 1)).swapaxes(0, 1)
                 off -= self._stress(body, part.inside, part.nodes, displacement)
-                tr = off[..., 0] + off[..., 1] + off[..., 2]
                 share = body.lame_lambda / (3 * body.lame_lambda + 2 * body.lame_mu)
-                energy = ((off**2 @ TWICE - share * tr**2) * part.inside.volume).sum(axis=1)
-                energy *= RAISED[self._degree] ** 2 / (2 * body.lame_mu)
+                squares = np.tensordot(TWICE, off**2, 1) - share * off[:3].sum(axis=0) ** 2
+                energy = (squares * part.inside.volume).sum(axis=0) * RAISED[self._degree] ** 2 / (2 * body.lame_mu)
                 size += float(energy.sum())
-                error[part.cells] = np.sqrt(body.E * energy / part.inside.volume.sum(axis=1))
+                error[part.cells] = np.sqrt(body.E * energy / part.inside.volume.sum(axis=0))
         return MeshError(size=float(np.sqrt(size)), stress=error)
 
     def _smooth(self, body: Material, parts: Sequence[_Part], displacement: Array) -> Array:
-        """sigma* (nodes, 6) [Pa] of one body: means at its nodes, weighted by volume."""
-        total, size = np.zeros((len(self._mesh.points), 6)), np.zeros(len(self._mesh.points))
+        """sigma* (6, nodes) [Pa] of one body: means at its nodes, weighted by volume."""
+        total, size = np.zeros((6, len(self._mesh.points))), np.zeros(len(self._mesh.points))
         for part in parts:
             stress = self._stress(body, part.mean, part.nodes, displacement)
-            if stress.shape[1] == 1:
-                stress = np.repeat(stress, part.nodes.shape[1], axis=1)
-            weight = np.repeat(part.inside.volume.sum(axis=1), part.nodes.shape[1])
-            at, values = part.nodes.ravel(), stress.reshape(-1, 6)
-            size += np.bincount(at, weight, len(size))
-            for k in range(6):
-                total[:, k] += np.bincount(at, weight * values[:, k], len(size))
-        return np.asarray(total / np.maximum(size, np.finfo(float).tiny)[:, None])
+            weight = np.broadcast_to(part.inside.volume.sum(axis=0), part.nodes.shape)
+            size += np.bincount(part.nodes.ravel(), weight.ravel(), len(size))
+            for k, component in enumerate(stress):
+                total[k] += np.bincount(part.nodes.ravel(), (weight * component).ravel(), len(size))
+        return np.asarray(total / np.maximum(size, np.finfo(float).tiny))
 
     def _stress(self, body: Material, places: _Places, nodes: Ints, displacement: Array) -> Array:
-        """Stress xx, yy, zz, xy, yz, xz (c, q, 6) [Pa] without initial strains.
+        """Stress xx, yy, zz, xy, yz, xz (6, q, c) [Pa] without initial strains.
 
         Initial strains are uniform in a body: they do not change the difference of sigma* and sigma.
         """
-        moved = displacement[nodes]
-        d = moved.shape[2]
-        by_reference = np.tensordot(places.slope, moved, (2, 1))  # (k, q, c, i)
-        gradient = by_reference.transpose(2, 1, 3, 0) @ places.inverse  # (c, q, i, j)
-        strain = np.zeros((*gradient.shape[:2], 6))
+        moved = [np.ascontiguousarray(component)[nodes] for component in displacement.T]  # d times (n, c)
+        d = len(moved)
+        gradient = [[np.zeros(0)] * d for _ in range(d)]
+        for i, u in enumerate(moved):
+            by_reference = np.tensordot(places.slope, u, 1)  # (k, q, c)
+            for j in range(d):
+                gradient[i][j] = np.asarray(sum(by_reference[k] * places.inverse[k, j] for k in range(d)))
+        strain = np.zeros((6, *gradient[0][0].shape))
         for k in range(d):
-            strain[..., k] = gradient[..., k, k]
+            strain[k] = gradient[k][k]
         for k, (i, j) in enumerate(((0, 1), (1, 2), (0, 2))[: 2 * d - 3], start=3):
-            strain[..., k] = (gradient[..., i, j] + gradient[..., j, i]) / 2
+            strain[k] = (gradient[i][j] + gradient[j][i]) / 2
         if self._axisymmetric:
-            u_r, on_axis = moved[..., 0] @ places.basis.T, places.radius <= 0  # there u_r / r is its limit
-            strain[..., 2] = np.where(on_axis, strain[..., 0], u_r / np.where(on_axis, 1.0, places.radius))
+            on_axis = places.radius <= 0  # there u_r / r is its limit
+            strain[2] = np.where(on_axis, strain[0], places.basis @ moved[0] / np.where(on_axis, 1.0, places.radius))
         first, second = body.lame_lambda, body.lame_mu
         if self._plane_stress:
-            strain[..., 2] = -first / (first + 2 * second) * (strain[..., 0] + strain[..., 1])
-        stress = 2 * second * strain
-        stress[..., :3] += first * strain[..., :3].sum(axis=2, keepdims=True)
-        return np.asarray(stress)
+            strain[2] = -first / (first + 2 * second) * (strain[0] + strain[1])
+        pressure = first * strain[:3].sum(axis=0)
+        strain *= 2 * second
+        strain[:3] += pressure
+        return strain
 
     @cached_property
     def _degree(self) -> int:
@@ -128,7 +128,7 @@ class RecoveredStress:
                 [
                     _Part(
                         cells,
-                        mesh.cells[cells],
+                        np.ascontiguousarray(mesh.cells[cells].T),
                         self._places(mesh.cells[cells], at, np.ones(len(at))),
                         self._places(mesh.cells[cells], points, weights),
                     )
@@ -140,11 +140,12 @@ class RecoveredStress:
     def _places(self, nodes: Ints, points: Array, weights: Array) -> _Places:
         basis, slope = dx.reference_basis(self._mesh.shape, self._degree, points)
         x = self._mesh.points[nodes]
-        jacobian = np.tensordot(slope, x, (2, 1)).transpose(2, 1, 3, 0)  # (c, q, i, k)
-        radius = x[..., 0] @ basis.T
+        jacobian = np.tensordot(slope, x, (2, 1)).transpose(1, 2, 3, 0)  # (q, c, i, k)
+        radius = basis @ x[..., 0].T
         around = 2 * np.pi * radius if self._axisymmetric else 1.0
-        volume = np.abs(np.linalg.det(jacobian)) * weights * around
-        return _Places(basis, slope, np.linalg.inv(jacobian), volume, radius)
+        volume = np.abs(np.linalg.det(jacobian)) * weights[:, None] * around
+        inverse = np.ascontiguousarray(np.linalg.inv(jacobian).transpose(2, 3, 0, 1))
+        return _Places(basis, slope, inverse, volume, radius)
 
 
 @dataclass(frozen=True)
@@ -153,9 +154,9 @@ class _Places:
 
     basis: Array  # (q, n)
     slope: Array  # (k, q, n) of the basis, on the reference cell
-    inverse: Array  # (c, q, k, j) of the Jacobian
-    volume: Array  # (c, q) by quadrature point [m^d]
-    radius: Array  # (c, q) x [m]
+    inverse: Array  # (k, j, q, c) of the Jacobian
+    volume: Array  # (q, c) by quadrature point [m^d]
+    radius: Array  # (q, c) x [m]
 
 
 @dataclass(frozen=True)
@@ -163,6 +164,6 @@ class _Part:
     """Some cells of a body."""
 
     cells: Ints  # (c,)
-    nodes: Ints  # (c, n)
+    nodes: Ints  # (n, c)
     mean: _Places  # where the stress is taken for sigma*
     inside: _Places  # quadrature points
