@@ -36,6 +36,7 @@ KINDS = {
     "moment": ("moment",),
     "stress": ("stress", "max_pressure"),
     "length": ("displacement", "max_penetration", "max_slip"),
+    "error": ("mesh", "discretisation"),
     "area": ("contact_area", "stick_area", "slip_area"),
     "energy": ("external", "stored", "contact", "dissipated", "time_remainder", "dissipation", "dissipation_total"),
 }

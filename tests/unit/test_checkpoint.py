@@ -20,6 +20,7 @@ from solvers.parallel.serialise import deserialise, serialise
 from solvers.simulation.checkpoint import ROWS, Checkpoints
 from solvers.simulation.simulation import Simulation, prepare
 from solvers.stepping.state import State
+from workflows.formats.own_files import mark
 from workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
 from workflows.formats.steps import read_checkpoint, write_step
 from workflows.run.learnt import LearntFiles, is_kept
@@ -131,6 +132,7 @@ def test_a_step_of_another_version_is_said(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_learnt_is_kept_for_two_steps_and_written_when_it_is_new(tmp_path: Path) -> None:
+    mark(tmp_path)
     files, said = LearntFiles(tmp_path, MPI.COMM_SELF), []
     for index, value in enumerate((1.0, 2.0, 2.0, 3.0), start=1):
         said.append(files.write(index, {"x": np.array([value])}))

@@ -273,16 +273,16 @@ def guarded(act: Callable[[], object]) -> int:
         return _say(text, 2)
     except (KeyboardInterrupt, typer.Abort):
         return _say("interrupted", STOPPED)
-    except OSError as error:
-        if isinstance(error, BrokenPipeError):
-            raise
+    except BrokenPipeError:
+        raise
+    except (ImportError, OSError) as error:
+        if isinstance(error, ImportError) or error.errno is None:  # a library that does not fit under `ulimit -v`
+            return _say(f"{shortened(error, 200)}; a library, a file or memory is missing (see ulimit -v)", 4)
         return _say(f"{error.filename or 'what is printed cannot be written'}: {error.strerror or error}", 4)
     except SystemExit as ended:  # a command that has said how it ended; or rich, if the reader of stdout has gone
         return ended.code if isinstance(ended.code, int) else 1
     except MemoryError:
         return _say("out of memory: use a larger mesh_size", 4)
-    except ImportError as error:  # a library that does not fit under `ulimit -v`
-        return _say(f"{shortened(error, 200)}; a library, a file or memory is missing (see ulimit -v)", 4)
     if code == STOPPED:  # typer returns it for KeyboardInterrupt
         return _say("interrupted", STOPPED)
     return code if isinstance(code, int) else 0

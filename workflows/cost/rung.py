@@ -49,7 +49,7 @@ class Rung:
         with prefixed("geometry"):
             geometry = replace(scene.geometry.refined(self.factor), order=self.order)
         solver = replace(with_method(scene.solver, self.method), tolerance=self.tolerance)
-        return replace(scene, geometry=geometry, solver=solver, output=Output(pictures=False))
+        return replace(scene, geometry=geometry, solver=solver, output=Output(pictures=False, error=False))
 
 
 def mesh_size(scene: Scene) -> float:
