@@ -191,6 +191,9 @@ def test_a_shortened_step_goes_part_of_the_way(held: SurfaceProblem, monkeypatch
         assert_allclose(after[0], (1 - t) * before[0] + t * p, atol=1e-14)
         assert_allclose(after[2], (1 - t) * before[2] + t * u, atol=1e-14)
         assert_allclose(after[1], held.relative_displacement(after[2]), atol=1e-14)  # w is affine in u
+    for laws, (p, w, _) in zip(bodies.asked, seen, strict=False):
+        expected = linearise(held, p + held.gamma * (w - held.gap), held.gamma).proximal(p, laws.weight)
+        assert_allclose(laws.rhs, expected.rhs, atol=1e-14)
 
 
 def test_of_equal_residuals_the_first_is_kept_and_a_last_one_says_that_iterations_ran_out(held: SurfaceProblem) -> None:
@@ -367,16 +370,19 @@ def test_a_step_that_goes_too_far_is_shortened_and_a_good_one_is_not() -> None:
 
 
 def test_a_step_is_small_enough_by_the_share_of_it_that_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    problem, zero = given(), np.zeros(8)
+    problem, (p, w, p_new, w_new) = given(), np.random.default_rng(0).normal(size=(4, 8))
     for merits, expected in (
         ([1.0, 1 - 1.01 * DECREASE], 1.0),
         ([1.0, 1 - 0.99 * DECREASE, 1 - 0.51 * DECREASE], 0.5),
         ([1.0, 1.0, 1 - 0.49 * DECREASE, 1 - 0.26 * DECREASE], 0.25),
         ([0.0, 0.0], 1.0),  # at a solution
     ):
-        values = iter(merits)
-        monkeypatch.setattr(LineSearch, "_merit", lambda self, p, w, values=values: next(values))
-        assert LineSearch(problem, problem.gamma)(zero, zero, zero, zero) == expected
+        values, tried = iter(merits), []
+        monkeypatch.setattr(LineSearch, "_merit", lambda self, *at, v=values, seen=tried: seen.append(at) or next(v))
+        assert LineSearch(problem, problem.gamma)(p, w, p_new, w_new) == expected
+        for t, (p_t, w_t) in zip((0.0, *0.5 ** np.arange(9)), tried, strict=False):
+            assert_allclose(p_t, (1 - t) * p + t * p_new)
+            assert_allclose(w_t, (1 - t) * w + t * w_new)
 
 
 def test_the_merit_is_an_energy(held: SurfaceProblem) -> None:
