@@ -314,7 +314,8 @@ def test_a_single_closed_point_holds_a_body_by_the_proximal_term(weight: float, 
     p_hat = np.full(len(floating.gap), -floating.p_ref)
     p_hat[0] = floating.p_ref
     p_hat[floating.surface.normal_rows :] = 0.0
-    laws, before = linearise(floating, p_hat, floating.gamma), np.zeros(floating.surface.size)
+    laws = linearise(floating, p_hat, floating.gamma)
+    before = 0.01 * np.random.default_rng(0).normal(size=floating.surface.size)
     with pytest.raises(np.linalg.LinAlgError, match="not held"):
         condensed_system.solve(laws, before)
     near = laws.proximal(np.zeros(len(p_hat)), weight)
