@@ -80,10 +80,10 @@ def test_so_it_is_of_a_floating_body(
     assert_allclose(rough.w + left(rough).w, exact.w, atol=0.3 * far)
 
 
-def step_of(simulation: Simulation) -> tuple[SurfaceProblem, Array, Array]:
+def step_of(simulation: Simulation, time: float = 0.5) -> tuple[SurfaceProblem, Array, Array]:
     """The surface problem of the first step, its tractions and relative displacement."""
     stepper = simulation.stepper
-    problem = stepper.reach(stepper.start(), 0.5, lambda row: None).problem
+    problem = stepper.reach(stepper.start(), time, lambda row: None).problem
     (first, *_) = states(simulation)
     return problem, first.p, first.w
 
@@ -150,6 +150,20 @@ def test_without_volume_solves_the_approximate_flexibility_measures_it(
     force = problem.surface.forces(found.p)
     assert found.size == pytest.approx(correction.UNSURE * np.sqrt(force @ known.F(force)))
     assert_allclose(found.w, -known(found.p), atol=1e-12 * np.abs(w).max())
+
+
+@pytest.mark.parametrize("most", [0, correction.SOLVES])
+def test_a_rigid_motion_is_taken_back(most: int, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """Of a floating body that has been put somewhere else, with the tractions that are right."""
+    solver = {"method": "surface-uzawa", "surface": "matrix-free", "tolerance": 1e-10}
+    simulation = simulation_of(scene_of(**PULLED, solver=solver))
+    problem, p, w = step_of(simulation, time=1.0)
+    surface = problem.surface
+    known = simulation.stepper.chain.flexibility(simulation.system, surface)
+    moved = surface.N @ (surface.R @ np.array([0.02, -0.01, 0.015]))
+    found = correction.by_flexibility(problem, known, p, w + moved, most)
+    assert_allclose(found.w, -moved, atol=0.1 * np.abs(moved).max())  # that much of the residual is left
+    assert_allclose(found.p, 0.0, atol=0.1 * np.abs(p).max())
 
 
 @pytest.mark.parametrize(("contraction", "solves"), [(0.0, correction.SOLVES), (np.inf, 1)])
