@@ -67,6 +67,14 @@ SCENES |= {
 }  # fmt: skip
 
 
+WALL = {"shape": "plane", "point": [2.005, 0.0], "normal": [-1.0, 0.0]}
+SCENES["on two sides"] = table(
+    {"friction": SPRINGS}, thermal={"block": {"expansion": 1e-3, "temperature": [[0, 0], [1, 20.0], [2, -10.0]]}}
+)
+SCENES["on two sides"]["obstacles"]["wall"] = WALL
+SCENES["on two sides"]["contacts"]["side"] = {"surface": "block.right", "against": "wall"}
+
+
 @dataclass(frozen=True)
 class Case:
     """Solved steps, as they are stored."""
@@ -188,6 +196,17 @@ def test_motion_by_unit_traction_is_the_extent_of_what_is_closed_by_e(
     assert audit._give(rows, 1e-6 * p) == pytest.approx(give)
     p[:] = 1.0
     assert audit._give(rows, p) == 0.5
+
+
+def test_forces_between_bodies_are_those_of_the_displacement(case_of: Callable[[str], Case]) -> None:
+    """Compliant pressures are held against their law; equilibrium takes those that the law gives."""
+    case = case_of("between bodies, compliance")
+    audit, record = case.auditor(), case.records[-1]
+    p = record.p.copy()
+    p[audit.cone.places[0].normal] *= 0.9
+    found = audit(replace(record, p=p))
+    assert found.equilibrium < CLEAN
+    assert found.penetration > PLAINLY
 
 
 def test_the_worst_of_several_audits_is_taken_for_each_defect(case_of: Callable[[str], Case]) -> None:
