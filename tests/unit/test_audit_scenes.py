@@ -332,3 +332,38 @@ def test_the_largest_of_nothing_is_zero() -> None:
     assert module._largest(np.zeros(0)) == 0.0
     assert module._largest(np.array([-3.0])) == 0.0
     assert str(module._largest(np.array([-0.0]))) == "0.0"
+
+
+def test_equilibrium_is_relative_to_the_sum_of_all_forces(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """Those within bodies, of loads, of contact, and on the obstacle that a force drives."""
+    plane = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0], "force": {"y": 5.0}}
+    push = {"loads": {"push": {"boundary": "block.right", "pressure": 0.5}}, "obstacles": {"foundation": plane}}
+    scene = scene_of(**flat(2, {"law": "unilateral"}, SPRINGS), **push)
+    audit, place, record, _, scales = judged(scene, simulation_of, seed=1)
+    record = replace(record, driven=np.zeros(1))
+    system, u = audit.system, audit.system.vector()
+    u.array[:] = record.displacement[system.nodes.input].ravel()
+    inner, load, contact = audit._inner(u), system.load(1.0), audit._contact_force(place, u, record, scales)
+    free = system.T.createVecRight()
+    system.T.multTranspose(inner - load + contact, free)
+    on_obstacle = system.interface.resultant_on_driven(place.rows, contact) + system.obstacles.driving_force(1.0)
+    scale = sum(np.abs(v.array).sum() for v in (inner, load, contact)) + 5.0
+    found, _ = audit._equilibrium(record, u, inner, scales)
+    assert found == pytest.approx((np.abs(free.array).sum() + np.abs(on_obstacle).sum()) / scale, rel=1e-12)
+
+
+@pytest.mark.parametrize(("part", "judged_at_all"), [(0.8, False), (1.25, True)])
+def test_forces_of_a_body_that_moves_as_a_whole_are_rounding_up_to_a_limit(
+    part: float, judged_at_all: bool, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """Of all |u| together, times the largest stiffness."""
+    block = {"block": {"E": 3.0, "nu": 0.3}}
+    audit, _, record, _, scales = judged(scene_of(**flat(2, {"law": "unilateral"}), bodies=block), simulation_of, 1)
+    still = replace(record, time=0.0, p=0 * record.p)
+    u, one = audit.system.vector(), audit.system.vector()
+    one.array[len(one.array) // 2] = 1.0
+    u.set(0.3)
+    limit = module.ROUNDING * module.EPS * audit._largest_stiffness * float(np.abs(u.array).sum())
+    u += one * (part * limit / audit._inner(one).norm(0))
+    found = audit._equilibrium(still, u, audit._inner(u), scales)
+    assert (found != (0.0, 0.0)) is judged_at_all
