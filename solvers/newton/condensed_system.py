@@ -61,11 +61,11 @@ def by_motion(laws: ActiveSet, bodies: RowStiffness) -> tuple[Array, Array]:
     moving = np.flatnonzero(~held)
     w = np.where(held, problem.gap[index], 0.0)
     force = bodies.forces(problem.load.f_c) - bodies.H @ (w - offset)
-    A_p, A_w = laws.A_p[index[moving]][:, index], laws.A_w[index[moving]][:, index]
+    A_p, A_w = laws.A_p[index[moving]][:, index], laws.A_w[index[moving]][:, index[moving]]
     per_force = A_p @ sparse.diags(1 / W)
     H = bodies.H[:, moving]
-    right = laws.rhs[index[moving]] - per_force @ force - A_w @ w
-    w[moving] = np.linalg.solve(A_w[:, moving].toarray() - per_force @ H, right)
+    right = laws.rhs[index[moving]] - per_force @ force  # no law of a moving row involves w of held rows
+    w[moving] = np.linalg.solve(A_w.toarray() - per_force @ H, right)
     p = np.zeros(len(laws.rhs))
     p[index] = (force - H @ w[moving]) / W
     given = laws.given

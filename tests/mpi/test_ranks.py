@@ -71,7 +71,7 @@ def kind_of(path: tuple[str, ...]) -> str:
     key = path[-2] if path[-1].isdigit() and len(path) > 1 else path[-1]
     if path[0] not in ("scene", "verdict") and ("audit" in path or key in DEFECTS):
         return "defect"
-    return KIND.get(key, "") if path[0] == "steps" else ""
+    return KIND.get(key, "") if path[0] in ("steps", "error") else ""
 
 
 def compared(result: Any) -> dict[tuple[str, ...], Any]:

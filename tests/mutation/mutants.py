@@ -2,7 +2,8 @@
 
 `make mutants` tests all modules of mutants.toml, `make mutants ONLY="laws path"` some of them, on one core, in one to
 ten minutes each. It works on copies in build/mutants; log.txt there is mutmut's own. One operator, number, name or
-argument is changed at a time, then the tests of the module that call its function are run, until one fails.
+argument is changed at a time, then the tests of the module that call its function are run, until one fails. Their order
+is mutmut's: a test that passes only after another would seem to notice every change, so all are run backwards before.
 
 Exit code 1: a mutant survives without a reason. Then a test is missing; or the change makes no difference, and the
 reason belongs into mutants.toml. A mutant is known there by its function, the line that was, and the line that is now,
@@ -28,6 +29,7 @@ from typing import Any
 ROOT = Path(__file__).parents[2]
 WORK = ROOT / "build" / "mutants"  # copies of the code, a folder for each module
 TABLE = Path(__file__).with_name("mutants.toml")
+REVERSED = Path(__file__).with_name("reversed_order.py")  # a plugin of pytest
 COPIED = ("geometry", "solvers", "workflows", "tests", "stickslip.py", "pyproject.toml")
 NOTICED = ("killed", "timeout", "segfault", "suspicious")  # endings by which a test has noticed the change
 
@@ -96,6 +98,7 @@ def unexplained(survivors: Sequence[Mutant], known: Sequence[Reason]) -> list[Mu
 
 def mutate(module: str, files: Sequence[str], tests: Sequence[str]) -> Tally:
     """Mutate files with their tests, in a copy of the code."""
+    _check_order(module, tests)
     folder = WORK / module
     shutil.rmtree(folder, ignore_errors=True)  # mutmut would keep copies of files that have changed since
     folder.mkdir(parents=True)
@@ -118,6 +121,21 @@ def mutate(module: str, files: Sequence[str], tests: Sequence[str]) -> Tally:
             [sys.executable, "-m", "mutmut", "run", "--max-children", "1"], cwd=folder, stdout=log, stderr=log
         )
     return Tally(module, *_results(folder, run.returncode))
+
+
+def _check_order(module: str, tests: Sequence[str]) -> None:
+    """Exit if tests fail in another order: one that needs another before it would seem to notice every mutant."""
+    options = ["-q", "-p", "no:cacheprovider", "-p", REVERSED.stem, "-m", "not slow"]
+    paths = [str(REVERSED.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
+    run = subprocess.run(
+        [sys.executable, "-m", "pytest", *options, *tests],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        capture_output=True,
+        text=True,
+    )
+    if run.returncode:
+        sys.exit(f"{run.stdout[-3000:]}\n{module}: these tests fail in reverse order")
 
 
 def _results(folder: Path, code: int) -> tuple[Mapping[str, int], tuple[Mutant, ...]]:

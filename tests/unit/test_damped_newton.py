@@ -33,9 +33,9 @@ def problem_of(tables: dict[str, Any], normal: dict[str, Any] | None = None, mu:
     scene = {
         "model": "plane strain",
         "geometry": {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.25},
-        "bodies": {"block": {"E": 1.0, "nu": 0.3}},
+        "bodies": {"block": {"E": 3.0, "nu": 0.3}},
         "obstacles": {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
-        "contacts": {"base": {"surface": "block.bottom", "against": "foundation"} | laws},
+        "contacts": {"base": {"surface": "block.bottom", "against": "foundation", "gap_offset": -0.01} | laws},
     }
     stepper = prepare(from_dict(scene | tables)).stepper
     return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
@@ -62,11 +62,12 @@ class Bodies:
 
     def __init__(self, problem: SurfaceProblem, linear: Any = condensed_system.solve) -> None:
         self.problem, self.linear, self.asked = problem, linear, list[ActiveSet]()
+        self.answers: list[tuple[Array, Array]] = []
 
     def solve(self, laws: ActiveSet, p: Array, u: Array) -> tuple[Array, Array]:
         self.asked.append(laws)
-        found: tuple[Array, Array] = self.linear(laws, u)
-        return found
+        self.answers.append(self.linear(laws, u))
+        return self.answers[-1]
 
     def relative(self, p: Array, u: Array) -> Array:
         return self.problem.relative_displacement(u)
@@ -91,9 +92,23 @@ def start_of(problem: SurfaceProblem) -> Start:
     return Start.at(problem, p, problem.contact_displacement(p))
 
 
+def judged(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Array, Array, Array]]:
+    """The iterates p, w, u of all attempts from now on."""
+    seen: list[tuple[Array, Array, Array]] = []
+    judge = Attempts._judge
+
+    def watched(self: Attempts, p: Array, w: Array, u: Array, first: int) -> float:
+        seen.append((p, w, u))
+        return judge(self, p, w, u, first)
+
+    monkeypatch.setattr(Attempts, "_judge", watched)
+    return seen
+
+
 def test_plain_newton_arrives_and_says_so(held: SurfaceProblem) -> None:
     seen: list[Step] = []
-    attempt = Attempts(held, Bodies(held), 1e-12, 100, seen.append)
+    bodies = Bodies(held)
+    attempt = Attempts(held, bodies, 1e-12, 100, seen.append)
     assert not attempt.over
     attempt(start_of(held))
     assert attempt.over
@@ -104,8 +119,23 @@ def test_plain_newton_arrives_and_says_so(held: SurfaceProblem) -> None:
     assert [step.iteration for step in attempt.history] == list(range(len(seen)))
     assert attempt.history == seen
     assert best.residual == attempt.history[-1].residual == min(step.residual for step in seen)
+    assert best.history == ()  # the attempts have it
+    assert attempt.history[-1].volume_solves == held.volume_solves > 0
+    assert {laws.weight for laws in bodies.asked} == {0.0}
     attempt(start_of(held))  # another attempt counts on
     assert [step.iteration for step in attempt.history] == list(range(len(attempt.history)))
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.2])
+def test_laws_are_linearised_at_the_trial_tractions_of_each_iterate(factor: float, held: SurfaceProblem) -> None:
+    bodies, gamma = Bodies(held), factor * held.gamma
+    zero = np.zeros(len(held.gap))
+    Attempts(held, bodies, 1e-12, 100)(Start.at(held, zero, held.contact_displacement(zero), factor))
+    assert len(bodies.asked) > 2
+    for laws, (p, u) in zip(bodies.asked[1:], bodies.answers[:-1], strict=True):
+        expected = linearise(held, p + gamma * (held.relative_displacement(u) - held.gap), gamma)
+        assert_allclose(laws.rhs, expected.rhs, atol=1e-15)
+        assert_allclose(laws.A_w.toarray(), expected.A_w.toarray())
 
 
 def test_a_cycle_ends_an_attempt_at_its_first_repetition() -> None:
@@ -127,6 +157,67 @@ def test_tractions_that_repeat_with_another_motion_are_no_cycle() -> None:
     assert attempts._repeats((x, y), [(y, x), (x * (1 + 1e-11), y)])
     assert not attempts._repeats((x, y), [(x, y + 1e-6), (x + 1e-6, y)])
     assert not attempts._repeats((x, y), [])
+    assert attempts._repeats((1e3 * x, y), [(1e3 * x + 1e-8, y)])  # the change is relative
+    assert not attempts._repeats((1e-12 * x, y), [(2e-12 * x, y)])
+    assert attempts._repeats((0 * x, y), [(0 * x, y)])
+    assert attempts._repeats((x[:0], y[:0]), [(x[:0], y[:0])])
+
+
+def test_a_start_that_comes_back_at_once_is_a_cycle() -> None:
+    problem = given()
+    p = np.random.default_rng(1).random(len(problem.gap))
+    attempt = Attempts(problem, Scripted(problem, iter([p] * 3)), 1e-12, 100)
+    attempt(Start.at(problem, p, problem.contact_displacement(p)))
+    assert len(attempt.history) == 2
+
+
+def test_a_damped_attempt_may_repeat_itself_but_not_stop_falling(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = given()
+    p = np.random.default_rng(1).random(len(problem.gap))
+    falling = (0.99**k for k in range(100))  # it halves in 69 iterations
+    monkeypatch.setattr(SurfaceProblem, "imbalance", lambda self, p: 1e3 * next(falling))
+    attempt = Attempts(problem, Scripted(problem, iter([p] * 100)), 1e-12, 100)
+    attempt(Start.at(problem, p, problem.contact_displacement(p)), 0.1)
+    assert len(attempt.history) == 1 + attempts.STALL_WINDOW + 2  # the start, the first iterate, and the window past it
+
+
+def test_a_shortened_step_goes_part_of_the_way(held: SurfaceProblem, monkeypatch: pytest.MonkeyPatch) -> None:
+    shares = iter([0.25, 1.0, 0.5, 0.125])
+    monkeypatch.setattr(LineSearch, "__call__", lambda self, *step: next(shares))
+    seen, bodies = judged(monkeypatch), Bodies(held)
+    Attempts(held, bodies, 1e-300, 4)(start_of(held), 1e-2)
+    assert len(seen) == 5
+    for t, before, after, (p, u) in zip((0.25, 1.0, 0.5, 0.125), seen, seen[1:], bodies.answers, strict=False):
+        assert_allclose(after[0], (1 - t) * before[0] + t * p, atol=1e-14)
+        assert_allclose(after[2], (1 - t) * before[2] + t * u, atol=1e-14)
+        assert_allclose(after[1], held.relative_displacement(after[2]), atol=1e-14)  # w is affine in u
+    for laws, (p, w, _) in zip(bodies.asked, seen, strict=False):
+        expected = linearise(held, p + held.gamma * (w - held.gap), held.gamma).proximal(p, laws.weight)
+        assert_allclose(laws.rhs, expected.rhs, atol=1e-14)
+
+
+def test_of_equal_residuals_the_first_is_kept_and_a_last_one_says_that_iterations_ran_out(held: SurfaceProblem) -> None:
+    p, attempt = np.zeros(len(held.gap)), Attempts(held, Bodies(held), 1e-12, 1)
+    first = Solution(p, p, p, Status.STALLED, 0.5, ())
+    attempt._keep(first)
+    attempt._keep(replace(first, p=p + 1))
+    assert attempt.best is first
+    attempt._keep(replace(first, p=p + 1, status=Status.MAX_IT, residual=0.7))
+    assert attempt.best is not None
+    assert attempt.best.p is p
+    assert (attempt.best.status, attempt.best.residual) == (Status.MAX_IT, 0.5)
+
+
+def test_the_last_iteration_is_the_one_past_those_that_are_allowed(held: SurfaceProblem) -> None:
+    start = start_of(held)
+    w = held.relative_displacement(start.u_c)
+    for number, status in ((1, Status.STALLED), (0, Status.MAX_IT)):
+        attempt = Attempts(held, Bodies(held), 1e-12, number)
+        residual = attempt._judge(start.p, w, start.u_c, first=0)
+        assert (attempt.best.status, attempt.over) == (status, status is Status.MAX_IT)  # type: ignore[union-attr]
+    attempt = Attempts(held, Bodies(held), residual, 1)  # as large as is allowed
+    attempt._judge(start.p, w, start.u_c, first=0)
+    assert attempt.best.status is Status.CONVERGED  # type: ignore[union-attr]
 
 
 def test_an_attempt_that_never_repeats_has_an_end() -> None:
@@ -172,8 +263,12 @@ def test_trial_tractions_that_hold_no_body_are_halved_towards_those_that_do(floa
     assert attempt._solve(lifted, lifted, floating.gamma, (start.p, start.u_c), 0.0) is None
     assert len(attempt.bodies.asked) == 5 + attempts.RETREATS  # type: ignore[attr-defined]
     attempt(replace(start, p_hat=lifted))
-    assert attempt.best is not None
-    assert attempt.best.status is Status.NO_HOLD
+    best = attempt.best
+    assert best is not None
+    assert (best.status, best.residual, best.history) == (Status.NO_HOLD, np.inf, ())
+    assert best.p is start.p
+    assert best.u_c is start.u_c
+    assert_allclose(best.w, floating.relative_displacement(start.u_c))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -182,11 +277,13 @@ def test_a_damped_attempt_arrives_too(proximal: float, seed: int) -> None:
     problem = given(seed)
     bodies = Bodies(problem, given_system.solve)
     attempt = Attempts(problem, bodies, 1e-10, 200)
-    attempt(start_of(problem), proximal)
+    far = np.full(len(problem.gap), 10.0)  # residuals above 1
+    attempt(Start.at(problem, far, problem.contact_displacement(far)), proximal)
     assert attempt.best is not None
     assert attempt.best.status is Status.CONVERGED
     weights = [laws.weight for laws in bodies.asked]
     residuals = [step.residual for step in attempt.history]
+    assert residuals[0] > 2
     assert_allclose(weights, [proximal * min(1.0, residual) for residual in residuals[:-1]])  # it fades out
 
 
@@ -217,7 +314,8 @@ def test_a_single_closed_point_holds_a_body_by_the_proximal_term(weight: float, 
     p_hat = np.full(len(floating.gap), -floating.p_ref)
     p_hat[0] = floating.p_ref
     p_hat[floating.surface.normal_rows :] = 0.0
-    laws, before = linearise(floating, p_hat, floating.gamma), np.zeros(floating.surface.size)
+    laws = linearise(floating, p_hat, floating.gamma)
+    before = 0.01 * np.random.default_rng(0).normal(size=floating.surface.size)
     with pytest.raises(np.linalg.LinAlgError, match="not held"):
         condensed_system.solve(laws, before)
     near = laws.proximal(np.zeros(len(p_hat)), weight)
@@ -259,15 +357,41 @@ def merit(problem: SurfaceProblem, p: Array, w: Array) -> float:
 def test_a_step_that_goes_too_far_is_shortened_and_a_good_one_is_not() -> None:
     problem = given()
     exact = CondensedNewton(rtol=1e-12).discrete(problem.surface)(problem, np.zeros(len(problem.gap)), lambda s: None)  # type: ignore[misc, arg-type]
-    p, w = np.zeros_like(exact.p), problem.offset
+    p = exact.p + np.random.default_rng(2).random(len(exact.p))
+    w = problem.relative_displacement(problem.contact_displacement(p))
     search = LineSearch(problem, problem.gamma)
     assert search(p, w, exact.p, exact.w) == 1.0
     far = 5.3
     t = LineSearch(problem, problem.gamma)(p, w, p + far * (exact.p - p), w + far * (exact.w - w))
-    trials = [merit(problem, s * far * exact.p, w + s * far * (exact.w - w)) for s in 0.5 ** np.arange(HALVINGS)]
+    steps = far * 0.5 ** np.arange(HALVINGS)
+    trials = [merit(problem, p + s * (exact.p - p), w + s * (exact.w - w)) for s in steps]
     small = [value <= (1 - DECREASE * 0.5**k) * merit(problem, p, w) for k, value in enumerate(trials)]
     assert t == 0.5 ** small.index(True)
     assert small.index(True) > 0
+
+
+def test_a_step_is_small_enough_by_the_share_of_it_that_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, (p, w, p_new, w_new) = given(), np.random.default_rng(0).normal(size=(4, 8))
+    for merits, expected in (
+        ([1.0, 1 - 1.01 * DECREASE], 1.0),
+        ([1.0, 1 - 0.99 * DECREASE, 1 - 0.51 * DECREASE], 0.5),
+        ([1.0, 1.0, 1 - 0.49 * DECREASE, 1 - 0.26 * DECREASE], 0.25),
+        ([0.0, 0.0], 1.0),  # at a solution
+    ):
+        values, tried = iter(merits), []
+        monkeypatch.setattr(LineSearch, "_merit", lambda self, *at, v=values, seen=tried: seen.append(at) or next(v))
+        assert LineSearch(problem, problem.gamma)(p, w, p_new, w_new) == expected
+        for t, (p_t, w_t) in zip((0.0, *0.5 ** np.arange(9)), tried, strict=False):
+            assert_allclose(p_t, (1 - t) * p + t * p_new)
+            assert_allclose(w_t, (1 - t) * w + t * w_new)
+
+
+def test_the_merit_is_an_energy(held: SurfaceProblem) -> None:
+    """A node that lacks the traction q, held by the stiffness gamma, has the energy q² / (2 gamma)."""
+    n, gamma = held.surface.normal_rows, held.gamma * np.linspace(1, 2, len(held.gap))
+    w = held.gap + np.where(np.arange(len(held.gap)) < n, 0.03, 0.0)
+    lacks = gamma[:n] * 0.03  # of no traction, at 0.03 of penetration
+    assert LineSearch(held, gamma)._merit(np.zeros(len(w)), w) == pytest.approx(np.sqrt(np.sum(lacks**2 / gamma[:n])))
 
 
 def test_the_merit_may_rise_for_some_iterations() -> None:
@@ -295,6 +419,10 @@ def test_starts_of_bodies_that_supports_hold(held: SurfaceProblem) -> None:
     assert_allclose(first.u_c, u_c)
     assert_allclose(first.p_hat, p + held.gamma * (held.relative_displacement(u_c) - held.gap))
     assert first.in_equilibrium
+    for start in other_starts(held, p):
+        r = held.relative_displacement(start.u_c) - held.gap if start.in_equilibrium else 0.0
+        at = start.p if start.in_equilibrium else closed(held)
+        assert_allclose(start.p_hat, at + start.factor * held.gamma * r)
     found = starts(held, p)
     known = [(float(start[0]), factor, at) for start, factor, at in found]
     assert known == [(0, 1, True), (1, 1, False), (1, 0.1, True), (0, 0.1, True), (1, 0.1, False),
@@ -310,10 +438,24 @@ def test_starts_of_floating_bodies(floating: SurfaceProblem) -> None:
     assert rigid.p.any()
     assert_allclose(rigid.p_hat, rigid.p)
     assert not any(start.in_equilibrium for start in (last, shut, rigid))
+    assert {start.factor for start in (last, shut, rigid)} == {1.0}
+    assert last.p is p
+    assert shut.p is p
     assert len(list(first_starts(floating, 0 * p))) == 2
     assert [start.factor for start in other_starts(floating, p)] == [0.1, 0.1, 10.0, 10.0]
-    (still,) = first_starts(replace(floating, load=nothing(floating), force=0.0), p)
+    still_there = replace(floating, load=nothing(floating), force=0.0, gap=0 * floating.gap)
+    (still,) = first_starts(still_there, p)
     assert_array_equal(np.concatenate([still.p, still.u_c]), 0.0)
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.1])
+def test_trial_tractions_of_an_answer_are_projected_onto_it(factor: float) -> None:
+    problem = problem_of(DRIVEN, {"law": "compliance", "c_n": 20.0})
+    answer = np.where(np.arange(len(problem.gap)) < problem.surface.normal_rows, 0.3, 0.05)
+    answer[problem.surface.normal_rows :] *= problem.cone.carrying[problem.surface.normal_rows :]
+    start = Start.as_if(problem, 0 * answer, answer, factor)
+    assert_allclose(problem.project(start.p_hat, factor * problem.gamma), answer, rtol=1e-12)
+    assert Start.as_if(problem, 0 * answer, answer).factor == 1.0
 
 
 def nothing(problem: SurfaceProblem) -> Any:

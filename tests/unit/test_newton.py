@@ -1,6 +1,7 @@
 """Methods: the linearised laws are the derivative of the laws, and every method finds the same answer."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -141,6 +142,59 @@ def test_the_condensed_system_is_solved_with_its_laws(dim: int, scene_of: SceneO
     assert_allclose(M @ np.concatenate([p, w]), r, atol=1e-11 * size)
     balance = surface.S @ u_c + surface.forces(p) - problem.load.f_c
     assert_allclose(balance, 0.0, atol=1e-11 * np.abs(surface.S @ u_c).max())
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize(("normal", "friction"), [
+    ("unilateral", "coulomb"), ("unilateral", "soft coulomb"), ("soft", "soft coulomb"), ("power", "coulomb"),
+])  # fmt: skip
+def test_it_is_solved_with_floating_bodies_too(
+    normal: str, friction: str, dim: int, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    laws: dict[str, Any] = {"normal": (NORMAL | {"soft": {"law": "compliance", "c_n": 0.5}})[normal]}
+    laws |= {"friction": FRICTION[friction], "gap_offset": -0.01}
+    drag = [0.005, -0.1] if dim == 2 else [0.005, 0.003, -0.1]
+    problem = problem_of(simulation_of(scene_of(
+        dim,
+        bodies={"block": {"E": 3.0, "nu": 0.3}},
+        contacts={"base": {"surface": "block.bottom", "against": "foundation"} | laws},
+        loads={"pull": {"boundary": "block.top", "traction": drag}},
+    )))  # fmt: skip
+    surface = problem.surface
+    assert isinstance(surface, CondensedSurface)
+    assert surface.floating
+    linear = linearise(problem, trial_away_from_kinks(problem.cone, problem.gamma, seed=4)[0], problem.gamma)
+    assert linear.slip.any()
+    M, r = as_one_system(linear)
+    bodies = surface.row_stiffness(problem.cone.carrying)
+    for p, u_c in [by_tractions(linear, surface), *([by_motion(linear, bodies)] if bodies is not None else [])]:
+        w = surface.N @ u_c + problem.offset
+        size = np.abs(M).max() * max(np.abs(p).max(), np.abs(w).max())
+        assert_allclose(M @ np.concatenate([p, w]), r, atol=1e-11 * size)
+        balance = surface.S @ u_c + surface.forces(p) - problem.load.f_c
+        assert_allclose(balance, 0.0, atol=1e-10 * surface.total * np.abs(u_c).max())
+        resultant = surface.R.T @ (problem.load.f_c - surface.forces(p))
+        assert_allclose(resultant, 0.0, atol=1e-10 * np.abs(surface.forces(p)).sum())
+
+
+def test_rows_that_slip_are_known(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    problem = problem_of(simulation_of(pressed(scene_of, 2, "unilateral", "coulomb")))
+    p_hat, states = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
+    laws, (place,) = linearise(problem, p_hat, problem.gamma), problem.cone.places
+    assert laws.slip[place.tangential].tolist() == ((states == "slip") & place.rows.free[:, 0]).tolist()
+    assert not laws.slip[place.normal].any()
+
+
+def test_nan_goes_through_the_system(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """It ends as Status.NOT_FINITE, not as an error."""
+    problem = problem_of(simulation_of(pressed(scene_of, 2, "linear", "coulomb")))
+    p_hat, _ = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
+    laws = linearise(problem, p_hat, problem.gamma)
+    surface = problem.surface
+    assert isinstance(surface, CondensedSurface)
+    p, u_c = by_tractions(replace(laws, rhs=laws.rhs * np.nan), surface)
+    assert np.isnan(p).any()
+    assert np.isnan(u_c).any()
 
 
 @pytest.mark.parametrize("seed", [4, 5, 6])

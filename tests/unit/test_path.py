@@ -224,6 +224,22 @@ def test_what_is_off_the_path_returns_to_it(name: str) -> None:
     assert np.abs(at.at_start).max() > 1e-3
 
 
+@pytest.mark.parametrize(("name", "soft"), [("gaps", 0.0), ("compliance", 0.0), ("floating", 0.0), ("floating", 0.1)])
+def test_the_map_is_linear_on_a_piece(name: str, soft: float) -> None:
+    """Its Jacobian gives the difference of any two values in the same states, springs included."""
+    maps, random = path._Map.of(problem_of(name), soft), np.random.default_rng(7)
+    count, m, r = len(maps.share), len(maps.rows), maps.C.shape[1]
+    dz, p, b, nothing = random.normal(size=m + r), random.normal(size=count), random.normal(size=r), np.zeros(count)
+    dp = np.zeros(count)
+    dp[maps.rows] = dz[:m]
+    trial = maps.trial(p, b, nothing)
+    state = maps.states(trial, maps.bound @ p)
+    before = maps.value(p, b, trial, state)
+    after = maps.value(p + dp, b + dz[m:], maps.trial(p + dp, b + dz[m:], nothing), state)
+    assert_allclose(after - before, maps.jacobian(state) @ dz, atol=1e-12 * np.abs(after).max())
+    assert maps.spring == soft * problem_of(name).surface.rho
+
+
 def test_a_direction_without_multiplier_is_left_out() -> None:
     """The traction of its row is no unknown, and zero."""
     whole = problem_of("coulomb")
@@ -281,9 +297,16 @@ def test_the_bodies_have_to_be_condensed() -> None:
 def test_budgets_grow_and_the_path_from_all_open_is_the_last_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     problem, best, tried = problem_of(name), solved(name), []
     monkeypatch.setattr(path, "path_from", lambda of, p, u, kinks, seed: tried.append((p, u, kinks, seed)) or iter(()))
-    monkeypatch.setattr(path, "path_from_open", lambda of, *how: tried.append(("open", *how)) or iter(()))
+    found = ["first"] * len(path.SOFT) if name == "floating" else ["first", "second"]
+
+    def path_from_open(of: SurfaceProblem, *how: Any) -> Any:
+        assert of is problem
+        tried.append(("open", *how))
+        return iter(["first", "second"])
+
+    monkeypatch.setattr(path, "path_from_open", path_from_open)
     last = best.p / 2
-    assert not list(path.ends(problem, last, best))
+    assert list(path.ends(problem, last, best)) == found  # on springs the first solution is enough
     rounds, rest = [tried[k : k + 3] for k in range(0, 9, 3)], tried[9:]
     for seed, (kinks, starts) in enumerate(zip(path.KINKS, rounds, strict=True)):
         assert [(budget, number) for _, _, budget, number in starts] == [(kinks, seed)] * 3

@@ -144,6 +144,20 @@ def test_defects_are_relative_to_the_largest_traction() -> None:
     assert problem.scale(-2 * problem.p_ref * np.ones_like(found.p)) == pytest.approx(2 * problem.p_ref)
 
 
+def test_a_volume_solve_may_err_by_what_the_residual_does_not_see(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Relative to u_ref, or to the motion that the tractions cause if that is smaller; by default not at all."""
+    problem, errors = problem_of(), list[float]()
+    under = type(problem.surface).under
+    monkeypatch.setattr(
+        type(problem.surface), "under", lambda self, load, p, error: errors.append(error) or under(self, load, p, error)
+    )
+    p = np.ones(len(problem.gap))
+    problem.contact_displacement(p)
+    problem.contact_displacement(0 * p, 1e-3)
+    problem.contact_displacement(1e-4 * problem.p_ref * p, 1e-3)
+    assert_allclose(errors, [0.0, 1e-3 * problem.u_ref, 1e-7 * problem.p_ref / problem.weight.max()])
+
+
 def test_pressure_off_a_stiff_law_is_a_defect_though_the_bodies_hardly_feel_it() -> None:
     """The motion is that of the law but for a little: pressures are 20 % off it, which the natural map does not see."""
     problem = problem_of("stiff")

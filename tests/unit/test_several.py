@@ -1,0 +1,114 @@
+"""Other solutions of a step are looked for where there may be some, and each is said once."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from geometry.arrays import Array
+from solvers.interface.problem import SurfaceProblem
+from solvers.newton import path, several
+from solvers.newton.starts import Start
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation
+
+MUCH = {"law": "coulomb", "mu": 2.0}
+DRIVEN = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}
+PULLED = {"loads": {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}}
+SOFT = {"normal": {"law": "compliance", "c_n": 20.0}}
+
+
+@pytest.fixture
+def problem_of(
+    scene_of: Callable[..., Scene], simulation_of: Callable[[Scene], Simulation]
+) -> Callable[..., SurfaceProblem]:
+    """A block pressed and dragged in one step."""
+
+    def make(
+        friction: dict[str, Any] | None, normal: dict[str, Any] | None = None, tables: dict[str, Any] = DRIVEN
+    ) -> SurfaceProblem:
+        base = {"surface": "block.bottom", "against": "foundation"} | (normal or {})
+        base |= {"friction": friction} if friction else {}
+        stepper = simulation_of(scene_of(contacts={"base": base}, **tables)).stepper
+        return stepper.reach(stepper.start(), 1.0, lambda row: None).problem
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("friction", "normal", "most"),
+    [
+        (None, None, 0.0),
+        ({"law": "coulomb", "mu": 0.4}, None, 0.4),
+        ({"law": "coulomb", "mu": 3.0}, None, 3.0),
+        ({"law": "compliance", "c_T": 50.0}, SOFT, 2.5),  # c_T d under p = c_n d
+    ],
+)
+def test_the_most_friction_is_that_of_the_laws(
+    friction: dict[str, Any] | None, normal: Any, most: float, problem_of: Callable[..., SurfaceProblem]
+) -> None:
+    assert several._most_friction(problem_of(friction, normal)) == pytest.approx(most)
+
+
+@pytest.mark.parametrize(
+    ("friction", "tables", "looked_for"),
+    [
+        (MUCH, DRIVEN, True),
+        ({"law": "coulomb", "mu": several.ENOUGH}, DRIVEN, False),
+        (None, DRIVEN, False),
+        (MUCH, PULLED, False),
+        ({"law": "capped_coulomb", "mu": 2.0, "s_max": 0.1}, DRIVEN, False),
+        ({"law": "capped_coulomb", "mu": 2.0, "s_max": 0.1}, PULLED, False),
+    ],
+)
+def test_others_are_looked_for_where_there_may_be_some(
+    friction: dict[str, Any] | None, tables: dict[str, Any], looked_for: bool,
+    problem_of: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    problem, asked = problem_of(friction, tables=tables), list[int]()
+    monkeypatch.setattr(path, "path_from_open", lambda of, kinks: asked.append(kinks) or iter(()))
+    assert not list(several.others(problem, np.zeros(len(problem.gap))))
+    assert asked == ([several.KINKS] if looked_for else [])
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0])
+def test_each_solution_is_said_once(
+    size: float, problem_of: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = problem_of(MUCH)
+    p, other = size * np.random.default_rng(0).random((2, len(problem.gap)))
+    met: list[tuple[Array, float]] = [
+        (p * (1 + 0.5 * several.APART), 0.0),  # the known one
+        (2 * other, 2 * several.SOLVED),  # no solution
+        (other, 0.5 * several.SOLVED),
+        (other * (1 + 0.5 * several.APART), 0.0),
+        (-p, 0.0),
+        (p * (1 - 2 * several.APART), 0.0),
+        (np.zeros_like(p), 0.0),
+    ]
+    nowhere = np.zeros(problem.surface.size)
+    residuals = iter([residual for _, residual in met])
+
+    def starts(of: SurfaceProblem, kinks: int) -> Iterator[Start]:
+        return (Start(p=at, u_c=nowhere, p_hat=at) for at, _ in met)
+
+    monkeypatch.setattr(path, "path_from_open", starts)
+    monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w: next(residuals))
+    found = list(several.others(problem, p))
+    assert_array_equal(found, [other, -p, p * (1 - 2 * several.APART), 0 * p])
+
+
+def test_solutions_are_apart_by_a_part_of_the_larger_one(
+    problem_of: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside a known state that is all but open: what differs from it by little is measured by what is met."""
+    problem = problem_of(MUCH)
+    zero = np.zeros(len(problem.gap))
+    one = zero + 1.0
+    end = Start(p=one, u_c=np.zeros(problem.surface.size), p_hat=one)
+    monkeypatch.setattr(path, "path_from_open", lambda of, kinks: iter([end]))
+    monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w: 0.0)
+    assert len(list(several.others(problem, zero))) == 1
+    assert not list(several.others(problem, one))
