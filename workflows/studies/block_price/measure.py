@@ -30,8 +30,8 @@ AGAIN = 1.0  # s between two reminders that the time is over
 COARSE = 2  # cells over the height in the run before, which loads the forms
 
 
-class OverTimeError(Exception):
-    """The time of a measurement is over."""
+class OverTimeError(BaseException):
+    """The time of a measurement is over: raised by a signal, like KeyboardInterrupt, out of reach of what handles errors."""
 
 
 @contextmanager
