@@ -31,7 +31,7 @@ COARSE = 2  # cells over the height in the run before, which loads the forms
 
 
 class OverTimeError(BaseException):
-    """The time of a measurement is over: raised by a signal, like KeyboardInterrupt, out of reach of what handles errors."""
+    """The time of a measurement is over: raised by a signal, like KeyboardInterrupt, and no error."""
 
 
 @contextmanager
