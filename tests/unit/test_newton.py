@@ -185,6 +185,24 @@ def test_rows_that_slip_are_known(scene_of: SceneOf, simulation_of: SimulationOf
     assert not laws.slip[place.normal].any()
 
 
+def test_a_direction_without_multiplier_has_no_law(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """A point that slips in 3D, one of whose directions a support has taken: its row is p = 0."""
+    problem = problem_of(simulation_of(pressed(scene_of, 3, "unilateral", "coulomb")))
+    p_hat, states = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
+    (rows,), point = problem.cone.contacts, int(np.flatnonzero(states == "slip")[0])
+    free = rows.free.copy()
+    free[point, 1] = False
+    cone = AdmissibleSet((replace(rows, free=free),), problem.cone.time, problem.cone.end)
+    row = problem.surface.normal_rows + 2 * point + 1
+    p_hat[row - 1] = 10.0  # it slips along the other one
+    laws = linearise(replace(problem, cone=cone), p_hat, problem.gamma)
+    assert np.isfinite(laws.A_p.toarray()).all()
+    assert np.isfinite(laws.A_w.toarray()).all()
+    assert not laws.A_w.toarray()[row].any()
+    assert laws.slip[row - 1]
+    assert not laws.slip[row]
+
+
 def test_nan_goes_through_the_system(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     """It ends as Status.NOT_FINITE, not as an error."""
     problem = problem_of(simulation_of(pressed(scene_of, 2, "linear", "coulomb")))
