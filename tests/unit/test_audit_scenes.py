@@ -317,6 +317,19 @@ def test_scales_are_those_of_the_largest_tractions(scene_of: SceneOf, simulation
     assert fresh._scales(nothing, u, fresh._inner(u)).p == 1.0
 
 
+def test_tractions_are_not_smaller_than_the_rounding_of_all_forces(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    push = {"loads": {"push": {"boundary": "block.right", "pressure": 0.5}}}
+    audit, _, record, _, _ = judged(scene_of(**flat(2, {"law": "unilateral"}), **push), simulation_of, seed=1)
+    u = audit.system.vector()
+    u.array[:] = record.displacement[audit.system.nodes.input].ravel()
+    inner, load = audit._inner(u), audit.system.load(1.0)
+    noise = module.ROUNDED * (np.abs(inner.array).sum() + np.abs(load.array).sum())  # on a side of 2 m
+    noise += module.EPS * audit._largest_stiffness * np.abs(u.array).max()
+    assert audit._scales(replace(record, p=0 * record.p), u, inner).p == pytest.approx(noise / 2.0, rel=1e-9)
+
+
 def test_stiffness_of_laws_is_that_of_springs_alone(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     for law in ("unilateral", "compliance"):
         scene = scene_of(**flat(2, COMPLIANCE if law == "compliance" else {"law": law}))
