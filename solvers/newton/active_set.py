@@ -103,7 +103,7 @@ class _Rows:
             return
         J = (s / length)[:, None, None] * (np.eye(c) - e[:, :, None] * e[:, None, :])
         J *= free[:, :, None] & free[:, None, :]
-        self.rhs[at] -= np.einsum("mab,mb->ma", J, self.gamma[at] * self.gap[at] + trial)
+        self.rhs[at] -= np.einsum("mab,mb->ma", J, self.gamma[at] * self.gap[at])  # J t_hat = 0
         i, j = (np.broadcast_to(x, J.shape).ravel() for x in (at[:, :, None], at[:, None, :]))
         self.on_p.append((-J.ravel(), i, j))
         self.on_w.append(((-J * self.gamma[at][:, None, :]).ravel(), i, j))

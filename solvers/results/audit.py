@@ -269,9 +269,9 @@ class Auditor:
         shaken.array[:] *= 1 + EPS * self._signs.array
         last_digit = system.T.createVecRight()
         system.T.multTranspose(self._inner(shaken) - inner, last_digit)
-        found = (free.norm(0) + np.abs(obstacles).sum()) / scale if scale else 0.0
+        found = (free.norm(0) + np.abs(obstacles).sum()) / scale
         of_laws = EPS * system.extent * sum(_law_stiffness(place, record.p) for place in self.cone.places)
-        return float(found), float((last_digit.norm(0) + of_laws) / scale) if scale else 0.0
+        return float(found), float((last_digit.norm(0) + of_laws) / scale)
 
     def _supports(self, record: Record, u: Vec) -> float:
         """Prescribed displacements that are not met, see `Audit` [-]; periodic sides move alike."""

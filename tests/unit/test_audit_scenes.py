@@ -317,6 +317,19 @@ def test_scales_are_those_of_the_largest_tractions(scene_of: SceneOf, simulation
     assert fresh._scales(nothing, u, fresh._inner(u)).p == 1.0
 
 
+def test_tractions_are_not_smaller_than_the_rounding_of_all_forces(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    push = {"loads": {"push": {"boundary": "block.right", "pressure": 0.5}}}
+    audit, _, record, _, _ = judged(scene_of(**flat(2, {"law": "unilateral"}), **push), simulation_of, seed=1)
+    u = audit.system.vector()
+    u.array[:] = record.displacement[audit.system.nodes.input].ravel()
+    inner, load = audit._inner(u), audit.system.load(1.0)
+    noise = module.ROUNDED * (np.abs(inner.array).sum() + np.abs(load.array).sum())  # on a side of 2 m
+    noise += module.EPS * audit._largest_stiffness * np.abs(u.array).max()
+    assert audit._scales(replace(record, p=0 * record.p), u, inner).p == pytest.approx(noise / 2.0, rel=1e-9)
+
+
 def test_stiffness_of_laws_is_that_of_springs_alone(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
     for law in ("unilateral", "compliance"):
         scene = scene_of(**flat(2, COMPLIANCE if law == "compliance" else {"law": law}))
@@ -348,8 +361,88 @@ def test_equilibrium_is_relative_to_the_sum_of_all_forces(scene_of: SceneOf, sim
     system.T.multTranspose(inner - load + contact, free)
     on_obstacle = system.interface.resultant_on_driven(place.rows, contact) + system.obstacles.driving_force(1.0)
     scale = sum(np.abs(v.array).sum() for v in (inner, load, contact)) + 5.0
-    found, _ = audit._equilibrium(record, u, inner, scales)
+    found, rounding = audit._equilibrium(record, u, inner, scales)
     assert found == pytest.approx((np.abs(free.array).sum() + np.abs(on_obstacle).sum()) / scale, rel=1e-12)
+    system.T.multTranspose(audit._inner(u * audit._signs), free)
+    assert rounding == pytest.approx(module.EPS * np.abs(free.array).sum() / scale, rel=0.5)  # of last digits
+
+
+def test_the_last_digit_of_gaps_counts_by_the_stiffness_of_the_law(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    scene = scene_of(**flat(2, {"law": "compliance", "c_n": 1e9}))
+    audit, place, record, _, scales = judged(scene, simulation_of, seed=1)
+    record = replace(record, p=np.abs(record.p) + 0.01)
+    u = audit.system.vector()
+    u.array[:] = record.displacement[audit.system.nodes.input].ravel()
+    inner, contact = audit._inner(u), audit._contact_force(place, u, record, scales)
+    scale = inner.norm(0) + audit.system.load(1.0).norm(0) + contact.norm(0)
+    _, rounding = audit._equilibrium(record, u, inner, scales)
+    assert audit.system.extent == 2.0
+    expected = module.EPS * audit.system.extent * 1e9 * 2.0 / scale  # on a side of 2 m
+    assert rounding == pytest.approx(expected, rel=1e-3)
+
+
+SUPPORTS: dict[str, dict[str, Any]] = {
+    "axes": {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.05, "y": -0.1}}}},
+    "normal": {
+        "supports": {
+            "top": {"boundary": "block.top", "displacement": {"normal": -0.1}},
+            "side": {"boundary": "block.left", "displacement": {"x": 0.05}},
+        }
+    },
+    "revolved": {
+        "supports": {"top": {"boundary": "block.top", "displacement": {"y": -0.1}}}, "model": "axisymmetric",
+    },
+    "periodic": {
+        "supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.05, "y": -0.1}}},
+        "periodic": {"x": {"boundary": "block.right", "with": "block.left"}},
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SUPPORTS)
+def test_what_is_prescribed_is_missed_relative_to_the_largest_motion(
+    name: str, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    simulation = simulation_of(scene_of(**SUPPORTS[name]))
+    audit, points = Auditor(simulation.problem, simulation.mesh), simulation.data.points
+    system = audit.system
+    moved = np.tile([0.0 if name == "revolved" else 0.05, -0.1], (len(points), 1))
+
+    def supports(displacement: Array, time: float = 1.0) -> float:
+        record = Record(
+            time=time, displacement=displacement, p=np.zeros(0), w=np.zeros(0), reference=np.zeros(0),
+            driven=np.zeros(0), searched={},
+        )  # fmt: skip
+        u = system.vector()
+        u.array[:] = displacement[system.nodes.input].ravel()
+        return audit._supports(record, u)
+
+    assert supports(moved) < 1e-15
+    assert supports(0 * moved, time=0.0) == 0.0
+    at = {"revolved": points[:, 0] < 1e-9, "periodic": points[:, 0] > 2 - 1e-9}.get(name, points[:, 1] > 1 - 1e-9)
+    axis, by = (0, 0.02) if name in ("revolved", "periodic") else (1, -0.02)
+    chosen = np.flatnonzero(at & (points[:, 1] > 0.2) & ((points[:, 1] < 0.9) | (axis == 1)))[:2]
+    assert len(chosen) == 2
+    moved[chosen, axis] += by
+    off = 0.01 if name == "periodic" else 0.02  # from the mean of both sides
+    assert supports(moved) == pytest.approx(off / np.abs(moved).max(), rel=1e-9)
+
+
+def test_stored_fields_are_right_up_to_rounding_of_lengths(case_of: Callable[[str], Case]) -> None:
+    case = case_of("springs")
+    audit, (before, record) = case.auditor(), case.records[-2:]
+    audit(record, before)
+    scales = Scales(p=1.0, u={"base": 1.0}, rounding=1e-3)
+    contact = {key: np.copy(value) for key, value in record.stored.contacts["base"].items()}
+    for by, seen in ((0.5e-3, False), (3e-3, True)):
+        for wrong in (
+            replace(record, w=record.w + by),
+            replace(record, stored=replace(record.stored, contacts={"base": contact | {"slip": contact["slip"] + by}})),
+        ):
+            for earlier in (None, before):
+                assert (audit._fields(wrong, earlier, record.w, scales) > 1e-6) is seen
 
 
 @pytest.mark.parametrize(("part", "judged_at_all"), [(0.8, False), (1.25, True)])

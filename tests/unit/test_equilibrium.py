@@ -198,6 +198,14 @@ def test_rigid_bodies_rest_where_gaps_are_small_and_evenly(problem_of: Callable[
             assert p is not None
             assert_allclose(p[:n][touching[:n]], PRESS / W[touching[:n]].sum(), rtol=1e-5)
             assert_allclose(np.delete(p[:n], corners), 0.0, atol=1e-6 * PRESS)
+    # in another unit of loads and lengths
+    small = replace(
+        rests,
+        load=scaled(rests.load, 1e-9), gap=1e-9 * rests.gap, offset=1e-9 * rests.offset, force=1e-9 * rests.force,
+    )  # fmt: skip
+    p = balancing_tractions(small)
+    assert p is not None
+    assert_allclose(p[:n][touching[:n]], 1e-9 * PRESS / W[touching[:n]].sum(), rtol=1e-5)
 
 
 class Averaged(ContactBlock):

@@ -107,6 +107,7 @@ def test_linearised_laws_are_the_derivative_of_the_laws(
 ) -> None:
     """One Newton step of p - P_C(p + gamma (w - gap)) = 0, by differences, has the linearised laws' solutions."""
     problem = problem_of(simulation_of(pressed(scene_of, dim, normal, friction)))
+    problem = replace(problem, gap=problem.gap + np.random.default_rng(6).normal(0.0, 0.1, len(problem.gap)))
     cone, gamma, rows = problem.cone, problem.gamma * 0.8, problem.cone.size
     p_hat, states = trial_away_from_kinks(cone, gamma, seed=4)
     if normal != "bilateral" and "stick" not in friction:
@@ -183,6 +184,24 @@ def test_rows_that_slip_are_known(scene_of: SceneOf, simulation_of: SimulationOf
     laws, (place,) = linearise(problem, p_hat, problem.gamma), problem.cone.places
     assert laws.slip[place.tangential].tolist() == ((states == "slip") & place.rows.free[:, 0]).tolist()
     assert not laws.slip[place.normal].any()
+
+
+def test_a_direction_without_multiplier_has_no_law(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+    """A point that slips in 3D, one of whose directions a support has taken: its row is p = 0."""
+    problem = problem_of(simulation_of(pressed(scene_of, 3, "unilateral", "coulomb")))
+    p_hat, states = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
+    (rows,), point = problem.cone.contacts, int(np.flatnonzero(states == "slip")[0])
+    free = rows.free.copy()
+    free[point, 1] = False
+    cone = AdmissibleSet((replace(rows, free=free),), problem.cone.time, problem.cone.end)
+    row = problem.surface.normal_rows + 2 * point + 1
+    p_hat[row - 1] = 10.0  # it slips along the other one
+    laws = linearise(replace(problem, cone=cone), p_hat, problem.gamma)
+    assert np.isfinite(laws.A_p.toarray()).all()
+    assert np.isfinite(laws.A_w.toarray()).all()
+    assert not laws.A_w.toarray()[row].any()
+    assert laws.slip[row - 1]
+    assert not laws.slip[row]
 
 
 def test_nan_goes_through_the_system(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
