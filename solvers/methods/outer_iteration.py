@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
-import numpy as np
 from scipy import sparse
 
 from geometry.arrays import Array
@@ -16,7 +15,7 @@ from geometry.protocols import Sparse
 from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.method import Keys
-from solvers.newton.solution import OnStep, Plateau, Solution, Status, Step
+from solvers.newton.solution import OnStep, Plateau, Solution, Status, Step, ending
 
 
 @dataclass(frozen=True)
@@ -129,7 +128,6 @@ class Outer:
         frozen = self.friction_update == "outer"
         step = with_given_friction(problem, p) if frozen else problem
         history: list[Step] = []
-        status = Status.MAX_IT
         stalled = Plateau(STALL_WINDOW)
         for k in range(self.max_it + 1):
             inner = solve(p)
@@ -137,16 +135,8 @@ class Outer:
             residual = problem.natural_residual(p, w)
             history.append(Step(k, residual, problem.volume_solves))
             on_step(history[-1])
-            if not np.isfinite(residual):
-                status = Status.NOT_FINITE
-                break
-            if residual <= self.rtol:
-                status = Status.CONVERGED
-                break
-            if stalled(k, residual):
-                status = Status.STALLED
-                break
-            if k == self.max_it:
+            status = ending(residual, self.rtol, stalled(k, residual))
+            if status or k == self.max_it:
                 break
             if frozen and step.natural_residual(p, w) <= GIVEN * residual:
                 step = with_given_friction(problem, p)
@@ -155,4 +145,4 @@ class Outer:
                 status = Status.NO_HOLD
                 break
             p = moved
-        return Solution(p, w, inner.u_c, status, residual, tuple(history))
+        return Solution(p, w, inner.u_c, status or Status.MAX_IT, residual, tuple(history))

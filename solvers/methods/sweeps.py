@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
 from geometry.arrays import Array
 from solvers.interface.problem import SurfaceProblem
-from solvers.newton.solution import OnStep, Solution, Stall, Status, Step
+from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ending
 
 
 def sweep_until_solved(
@@ -35,7 +33,7 @@ def sweep_until_solved(
         looks: whether to look after k sweeps; at the last one it always looks.
     """
     history: list[Step] = []
-    status, stalled = Status.MAX_IT, Stall(window, 0.5)
+    status, stalled = None, Stall(window, 0.5)
     for k in range(max_it + 1):
         if looks(k) or k == max_it:
             p = tractions()
@@ -44,15 +42,8 @@ def sweep_until_solved(
             residual = problem.natural_residual(p, w)
             history.append(Step(k, residual, problem.volume_solves))
             on_step(history[-1])
-            if not np.isfinite(residual):
-                status = Status.NOT_FINITE
-                break
-            if residual <= rtol:
-                status = Status.CONVERGED
-                break
-            if stalled(k, residual):
-                status = Status.STALLED
+            if status := ending(residual, rtol, stalled(k, residual)):
                 break
         if k < max_it:
             sweep()
-    return Solution(p, w, u_c, status, residual, tuple(history))
+    return Solution(p, w, u_c, status or Status.MAX_IT, residual, tuple(history))

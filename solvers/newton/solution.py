@@ -34,6 +34,21 @@ class Step:
     volume_solves: int
 
 
+def ending(residual: float, rtol: float, stopped: bool) -> Status | None:
+    """How an iteration ends at a residual; None: it goes on.
+
+    Args:
+        residual: of the iterate.
+        rtol: that is enough.
+        stopped: whether residuals have stopped falling.
+    """
+    if not np.isfinite(residual):
+        return Status.NOT_FINITE
+    if residual <= rtol:
+        return Status.CONVERGED
+    return Status.STALLED if stopped else None
+
+
 OnStep = Callable[[Step], None]
 
 
