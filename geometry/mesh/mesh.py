@@ -46,6 +46,11 @@ class Mesh:
         """Number of connected parts."""
         return int(self.parts.max()) + 1
 
+    def parts_of(self, numbers: Ints) -> Ints:
+        """Connected parts of nodes with the numbers `Nodes.input` (n,)."""
+        total = len(self.parts)
+        return np.asarray(self.parts[np.where(numbers < total, numbers, numbers // total - 1)])
+
     def facets(self, side: str) -> Ints:
         """Local numbers of the facets of a side that this rank owns."""
         owned = self.domain.topology.index_map(self.dim - 1).size_local

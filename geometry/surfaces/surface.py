@@ -179,7 +179,8 @@ def gather_surface(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) ->
     dofs = dx.cell_dofs(space)
     local = np.array([dx.facet_dofs(space, i) for i in range(mesh.dim + 1 if _simplex(mesh) else 2 * mesh.dim)])
     found = dofs[cells[:, :1], local[cells[:, 1]]]  # (own facets, k)
-    outward = _outward(nodes.points[found], nodes.points[dofs[cells[:, 0]]].mean(axis=1), shape, mesh.degree)
+    degree = dx.degree(space)
+    outward = _outward(nodes.points[found], nodes.points[dofs[cells[:, 0]]].mean(axis=1), shape, degree)
     comm = mesh.comm
     numbers = np.concatenate(comm.allgather(nodes.number[found]))
     inputs = np.concatenate(comm.allgather(nodes.input[found]))
@@ -190,7 +191,7 @@ def gather_surface(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) ->
     order = np.lexsort(np.sort(facets, axis=1).T[::-1])
     return Surface(
         shape=shape,
-        degree=mesh.degree,
+        degree=degree,
         nodes=numbers.ravel()[first],
         input=unique,
         points=points.reshape(-1, mesh.dim)[first],

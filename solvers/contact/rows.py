@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,6 +11,7 @@ import numpy as np
 from geometry.arrays import Array, Bools, Ints
 from geometry.protocols import Sparse
 from geometry.surfaces.surface import Surface
+from solvers.contact.coupling import Points
 from solvers.laws.law import FrictionLaw, NormalLaw
 
 
@@ -39,6 +41,8 @@ class ContactRows:
     free: Bools  # (m_t, d-1) tangential directions that carry a multiplier
     psi: Sparse  # (n, m_n): values at the normal points to integrals ∫ psi_j, psi_j the dual basis, by node
     share_t: Sparse  # (m_t, n): which nodes a tangential point stands for; columns add up to 1
+    quadrature: Callable[[int], Points]  # integration points of the slave; takes a degree
+    degree: int  # of that at which a compliance law gives pressure by displacement
     dropped: int  # nodes whose multiplier a support or another contact makes redundant
 
     @cached_property
@@ -108,5 +112,9 @@ class ContactRows:
             moved: displacement (n_all, d) [m] of `nodes`.
         """
         relative = self.relative @ moved
+        return np.einsum("nd,nd->n", self.frames[:, 0], relative), self.tangential_part(relative)
+
+    def tangential_part(self, relative: Array) -> Array:
+        """Tangential part (n, d) of vectors (n, d) at the slave's nodes."""
         normal = np.einsum("nd,nd->n", self.frames[:, 0], relative)
-        return normal, relative - normal[:, None] * self.frames[:, 0]
+        return relative - normal[:, None] * self.frames[:, 0]

@@ -35,6 +35,7 @@ ROUNDING = 1e-12  # relative; times that differ by less are equal
 FAR = 100.0  # times the last substep; an extrapolation farther ahead would amplify what its iteration left
 PAIRS = 0.5  # of an error, what pairs that are searched elsewhere add to the next step; measured: .02 to .15
 EASY = 0.5  # of the iterations allowed; a substep that takes more is not easy
+Companion = Callable[["Stepper", State, State, SurfaceProblem], State | None]
 OnIteration = Callable[[HistoryRow], None]  # called after each iteration of each attempt, on every rank
 
 
@@ -105,6 +106,7 @@ class Stepper:
         self.cone = AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma, self.weight = elastic_stiffness(system)
+        self.companion: Companion | None = None  # follows each substep, see `State.refined`
         self.reported: Accepted | None = None  # what the last result of `Simulation.steps` was read from
         self.stage = self.chain.stage
         self.surface = prepare_surface(system, self.chain.volume)
@@ -198,6 +200,9 @@ class Stepper:
                 continue
             assert problem is not None
             failed, stuck, others = None, False, solution.others or others
+            if self.companion is not None:
+                with self.system.counters.for_error():
+                    new = replace(new, refined=self.companion(stepper, state, new, problem))
             easy = solution.iterations <= EASY * self.system.problem.solver.max_iterations
             control = control.after_success(size, step, easy)
             substep_start, state, substeps = state, replace(new, control=control), substeps + 1
