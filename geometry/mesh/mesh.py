@@ -46,6 +46,11 @@ class Mesh:
         """Number of connected parts."""
         return int(self.parts.max()) + 1
 
+    @property
+    def simplicial(self) -> bool:
+        """Whether cells are triangles or tetrahedra."""
+        return self.domain.topology.cell_type.name in ("triangle", "tetrahedron")
+
     def parts_of(self, numbers: Ints) -> Ints:
         """Connected parts of nodes with the numbers `Nodes.input` (n,)."""
         total = len(self.parts)

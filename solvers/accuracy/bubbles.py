@@ -32,13 +32,15 @@ class Bubbles:
         self.system = system
         self.space = dx.vector_space(mesh.domain, 2)
         self.nodes = Nodes.of(mesh, self.space)
-        weak = WeakForms(problem, mesh, self.space, system.counters)
+        exact = None if mesh.axisymmetric else 2 if mesh.simplicial else 4  # straight cells: gradients are linear
+        weak = WeakForms(problem, mesh, self.space, system.counters, exact)
+        coarse = WeakForms(problem, mesh, system.space, system.counters, exact)
         self.constraints = find_constraints(problem, mesh, self.space, self.nodes)
         self._T = self.constraints.transformation(mesh.comm)
         self._whole, self._alone = dx.fem.Function(self.space), dx.fem.Function(self.space)
         self._linear = dx.fem.Function(system.space)
         self._inner = weak.compile(inner_forces(problem, weak, self._whole))
-        self._pull = system.weak.compile(inner_forces(problem, system.weak, self._alone))
+        self._pull = coarse.compile(inner_forces(problem, coarse, self._alone))
         loads = weak.loads() + [term for effect in active(problem) for term in effect.loads(problem, weak)]
         self._loads = [(term.drive, dx.assemble_vector(weak.compile(term.form))) for term in loads]
         self.initial = [dx.assemble_vector(weak.compile(weak.initial_load(s))) for s in system.initial.strains]

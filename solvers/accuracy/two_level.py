@@ -21,10 +21,12 @@ from geometry.arrays import Array, Ints
 from geometry.protocols import Sparse, Vec
 from geometry.surfaces.surface import Surface, gather_surface
 from solvers.accuracy.bubbles import Bubbles
+from solvers.accuracy.curved_sides import bulges
 from solvers.contact.build import along
 from solvers.contact.coupling import relative_to
 from solvers.contact.rows import ContactRows
 from solvers.interface.problem import SurfaceProblem
+from solvers.methods.method import Solve
 from solvers.newton.solution import Solution, Status, ignore
 from solvers.parallel.replicated import Replicated
 from solvers.stepping.state import State
@@ -33,6 +35,8 @@ from solvers.stepping.update import Surplus, displacement, new_state
 from solvers.system.contact_interface import components
 
 FACTOR = 1.25  # stated error over difference; measured with STEPS = 2
+DROP = 1e-2  # factor by which iterative methods make the residual of contact smaller
+ROUGH = 1e-3  # tolerance of a displacement that is recovered by an iterative volume solve, in energy norm
 STEPS = 2
 
 
@@ -69,12 +73,20 @@ class MeshCorrection:
         before = old.refined or (None if old.p.any() or old.w.any() else old)
         if before is None:
             return None  # an earlier substep was not followed
-        rows, time = self._rows(stepper), new.time
+        rows = self._rows(stepper)
         x = before.surplus or self._bubbles.zero()
-        step = _Substep(stepper, self._bubbles, rows, before, new, problem)
-        found = step.answer(x, new.p)
+        solve = stepper.chain.beside(stepper.system, stepper.surface, DROP)
+        if solve is None:
+            return None
+        step = _Substep(stepper, self._bubbles, rows, before, new, problem, solve)
+        with stepper.surface.loosely(ROUGH):
+            return self._improved(step, x, new.p)
+
+    def _improved(self, step: _Substep, x: Vec, p: Array) -> State | None:
+        """Better bubbles than x, starting from tractions p (rows,) [Pa]; collective."""
         directions: list[Vec] = []
         changes: list[Vec] = []
+        found = step.answer(x, p)
         if found is None:
             return None
         r = step.residual(found)
@@ -101,20 +113,29 @@ class MeshCorrection:
 
 
 class BubbleRows:
-    """Relative displacement that bubbles cause at the contact rows: that of their mean values over psi_j."""
+    """Relative displacement that bubbles cause at the contact rows: that of their mean values over psi_j.
+
+    `closer` (rows,) [m] is by how much the gaps are smaller on the true surfaces: sides that are curved bulge out of
+    their facets, and the distance of a rigid obstacle is averaged like the displacement, not taken at the node.
+    """
 
     def __init__(self, stepper: Stepper, bubbles: Bubbles, sides: dict[str, Surface]) -> None:
         system = stepper.system
         normal, tangential, self.relative, numbers = [], [], [], [np.zeros(0, np.int64)]
+        closer = []
         for c in system.contacts:
             pair = system.problem.pairs[c.name]
             slave, master = sides[pair.slave], sides[pair.master] if pair.master else None
-            n, t, relative = _rows_of(c, slave, master)
+            n, t, relative, nearer = _rows_of(c, slave, master)
+            straight = [(c.surface, slave)] + ([(c.master, master)] if c.master and master else [])
+            bulging = np.concatenate([bulges(*side) for side in straight])
+            closer.append(np.zeros(len(c.W_n)) if c.normal.ties else n @ bulging.ravel() + nearer)
             normal.append(n)
             tangential.append(t)
             self.relative.append(relative)
             numbers += [slave.nodes, master.nodes if master else numbers[0]]
         d = system.mesh.dim
+        self.closer = np.concatenate([*closer, np.zeros(sum(t.shape[0] for t in tangential))])
         self.N: Sparse = sparse.vstack([sparse.block_diag(normal), sparse.block_diag(tangential)]).tocsr()
         self._dim = d
         self._counts = np.cumsum([r.shape[1] for r in self.relative])[:-1]
@@ -134,8 +155,10 @@ class BubbleRows:
         return [relative @ part for relative, part in zip(self.relative, parts, strict=True)]
 
 
-def _rows_of(c: ContactRows, slave: Surface, master: Surface | None) -> tuple[Sparse, Sparse, Sparse]:
-    """Rows of N for the bubbles of one contact, normal and tangential, and relative displacement at slave nodes."""
+def _rows_of(c: ContactRows, slave: Surface, master: Surface | None) -> tuple[Sparse, Sparse, Sparse, Array]:
+    """Rows of N for the bubbles of one contact, normal and tangential; relative displacement at slave nodes; and by
+    how much the mean of a rigid obstacle's distance is smaller than that at the points of the normal rows (m_n,) [m].
+    """
     degree = c.degree if c.normal.at_quadrature else 2 * (1 + (slave.shape != "interval")) + 1
     points = c.quadrature(max(degree, 3 + slave.axisymmetric))
     at_points = relative_to(points.own, slave, points.other, master)
@@ -143,13 +166,16 @@ def _rows_of(c: ContactRows, slave: Surface, master: Surface | None) -> tuple[Sp
     relative = (sparse.diags(each) @ points.psi @ at_points).tocsr()
     if c.normal.at_quadrature:
         points = c.quadrature(c.degree)
-        n = along(relative_to(points.own, slave, points.other, master), c.normals[:, None])
+        n, nearer = along(relative_to(points.own, slave, points.other, master), c.normals[:, None]), np.zeros(len(c.W_n))
     else:
-        n = along(sparse.diags(1 / c.W_n) @ c.psi.T @ relative, c.normals[:, None])
+        mean = sparse.diags(1 / c.W_n) @ c.psi.T
+        n = along(mean @ relative, c.normals[:, None])
+        at_nodes = points.own.basis(c.surface) @ c.node_distance
+        nearer = mean @ (each * (points.psi @ (at_nodes - points.gap))) if master is None else np.zeros(len(c.W_n))
     if not len(c.W_t):
-        return n, sparse.csr_matrix((0, n.shape[1])), relative
+        return n, sparse.csr_matrix((0, n.shape[1])), relative, nearer
     mean = sparse.diags(1 / c.W_t) @ c.share_t @ sparse.diags(c.node_weights)
-    return n, along(mean @ relative, c.tangents * c.free[:, :, None]), relative
+    return n, along(mean @ relative, c.tangents * c.free[:, :, None]), relative, nearer
 
 
 @dataclass(frozen=True)
@@ -162,19 +188,20 @@ class _Substep:
     old: State  # with bubbles, at its start
     new: State  # without bubbles, at its end
     problem: SurfaceProblem  # that was solved without bubbles
+    solve: Solve
 
     def answer(self, x: Vec, p: Array) -> Answer | None:
         """Solve contact for given bubbles, starting from tractions p (rows,) [Pa]; None: not solved; collective."""
         stepper, system, new = self.stepper, self.stepper.system, self.new
-        load = new.load - self.bubbles.pull(x)
-        driving, n = system.obstacles.driving_force(new.time), stepper.surface.normal_rows
+        n, forces = stepper.surface.normal_rows, self.problem.load.f_q.duplicate()
+        system.T.multTranspose(-self.bubbles.pull(x), forces)
         problem = replace(
             self.problem,
-            load=stepper.surface.load(system.pull(new.time, load, new.u_s), driving),
+            load=stepper.surface.with_more(self.problem.load, forces),
             offset=self.problem.offset + self.rows.N @ self.rows.read(x),
-            gap=np.concatenate([self.problem.gap[:n], (self.old.w - stepper.cone.give(self.old.p))[n:]]),
+            gap=np.concatenate([self.problem.gap[:n] - self.rows.closer[:n], (self.old.w - stepper.cone.give(self.old.p))[n:]]),
         )
-        solution = stepper.method_after(self.old)(problem, p, ignore)
+        solution = self.solve(problem, p, ignore)
         if solution.status is not Status.CONVERGED:
             return None
         q = problem.surface.recover(problem.load, solution.p, solution.u_c)

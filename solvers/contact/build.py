@@ -216,7 +216,7 @@ def build_rows(
         found.append(
             ContactRows(
                 name=name, surface=coupling.surface, master=coupling.master, normal=contact.normal, friction=friction,
-                frames=frames[name], node_weights=weights, node_gap=gap, relative=coupling.relative,
+                frames=frames[name], node_weights=weights, node_gap=gap, node_distance=coupling.gap, relative=coupling.relative,
                 N_n=N_n, W_n=W_n, normals=directions, gap=gap_n, N_t=N_t, W_t=W_t,
                 tangents=carrier.directions, free=carrier.free, psi=psi, share_t=carrier.share, dropped=dropped,
                 quadrature=coupling.points, degree=degree,

@@ -30,6 +30,7 @@ class ContactRows:
     frames: Array  # (n, d, d): row 0 the normal n, then the tangents
     node_weights: Array  # (n,) [m^(d-1)], 0 where no other side faces a node
     node_gap: Array  # (n,) [m], gap_offset included; like all nodal values in the basis phi~ of `Surface`
+    node_distance: Array  # (n,) [m] from the other side where it was searched, without gap_offset
     relative: Sparse  # (n, n_all): displacement of `nodes` to relative displacement at the slave's nodes
     N_n: Sparse  # (m_n, n_all d)
     W_n: Array  # (m_n,) weights [m^(d-1)]

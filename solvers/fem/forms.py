@@ -65,6 +65,7 @@ class WeakForms:
     mesh: Mesh
     space: FunctionSpace
     counters: Counters
+    degree: int | None = None  # of the quadrature on cells; None: as UFL estimates it, or what curved cells need
 
     @cached_property
     def u(self) -> UflExpr:
@@ -80,6 +81,7 @@ class WeakForms:
 
     def volume(self, body: str, degree: int | None = None) -> Measure:
         """Volume measure of a body; `degree`: of the quadrature, None: the default."""
+        degree = self.degree if degree is None else degree
         if degree is None and self.mesh.degree > 1:
             degree = 2 * self.mesh.degree + self.mesh.axisymmetric
         metadata = {} if degree is None else {"quadrature_degree": degree}

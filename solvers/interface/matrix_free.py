@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from mpi4py import MPI
@@ -141,6 +142,17 @@ class MatrixFreeSurface(DelassusOperator):
         deformation = f_q.duplicate()
         free = self._solved(f_q, deformation, resultant, error, EXACT if error else SCALE)
         return Load(f_q=f_q, driving=driving, f_c=self.R @ resultant, resultant=resultant, free=free)
+
+    @contextmanager
+    def loosely(self, tolerance: float) -> Iterator[None]:
+        last, usual = self._last.copy(), self.volume.tolerance
+        self.volume.tolerance = tolerance / SHARE
+        try:
+            with super().loosely(tolerance):
+                yield
+        finally:
+            self.volume.tolerance = usual
+            self._last.array[:] = last.array_r
 
     def displacement(self, force: Array, error: float = 0.0) -> Array:
         f = self._last.duplicate()

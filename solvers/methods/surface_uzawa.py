@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -14,7 +15,7 @@ from solvers.interface.discrete import LEAST, GivenSurface
 from solvers.interface.flexibility import DelassusOperator
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.applicability import Applicability
-from solvers.methods.method import Method, Ready, SameEveryStep, Setup, Turn
+from solvers.methods.method import Method, Ready, SameEveryStep, Setup, Solve, Turn
 from solvers.metrics.secants import Secants
 from solvers.metrics.surface_metric import SurfaceMetric, surface_metric
 from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
@@ -123,6 +124,17 @@ class LearningIteration(SameEveryStep):
             motion = motion + surface.R @ found.b
             w = problem.relative_displacement(u_c + motion)
         return Solution(p, w, u_c + motion, status, residual, tuple(history))
+
+    def apart(self, drop: float) -> Solve:
+        """A solver of similar problems, to a residual smaller by a factor than at its start; what it learns is lost."""
+        learnt = {name: copy(F) for name, F in self.learnt.items()}
+
+        def solve(problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
+            start = replace(self, rtol=1.0, hurried=False, learnt=learnt)(problem, p)
+            rtol = max(self.rtol, drop * start.residual)
+            return replace(self, rtol=rtol, hurried=False, learnt=learnt)(problem, start.p, on_step)
+
+        return solve
 
     def snapshot(self) -> dict[str, Plain]:
         return {name: secants.snapshot() for name, secants in self.learnt.items()}

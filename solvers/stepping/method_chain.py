@@ -8,8 +8,11 @@ from dataclasses import dataclass
 
 from solvers.interface.coarse_mesh import CoarseMesh
 from solvers.interface.flexibility import DelassusOperator
+from solvers.interface.matrix_free import MatrixFreeSurface
 from solvers.interface.prepare import prepare_volume
+from solvers.interface.schur_complement import CondensedSurface
 from solvers.methods import METHODS
+from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.method import Ready, Setup, Solve
 from solvers.methods.surface_uzawa import LearningIteration
 from solvers.metrics.surface_metric import SurfaceMetric, surface_metric
@@ -139,13 +142,36 @@ class MethodChain:
         self._ready[self.stage] = ready
         return ready.after
 
+    def beside(self, system: System, surface: DelassusOperator, drop: float) -> Solve | None:
+        """A solver of problems near solved ones, with the exact contact laws, that changes nothing for later steps.
+
+        Args:
+            system, surface: the bodies.
+            drop: factor by which an iterative one makes the residual smaller.
+
+        Returns:
+            None: there is none for this form of the bodies.
+        """
+        if isinstance(surface, CondensedSurface):
+            return CondensedNewton()
+        if not isinstance(surface, MatrixFreeSurface):
+            return None
+        ready = self._ready[self.stage]
+        if not isinstance(ready, LearningIteration):
+            ready = LearningIteration(metric=self._any_metric(system))
+        return ready.apart(drop)
+
+    def _any_metric(self, system: System) -> SurfaceMetric:
+        """A metric for methods that have none."""
+        if self._metric is None:
+            self._metric = surface_metric(system)
+        return self._metric
+
     def flexibility(self, system: System, surface: DelassusOperator) -> Flexibility:
         """An approximate Delassus operator of bodies that are not condensed: the method's own, or the metric."""
         known = self._ready[self.stage].flexibility(surface)
         if known is None:
-            if self._metric is None:
-                self._metric = surface_metric(system)
-            known = LearningIteration(metric=self._metric).flexibility(surface)
+            known = LearningIteration(metric=self._any_metric(system)).flexibility(surface)
         return known
 
     def snapshot(self) -> dict[str, Plain]:
