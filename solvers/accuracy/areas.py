@@ -10,33 +10,39 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.arrays import Array, Bools
+from geometry.arrays import Array, Bools, Ints
 from geometry.surfaces.surface import Surface
 
 POWER = 2 / 3
 PARTS = {"interval": [(0, 1)], "triangle": [(0, 1, 2)], "quadrilateral": [(0, 1, 2), (1, 3, 2)]}  # corners of simplices
 
 
-def beyond_nodes(side: Surface, inside: Bools, outside: Array) -> float:
+def beyond_nodes(side: Surface, inside: Bools, outside: Array, among: Bools | None = None) -> float:
     """What the area inside a smooth edge has beyond the shares of the nodes inside it [m^(d-1)].
 
     Args:
         side: of order 1 (corners count alone), n nodes.
         inside: (n,) nodes that belong to the area.
         outside: (n,) gap or slip of the nodes that do not [m].
+        among: (n,) facets that have other nodes than these are left out; None: none is.
     """
     level = np.where(inside, 0.0, np.maximum(outside, 0.0) ** POWER)
-    slope = _slopes(side, ~inside, level)
     simplices = np.concatenate([side.facets[:, list(part)] for part in PARTS[side.shape]])
+    if among is not None:
+        simplices = simplices[among[simplices].all(axis=1)]
     mixed = simplices[inside[simplices].any(axis=1) & ~inside[simplices].all(axis=1)]
+    slope = _slopes(side, ~inside if among is None else among & ~inside, level, np.unique(mixed))
     return float(sum(_part(side, nodes, inside, level, slope) for nodes in mixed))
 
 
-def _slopes(side: Surface, chosen: Bools, level: Array) -> Array:
-    """Gradients (n, d) [1/m] of the level at chosen nodes, from their chosen neighbours by least squares; or zero."""
+def _slopes(side: Surface, chosen: Bools, level: Array, nodes: Ints) -> Array:
+    """Gradients (n, d) of the level at those of some nodes that are chosen, by least squares from chosen neighbours.
+
+    Zero where there is none.
+    """
     matrix = side.neighbours().tocsr()
     slope = np.zeros_like(side.points)
-    for k in np.flatnonzero(chosen):
+    for k in nodes[chosen[nodes]]:
         near = matrix.indices[matrix.indptr[k] : matrix.indptr[k + 1]]
         near = near[chosen[near]]
         if len(near):

@@ -12,6 +12,8 @@ Washio & Oosterlee, Electron. Trans. Numer. Anal. 6 (1997).
 
 from __future__ import annotations
 
+import time as clock
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,10 +31,12 @@ from solvers.interface.problem import SurfaceProblem
 from solvers.methods.method import Solve
 from solvers.newton.solution import Solution, Status, ignore
 from solvers.parallel.replicated import Replicated
+from solvers.stepping.sliding import carried_over
 from solvers.stepping.state import State
 from solvers.stepping.stepper import Stepper
 from solvers.stepping.update import Surplus, displacement, new_state
 from solvers.system.contact_interface import components
+from solvers.system.system import System
 
 FACTOR = 1.25  # stated error over difference; measured with STEPS = 2
 DROP = 1e-2  # factor by which iterative methods make the residual of contact smaller
@@ -54,10 +58,21 @@ class Answer:
 class MeshCorrection:
     """Follows a history of load steps with bubbles; called after each substep."""
 
-    def __init__(self, stepper: Stepper) -> None:
-        """Prepare the bubbles; collective."""
-        self._bubbles = Bubbles(stepper.system)
-        system, bubbles = stepper.system, self._bubbles
+    @staticmethod
+    def works_for(system: System) -> bool:
+        """Whether it can follow a system: of order 1, with contact."""
+        return system.mesh.degree == 1 and len(system.contacts) > 0
+
+    def __init__(self, stepper: Stepper, on_error: Callable[[float], None] = lambda seconds: None) -> None:
+        """Prepare the bubbles; collective.
+
+        Args:
+            stepper: whose history is followed.
+            on_error: called with the seconds that it took.
+        """
+        self._on_error = on_error
+        system, bubbles = stepper.system, Bubbles(stepper.system)
+        self._bubbles, self.nodes = bubbles, bubbles.nodes
         names = {side for pair in system.problem.pairs.values() for side in (pair.slave, pair.master) if side}
         self._sides = {name: gather_surface(system.mesh, bubbles.space, bubbles.nodes, name) for name in sorted(names)}
         self._known: tuple[Stepper, BubbleRows] | None = None
@@ -66,14 +81,30 @@ class MeshCorrection:
         """The state with bubbles after a substep from `old` to `new`; None: it was not found; collective.
 
         Args:
-            stepper: with the contact rows of both states.
-            old: whose `refined` is the state with bubbles, None: it is the same as `old`.
+            stepper: with the contact rows of the substep.
+            old: whose `refined` is the state with bubbles; None in the initial state, where it is the same.
+            new: the solved state.
             problem: that was solved.
         """
+        began = clock.perf_counter()
+        try:
+            return self._followed(stepper, old, new, problem)
+        finally:
+            self._on_error(clock.perf_counter() - began)
+
+    def vector(self) -> Vec:
+        """No bubbles."""
+        return self._bubbles.zero()
+
+    def _followed(self, stepper: Stepper, old: State, new: State, problem: SurfaceProblem) -> State | None:
         before = old.refined or (None if old.p.any() or old.w.any() else old)
         if before is None:
             return None  # an earlier substep was not followed
         rows = self._rows(stepper)
+        if before.rows is not stepper.system.contacts:
+            before = carried_over(before, stepper.system)
+            if before.surplus is not None:
+                before = replace(before, w=before.w + rows.N @ rows.read(before.surplus))
         x = before.surplus or self._bubbles.zero()
         solve = stepper.chain.beside(stepper.system, stepper.surface, DROP)
         if solve is None:
@@ -250,7 +281,8 @@ class _Substep:
             driven=driven,
             surplus=surplus,
         )
-        return replace(found, surplus=x, peak=max(old.peak, found.energy.stored))
+        motion = dict(zip(surplus.motion, self.rows.motion(here), strict=True))
+        return replace(found, surplus=x, surplus_motion=motion, peak=max(old.peak, found.energy.stored))
 
 
 def _least_squares(changes: list[Vec], r: Vec, bubbles: Bubbles) -> list[float]:

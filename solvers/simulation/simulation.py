@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, fields
 
 from geometry.mesh.mesh import Mesh, build_mesh
 from geometry.protocols import Comm
+from solvers.accuracy.mesh_error import with_mesh_errors
+from solvers.accuracy.two_level import MeshCorrection
 from solvers.parallel.counters import Counters
 from solvers.results.observe import Observer, mesh_data
 from solvers.results.step_result import MeshData, StepResult
@@ -105,12 +107,12 @@ class Simulation:
         observe = self.observer
         state = state or self.stepper.start()
         for time in self.scene.requested_times()[done:]:
-            began = clock.perf_counter()
+            began, estimates = clock.perf_counter(), self.seconds.error
             try:
                 try:
                     accepted = self.stepper.reach(state, time, on_iteration)
                 finally:  # a step that was given up or interrupted has its cost too
-                    self.seconds.iterate += clock.perf_counter() - began
+                    self.seconds.iterate += clock.perf_counter() - began - (self.seconds.error - estimates)
             except StepError as failure:
                 if failure.last_good is not None:
                     self.stepper.reported = failure.last_good
@@ -166,13 +168,17 @@ def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = No
     def on_error(spent: float) -> None:
         seconds.error += spent
 
+    if scene.output.error and MeshCorrection.works_for(system):
+        began = clock.perf_counter()
+        stepper.companion = MeshCorrection(stepper, on_error)
+        on_error(clock.perf_counter() - began)
     return Simulation(
         scene=scene,
         problem=problem,
         mesh=mesh,
         system=system,
         stepper=stepper,
-        observer=Observer.of(stepper, data if scene.output.error else None, on_error),
+        observer=Observer.of(stepper, data, on_error, with_mesh_errors) if scene.output.error else Observer.of(stepper),
         counters=counters,
         seconds=seconds,
         data=data,

@@ -6,11 +6,13 @@ import logging
 import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from geometry.arrays import Array
 from geometry.errors import GeometryError, SceneError, SolverError
+from geometry.mesh.nodes import Nodes
 from geometry.protocols import Vec
 from solvers.contact.admissible_set import AdmissibleSet
 from solvers.interface.flexibility import Load
@@ -35,8 +37,24 @@ ROUNDING = 1e-12  # relative; times that differ by less are equal
 FAR = 100.0  # times the last substep; an extrapolation farther ahead would amplify what its iteration left
 PAIRS = 0.5  # of an error, what pairs that are searched elsewhere add to the next step; measured: .02 to .15
 EASY = 0.5  # of the iterations allowed; a substep that takes more is not easy
-Companion = Callable[["Stepper", State, State, SurfaceProblem], State | None]
 OnIteration = Callable[[HistoryRow], None]  # called after each iteration of each attempt, on every rank
+
+
+class Companion(Protocol):
+    """Follows a history with other displacements, step by step."""
+
+    nodes: Nodes  # of the displacements that `State.surplus` holds
+
+    def vector(self) -> Vec:
+        """No displacement of these nodes."""
+
+    def __call__(self, stepper: Stepper, old: State, new: State, problem: SurfaceProblem) -> State | None:
+        """What `State.refined` becomes after a substep from `old` to `new`; None: it was not found; collective.
+
+        Args:
+            stepper: with the contact rows of the substep.
+            problem: that was solved.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,8 +219,7 @@ class Stepper:
             assert problem is not None
             failed, stuck, others = None, False, solution.others or others
             if self.companion is not None:
-                with self.system.counters.for_error():
-                    new = replace(new, refined=self.companion(stepper, state, new, problem))
+                new = replace(new, refined=self.companion(stepper, state, new, problem))
             easy = solution.iterations <= EASY * self.system.problem.solver.max_iterations
             control = control.after_success(size, step, easy)
             substep_start, state, substeps = state, replace(new, control=control), substeps + 1
