@@ -99,6 +99,15 @@ def vector_space(domain: DolfinxMesh, degree: int) -> FunctionSpace:
     return space
 
 
+def cell_function(domain: DolfinxMesh, values: Array) -> Function:
+    """One value in each cell: `values` (cells,) of this rank, ghosts included."""
+    new = hasattr(fem, "functionspace")
+    space = fem.functionspace(domain, ("DG", 0)) if new else fem.FunctionSpace(domain, ("DG", 0))
+    found: Function = fem.Function(space)
+    found.x.array[cell_dofs(space)[:, 0]] = values
+    return found
+
+
 def cells_of_points(count: int) -> FunctionSpace:
     """Space with one value a cell, on a mesh of this rank alone with `count` >= 1 cells, one for each of some points.
 

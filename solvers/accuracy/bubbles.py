@@ -13,11 +13,12 @@ import numpy as np
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
 from geometry.mesh.nodes import Nodes
-from geometry.protocols import Function, Vec
+from geometry.protocols import CompiledForm, Function, UflForm, Vec
 from solvers.effects import active
 from solvers.fem.forms import WeakForms
 from solvers.fem.supports import find_constraints
-from solvers.system.system import System, inner_forces
+from solvers.scene.problem import Problem
+from solvers.system.system import System
 
 
 class Bubbles:
@@ -39,8 +40,8 @@ class Bubbles:
         self._T = self.constraints.transformation(mesh.comm)
         self._whole, self._alone = dx.fem.Function(self.space), dx.fem.Function(self.space)
         self._linear = dx.fem.Function(system.space)
-        self._inner = weak.compile(inner_forces(problem, weak, self._whole))
-        self._pull = coarse.compile(inner_forces(problem, coarse, self._alone))
+        self._inner = [weak.compile(form) for form in _inner_forces(problem, weak, self._whole)]
+        self._pull = [coarse.compile(form) for form in _inner_forces(problem, coarse, self._alone)]
         loads = weak.loads() + [term for effect in active(problem) for term in effect.loads(problem, weak)]
         self._loads = [(term.drive, dx.assemble_vector(weak.compile(term.form))) for term in loads]
         self.initial = [dx.assemble_vector(weak.compile(weak.initial_load(s))) for s in system.initial.strains]
@@ -78,12 +79,12 @@ class Bubbles:
         self._whole.interpolate(self._linear)
         dx.petsc_vector(self._whole).array[:] += x.array_r
         self._whole.x.scatter_forward()
-        return dx.assemble_vector(self._inner)
+        return _assembled(self._inner)
 
     def pull(self, x: Vec) -> Vec:
         """Inner forces a(x, .) [N] of bubbles on the dofs of order 1; collective."""
         _fill(self._alone, x)
-        return dx.assemble_vector(self._pull)
+        return _assembled(self._pull)
 
     def relaxed(self, forces: Vec) -> Vec:
         """Displacement of the free bubbles under forces on them, each node by itself: block Jacobi."""
@@ -121,11 +122,7 @@ class Bubbles:
         owned = mesh.domain.topology.index_map(d).size_local
         lame = np.zeros((len(x), 2))
         for name, tag in mesh.bodies.items():
-            material = system.problem.bodies[name]
-            first = material.lame_lambda
-            if system.problem.model == "plane stress":
-                first = 2 * first * material.lame_mu / (first + 2 * material.lame_mu)
-            lame[mesh.cell_tags.indices[mesh.cell_tags.values == tag]] = first, material.lame_mu
+            lame[mesh.cell_tags.indices[mesh.cell_tags.values == tag]] = system.weak.lame(name)
         lame[owned:] = 0.0  # ghosts belong to others
         total = dx.fem.Function(self.space)
         blocks = np.zeros((self.nodes.owned, d, d))
@@ -147,6 +144,17 @@ class Bubbles:
             dx.add_to_owners(total)
             blocks[:, i] = total.x.array.reshape(-1, d)[: self.nodes.owned]
         return blocks
+
+
+def _inner_forces(problem: Problem, weak: WeakForms, u: Function) -> list[UflForm]:
+    """a(u, v) of the bodies, and the stiffness of effects, as forms of their own."""
+    stiffness = [form for effect in active(problem) for form in effect.stiffness(problem, weak, u)]
+    return [weak.elasticity_by_cell(u), *stiffness]
+
+
+def _assembled(forms: list[CompiledForm]) -> Vec:
+    first, *others = (dx.assemble_vector(form) for form in forms)
+    return sum(others, start=first)
 
 
 def _fill(function: Function, values: Vec) -> None:

@@ -28,4 +28,4 @@ def grows(side: Surface, pressure: Array) -> bool:
         rings.append(float(pressure[ring].max()))
         seen |= ring
     first, second, third = -np.diff(rings)
-    return rings[-1] > 0 and first > STEEP * rings[0] and first > CONVEX * second and second >= 0 and third >= 0
+    return bool(rings[-1] > 0 and first > STEEP * rings[0] and first > CONVEX * second and second >= 0 and third >= 0)

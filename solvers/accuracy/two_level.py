@@ -28,6 +28,7 @@ from solvers.contact.build import along
 from solvers.contact.coupling import relative_to
 from solvers.contact.rows import ContactRows
 from solvers.interface.problem import SurfaceProblem
+from solvers.methods import METHODS
 from solvers.methods.method import Solve
 from solvers.newton.solution import Solution, Status, ignore
 from solvers.parallel.replicated import Replicated
@@ -36,7 +37,6 @@ from solvers.stepping.state import State
 from solvers.stepping.stepper import Stepper
 from solvers.stepping.update import Surplus, displacement, new_state
 from solvers.system.contact_interface import components
-from solvers.system.system import System
 
 FACTOR = 1.25  # stated error over difference; measured with STEPS = 2
 DROP = 1e-2  # factor by which iterative methods make the residual of contact smaller
@@ -59,9 +59,11 @@ class MeshCorrection:
     """Follows a history of load steps with bubbles; called after each substep."""
 
     @staticmethod
-    def works_for(system: System) -> bool:
-        """Whether it can follow a system: of order 1, with contact."""
-        return system.mesh.degree == 1 and len(system.contacts) > 0
+    def works_for(stepper: Stepper) -> bool:
+        """Whether it can follow the steps: of order 1, with contact, by a method with the exact contact laws."""
+        system, methods = stepper.system, {stage.method for stage in stepper.chain.choice.stages}
+        exact = all(METHODS[name].EXACT_LAWS for name in methods)
+        return system.mesh.degree == 1 and len(system.contacts) > 0 and exact
 
     def __init__(self, stepper: Stepper, on_error: Callable[[float], None] = lambda seconds: None) -> None:
         """Prepare the bubbles; collective.

@@ -168,7 +168,7 @@ def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = No
     def on_error(spent: float) -> None:
         seconds.error += spent
 
-    if scene.output.error and MeshCorrection.works_for(system):
+    if scene.output.error and MeshCorrection.works_for(stepper):
         began = clock.perf_counter()
         stepper.companion = MeshCorrection(stepper, on_error)
         on_error(clock.perf_counter() - began)
