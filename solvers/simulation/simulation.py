@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 
 from geometry.mesh.mesh import Mesh, build_mesh
 from geometry.protocols import Comm
+from solvers.accuracy.quantities import Errors
+from solvers.accuracy.time_steps import TimeStepErrors
 from solvers.parallel.counters import Counters
 from solvers.results.observe import Observer, mesh_data
 from solvers.results.step_result import MeshData, StepResult
@@ -30,7 +32,7 @@ class Seconds:
     assemble: float = 0.0  # forms, stiffness, loads, contact rows
     prepare: float = 0.0  # factor or multigrid of the bodies, and what the method prepares
     iterate: float = 0.0  # all steps, failed ones included
-    error: float = 0.0  # estimates of the error of the mesh
+    error: float = 0.0  # estimates of errors
     output: float = 0.0  # reading results off the steps, and writing files
 
     def add(self, earlier: Seconds) -> None:
@@ -122,6 +124,27 @@ class Simulation:
             self.seconds.output += clock.perf_counter() - solved - (self.seconds.error - estimates)
             yield result
             state = accepted.state
+
+    def time_step_errors(
+        self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
+    ) -> tuple[Errors, ...]:
+        """Error of the time steps of every number, from the same history in fewer steps; collective.
+
+        Call it after the last step: half and a quarter of the steps are solved now, in `seconds.error`. Where the state
+        does not depend on the path nothing is solved.
+
+        Args:
+            steps: results of `steps`, all from the first on.
+            on_iteration: as in `steps`, for the iterations of the shorter histories.
+
+        Returns:
+            For each step its numbers' errors, in `time_step`; None where that is not known, see `TimeStepErrors`.
+        """
+        began = clock.perf_counter()
+        try:
+            return TimeStepErrors(self.stepper, self.observer, on_iteration)(steps)
+        finally:
+            self.seconds.error += clock.perf_counter() - began
 
     def script(self) -> Script:
         """A history whose steps are decided one by one, from rest at t = 0; nothing is prepared again.
