@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from solvers.accuracy.quantities import PARTS, ErrorParts, Quantity, quantities
 from solvers.accuracy.time_steps import doubled, halved, stretches
+from solvers.methods import Solver
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Steps
@@ -123,6 +124,20 @@ def test_steps_alone_between_two_turns_are_halved(scene_of: SceneOf, simulation_
     for step, its in zip(steps, simulation.time_step_errors(steps), strict=True):
         true = step.contacts["base"].dissipation_total - exact[step.time].contacts["base"].dissipation_total
         assert 0.7 * true < its[LOST].time_step < 3 * true
+
+
+@pytest.mark.parametrize(("count", "known"), [(2, False), (4, True)])
+def test_iterative_solves_are_not_spent_on_twice_the_steps(
+    count: int, known: bool, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """Two steps, each between two turns; then two of each."""
+    scene = replace(pressed(scene_of, count=count), solver=Solver(method="surface-uzawa", surface="matrix-free"))
+    simulation = simulation_of(scene)
+    steps = [*simulation.steps()]
+    before = simulation.counters.error_solves
+    errors = simulation.time_step_errors(steps)
+    assert (simulation.counters.error_solves > before) == known
+    assert all((parts.time_step is not None) == known for its in errors for parts in its.values())
 
 
 @pytest.mark.parametrize("when", [1.5, 1.0])

@@ -76,7 +76,8 @@ def summary(
         "contact_points": sum(len(c.W_n) for c in contacts),
         "plan": [{"effect": row.effect, "on": row.on, "because": row.because} for row in simulation.plan],
         "steps": [
-            _step(step, errors and errors[index], audits[index] if audits else None) for index, step in enumerate(steps)
+            _step(step, errors[index] if errors else None, audits[index] if audits else None)
+            for index, step in enumerate(steps)
         ],
         "counters": {
             "unknowns": {
