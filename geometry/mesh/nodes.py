@@ -67,4 +67,4 @@ def _lattice(mesh: Mesh, degree: int) -> tuple[str, int, Array]:
 
 def _opposite(corners: Ints) -> Ints:
     """Pairs (m, 2) of the corners of an edge, a quadrilateral or a hexahedron that lie opposite each other."""
-    return np.stack([corners, corners[::-1]], axis=1)[: len(corners) // 2]
+    return np.asarray(np.stack([corners, corners[::-1]], axis=1)[: len(corners) // 2])

@@ -1,1 +1,1 @@
-"""How far off a result is: errors of the mesh and of the time steps, quantity by quantity."""
+"""How accurate each reported number of a run is: the parts of its error, in its own unit."""

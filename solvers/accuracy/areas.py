@@ -14,7 +14,11 @@ from geometry.arrays import Array, Bools, Ints
 from geometry.surfaces.surface import Surface
 
 POWER = 2 / 3
-PARTS = {"interval": [(0, 1)], "triangle": [(0, 1, 2)], "quadrilateral": [(0, 1, 2), (1, 3, 2)]}  # corners of simplices
+PARTS: dict[str, list[tuple[int, ...]]] = {
+    "interval": [(0, 1)],
+    "triangle": [(0, 1, 2)],
+    "quadrilateral": [(0, 1, 2), (1, 3, 2)],
+}  # corners of simplices
 
 
 def beyond_nodes(side: Surface, inside: Bools, outside: Array, among: Bools | None = None) -> float:

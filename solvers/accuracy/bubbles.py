@@ -132,7 +132,9 @@ class Bubbles:
         for n in between:
             G = np.einsum("cai,ab,cbj->cij", inverse, products[n], inverse) * volume[:, None, None]
             trace = np.trace(G, axis1=1, axis2=2)
-            block = lame[:, :1, None] * G + lame[:, 1:, None] * (np.swapaxes(G, 1, 2) + trace[:, None, None] * np.eye(d))
+            block = lame[:, :1, None] * G + lame[:, 1:, None] * (
+                np.swapaxes(G, 1, 2) + trace[:, None, None] * np.eye(d)
+            )
             if mesh.axisymmetric:
                 block[:, 0, 0] += (lame[:, 0] + 2 * lame[:, 1]) * squares[n] * volume / radius**2
             by_node[n] = block

@@ -52,7 +52,10 @@ def _of_facets(side: Surface) -> Array:
     length = np.linalg.norm(along, axis=1)
     normals = side.outward[:, None] * np.stack([along[:, 1], -along[:, 0]], axis=1) / length[:, None]
     curvature = np.full(side.facets.shape, np.nan)  # nan: the side ends there, or has a crease
-    count, total = np.bincount(side.facets.ravel()), np.bincount(side.facets.ravel(), np.repeat(np.arange(len(ends)), 2))
+    count, total = (
+        np.bincount(side.facets.ravel()),
+        np.bincount(side.facets.ravel(), np.repeat(np.arange(len(ends)), 2)),
+    )
     for k, sign in enumerate((-1.0, 1.0)):
         node, each = side.facets[:, k], np.arange(len(ends))
         other = np.where(count[node] == 2, total[node] - each, each).astype(int)
@@ -61,4 +64,4 @@ def _of_facets(side: Surface) -> Array:
         curvature[:, k] = np.where((other != each) & smooth, 2 * turned / (length + length[other]), np.nan)
     first, last = (np.where(np.isnan(a), b, a) for a, b in (curvature.T, curvature.T[::-1]))
     both = np.where(first * last > 0, np.sign(first) * np.minimum(np.abs(first), np.abs(last)), 0.0)
-    return (both * length**2 / 8)[:, None] * normals
+    return np.asarray((both * length**2 / 8)[:, None] * normals)

@@ -12,7 +12,9 @@ import numpy as np
 from geometry.arrays import Array
 from geometry.surfaces.surface import Surface
 
-STEEP = 0.15  # part by which the nearest nodes have less; smooth pressures that were tried: .10 at most on shipped meshes
+STEEP = (
+    0.15  # part by which the nearest nodes have less; smooth pressures that were tried: .10 at most on shipped meshes
+)
 CONVEX = 1.5  # times the next fall; r^(-1/2) has 2.3, r^(-1/10) 1.8
 
 

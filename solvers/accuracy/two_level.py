@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from geometry.arrays import Array, Ints
+from geometry.arrays import Array
 from geometry.protocols import Sparse, Vec
 from geometry.surfaces.surface import Surface, gather_surface
 from solvers.accuracy.bubbles import Bubbles
@@ -28,7 +28,6 @@ from solvers.contact.build import along
 from solvers.contact.coupling import relative_to
 from solvers.contact.rows import ContactRows
 from solvers.interface.problem import SurfaceProblem
-from solvers.methods import METHODS
 from solvers.methods.method import Solve
 from solvers.newton.solution import Solution, Status, ignore
 from solvers.parallel.replicated import Replicated
@@ -61,9 +60,8 @@ class MeshCorrection:
     @staticmethod
     def works_for(stepper: Stepper) -> bool:
         """Whether it can follow the steps: of order 1, with contact, by a method with the exact contact laws."""
-        system, methods = stepper.system, {stage.method for stage in stepper.chain.choice.stages}
-        exact = all(METHODS[name].EXACT_LAWS for name in methods)
-        return system.mesh.degree == 1 and len(system.contacts) > 0 and exact
+        system = stepper.system
+        return system.mesh.degree == 1 and len(system.contacts) > 0 and stepper.chain.exact_laws
 
     def __init__(self, stepper: Stepper, on_error: Callable[[float], None] = lambda seconds: None) -> None:
         """Prepare the bubbles; collective.
@@ -136,7 +134,13 @@ class MeshCorrection:
                 x.axpy(factor, self._bubbles.displacement(direction))
                 r.axpy(factor, change)
         last = step.answer(x, found.solution.p)
-        return None if last is None else step.state(last)
+        if last is None:
+            return None
+        state = step.state(last)
+        if step.rows.closer.any():
+            straight = replace(step, straight=True).answer(x, last.solution.p)
+            state = replace(state, unbent=None if straight is None else step.state(straight))
+        return state
 
     def _rows(self, stepper: Stepper) -> BubbleRows:
         """The contact rows of the bubbles, for those of the stepper."""
@@ -193,13 +197,17 @@ def _rows_of(c: ContactRows, slave: Surface, master: Surface | None) -> tuple[Sp
     how much the mean of a rigid obstacle's distance is smaller than that at the points of the normal rows (m_n,) [m].
     """
     degree = c.degree if c.normal.at_quadrature else 2 * (1 + (slave.shape != "interval")) + 1
+    assert c.quadrature is not None
     points = c.quadrature(max(degree, 3 + slave.axisymmetric))
     at_points = relative_to(points.own, slave, points.other, master)
     each = np.divide(1.0, c.node_weights, out=np.zeros_like(c.node_weights), where=c.node_weights > 0)
     relative = (sparse.diags(each) @ points.psi @ at_points).tocsr()
     if c.normal.at_quadrature:
         points = c.quadrature(c.degree)
-        n, nearer = along(relative_to(points.own, slave, points.other, master), c.normals[:, None]), np.zeros(len(c.W_n))
+        n, nearer = (
+            along(relative_to(points.own, slave, points.other, master), c.normals[:, None]),
+            np.zeros(len(c.W_n)),
+        )
     else:
         mean = sparse.diags(1 / c.W_n) @ c.psi.T
         n = along(mean @ relative, c.normals[:, None])
@@ -222,17 +230,19 @@ class _Substep:
     new: State  # without bubbles, at its end
     problem: SurfaceProblem  # that was solved without bubbles
     solve: Solve
+    straight: bool = False  # whether sides are taken as their facets are
 
     def answer(self, x: Vec, p: Array) -> Answer | None:
         """Solve contact for given bubbles, starting from tractions p (rows,) [Pa]; None: not solved; collective."""
         stepper, system, new = self.stepper, self.stepper.system, self.new
         n, forces = stepper.surface.normal_rows, self.problem.load.f_q.duplicate()
+        closer = (0.0 if self.straight else 1.0) * self.rows.closer[:n]
         system.T.multTranspose(-self.bubbles.pull(x), forces)
         problem = replace(
             self.problem,
             load=stepper.surface.with_more(self.problem.load, forces),
             offset=self.problem.offset + self.rows.N @ self.rows.read(x),
-            gap=np.concatenate([self.problem.gap[:n] - self.rows.closer[:n], (self.old.w - stepper.cone.give(self.old.p))[n:]]),
+            gap=np.concatenate([self.problem.gap[:n] - closer, (self.old.w - stepper.cone.give(self.old.p))[n:]]),
         )
         solution = self.solve(problem, p, ignore)
         if solution.status is not Status.CONVERGED:

@@ -60,8 +60,9 @@ def along(relative: Sparse, directions: Array) -> Sparse:
     j = entries.col[:, None, None] * d + np.arange(d)[None, None, :]
     i, j = np.broadcast_to(i, components.shape), np.broadcast_to(j, components.shape)
     values = entries.data[:, None, None] * components
-    found = sparse.coo_matrix((values.ravel(), (i.ravel(), j.ravel())), shape=(m * c, entries.shape[1] * d))
-    return found.tocsr()
+    shape = (m * c, entries.shape[1] * d)
+    found: Sparse = sparse.coo_matrix((values.ravel(), (i.ravel(), j.ravel())), shape=shape).tocsr()
+    return found
 
 
 def frames_of(normals: Array) -> Array:
@@ -216,7 +217,8 @@ def build_rows(
         found.append(
             ContactRows(
                 name=name, surface=coupling.surface, master=coupling.master, normal=contact.normal, friction=friction,
-                frames=frames[name], node_weights=weights, node_gap=gap, node_distance=coupling.gap, relative=coupling.relative,
+                frames=frames[name], node_weights=weights, node_gap=gap, node_distance=coupling.gap,
+                relative=coupling.relative,
                 N_n=N_n, W_n=W_n, normals=directions, gap=gap_n, N_t=N_t, W_t=W_t,
                 tangents=carrier.directions, free=carrier.free, psi=psi, share_t=carrier.share, dropped=dropped,
                 quadrature=coupling.points, degree=degree,

@@ -34,7 +34,8 @@ def relative_to(own: On, surface: Surface, other: On | None, master: Surface | N
     """Displacements of the nodes of both sides to relative displacement at q points (q, n + n_master)."""
     if other is None or master is None:
         return own.basis(surface)
-    return sparse.hstack([own.basis(surface), -other.basis(master)], format="csr")
+    found: Sparse = sparse.hstack([own.basis(surface), -other.basis(master)], format="csr")
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)

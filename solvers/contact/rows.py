@@ -42,9 +42,9 @@ class ContactRows:
     free: Bools  # (m_t, d-1) tangential directions that carry a multiplier
     psi: Sparse  # (n, m_n): values at the normal points to integrals ∫ psi_j, psi_j the dual basis, by node
     share_t: Sparse  # (m_t, n): which nodes a tangential point stands for; columns add up to 1
-    quadrature: Callable[[int], Points]  # integration points of the slave; takes a degree
-    degree: int  # of that at which a compliance law gives pressure by displacement
     dropped: int  # nodes whose multiplier a support or another contact makes redundant
+    quadrature: Callable[[int], Points] | None = None  # integration points by degree; None: the rows are given without
+    degree: int = 0  # of that at which a compliance law gives pressure by displacement
 
     @cached_property
     def nodes(self) -> Ints:
@@ -118,4 +118,4 @@ class ContactRows:
     def tangential_part(self, relative: Array) -> Array:
         """Tangential part (n, d) of vectors (n, d) at the slave's nodes."""
         normal = np.einsum("nd,nd->n", self.frames[:, 0], relative)
-        return relative - normal[:, None] * self.frames[:, 0]
+        return np.asarray(relative - normal[:, None] * self.frames[:, 0])

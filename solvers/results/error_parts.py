@@ -1,13 +1,29 @@
-"""Errors of the numbers that a step reports: the parts of each error by their source."""
+"""Errors of the numbers that a step reports: a key for each number, and the parts of its error by their source."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 from geometry.arrays import Array
 
 Value = float | Array  # a number, or a vector by component
+
+
+class Quantity(NamedTuple):
+    """Key of a reported number, as it stands in result.json.
+
+    >>> print(Quantity("contacts", "base", "normal_force"), Quantity("energy", "", "stored"))
+    contacts.base.normal_force energy.stored
+    """
+
+    kind: str  # contacts, supports, obstacles, probes or energy
+    name: str  # of the contact, support, obstacle or probe; empty for energy
+    quantity: str
+
+    def __str__(self) -> str:
+        return ".".join(word for word in self if word)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,4 +55,4 @@ class ErrorParts:
 
 
 PARTS = tuple(f.name for f in fields(ErrorParts) if f.name != "converges")
-Errors = Mapping[str, ErrorParts]  # by the number's place in a step of result.json: contacts.NAME.normal_force
+Errors = Mapping[Quantity, ErrorParts]  # of one step

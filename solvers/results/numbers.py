@@ -1,36 +1,36 @@
-"""Every number that a step reports, by its place in a step of result.json."""
+"""Every number that a step reports, by its key."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from geometry.arrays import Array
-from solvers.results.error_parts import Value
+from solvers.results.error_parts import Quantity, Value
 from solvers.results.step_result import ContactState, Numbers, StepResult
 from solvers.scene.quantities import CONTACT_NUMBERS, STRESSES
 
 ENERGIES = ("external", "stored", "contact", "compliance", "dissipated")  # its parts; the remainder follows from them
 
 
-def quantities(step: StepResult | Numbers) -> dict[str, Value]:
+def quantities(step: StepResult | Numbers) -> dict[Quantity, Value]:
     """Every number of a step, in SI units: floats, and vectors (d,) of forces, displacements and moments.
 
     A moment in the plane is a number, a stress has the six components of `STRESSES`.
     """
-    found: dict[str, Value] = {}
+    found: dict[Quantity, Value] = {}
     for name, contact in step.contacts.items():
-        found |= {f"contacts.{name}.{key}": value for key, value in _of_contact(contact).items()}
+        found |= {Quantity("contacts", name, key): value for key, value in _of_contact(contact).items()}
     for name, support in step.supports.items():
-        found[f"supports.{name}.force"] = support.force
-        found[f"supports.{name}.moment"] = _moment(support.moment)
+        found[Quantity("supports", name, "force")] = support.force
+        found[Quantity("supports", name, "moment")] = _moment(support.moment)
     for name, obstacle in step.obstacles.items():
-        found[f"obstacles.{name}.displacement"] = obstacle.displacement
-        found[f"obstacles.{name}.force"] = obstacle.force
-        found[f"obstacles.{name}.moment"] = _moment(obstacle.moment)
+        found[Quantity("obstacles", name, "displacement")] = obstacle.displacement
+        found[Quantity("obstacles", name, "force")] = obstacle.force
+        found[Quantity("obstacles", name, "moment")] = _moment(obstacle.moment)
     for name, probe in step.probes.items() if isinstance(step, StepResult) else ():
-        found[f"probes.{name}.displacement"] = probe.displacement
-        found[f"probes.{name}.stress"] = np.array([probe.stress[ij] for ij in STRESSES.values()])
-    return found | {f"energy.{key}": float(getattr(step.energy, key)) for key in ENERGIES}
+        found[Quantity("probes", name, "displacement")] = probe.displacement
+        found[Quantity("probes", name, "stress")] = np.array([probe.stress[ij] for ij in STRESSES.values()])
+    return found | {Quantity("energy", "", key): float(getattr(step.energy, key)) for key in ENERGIES}
 
 
 def _of_contact(contact: ContactState) -> dict[str, Value]:

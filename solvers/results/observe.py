@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,8 +149,12 @@ class Observer:
             probes={name: _locate(system.mesh, x, name) for name, x in points.items()},
             recovered=None if data is None else RecoveredStress(system.problem, data),
             on_error=on_error,
-            estimate=estimate or (lambda observer, accepted, result: result),
+            estimate=estimate or _nothing,
         )
+
+    def without_errors(self) -> Observer:
+        """The same that estimates nothing."""
+        return replace(self, recovered=None, estimate=_nothing)
 
     def __call__(self, accepted: Accepted) -> StepResult:
         """The result of a step; collective. Displacement and stress are on rank 0 only."""
@@ -297,6 +301,11 @@ class Observer:
             values = nodal.reshape(-1, system.mesh.dim)[dx.cell_dofs(system.space)[cell]]
             found = ProbeValue(displacement=basis @ values, stress=cell_stress[cell])
         return next(offer for offer in system.mesh.comm.allgather(found) if offer is not None)
+
+
+def _nothing(observer: Observer, accepted: Accepted, result: StepResult) -> StepResult:
+    """Add no errors."""
+    return result
 
 
 def _normal_forces(accepted: Accepted, p: Array) -> dict[str, float]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from geometry.arrays import Array, Ints
 from solvers.newton.solution import Convergence
-from solvers.results.error_parts import Errors, Value
+from solvers.results.error_parts import ErrorParts, Value
 from solvers.stepping.history import HistoryTuple
 from solvers.stepping.state import Energy
 
@@ -130,8 +130,8 @@ class StepResult:
     other_solutions: tuple[
         Mapping[str, float], ...
     ] = ()  # that friction admits and were met: normal force by contact [N]
-    corrected: Mapping[str, Value] = field(default_factory=dict)  # numbers with most of the mesh's error removed
-    errors: Errors = field(default_factory=dict)  # of numbers, as far as they are estimated
+    corrected: Mapping[str, Value] = field(default_factory=dict)  # by `Quantity`: most of the mesh's error removed
+    errors: Mapping[str, ErrorParts] = field(default_factory=dict)  # by `Quantity`, but for those of the time steps
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 
     def without_fields(self) -> StepResult:

@@ -22,7 +22,8 @@ from solvers.stepping.state import State
 from solvers.stepping.stepper import Accepted, Stepper
 
 ROWS = "rows"  # field of State that is not stored: it is built again from the pairs of sliding contacts
-SURPLUS, REFINED = "surplus", "refined"  # fields of State with vectors of order 2, stored apart
+APART = ("surplus", "refined")  # fields with vectors of order 2, stored apart
+UNBENT = "unbent"  # not needed by the next step
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +52,7 @@ class Checkpoints:
     def take(self, accepted: Accepted) -> Checkpoint:
         """The checkpoint of a step; call it before the next step begins."""
         chain = self.stepper.chain
-        plain, refined = partial(serialise, whole=self._whole, without=(ROWS, SURPLUS, REFINED)), accepted.state.refined
+        plain, refined = partial(serialise, whole=self._whole, without=(ROWS, UNBENT, *APART)), accepted.state.refined
         return Checkpoint(
             state=plain(accepted.state),
             refined=refined and plain(refined),
@@ -87,11 +88,11 @@ class Checkpoints:
         """
         system, chain = self.stepper.system, self.stepper.chain
         rows = system.searched(checkpoint.searched).contacts if checkpoint.searched else system.contacts
-        given = {ROWS: rows, SURPLUS: None, REFINED: None}
+        given = {ROWS: rows, **dict.fromkeys((UNBENT, *APART))}
         state: State = deserialise(State, checkpoint.state, self._vector, **given)
         if checkpoint.refined is not None and self.stepper.companion:
             surplus = self._bubbles(checkpoint.surplus, self.stepper.companion.vector())
-            refined = deserialise(State, checkpoint.refined, self._vector, **given | {SURPLUS: surplus})
+            refined = deserialise(State, checkpoint.refined, self._vector, **given | {"surplus": surplus})
             state = replace(state, refined=refined)
         system.counters.add(checkpoint.counters)
         if chain.coarse and checkpoint.coarse:

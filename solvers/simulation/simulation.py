@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 
 from geometry.mesh.mesh import Mesh, build_mesh
 from geometry.protocols import Comm
-from solvers.accuracy.mesh_error import with_mesh_errors
+from solvers.accuracy.errors import joined, with_errors
+from solvers.accuracy.time_steps import TimeStepErrors
 from solvers.accuracy.two_level import MeshCorrection
 from solvers.parallel.counters import Counters
+from solvers.results.error_parts import Errors
 from solvers.results.observe import Observer, mesh_data
 from solvers.results.step_result import MeshData, StepResult
 from solvers.scene.problem import PlanRow, Problem
@@ -32,7 +34,7 @@ class Seconds:
     assemble: float = 0.0  # forms, stiffness, loads, contact rows
     prepare: float = 0.0  # factor or multigrid of the bodies, and what the method prepares
     iterate: float = 0.0  # all steps, failed ones included
-    error: float = 0.0  # estimates of the error of the mesh
+    error: float = 0.0  # estimates of errors
     output: float = 0.0  # reading results off the steps, and writing files
 
     def add(self, earlier: Seconds) -> None:
@@ -125,6 +127,27 @@ class Simulation:
             yield result
             state = accepted.state
 
+    def errors(
+        self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
+    ) -> tuple[Errors, ...]:
+        """Errors of every number; those of the time steps from the same history in fewer steps; collective.
+
+        Call it after the last step: half and a quarter of the steps are solved now, in `seconds.error`. Where the state
+        does not depend on the path nothing is solved.
+
+        Args:
+            steps: results of `steps`, all from the first on.
+            on_iteration: as in `steps`, for the iterations of the shorter histories.
+
+        Returns:
+            For each step its numbers' errors by their parts; None where one is not known.
+        """
+        began = clock.perf_counter()
+        try:
+            return joined(steps, TimeStepErrors(self.stepper, self.observer, on_iteration)(steps))
+        finally:
+            self.seconds.error += clock.perf_counter() - began
+
     def script(self) -> Script:
         """A history whose steps are decided one by one, from rest at t = 0; nothing is prepared again.
 
@@ -178,7 +201,7 @@ def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = No
         mesh=mesh,
         system=system,
         stepper=stepper,
-        observer=Observer.of(stepper, data, on_error, with_mesh_errors) if scene.output.error else Observer.of(stepper),
+        observer=Observer.of(stepper, data, on_error, with_errors) if scene.output.error else Observer.of(stepper),
         counters=counters,
         seconds=seconds,
         data=data,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 
 from solvers.interface.coarse_mesh import CoarseMesh
@@ -52,6 +53,9 @@ class MethodChain:
 
     A switch to another method with the same form of the bodies lasts for one substep: the next one begins with the
     first method of that form again. A switch to another form is permanent: the bodies are prepared in one form.
+
+    Attributes:
+        repeats: whether steps are solved to estimate an error alone, see `repeating`.
     """
 
     def __init__(self, system: System, reached: Reached | None = None) -> None:
@@ -67,6 +71,7 @@ class MethodChain:
         self._ready: dict[Stage, Ready] = {}
         self._learnt: dict[str, dict[str, Plain]] = {}  # of methods that are not prepared yet, see `restore`
         self._metric: SurfaceMetric | None = None  # for methods that have none
+        self.repeats = False
 
     @property
     def stage(self) -> Stage:
@@ -98,6 +103,8 @@ class MethodChain:
             Whether it was switched; not if the chain ends, or memory does not suffice for the next form of the bodies.
         """
         before, later = self.stage, self._later(other_form=solution.status is Status.SLOW)
+        if self.repeats:
+            later = [k for k in later if self.choice.stages[k].surface == before.surface]
         if not later:
             return False
         after = self.choice.stages[later[0]]
@@ -112,6 +119,27 @@ class MethodChain:
             self.volume.release()
             self.volume = prepare_volume(system, self.stage.surface)
         return True
+
+    @contextmanager
+    def repeating(self, system: System) -> Iterator[None]:
+        """Context for steps that are solved to estimate an error alone.
+
+        The bodies keep their form, whatever fails; no step is cut; nothing is computed beside the solution. Position,
+        switches and counters of work are afterwards what they were before: only `error_solves` has grown.
+        """
+        before = self.at, list(self.switches)
+        with system.counters.for_error(), self.coarse.counters.for_error() if self.coarse else nullcontext():
+            self.repeats = True
+            try:
+                yield
+            finally:
+                self.repeats = False
+                self.at, self.switches = before
+
+    @property
+    def exact_laws(self) -> bool:
+        """Whether all methods converge to the contact laws themselves."""
+        return all(METHODS[stage.method].EXACT_LAWS for stage in self.choice.stages)
 
     @property
     def exhausted(self) -> bool:

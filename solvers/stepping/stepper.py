@@ -174,7 +174,7 @@ class Stepper:
             on_iteration: called with each iteration.
 
         Raises:
-            StepError: a substep of 1/2^HALVINGS of the step failed too.
+            StepError: a substep of 1/2^HALVINGS of the step failed too; at once where the chain only repeats.
             NoEquilibriumError: so, and it is proved that nothing balances the loads.
         """
         state, substeps, control = start, 0, start.control
@@ -182,7 +182,7 @@ class Stepper:
         unbalanced: tuple[float, str] | None = None  # earliest time that is proved to have no equilibrium
         solves = self.system.counters.volume_solves
         step = target - start.time
-        smallest = step / 2**HALVINGS
+        smallest = step if self.chain.repeats else step / 2**HALVINGS
         accepted: Accepted | None = None
         others: tuple[Array, ...] = ()
         failed: SurfaceProblem | None = None  # from the present state
@@ -218,7 +218,7 @@ class Stepper:
                 continue
             assert problem is not None
             failed, stuck, others = None, False, solution.others or others
-            if self.companion is not None:
+            if self.companion is not None and not self.chain.repeats:
                 new = replace(new, refined=self.companion(stepper, state, new, problem))
             easy = solution.iterations <= EASY * self.system.problem.solver.max_iterations
             control = control.after_success(size, step, easy)
@@ -362,6 +362,8 @@ class Stepper:
         previous = Previous(time=state.time, p=state.p) if end > state.time else None
         peak = max(state.peak, new.energy.stored)
         law_error = state.law_error + solution.law_error
+        if self.chain.repeats:
+            return solution, problem, replace(new, previous=previous, law_error=law_error, peak=peak)
         before = state.correction or Correction.none(len(solution.p))
         try:
             left = self._correction(problem, solution, before, new.w)

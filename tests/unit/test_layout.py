@@ -22,7 +22,7 @@ FLOORS = {  # from the ground up
     "geometry": "errors memory keys arrays protocols amplitude shape form_cache dolfinx_versions mesh surfaces"
     " user_files builders obstacles",
     "solvers": "parallel linear laws scene fem contact effects system interface blocks metrics newton methods stepping"
-    " results simulation analysis",
+    " results accuracy simulation analysis",
     "workflows": "formats pictures writers scene_file run cost verification commands",
     "": "stickslip",  # the public face; what stands on it is a script that a user might have written
     "workflows above": "reference benchmarks studies demos",

@@ -48,9 +48,7 @@ def pressed(scene_of: SceneOf, model: str, cells: str, **shape: Any) -> Scene:
 
 
 @pytest.mark.parametrize(("model", "cells"), KINDS)
-def test_forces_of_bubbles_are_those_of_order_2(
-    model: str, cells: str, scene_of: SceneOf, system_of: SystemOf
-) -> None:
+def test_forces_of_bubbles_are_those_of_order_2(model: str, cells: str, scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(pressed(scene_of, model, cells, mesh_size=0.5))
     bubbles = Bubbles(system)
     weak = WeakForms(system.problem, system.mesh, bubbles.space, system.counters)
@@ -125,7 +123,9 @@ COARSE_AND_FINE = [
 NUMBERS = ("normal_force", "tangential_force", "dissipation_total")
 
 
-@pytest.mark.parametrize(("name", "sets", "fine"), COARSE_AND_FINE, ids=lambda part: part if isinstance(part, str) else "")
+@pytest.mark.parametrize(
+    ("name", "sets", "fine"), COARSE_AND_FINE, ids=lambda part: part if isinstance(part, str) else ""
+)
 def test_stated_errors_are_true(name: str, sets: list[str], fine: list[str]) -> None:
     step = last(name, "geometry.order=1", *sets)
     truth = quantities(last(name, "geometry.order=2", *fine))

@@ -13,6 +13,7 @@ from typing import Any
 
 from geometry.errors import MachineError
 from solvers.parallel.serialise import serialise
+from solvers.results.error_parts import Errors
 from solvers.results.linear_reference import LinearReference, linear_reference
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
@@ -78,6 +79,7 @@ class Run:
         self._state: State | None = None  # that the last step has left
         self._total = 0.0  # [s] of the processes before this one
         self.steps = list(earlier.steps)  # the last one with its fields on rank 0, the others without
+        self._errors: tuple[Errors, ...] | None = None  # of the numbers of each step; None: not estimated
         seen = Seen()
         if earlier.last:
             self._state, usable = self._checkpoints.put_back(earlier.last.checkpoint, self._learnt.read())
@@ -109,6 +111,9 @@ class Run:
                 self._outputs.step(index, step, AFTER)
                 self._on_rank_0(partial(watch.on_step, step))
                 seconds.output += clock.perf_counter() - solved
+            if self._simulation.scene.output.error:
+                self._on_rank_0(watch.on_estimate)
+                self._errors = self._simulation.errors(self.steps, lambda row: self._interrupt.check(comm))
         except StepError as error:
             log.error("%s", error)
             written = len(error.last_good.history) if error.last_good else 0  # with the last good substep
@@ -176,7 +181,7 @@ class Run:
 
         def content() -> dict[str, Any]:
             said = replace(outcome, warnings=(*told, *warnings))
-            return summary(simulation, said, self.steps, audited, self._seconds(began), reference)
+            return summary(simulation, said, self.steps, self._errors, audited, self._seconds(began), reference)
 
         for line in (*warnings, *[sentence] * (status == "doubtful")):
             log.warning("%s", line)
@@ -195,7 +200,9 @@ class Run:
     def _warnings(self) -> tuple[str, ...]:
         """What the answer gives reason to doubt, the same on every rank; collective."""
         found: list[str] = []
-        self._on_rank_0(lambda: found.extend((*self._fields.warnings(), *doubts(self._simulation, self.steps))))
+        self._on_rank_0(
+            lambda: found.extend((*self._fields.warnings(), *doubts(self._simulation, self.steps, self._errors)))
+        )
         return tuple(self._simulation.mesh.comm.bcast(found))
 
     def _seconds(self, began: float) -> float:

@@ -46,7 +46,15 @@ class Reporter:
 
     def watch(self) -> Watch:
         """Callbacks for the run."""
-        return Watch(self._meshed, self._prepared, self._iteration, self._step, self._resumed, self._note)
+        return Watch(
+            on_mesh=self._meshed,
+            on_prepared=self._prepared,
+            on_iteration=self._iteration,
+            on_step=self._step,
+            on_estimate=self._estimate,
+            on_resume=self._resumed,
+            on_note=self._note,
+        )
 
     def _meshed(self, report: MeshReport) -> None:
         for line in report.lines():
@@ -72,6 +80,9 @@ class Reporter:
         self.progress.advance(self.task)
         if not self.console.is_terminal or self.verbose:
             self._line(f"t = {step.time:g}: {step.iterations} iterations, residual {step.residual:.1e}")
+
+    def _estimate(self) -> None:
+        self.progress.update(self.task, description="estimating the error of the time steps")
 
     def _resumed(self, done: int, time: float) -> None:
         self.progress.advance(self.task, done)
