@@ -130,7 +130,17 @@ class Simulation:
     def errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
     ) -> tuple[Errors, ...]:
-        """Errors of every number; those of the time steps from the same history in fewer steps; collective.
+        """Errors of every number by their parts, see `time_step_errors`; collective.
+
+        Returns:
+            For each step its numbers' errors; a part that is not known is None.
+        """
+        return joined(steps, self.time_step_errors(steps, on_iteration))
+
+    def time_step_errors(
+        self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
+    ) -> tuple[Errors, ...]:
+        """Error of the time steps of every number, from the same history in fewer steps; collective.
 
         Call it after the last step: half and a quarter of the steps are solved now, in `seconds.error`. Where the state
         does not depend on the path nothing is solved.
@@ -140,11 +150,11 @@ class Simulation:
             on_iteration: as in `steps`, for the iterations of the shorter histories.
 
         Returns:
-            For each step its numbers' errors by their parts; None where one is not known.
+            For each step its numbers' errors, in `time_step`; None where that is not known, see `TimeStepErrors`.
         """
         began = clock.perf_counter()
         try:
-            return joined(steps, TimeStepErrors(self.stepper, self.observer, on_iteration)(steps))
+            return TimeStepErrors(self.stepper, self.observer, on_iteration)(steps)
         finally:
             self.seconds.error += clock.perf_counter() - began
 
