@@ -176,7 +176,7 @@ class Run:
         elif audited.passed:
             warnings += tuple(f"the audit finds that {one}" for one in audited.passed)
         outcome = Outcome(status, sentence, self._place, warnings)
-        ended = Ended(status=status, steps=self.steps)
+        ended = Ended(status=status, steps=self.steps, errors=self._errors)
         reference: LinearReference | None = None
 
         def content() -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterable
 from types import TracebackType
@@ -21,6 +22,8 @@ from workflows.run.watch import Watch
 from workflows.writers.writer import registered
 
 Content = dict[str, Any]
+DIGITS = 1e-6  # of a number: a smaller error is not shown
+MOST_PLACES = 6  # behind the point
 
 
 class Reporter:
@@ -197,9 +200,32 @@ def _contacts(content: Content) -> Table:
         cost = (str(step["iterations"]), str(step["volume_solves"]))
         for name, c in (step["contacts"] or {"-": None}).items():
             keys = ("normal_force", "tangential_force", "contact_area", "stick_area", "slip_area")
-            numbers = [f"{c[k]:.5g}" for k in (*keys, "max_pressure", "max_penetration")] if c else ["-"] * 7
+            numbers = [_with_error(c, k) for k in (*keys, "max_pressure", "max_penetration")] if c else ["-"] * 7
             table.add_row(f"{step['time']:g}", name, *numbers, *cost)
     return table
+
+
+def _with_error(numbers: Content, key: str) -> str:
+    """A number with its error, as many digits as that leaves.
+
+    >>> _with_error({"force": 0.242957, "error": {"force": {"total": 0.0002, "converges": True}}}, "force")
+    '0.2430 ± 0.0002'
+    >>> _with_error({"force": 0.242957, "error": {"force": {"total": None, "converges": False}}}, "force")
+    '0.24 (grows)'
+    >>> _with_error({"force": 0.242957, "error": None}, "force")
+    '0.24296'
+    """
+    value, parts = numbers[key], (numbers["error"] or {}).get(key, {"total": None, "converges": None})
+    if parts["converges"] is False:
+        return f"{value:.2g} (grows)"
+    error = parts["total"]
+    if error is None or not error > DIGITS * abs(value):
+        return f"{value:.5g}"
+    last = math.floor(math.log10(float(f"{error:.0e}")))  # place of its only digit
+    if 0 < -last <= MOST_PLACES:
+        return f"{value:.{-last}f} ± {error:.{-last}f}"
+    places = max(math.floor(math.log10(abs(value))) - last, 0) if value else 0
+    return f"{value:.{places}e} ± {error:.0e}" if value else f"0 ± {error:.0e}"
 
 
 def print_plan(content: Content) -> None:
