@@ -39,7 +39,7 @@ from solvers.stepping.stepper import StepError, Stepper
 log = logging.getLogger(__name__)
 SAFETY = 1.25  # where two histories are compared alone; stated / true without it: .41 to 4.0, median 1.0
 OVERLAP = 1e-9  # relative to the bodies; a smaller initial interference is rounding
-WORKS = ("external", "contact")  # energies of which `_works` gives the error
+SHORT = 1e-6  # of the first step: loads and motions of an infinitely short one do not count beside an interference
 Stretches = tuple[tuple[float, ...], ...]  # the times of a history [s]; each stretch ends where some value turns
 
 
@@ -182,7 +182,8 @@ class TimeStepErrors:
         run = Solved(plan, times, np.array([columns.row(each) for each in values]))
         with self._stepper.chain.repeating(self._stepper.system):
             compared = self._compare(run) if remembers(self._problem) else Compared()
-        found = estimates(run, compared, columns, closes_at_once=self._closes_at_once())
+            jump = self._jump(steps)
+        found = estimates(run, compared, columns, jump)
         cut = next((k for k, step in enumerate(steps) if step.substeps > 1), len(steps))
         found[cut:] = np.nan
         return tuple(columns.errors(row) for row in found)
@@ -218,10 +219,18 @@ class TimeStepErrors:
                 rows.append(_Columns.row(quantities(self._observe(accepted))))
         return Solved(plan, np.array(times), np.reshape(rows, (len(rows), run.rows.shape[1])))
 
-    def _closes_at_once(self) -> bool:
-        """Whether an interference is closed in the first step, however short that is."""
+    def _jump(self, steps: Sequence[StepResult]) -> float:
+        """Time remainder [J] of an infinitely short first step: it closes interferences; NaN: not solved."""
+        if steps[0].time == 0:
+            return steps[0].energy.time_remainder
         overlap = OVERLAP * self._stepper.system.extent
-        return any(bool((c.node_gap < -overlap).any()) for c in self._stepper.system.contacts)
+        if not any((c.node_gap < -overlap).any() for c in self._stepper.system.contacts):
+            return 0.0
+        try:
+            first = self._stepper.reach(self._stepper.start(), SHORT * steps[0].time, self._on_iteration)
+        except StepError:
+            return float("nan")
+        return first.state.energy.time_remainder
 
 
 def remembers(problem: Problem) -> bool:
@@ -257,12 +266,12 @@ def _squares(plan: Stretches, counted: Sequence[bool], times: Array) -> Array:
     return np.asarray(sums[np.searchsorted(ends, times)])
 
 
-def estimates(run: Solved, compared: Compared, columns: _Columns, closes_at_once: bool) -> Array:
+def estimates(run: Solved, compared: Compared, columns: _Columns, jump: float) -> Array:
     """Errors (n, k) of the numbers of the run at its times, >= 0; NaN: not known.
 
     Args:
         compared: the other histories; none where the path does not matter: then only works have an error.
-        closes_at_once: whether an interference is closed in the first step.
+        jump: time remainder [J] of an infinitely short first step.
     """
     n, k = run.rows.shape
     half, quarter, single = (
@@ -272,11 +281,8 @@ def estimates(run: Solved, compared: Compared, columns: _Columns, closes_at_once
     found: Array = np.where(third, np.fmax(np.abs(half), np.abs(quarter)), SAFETY * np.abs(half)) + SAFETY * np.abs(
         single
     )
-    if not closes_at_once:
-        for name, error in _works(run, half + single, columns).items():
-            found[:, columns.energy(name)] = np.abs(error)
-    elif compared.half is None and compared.single is None:
-        found[:, [columns.energy(name) for name in WORKS]] = np.nan
+    for name, error in _works(run, half + single, columns, jump).items():
+        found[:, columns.energy(name)] = np.abs(error)
     return found
 
 
@@ -305,20 +311,19 @@ def _adds_up(key: Quantity) -> bool:
     return key.kind == "energy" or key.quantity == "dissipation_total"
 
 
-def _works(run: Solved, errors: Array, columns: _Columns) -> dict[str, Array]:
+def _works(run: Solved, errors: Array, columns: _Columns, jump: float) -> dict[str, Array]:
     """Errors (n,) of the works: with infinitely short steps, they are what is stored and dissipated.
 
     external = stored + contact and contact = compliance + dissipated + remainder hold at any step size, and the
-    remainder vanishes with it, but for a jump of loads at t = 0. So the works' error is the remainder, and the errors
+    remainder vanishes with it, but for that of a jump at t = 0. So the works' error is the remainder, and the errors
     of the other terms.
 
     Args:
         errors: signed, of all numbers (n, k).
+        jump: time remainder [J] of an infinitely short first step.
     """
     values = {name: run.rows[:, columns.energy(name)] for name in ENERGIES}
     off = {name: errors[:, columns.energy(name)] for name in ENERGIES}
     remainder = values["contact"] - values["compliance"] - values["dissipated"]
-    if run.times[0] == 0:
-        remainder = remainder - remainder[0]
-    contact = remainder + off["compliance"] + off["dissipated"]
+    contact = remainder - jump + off["compliance"] + off["dissipated"]
     return {"contact": contact, "external": contact + off["stored"]}

@@ -92,10 +92,32 @@ def test_without_friction_nothing_is_solved_and_only_works_have_an_error(
     assert steps[-1].energy.time_remainder > 0
 
 
-def test_an_interference_without_friction_leaves_works_unknown(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
-    """The first step closes it at once, however short: its part of the remainder is no error."""
+@pytest.mark.parametrize("contact", [BASE, RUBBED])
+def test_closing_an_interference_at_once_is_no_error_of_works(
+    contact: Any, scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    """The first step closes it, however short it is: its part of the remainder does not vanish."""
+    scene = pressed(scene_of, contact | {"gap_offset": -0.01}, count=4)
+    simulation, many = simulation_of(scene), simulation_of(replace(scene, steps=Steps(end=2.0, count=128)))
+    steps, (*_, exact) = [*simulation.steps()], many.steps()
+    stated = simulation.time_step_errors(steps)[-1]
+    for key in ("external", "contact"):
+        true = abs(work(steps[-1])[key] - work(exact)[key])
+        assert true > 0.05 * abs(exact.energy.time_remainder) > 0
+        assert stated[Quantity("energy", "", key)].time_step == pytest.approx(true, rel=0.1)
+
+
+def test_an_interference_that_cannot_be_closed_leaves_works_unknown(
+    scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
     simulation = simulation_of(pressed(scene_of, BASE | {"gap_offset": -0.01}))
-    (*_, last) = simulation.time_step_errors([*simulation.steps()])
+    steps = [*simulation.steps()]
+
+    def fails(self: Stepper, start: Any, target: float, *rest: Any) -> Any:
+        raise StepError(target, "too hard", (), None)
+
+    monkeypatch.setattr(Stepper, "reach", fails)
+    (*_, last) = simulation.time_step_errors(steps)
     assert {str(key) for key, parts in last.items() if parts.time_step is None} == {"energy.external", "energy.contact"}
 
 
