@@ -1,0 +1,1 @@
+"""The stated errors beside the true ones: verification problems and ready scenes; `stickslip verify accuracy`."""

@@ -1,0 +1,159 @@
+"""All numbers of a solved history with their stated errors, component by component, and the scales that judge them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from geometry.arrays import Array
+from solvers.results.error_parts import ErrorParts, Errors, Quantity, Value
+from solvers.results.numbers import quantities
+from solvers.results.step_result import StepResult
+from solvers.scene.quantities import STRESSES
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation, prepare
+
+MESH, TIME, ITERATION, TOTAL = "mesh", "time_step", "iteration", "total"
+PARTS = {  # as they are judged, of the parts of `ErrorParts`: what no truth can tell apart is one
+    MESH: ("mesh", "geometry"),
+    TIME: ("time_step",),
+    ITERATION: ("iteration", "linear_solver"),
+    TOTAL: ("total",),
+}
+KINDS = {
+    "force": ("force", "normal_force", "tangential_force"),
+    "moment": ("moment",),
+    "area": ("contact_area", "stick_area", "slip_area"),
+    "pressure": ("max_pressure", "stress"),
+    "length": ("max_penetration", "max_slip", "displacement"),
+    "dissipation": ("dissipation", "dissipation_total", "dissipated"),
+    "energy": ("external", "stored", "contact", "compliance"),
+}
+KIND = {quantity: kind for kind, names in KINDS.items() for quantity in names}
+WORTH = 1e-3  # of the stored energy; the error of a smaller dissipation is not judged
+Column = Mapping[str, Array]  # (n,) for each of n steps, by the name of a number
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """The numbers of all n steps of a history, in SI units; vectors by component: contacts.base.force.x."""
+
+    times: Array  # (n,) [s]
+    values: Column
+    stated: Mapping[str, Column]  # errors by part; nan: none is stated
+    endless: Column  # 1 where it is said that the number has no limit on ever finer meshes
+    scales: Column  # what an error is measured by; 0: it is not judged
+    unknowns: int
+
+    def at(self, times: Array) -> Answer:
+        """The same at some of its times alone; what a step dissipates is that of all steps since the time before."""
+        k = np.array([np.abs(self.times - time).argmin() for time in times])
+
+        def some(columns: Column) -> Column:
+            return {name: column[k] for name, column in columns.items()}
+
+        sums = {
+            name: np.diff(np.cumsum(column)[k], prepend=0.0)
+            for name, column in self.values.items()
+            if quantity(name) == "dissipation"
+        }
+        return replace(
+            self,
+            times=self.times[k],
+            values={**some(self.values), **sums},
+            stated={part: some(columns) for part, columns in self.stated.items()},
+            endless=some(self.endless),
+            scales=some(self.scales),
+        )
+
+
+def solve(scene: Scene, errors: bool = True) -> Answer:
+    """Solve all steps; without `errors` none are stated."""
+    simulation = prepare(replace(scene, output=replace(scene.output, error=errors)))
+    steps = tuple(simulation.steps())
+    found = simulation.errors(steps) if errors else tuple({key: ErrorParts() for key in quantities(s)} for s in steps)
+    values = _columns([dict(_numbers(quantities(step))) for step in steps])
+    return Answer(
+        times=np.array([step.time for step in steps]),
+        values=values,
+        stated={part: _columns([dict(_part(s, e, part)) for s, e in zip(steps, found, strict=True)]) for part in PARTS},
+        endless=_columns([dict(_endless(s, e)) for s, e in zip(steps, found, strict=True)]),
+        scales=_scales(simulation, steps, values),
+        unknowns=simulation.system.K.size[0],
+    )
+
+
+def quantity(name: str) -> str:
+    """
+    >>> quantity("contacts.base.force.x"), quantity("energy.stored")
+    ('force', 'stored')
+    """
+    words = name.split(".")
+    return words[1] if words[0] == "energy" else words[2]
+
+
+def kind(name: str) -> str:
+    """Kind of a number, see `KINDS`."""
+    return KIND[quantity(name)]
+
+
+def _numbers(values: Mapping[Quantity, Value]) -> Iterator[tuple[str, float]]:
+    """Numbers by name, vectors by component."""
+    for key, value in values.items():
+        if np.ndim(value) == 0:
+            yield str(key), float(value)
+        else:
+            words = tuple(STRESSES) if key.quantity == "stress" else "xyz"
+            yield from ((f"{key}.{word}", float(each)) for word, each in zip(words, np.asarray(value), strict=False))
+
+
+def _part(step: StepResult, errors: Errors, part: str) -> Iterator[tuple[str, float]]:
+    """A part of the stated errors by name; nan where one of what it sums up is not stated."""
+    stated = {}
+    for key, value in quantities(step).items():
+        terms = [getattr(errors[key], word) for word in PARTS[part]]
+        stated[key] = np.nan * value if any(term is None for term in terms) else sum(terms[1:], start=terms[0])
+    return _numbers(stated)
+
+
+def _endless(step: StepResult, errors: Errors) -> Iterator[tuple[str, float]]:
+    return _numbers({k: 0.0 * value + (errors[k].converges is False) for k, value in quantities(step).items()})
+
+
+def _columns(rows: Sequence[Mapping[str, float]]) -> Column:
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def _scales(simulation: Simulation, steps: Sequence[StepResult], values: Column) -> Column:
+    """What errors of numbers are measured by: the largest of their kind in all steps; a dissipation by itself."""
+    contacts = simulation.system.contacts
+    states = [contact for step in steps for contact in step.contacts.values()]
+    force = max(contact.normal_force for contact in states)
+    moved = {
+        c.name: max(_longest(step.displacement[side.input]) for step in steps for side in (c.surface, c.master) if side)
+        for c in contacts
+    }
+    pressure = max(contact.max_pressure for contact in states)
+    areas = {name: float(contact.weight.sum()) for name, contact in steps[0].contacts.items()}
+    stored = float(values["energy.stored"].max())
+    everywhere = max(_longest(step.displacement) for step in steps)
+    found = {}
+    for name, column in values.items():
+        owner = name.split(".")[1]
+        size = {
+            "force": force,
+            "moment": force * simulation.system.extent,
+            "area": areas.get(owner, 0.0),
+            "pressure": pressure,
+            "length": moved.get(owner, everywhere),
+            "dissipation": np.where(column > WORTH * stored, column, 0.0),
+            "energy": stored,
+        }
+        found[name] = size[kind(name)] + np.zeros(len(steps))
+    return found
+
+
+def _longest(displacement: Array) -> float:
+    return float(np.linalg.norm(displacement, axis=1).max(initial=0.0))

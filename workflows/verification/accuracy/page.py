@@ -1,0 +1,225 @@
+"""The page and the picture of the accuracy suite: shares by part, kind and problem, and the worst cases."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from workflows import VERSION
+from workflows.scene_file.read import READY, read, to_dict
+from workflows.verification.accuracy.answer import ITERATION, KINDS, MESH, PARTS, TIME, TOTAL, kind
+from workflows.verification.accuracy.judge import (
+    BELOW,
+    COUNTS,
+    HIGH,
+    INSIDE,
+    LOW,
+    TOO_LARGE,
+    TOO_SMALL,
+    Case,
+    Endless,
+    Share,
+    counted,
+)
+from workflows.verification.accuracy.problems import MESHES, PROBLEMS
+from workflows.verification.accuracy.suite import LOOSE, MORE, Study
+from workflows.verification.hard.tables import overrides
+
+ASKED = (MESH, TIME, TOTAL)  # parts, of order 1, whose shares are asked for
+WORST = 25  # cases that the page lists
+COLOURS = dict(zip(KINDS, ("#1f77b4", "#17becf", "#2ca02c", "#d62728", "#9467bd", "#ff7f0e", "#7f7f7f"), strict=True))
+
+
+def asked(studies: Sequence[Study]) -> list[Case]:
+    """The cases of order 1 whose shares are asked for."""
+    return [case for study in studies for case in study.cases if case.order == 1 and case.part in ASKED]
+
+
+def passed(studies: Sequence[Study]) -> bool:
+    """Whether all problems were solved, and the shares of order 1 are what is asked for."""
+    return Share.of(asked(studies)).enough and not any(study.failure for study in studies)
+
+
+def sentence(studies: Sequence[Study]) -> str:
+    """The shares of order 1, all problems and parts together."""
+    return f"{len(studies)} problems, order 1: {words(Share.of(asked(studies)))}"
+
+
+def words(share: Share) -> str:
+    """A share in words."""
+    if not share.counted:
+        return "no error is large enough to count"
+    return (
+        f"{share.counted} errors count; stated / true is within [{LOW:g}, {HIGH:g}] in {100 * share.inside:.1f} %, below"
+        f" {TOO_SMALL:g} in {100 * share.below:.1f} %, above {TOO_LARGE:g} in {share.above}; median {share.median:.2f}"
+    )
+
+
+def line(study: Study) -> str:
+    """What is printed of a problem."""
+    said = study.failure or words(Share.of(asked([study])))
+    return f"{study.problem}: {said}; {study.seconds:.0f} s"
+
+
+def again(case: Case) -> str:
+    """The command that solves the case once more."""
+    if not (READY / f"{case.problem}.toml").exists() or case.part == ITERATION:
+        return shlex.join(["stickslip", "verify", "accuracy", "--scenes", case.problem])
+    changed = to_dict(PROBLEMS[case.problem].meshed(case.order, case.mesh))
+    changes = overrides(to_dict(read(case.problem)), changed)
+    return shlex.join(["stickslip", "run", case.problem, *(f"--set={word}" for word in changes)])
+
+
+def write_page(page: Path, studies: Sequence[Study], command: str) -> None:
+    """Write the page, and its picture beside it; the picture has the page's name and ends in .png."""
+    picture = page.with_suffix(".png")
+    page.write_text("\n".join(_lines(studies, command, picture.name)) + "\n", encoding="utf-8")
+    draw(picture, [case for study in studies for case in study.cases])
+
+
+def _lines(studies: Sequence[Study], command: str, picture: str) -> Iterator[str]:
+    cases = [case for study in studies for case in study.cases]
+    yield "# Stated errors beside true ones"
+    yield ""
+    yield f"Made by `{command}`, version {VERSION}; do not edit."
+    yield ""
+    yield f"{sentence(studies)}."
+    yield ""
+    yield (
+        f"Asked for are {100 * INSIDE:.0f} % within [{LOW:g}, {HIGH:g}], at most {100 * BELOW:.0f} % below {TOO_SMALL:g},"
+        f" none above {TOO_LARGE:g}. Every number of every step of the problems is judged, vectors by component, each on"
+        f" three meshes (cells {', '.join(f'{mesh:g}' for mesh in MESHES)} times as large), in both orders. A number that"
+        " has several names, as a force and its reaction, counts once."
+    )
+    yield ""
+    yield "| part | true error: the distance to |"
+    yield "|---|---|"
+    yield f"| {MESH} (with geometry) | order 2 on a mesh 3 times finer than the finest, in the same steps; closed forms |"
+    yield f"| {TIME} | {MORE} times the steps on the same mesh |"
+    yield f"| {ITERATION} (with linear_solver) | the run, from `surface-uzawa`, matrix-free, at tolerance {LOOSE:g} |"
+    yield f"| {TOTAL} | order 2 on the finer mesh in {MORE} times the steps, where that is affordable |"
+    yield ""
+    yield (
+        f"An error counts if it is above {COUNTS:g} of the scale of its kind: forces, of the largest normal force; moments,"
+        " of that times the size of the bodies; areas, of the area of the side; pressures and stresses, of the largest"
+        " pressure; lengths, of the largest displacement of the contact; energies, of the stored energy; dissipations, of"
+        " themselves where they are above a thousandth of it."
+    )
+    yield ""
+    yield f"![Stated over true errors, by the size of the true error]({picture})"
+    yield ""
+    yield "## By part"
+    yield ""
+    yield from table("part, order", cases, lambda case: f"{case.part}, order {case.order}")
+    yield ""
+    yield "Of order 2 the error of the mesh is not stated, nor is a total; nor is any error of a probe's mesh."
+    yield ""
+    yield "## By kind of quantity, order 1"
+    yield ""
+    first = [case for case in cases if case.order == 1]
+    yield from table("part, kind", first, lambda case: f"{case.part}, {kind(case.name)}")
+    yield ""
+    yield "## By problem, order 1"
+    yield ""
+    yield from table("problem", asked(studies), lambda case: case.problem)
+    yield ""
+    yield "| problem | unknowns of order 1 | of the truth | seconds |"
+    yield "|---|--:|--:|--:|"
+    for study in studies:
+        *own, best = study.unknowns or (0,)
+        yield f"| {study.problem} | {', '.join(map(str, own))} | {best} | {study.seconds:.0f} |"
+    yield ""
+    yield "## Largest pressures without a limit"
+    yield ""
+    yield from _endless([each for study in studies for each in study.endless])
+    yield ""
+    yield "## The worst cases of order 1"
+    yield ""
+    worst = sorted(counted(asked(studies)), key=lambda case: -abs(np.log(max(case.effectivity, 1e-9) / 1.4)))[:WORST]
+    for case in worst:
+        yield (
+            f"- {case.problem}, mesh {case.mesh:g}, t = {case.time:g}: {case.part} error of {case.name}: stated / true"
+            f" {case.effectivity:.2f}, true error {100 * case.size:.2g} % of its scale"
+        )
+        yield f"  `{again(case)}`"
+
+
+def table(heading: str, cases: Sequence[Case], key: Callable[[Case], str]) -> Iterator[str]:
+    """Shares by a key, in Markdown, in the order in which the keys come up."""
+    yield (
+        f"| {heading} | counted | within [{LOW:g}, {HIGH:g}] | below {TOO_SMALL:g} | above {TOO_LARGE:g} | median |"
+        " largest true error | not stated |"
+    )
+    yield "|---|" + "--:|" * 7
+    for name in dict.fromkeys(map(key, cases)):
+        own = [case for case in cases if key(case) == name]
+        share = Share.of(own)
+        silent = sum(case.stated is None and case.size > COUNTS for case in own)
+        largest = max((case.size for case in counted(own)), default=0.0)
+        figures = ["-"] * 5
+        if share.counted:
+            figures = [
+                f"{100 * share.inside:.1f} %",
+                f"{100 * share.below:.1f} %",
+                str(share.above),
+                f"{share.median:.2f}",
+                f"{100 * largest:.2g} %",
+            ]
+        yield f"| {name} | {share.counted} | {' | '.join(figures)} | {silent} |"
+
+
+def _endless(found: Sequence[Endless]) -> Iterator[str]:
+    """Found, missed and false alarms, each with its steps and meshes."""
+    groups = {
+        "found": [each for each in found if each.said and each.true],
+        "missed": [each for each in found if not each.said],
+        "false alarms": [each for each in found if not each.true],
+    }
+    yield "At the ends of a punch and at corners the largest pressure grows with every finer mesh; no error is stated."
+    yield ""
+    for name, members in groups.items():
+        places = {f"{each.problem}, {each.name}": 0 for each in members}
+        for each in members:
+            places[f"{each.problem}, {each.name}"] += 1
+        said = "; ".join(f"{place} ({count})" for place, count in places.items())
+        yield f"- {name}: {len(members)}{': ' if said else ''}{said}"
+
+
+def draw(picture: Path, cases: Sequence[Case]) -> None:
+    """Stated over true against the true error, a panel for each part, coloured by kind; order 2 is hollow."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+    figure = Figure(figsize=(4.2 * len(PARTS), 4.6), layout="constrained")
+    panels = figure.subplots(1, len(PARTS), sharey=True, squeeze=False)[0]
+    shown = counted(cases)
+    for axes, part in zip(panels, PARTS, strict=True):
+        axes.axhspan(LOW, HIGH, color="#e6eee0", zorder=0)
+        axes.axhline(1.0, color="#888888", linewidth=0.6)
+        for order in (1, 2):
+            own = [case for case in shown if case.part == part and case.order == order]
+            colours = [COLOURS[kind(case.name)] for case in own]
+            axes.scatter(
+                [case.size for case in own],
+                [np.clip(case.effectivity, 1e-2, 1e2) for case in own],
+                s=7,
+                facecolors=colours if order == 1 else "none",
+                edgecolors=colours,
+                linewidths=0.5,
+                alpha=0.6,
+            )
+        axes.set(title=part, xscale="log", yscale="log", xlabel="true error over its scale")
+    panels[0].set_ylabel("stated over true")
+    handles = [
+        Line2D([], [], linestyle="", marker="o", markersize=4, color=colour, label=name)
+        for name, colour in COLOURS.items()
+    ]
+    handles.append(
+        Line2D([], [], linestyle="", marker="o", markersize=4, color="black", fillstyle="none", label="order 2")
+    )
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles), fontsize=8, frameon=False)
+    FigureCanvasAgg(figure).print_figure(picture, dpi=110)
