@@ -8,17 +8,46 @@ Source: of the power K. L. Johnson, Contact Mechanics (1985), sections 4.2 and 7
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import NamedTuple
+
 import numpy as np
 
 from geometry.arrays import Array, Bools, Ints
 from geometry.surfaces.surface import Surface
+from solvers.results.step_result import OPEN, SLIP, STICK, ContactState
 
 POWER = 2 / 3
+BEFORE = -0.5  # of a facet in 2D: a node touches as soon as its surroundings do, on average
 PARTS: dict[str, list[tuple[int, ...]]] = {
     "interval": [(0, 1)],
     "triangle": [(0, 1, 2)],
     "quadrilateral": [(0, 1, 2), (1, 3, 2)],
 }  # corners of simplices
+
+
+class Crossing(NamedTuple):
+    """Where the edge of an area lies between two neighbouring nodes."""
+
+    inside: int  # node
+    outside: int
+    at: float  # of the way from the one to the other; negative: the edge lies before the node inside
+
+
+def areas_between_nodes(side: Surface, contact: ContactState, weights: Array) -> dict[str, float]:
+    """Areas of a contact [m^(d-1)] whose edges lie between nodes.
+
+    Args:
+        side: of order 1, n nodes.
+        contact: at these nodes.
+        weights: (n,) area that each node stands for [m^(d-1)]; 0 where it faces nothing.
+    """
+    opened, sticks, slips = (contact.status == k for k in (OPEN, STICK, SLIP))
+    gap, slip = np.where(weights > 0, contact.gap, 0.0), np.linalg.norm(contact.slip_increment, axis=1)
+    touching = float(weights[~opened].sum()) + beyond_nodes(side, ~opened, gap)
+    sticking = float(weights[sticks].sum()) + beyond_nodes(side, sticks, slip, among=sticks | slips)
+    sticking += beyond_nodes(side, sticks, gap, among=sticks | opened)
+    return {"contact_area": touching, "stick_area": sticking, "slip_area": touching - sticking}
 
 
 def beyond_nodes(side: Surface, inside: Bools, outside: Array, among: Bools | None = None) -> float:
@@ -30,13 +59,34 @@ def beyond_nodes(side: Surface, inside: Bools, outside: Array, among: Bools | No
         outside: (n,) gap or slip of the nodes that do not [m].
         among: (n,) facets that have other nodes than these are left out; None: none is.
     """
+    crossed = _crossed(side, inside, outside, among)
+    return float(sum(_part(side, nodes, inside, found) for nodes, found in crossed))
+
+
+def crossings(side: Surface, inside: Bools, outside: Array) -> list[Crossing]:
+    """All crossings of a smooth edge; arguments as in `beyond_nodes`."""
+    return [crossing for _, found in _crossed(side, inside, outside, None) for crossing in found]
+
+
+def _crossed(
+    side: Surface, inside: Bools, outside: Array, among: Bools | None
+) -> Iterator[tuple[Array, list[Crossing]]]:
+    """The nodes of each simplex that the edge crosses, and where it does: in 2D once, in 3D twice."""
     level = np.where(inside, 0.0, np.maximum(outside, 0.0) ** POWER)
     simplices = np.concatenate([side.facets[:, list(part)] for part in PARTS[side.shape]])
     if among is not None:
         simplices = simplices[among[simplices].all(axis=1)]
     mixed = simplices[inside[simplices].any(axis=1) & ~inside[simplices].all(axis=1)]
     slope = _slopes(side, ~inside if among is None else among & ~inside, level, np.unique(mixed))
-    return float(sum(_part(side, nodes, inside, level, slope) for nodes in mixed))
+    least = BEFORE if side.dim == 2 else 0.0
+    for nodes in mixed:
+        found = []
+        for a in nodes[inside[nodes]]:
+            for b in nodes[~inside[nodes]]:
+                fall = slope[b] @ (side.points[b] - side.points[a])
+                at = 1 - level[b] / fall if fall > 0 else 0.5
+                found.append(Crossing(int(a), int(b), float(np.clip(at, least, 1.0))))
+        yield nodes, found
 
 
 def _slopes(side: Surface, chosen: Bools, level: Array, nodes: Ints) -> Array:
@@ -54,21 +104,13 @@ def _slopes(side: Surface, chosen: Bools, level: Array, nodes: Ints) -> Array:
     return slope
 
 
-def _part(side: Surface, nodes: Array, inside: Bools, level: Array, slope: Array) -> float:
+def _part(side: Surface, nodes: Array, inside: Bools, found: list[Crossing]) -> float:
     """Area inside the edge of a simplex that it crosses, minus the shares of its nodes that are inside."""
-    x, within = side.points[nodes], inside[nodes]
-    count, whole = int(within.sum()), _size(x)
+    x, count = side.points[nodes], int(inside[nodes].sum())
     weight = 2 * np.pi * float(x[:, 0].mean()) if side.axisymmetric else 1.0
-    lone = np.flatnonzero(within if count == 1 else ~within)[0]  # in 3D two edges of the triangle meet there
-    share = 1.0
-    for other in np.flatnonzero(np.arange(len(nodes)) != lone):
-        a, b = (lone, other) if count == 1 else (other, lone)  # from inside to outside
-        fall = slope[nodes[b]] @ (x[b] - x[a])
-        at = 1 - level[nodes[b]] / fall if fall > 0 else 0.5  # of the way from a to b
-        at = float(np.clip(at, 0.0, 1.0))
-        share *= at if count == 1 else 1 - at
+    share = float(np.prod([crossing.at if count == 1 else 1 - crossing.at for crossing in found]))
     inner = share if count == 1 else 1 - share
-    return (inner - count / len(nodes)) * whole * weight
+    return (inner - count / len(nodes)) * _size(x) * weight
 
 
 def _size(x: Array) -> float:

@@ -17,7 +17,9 @@ from geometry.protocols import CompiledForm, Function, UflForm, Vec
 from solvers.effects import active
 from solvers.fem.forms import WeakForms
 from solvers.fem.supports import find_constraints
+from solvers.parallel.replicated import Replicated
 from solvers.scene.problem import Problem
+from solvers.system.contact_interface import components
 from solvers.system.system import System
 
 
@@ -45,9 +47,9 @@ class Bubbles:
         loads = weak.loads() + [term for effect in active(problem) for term in effect.loads(problem, weak)]
         self._loads = [(term.drive, dx.assemble_vector(weak.compile(term.form))) for term in loads]
         self.initial = [dx.assemble_vector(weak.compile(weak.initial_load(s))) for s in system.initial.strains]
-        corners = len(dx.reference_nodes(mesh.domain.topology.cell_type.name, 1))
+        self._corners = len(dx.reference_nodes(mesh.domain.topology.cell_type.name, 1))
         self._between = np.ones(len(self.nodes.number), bool)
-        self._between[dx.cell_dofs(self.space)[:, :corners]] = False
+        self._between[dx.cell_dofs(self.space)[:, : self._corners]] = False
 
     def zero(self) -> Vec:
         """No displacement."""
@@ -81,6 +83,38 @@ class Bubbles:
         self._whole.x.scatter_forward()
         return _assembled(self._inner)
 
+    def reactions(self, forces: Vec) -> dict[str, tuple[Array, Array]]:
+        """Force (d,) [N] and moment about the origin [N m] that each support exerts; collective.
+
+        Where two supports meet, a node of order 2 has a smaller share of what the other one carries than of order 1.
+
+        Args:
+            forces: inner minus outer forces at all nodes. What is left at free bubbles is that of the nodes of the
+                mesh: so supports together are in balance with loads and contacts.
+        """
+        free = self.free(forces)
+        free.array[:] /= self._copies
+        left = self.displacement(free)
+        held = forces - left + self._at_corners(left)
+        return self.constraints.reactions(self._prescribed.read(held).reshape(-1, self.system.mesh.dim))
+
+    def _at_corners(self, forces: Vec) -> Vec:
+        """Forces on bubbles, at the nodes of the mesh between which they are; collective."""
+        mesh, corners = self.system.mesh, self._corners
+        shape, dofs = mesh.domain.topology.cell_type.name, dx.cell_dofs(self.space)
+        basis = dx.reference_basis(shape, 1, dx.reference_nodes(shape, 2))[0]
+        ends, share = (np.zeros((len(self.nodes.number), corners), kind) for kind in (np.int64, float))
+        for node, shares in enumerate(basis):
+            ends[dofs[:, node]], share[dofs[:, node]] = dofs[:, :corners], shares
+        own, total = forces.array_r.reshape(-1, mesh.dim), dx.fem.Function(self.space)
+        values = np.zeros((len(ends), mesh.dim))
+        np.add.at(values, ends[: len(own)], share[: len(own), :, None] * own[:, None])
+        total.x.array[:] = values.ravel()
+        dx.add_to_owners(total)
+        found = self.zero()
+        found.array[:] = total.x.array[: len(found.array)]
+        return found
+
     def pull(self, x: Vec) -> Vec:
         """Inner forces a(x, .) [N] of bubbles on the dofs of order 1; collective."""
         _fill(self._alone, x)
@@ -91,6 +125,19 @@ class Bubbles:
         found, d = forces.duplicate(), self.system.mesh.dim
         found.array[:] = np.einsum("nij,nj->ni", self._flexibility, forces.array_r.reshape(-1, d)).ravel()
         return found
+
+    @cached_property
+    def _copies(self) -> Array:
+        """How many nodes move with each free dof: two where sides are periodic; at least one."""
+        ones = self._T.createVecRight()
+        ones.array[:] = 1.0
+        copies = self._T.createVecRight()
+        self._T.multTranspose(self._T * ones, copies)
+        return np.maximum(copies.array_r, 1.0)
+
+    @cached_property
+    def _prescribed(self) -> Replicated:
+        return Replicated(self.zero(), components(self.constraints.prescribed_nodes, self.system.mesh.dim))
 
     @cached_property
     def _flexibility(self) -> Array:

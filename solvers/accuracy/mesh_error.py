@@ -1,9 +1,11 @@
 """Error of the mesh of each number of a step, from the same step with bubbles, see `two_level`.
 
 Stated are FACTOR times the differences. Areas of touching, sticking and slipping nodes are multiples of a node's area:
-theirs is EDGE times the difference to an area whose edge lies between nodes, see `areas`. What curved sides add by
-their bulges is the part of the geometry. A largest pressure that grows without end as the mesh is refined has no error,
-see `peaks`.
+theirs is EDGE times the difference to an area whose edge lies between nodes, see `areas`. The largest slip of the nodes
+that touch is compared with that up to the same edge. Part of the difference is that of the geometry: the share of what
+curved sides add by their bulges, beside what the finite element space adds; where they have opposite signs, both parts
+are of what is left. A largest pressure that grows without end as the mesh is refined has no error, see `peaks`, nor has
+the penetration that it causes.
 """
 
 from __future__ import annotations
@@ -12,14 +14,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from solvers.accuracy.areas import beyond_nodes
+from geometry.arrays import Array
+from solvers.accuracy.areas import areas_between_nodes, crossings
 from solvers.accuracy.peaks import grows
 from solvers.accuracy.two_level import FACTOR
 from solvers.contact.rows import ContactRows
 from solvers.results.error_parts import ErrorParts, Quantity, Value
 from solvers.results.numbers import quantities
 from solvers.results.observe import Observer
-from solvers.results.step_result import OPEN, SLIP, STICK, ContactState
+from solvers.results.step_result import OPEN, ContactState
 from solvers.stepping.state import State
 from solvers.stepping.stepper import Accepted
 
@@ -40,13 +43,14 @@ def mesh_errors(observe: Observer, accepted: Accepted, found: Values) -> tuple[V
     straight = corrected if refined.unbent is None else _numbers(observe, accepted, refined.unbent)
     errors = {}
     for key, value in corrected.items():
-        factor = EDGE if key.quantity in AREAS else FACTOR
-        bent = factor * np.abs(value - straight[key])
-        errors[key] = ErrorParts(mesh=factor * np.abs(straight[key] - found[key]), geometry=bent, converges=True)
+        whole = (EDGE if key.quantity in AREAS else FACTOR) * np.abs(value - found[key])
+        bent, flat = np.abs(value - straight[key]), np.abs(straight[key] - found[key])
+        share = bent / np.maximum(bent + flat, np.finfo(float).tiny)
+        errors[key] = ErrorParts(mesh=whole * (1 - share), geometry=whole * share, converges=True)
     for c in accepted.stepper.system.contacts:
-        key = Quantity("contacts", c.name, "max_pressure")
         if grows(c.surface, c.node_pressure(accepted.stepper.split(accepted.state.p)[0][_index(accepted, c)])):
-            errors[key] = ErrorParts(converges=False)
+            for quantity in ("max_pressure", "max_penetration") if c.normal.at_quadrature else ("max_pressure",):
+                errors[Quantity("contacts", c.name, quantity)] = ErrorParts(converges=False)
     return corrected, errors
 
 
@@ -61,15 +65,18 @@ def _numbers(observe: Observer, accepted: Accepted, state: State) -> Values:
     numbers = observe.numbers(same)
     values = quantities(numbers)
     for c in accepted.stepper.system.contacts:
-        values |= {Quantity("contacts", c.name, key): area for key, area in _areas(c, numbers.contacts[c.name]).items()}
+        contact = numbers.contacts[c.name]
+        areas = areas_between_nodes(c.surface, contact, c.node_weights)
+        values |= {Quantity("contacts", c.name, key): area for key, area in areas.items()}
+        values[Quantity("contacts", c.name, "max_slip")] = _largest_slip(c, contact)
     return values
 
 
-def _areas(c: ContactRows, contact: ContactState) -> dict[str, float]:
-    """Areas of a contact [m^(d-1)] whose edges lie between nodes."""
-    opened, sticks, slips = (contact.status == k for k in (OPEN, STICK, SLIP))
-    gap, slip = np.where(c.node_weights > 0, contact.gap, 0.0), np.linalg.norm(contact.slip_increment, axis=1)
-    touching = contact.contact_area + beyond_nodes(c.surface, ~opened, gap)
-    sticking = contact.stick_area + beyond_nodes(c.surface, sticks, slip, among=sticks | slips)
-    sticking += beyond_nodes(c.surface, sticks, gap, among=sticks | opened)
-    return {"contact_area": touching, "stick_area": sticking, "slip_area": touching - sticking}
+def _largest_slip(c: ContactRows, contact: ContactState) -> float:
+    """Largest slip up to the edge of contact between nodes [m]."""
+    closed = contact.status != OPEN
+    found = crossings(c.surface, closed, np.where(c.node_weights > 0, contact.gap, 0.0))
+    inner = closed.copy()
+    inner[[crossing.inside for crossing in found if crossing.at < 0]] = False
+    at_edge = [contact.slip[a] + at * (contact.slip[b] - contact.slip[a]) for a, b, at in found]
+    return float(max(np.linalg.norm(slip) for slip in [np.zeros(1), *contact.slip[inner], *at_edge]))

@@ -253,9 +253,13 @@ class _Substep:
 
     def residual(self, answer: Answer) -> Vec:
         """Forces that are out of balance at the free bubbles [N]; collective."""
+        return self.bubbles.free(self._unbalanced(answer))
+
+    def _unbalanced(self, answer: Answer) -> Vec:
+        """Forces that are out of balance at all nodes of order 2, those that supports hold included [N]; collective."""
         forces = self.bubbles.load(self.new.time) - self.bubbles.inner(answer.u, answer.x)
         self.rows.add(forces, -self._contact(answer.solution.p))
-        return self.bubbles.free(forces)
+        return forces
 
     def _contact(self, p: Array) -> Array:
         """Contact forces on the bubbles, flat at the contact nodes [N]; those on the bodies are their negative."""
@@ -294,7 +298,13 @@ class _Substep:
             surplus=surplus,
         )
         motion = dict(zip(surplus.motion, self.rows.motion(here), strict=True))
-        return replace(found, surplus=x, surplus_motion=motion, peak=max(old.peak, found.energy.stored))
+        return replace(
+            found,
+            surplus=x,
+            surplus_motion=motion,
+            reactions=bubbles.reactions(-self._unbalanced(answer)),
+            peak=max(old.peak, found.energy.stored),
+        )
 
 
 def _least_squares(changes: list[Vec], r: Vec, bubbles: Bubbles) -> list[float]:

@@ -202,10 +202,11 @@ class Observer:
         """What a step exerts, without fields of the volume; collective."""
         system, state = accepted.stepper.system, accepted.state
         contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
+        reactions = system.reactions(state.residual) if state.reactions is None else state.reactions
         return Numbers(
             contacts=contacts,
             obstacles=self._obstacles(state, contacts),
-            supports={name: Reaction(*pair) for name, pair in system.reactions(state.residual).items()},
+            supports={name: Reaction(*pair) for name, pair in reactions.items()},
             energy=state.energy,
         )
 

@@ -23,7 +23,7 @@ from solvers.stepping.stepper import Accepted, Stepper
 
 ROWS = "rows"  # field of State that is not stored: it is built again from the pairs of sliding contacts
 APART = ("surplus", "refined")  # fields with vectors of order 2, stored apart
-UNBENT = "unbent"  # not needed by the next step
+FOR_RESULTS = ("unbent", "reactions")  # not needed by the next step
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +52,10 @@ class Checkpoints:
     def take(self, accepted: Accepted) -> Checkpoint:
         """The checkpoint of a step; call it before the next step begins."""
         chain = self.stepper.chain
-        plain, refined = partial(serialise, whole=self._whole, without=(ROWS, UNBENT, *APART)), accepted.state.refined
+        plain, refined = (
+            partial(serialise, whole=self._whole, without=(ROWS, *FOR_RESULTS, *APART)),
+            accepted.state.refined,
+        )
         return Checkpoint(
             state=plain(accepted.state),
             refined=refined and plain(refined),
@@ -88,7 +91,7 @@ class Checkpoints:
         """
         system, chain = self.stepper.system, self.stepper.chain
         rows = system.searched(checkpoint.searched).contacts if checkpoint.searched else system.contacts
-        given = {ROWS: rows, **dict.fromkeys((UNBENT, *APART))}
+        given = {ROWS: rows, **dict.fromkeys((*FOR_RESULTS, *APART))}
         state: State = deserialise(State, checkpoint.state, self._vector, **given)
         if checkpoint.refined is not None and self.stepper.companion:
             surplus = self._bubbles(checkpoint.surplus, self.stepper.companion.vector())

@@ -130,6 +130,7 @@ class State:
     law_error: float = 0.0  # error of the method's approximate contact laws, summed since t = 0 [J^(1/2)]
     surplus: Vec | None = None  # displacement added to u, in the space of order 2 [m]; of a state with bubbles only
     surplus_motion: Mapping[str, Array] | None = None  # (n, d) relative motion by it at the nodes of each contact [m]
+    reactions: Mapping[str, tuple[Array, Array]] | None = None  # of each support with bubbles: force [N], moment [N m]
     unbent: State | None = None  # the same with straight sides, of a state with bubbles whose sides bulge
     refined: State | None = None  # the same history with bubbles, see `solvers.accuracy`; None: it is not followed
     peak: float = 0.0  # largest stored energy since t = 0 [J]; errors are relative to it, also once all is unloaded

@@ -147,9 +147,7 @@ PROBLEMS: Mapping[str, Problem] = {
     "two_blocks": Problem(scene=ready("two_blocks")),
     "cube": Problem(scene=ready("cube", "geometry.mesh_size=0.16666666666666666"), long=False),
     "half_space": Problem(scene=ready("half_space")),
-    "half_disc": Problem(
-        scene=ready("half_disc", "steps.count=6")
-    ),
+    "half_disc": Problem(scene=ready("half_disc", "steps.count=6")),
     "half_ball": Problem(scene=ready("half_ball", "geometry.contact_mesh_size=0.04"), long=False),
     "fretting": Problem(scene=ready("fretting", "steps.end=6.0", "steps.count=6")),
     "shaft": Problem(scene=ready("shaft")),

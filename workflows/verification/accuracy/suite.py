@@ -85,8 +85,8 @@ def solved(problem: Problem) -> Runs:
         own={key: solve(problem.meshed(*key)) for key in keys},
         many={key: solve(in_steps(problem.meshed(*key), MORE), errors=False).at(times) for key in keys},
         loose=loosely,
-        fine=solve(fine, errors=False).at(times),
-        best=solve(in_steps(fine, MORE), errors=False).at(times) if problem.long else None,
+        fine=solve(fine, errors=False, sharp=True).at(times),
+        best=solve(in_steps(fine, MORE), errors=False, sharp=True).at(times) if problem.long else None,
     )
 
 
