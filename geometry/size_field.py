@@ -77,4 +77,3 @@ def adapted(points: Array, cells: Ints, error: Array, factor: float) -> SizeFiel
     count = np.maximum(np.bincount(node, minlength=len(points)), 1)
     logs = np.bincount(node, np.repeat(np.log(wanted), cells.shape[1]), len(points)) / count
     return SizeField(points, cells, np.exp(logs))
-
