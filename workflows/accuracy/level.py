@@ -49,13 +49,13 @@ class Move:
 
     def error(self, goal: Standing) -> float:
         """What it is expected to leave of a goal's error."""
-        return goal.mesh * self.finer**RATE + goal.time_step / self.splits + goal.rest
+        return float(goal.mesh * self.finer**RATE + goal.time_step / self.splits + goal.rest)
 
     def price(self, seconds: Seconds, dim: int) -> float:
         """About how long it takes [s], after what the last round took."""
         cells = self.finer**-dim
         solving = seconds.assemble + seconds.prepare + (seconds.iterate + seconds.error) * self.splits
-        return seconds.mesh * cells + solving * cells**SOLVING
+        return float(seconds.mesh * cells + solving * cells**SOLVING)
 
 
 def next_move(goals: Sequence[Standing], seconds: Seconds, dim: int) -> Move:

@@ -171,7 +171,7 @@ class Rounds:
 
 
 def _nearness(simulation: Simulation, steps: Sequence[StepResult], points: Array) -> Array:
-    """Weight (p,) of points (p, d): 1 where bodies touch, less with the square of the distance by the contact's size."""
+    """Weight (p,) of points (p, d): 1 where bodies touch, less with the square of distance by the contact's size."""
     weight = np.zeros(len(points))
     for c in simulation.system.contacts:
         touched = np.any([step.contacts[c.name].status != OPEN for step in steps], axis=0)

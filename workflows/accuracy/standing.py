@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.errors import SceneError
-from solvers.results.error_parts import ErrorParts, Errors
+from solvers.results.error_parts import ErrorParts, Errors, Quantity, Value
 from solvers.results.numbers import quantities
 from solvers.results.quantities import SINGULAR, values
 from solvers.results.step_result import StepResult
@@ -80,7 +80,7 @@ def standings(goals: Mapping[str, float], step: StepResult, errors: Errors) -> l
     return found
 
 
-def _names(key: tuple[str, str, str], value: object) -> Sequence[tuple[str, int | None]]:
+def _names(key: Quantity, value: Value) -> Sequence[tuple[str, int | None]]:
     """Names of a number as `values` has them, and the component that each is."""
     kind, name, quantity = key
     whole = ".".join(filter(None, (f"{SINGULAR[kind]}{name}", quantity)))
@@ -95,6 +95,6 @@ def _missing(parts: ErrorParts) -> str:
     return ", ".join(word for part, word in words.items() if getattr(parts, part) is None)
 
 
-def _at(part: object, axis: int | None) -> float:
+def _at(part: Value | None, axis: int | None) -> float:
     found = np.asarray(0.0 if part is None else part, float)
     return float(found if axis is None else found[axis])

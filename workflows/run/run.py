@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import MachineError
+from geometry.errors import MachineError, SceneError
 from geometry.size_field import SizeField
 from solvers.parallel.serialise import serialise
 from solvers.results.error_parts import Errors
@@ -307,8 +307,12 @@ def _solve(
             working = Run(simulation, outputs, place, run_of(begun), earlier, interrupt)
             try:
                 status, sentence = working.march(watch, began)
-                if keep is not None and status == "converged" and not working.kept(keep):
-                    status = "abandoned"
+                if keep is not None and status == "converged":
+                    try:
+                        status = status if working.kept(keep) else "abandoned"
+                    except SceneError:
+                        raise_together(comm, lambda: results[0].abandon())
+                        raise
                 if status != "abandoned":
                     outcome, content = working.finish(status, sentence, foreseen(simulation, report), began)
             except MachineError as error:
