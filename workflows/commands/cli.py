@@ -193,6 +193,9 @@ def verify_command(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="DIR", help="hard: write hard.md, .png, .jsonl there")
     ] = None,
+    again: Annotated[
+        bool, typer.Option("--again", help="hard: of the run in DIR, judge again only what was not solved")
+    ] = False,
 ) -> None:
     """Compare computed figures with closed forms and published values, or (hard) scenes with their variations."""
     from workflows.commands.hard import hard
@@ -201,7 +204,7 @@ def verify_command(
     if "hard" in (names or []):
         if names != ["hard"]:
             raise SceneError("verify hard: takes no other name beside it")
-        passed = hard([name for name in scenes.split(",") if name], number, seed, jobs, output)
+        passed = hard([name for name in scenes.split(",") if name], number, seed, jobs, output, again)
     else:
         passed = verify(names or [])
     if not passed:
