@@ -11,7 +11,7 @@ if it takes no more steps than the run, otherwise the error is not known.
 Stated / true against 16 to 240 times the steps, 21 scenes of 1 to 88 steps, all times, errors above 1 % of the largest
 value, share in [.7, 3]: dissipation since t = 0 .98 (below .5: .01; median 1.33), that of single steps .87, stick and
 slip areas, which jump by nodes, .79 (.12); forces above .1 % .93. External and contact work 1.00, by `_works`. Smaller
-errors of the dissipation come from single nodes that slip a step earlier, and may be stated several times too small. The
+errors of the dissipation come from single nodes that slip a step earlier, and may be stated many times too small. The
 maximum pressure converges slower than with the first power (median .39); its errors were below .5 % unless pairs slide.
 
 At times that a shorter history leaves out, what adds up over steps takes the difference interpolated between those that
@@ -208,6 +208,7 @@ class TimeStepErrors:
 
     def _solve(self, plan: Stretches, run: Solved) -> Solved:
         """Solve a history from rest; keep the numbers at times of the run."""
+        log.info("the same history in %d steps, for the error of the time steps", _count(plan))
         state, times, rows = self._stepper.start(), list[float](), list[Array]()
         for time in (time for stretch in plan for time in stretch):
             try:
