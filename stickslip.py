@@ -75,7 +75,7 @@ Effects           Gravity, Periodic
 Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: HistoryRow,
                   HistoryTuple, Step, Status
 Results           StepResult, ContactState, OPEN, SLIP, STICK, Reaction, ObstacleState, ProbeValue,
-                  Energy, MeshData, SurfaceMesh, Convergence
+                  Energy, MeshData, SurfaceMesh, Convergence; errors of its numbers: Quantity, ErrorParts
 Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended)
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,
                   NoEquilibriumError, MachineError, DamagedError
@@ -119,6 +119,7 @@ from geometry.obstacles.plane import Plane
 from geometry.obstacles.rotation import Rotation
 from geometry.obstacles.sphere import Sphere
 from geometry.user_files.user_file import Box, UserFile
+from solvers.accuracy.quantities import ErrorParts, Quantity
 from solvers.effects.gravity import Gravity
 from solvers.effects.periodic import Periodic
 from solvers.laws import FrictionLaw, NormalLaw
@@ -228,6 +229,7 @@ __all__ = [
     "Cylinders",
     "DamagedError",
     "Energy",
+    "ErrorParts",
     "Exact",
     "FolderError",
     "FrictionLaw",
@@ -256,6 +258,7 @@ __all__ = [
     "Plane",
     "Probe",
     "ProbeValue",
+    "Quantity",
     "Reaction",
     "Ring",
     "Rings",
