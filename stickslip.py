@@ -65,7 +65,7 @@ nothing can balance the loads. `MachineError` (with `DamagedError`) is about dis
 Names
 -----
 Functions         read, prepare, steps, run
-Scene             Scene, Material, Contact, Support, Load, Probe, Steps, Solver, Gram, Output, Exact
+Scene             Scene, Material, Contact, Support, Load, Probe, Steps, Solver, Gram, Output, Exact, Accuracy
 Geometry          UserFile, Box; builders: Arch, Block, Cylinders, HalfBall, HalfDisc, HalfSpace, Ring,
                   Rings, Spheres, Stack, Strip, TwoBlocks
 Obstacles         Plane, Cylinder, Sphere, Rotation
@@ -119,7 +119,6 @@ from geometry.obstacles.plane import Plane
 from geometry.obstacles.rotation import Rotation
 from geometry.obstacles.sphere import Sphere
 from geometry.user_files.user_file import Box, UserFile
-from solvers.accuracy.quantities import ErrorParts, Quantity
 from solvers.effects.gravity import Gravity
 from solvers.effects.periodic import Periodic
 from solvers.laws import FrictionLaw, NormalLaw
@@ -132,6 +131,7 @@ from solvers.laws.unilateral import Unilateral
 from solvers.methods import Solver
 from solvers.newton.solution import Convergence, Status, Step
 from solvers.parallel.counters import Counters
+from solvers.results.error_parts import ErrorParts, Quantity
 from solvers.results.step_result import (
     OPEN,
     SLIP,
@@ -150,7 +150,7 @@ from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
 from solvers.scene.problem import PlanRow
 from solvers.scene.scene import Scene
-from solvers.scene.settings import Exact, Output, Probe, Steps
+from solvers.scene.settings import Accuracy, Exact, Output, Probe, Steps
 from solvers.simulation.script import Script
 from solvers.simulation.simulation import Seconds, Simulation, prepare
 from solvers.stepping.history import HistoryRow, HistoryTuple
@@ -213,6 +213,7 @@ __all__ = [
     "OPEN",
     "SLIP",
     "STICK",
+    "Accuracy",
     "Arch",
     "Bilateral",
     "Block",
