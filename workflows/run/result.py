@@ -49,12 +49,12 @@ def summary(
     simulation: Simulation,
     outcome: Outcome,
     steps: Sequence[StepResult],
-    errors: Sequence[Errors] | None,
     audited: Audited,
     total: float,
     reference: LinearReference | None = None,
+    errors: Sequence[Errors] | None = None,
 ) -> dict[str, Any]:
-    """The content of result.json."""
+    """The content of result.json; without `errors` of the numbers of each step they are null."""
     scene, counters = simulation.scene, simulation.counters
     audits = audited.audits
     contacts, chain = simulation.system.contacts, simulation.stepper.chain

@@ -186,7 +186,7 @@ class Run:
 
         def content() -> dict[str, Any]:
             said = replace(outcome, warnings=(*told, *warnings))
-            return summary(simulation, said, self.steps, self._errors, audited, self._seconds(began), reference)
+            return summary(simulation, said, self.steps, audited, self._seconds(began), reference, self._errors)
 
         for line in (*warnings, *[sentence] * (status == "doubtful")):
             log.warning("%s", line)
