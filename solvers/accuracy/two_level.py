@@ -13,7 +13,7 @@ Washio & Oosterlee, Electron. Trans. Numer. Anal. 6 (1997).
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -91,6 +91,11 @@ class MeshCorrection:
             return self._followed(stepper, old, new, problem)
         finally:
             self._on_error(clock.perf_counter() - began)
+
+    def displacement_at(self, state: State, places: Mapping[str, tuple[int, Array] | None]) -> dict[str, Array]:
+        """Displacement (d,) [m] of a state with bubbles at points, see `Bubbles.displacement_at`; collective."""
+        assert state.surplus is not None
+        return self._bubbles.displacement_at(state.u, state.surplus, places)
 
     def vector(self) -> Vec:
         """No bubbles."""

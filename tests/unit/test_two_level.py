@@ -143,6 +143,18 @@ def test_stated_errors_are_true(name: str, sets: list[str], fine: list[str]) -> 
         assert abs(step.corrected[key] - truth[key]) < 0.5 * true, key
 
 
+def test_probes_have_the_error_of_their_displacement() -> None:
+    sets = ["probes.inside.point=[1.3, 0.7]"]
+    step, fine = last("block", *sets), last("block", "geometry.order=2", "geometry.mesh_size=0.05", *sets)
+    true = np.abs(step.probes["inside"].displacement - fine.probes["inside"].displacement)
+    stated = step.errors["probes.inside.displacement"].mesh
+    assert stated.shape == (2,)
+    assert (stated > 0.5 * true).all()
+    assert np.linalg.norm(stated) < 3 * np.linalg.norm(true)
+    held = step.errors["probes.corner.displacement"].mesh  # on the support
+    assert (held < 1e-12).all()
+
+
 def test_areas_have_an_error_below_the_size_of_a_facet() -> None:
     step, fine = last("half_space"), last("half_space", "geometry.order=2", "geometry.contact_mesh_size=0.005")
     for key in ("contact_area", "stick_area"):
