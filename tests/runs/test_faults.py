@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import errno
-import io
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import time as clock
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from shared.command import COARSE, LIMIT, Call, Start, assert_one_line, result
+from shared.disks import make_read_only
 from shared.histories import RUN_FOUR, Stop, assert_same, names_in
 from solvers.results.step_result import StepResult
 
@@ -169,33 +166,6 @@ def test_signal_while_it_starts_ends_with_130(
 
 
 # read-only results, and clocks
-
-
-def make_read_only(place: Path, patch: pytest.MonkeyPatch) -> None:
-    """As a disk is that is mounted for reading; the one who tests may be root, whom no permission stops."""
-
-    def refuse(act: Callable[..., Any], writes: Callable[..., bool]) -> Callable[..., Any]:
-        def acted(path: Any, *rest: Any, **options: Any) -> Any:
-            if (
-                isinstance(path, str | Path)
-                and Path(path).absolute().is_relative_to(place)
-                and writes(*rest, **options)
-            ):
-                raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
-            return act(path, *rest, **options)
-
-        return acted
-
-    def by_mode(mode: str = "r", *rest: Any, **options: Any) -> bool:
-        return bool(set("wax+") & set(mode))
-
-    def by_flags(flags: int, *rest: Any, **options: Any) -> bool:
-        return bool(flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT))
-
-    patch.setattr(io, "open", refuse(io.open, by_mode))
-    patch.setattr(os, "open", refuse(os.open, by_flags))
-    for name in ("rename", "replace", "unlink", "mkdir", "rmdir", "truncate"):
-        patch.setattr(os, name, refuse(getattr(os, name), lambda *rest, **options: True))
 
 
 def test_finished_results_that_may_only_be_read_are_said_to_be_finished(
