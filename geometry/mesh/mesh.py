@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Ints
-from geometry.errors import GeometryError, SceneError
+from geometry.errors import GeometryError, InputError, MachineError, SceneError, StickslipError
 from geometry.memory import available
 from geometry.mesh.gmsh_session import gmsh_session, own_interrupt
 from geometry.mesh.jacobian import refuse_inverted_cells
@@ -73,6 +73,8 @@ def build_mesh(shape: Shape, request: Request, comm: Comm) -> Mesh:
 
     Raises:
         GeometryError: gmsh cannot mesh the shape; on every rank.
+        MachineError: memory or a disk is full, or gmsh's process was ended from outside; on every rank.
+        KeyboardInterrupt: a signal ended gmsh's process; on every rank.
     """
     with own_interrupt():
         return _build(shape, request, comm)
@@ -80,7 +82,8 @@ def build_mesh(shape: Shape, request: Request, comm: Comm) -> Mesh:
 
 def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
     names: dict[int, dict[str, int]] | None = None
-    unit, failure = 1.0, None
+    unit = 1.0
+    failure: BaseException | None = None
     parts = np.zeros(0, np.int64)
     with gmsh_session() if comm.rank == 0 else nullcontext() as gmsh:
         if gmsh is not None:
@@ -92,13 +95,18 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
                 unit = mesh_shape(gmsh, shape, request)
                 names = {d: _group_names(gmsh, d) for d in (request.dim - 1, request.dim)}
                 parts = _connected_parts(gmsh, request.dim)
-            except (GeometryError, SceneError) as error:
-                failure = str(error)
-            except Exception as error:  # gmsh raises bare Exception
-                failure = f"gmsh could not mesh the geometry: {' '.join(str(error).split())}"
+            except InputError as error:
+                failure = GeometryError(str(error))
+            except (StickslipError, KeyboardInterrupt) as error:
+                failure = error
+            except MemoryError:
+                failure = MachineError("too little memory for the mesh; use a larger mesh_size")
+            except Exception as error:  # gmsh raises bare Exception, without a text where it is an error of C++
+                why = " ".join(str(error).split()) or "it does not say why"
+                failure = GeometryError(f"gmsh could not mesh the geometry: {why}")
         failure = comm.bcast(failure)
         if failure is not None:
-            raise GeometryError(failure)
+            raise failure
         domain, cells, facets = dx.model_to_mesh(gmsh.model if gmsh else None, comm, request.dim)
     shares = comm.allgather(domain.topology.index_map(request.dim).size_local)
     if min(shares) == 0:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import os
 import re
 import signal
-import time as clock
 from pathlib import Path
 
 import pytest
 
 from shared.command import COARSE, LIMIT, result
+from shared.drawn import write_long
 from shared.histories import RUN_FOUR, SMALL
-from shared.ranks import children, mpirun, started
+from shared.processes import children, gmsh_child, is_there, wait_for
+from shared.ranks import mpirun, started
 from workflows.formats.steps import step_name
 from workflows.run.run import run
 from workflows.scene_file.read import read
@@ -60,13 +61,6 @@ def test_rank_that_is_told_to_stop_while_they_start_ends_the_others(rank: int, a
 # all are told, or killed
 
 
-def wait_for(path: Path) -> None:
-    until = clock.monotonic() + LIMIT
-    while not path.exists():
-        assert clock.monotonic() < until, "no step"
-        clock.sleep(1e-3)
-
-
 @pytest.mark.parametrize(
     ("number", "rank"),
     [
@@ -80,7 +74,7 @@ def test_run_that_is_ended_on_two_ranks_goes_on(number: signal.Signals, rank: in
     scene = [*SMALL, "steps.count=40"]
     words = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in scene)]
     process = started(2, words, tmp_path, limit=LIMIT)
-    wait_for(tmp_path / ".out.running" / step_name(1))
+    wait_for((tmp_path / ".out.running" / step_name(1)).exists, "a step")
     (launcher,) = children(process.pid)
     os.kill(launcher if rank is None else children(launcher)[rank], number)
     _, err = process.communicate()
@@ -92,6 +86,19 @@ def test_run_that_is_ended_on_two_ranks_goes_on(number: signal.Signals, rank: in
     assert outcome.status == "converged"
     (done,) = re.findall(r"resumed after step (\d+),", (tmp_path / "out" / "run.log").read_text())
     assert 1 <= int(done) < 40
+
+
+def test_signal_while_gmsh_meshes_ends_all_ranks_at_once(tmp_path: Path) -> None:
+    """Rank 0 waits for gmsh's process, rank 1 for rank 0."""
+    scene = write_long(tmp_path, "meshing")
+    process = started(2, ["run", str(scene), "-q", "-o", "out"], tmp_path, limit=LIMIT)
+    (launcher,) = wait_for(lambda: children(process.pid), "mpirun")
+    first = wait_for(lambda: children(launcher), "ranks")[0]
+    child = gmsh_child(first, "meshing")
+    os.kill(launcher, signal.SIGUSR1)
+    _, err = process.communicate()
+    assert (process.returncode, "Traceback" in err, is_there(child)) == (130, False, False), err
+    assert err.count("stickslip: interrupted") == 1
 
 
 # disks, folders, files, clocks
@@ -106,6 +113,7 @@ from mpi4py import MPI
 
 from geometry.errors import StickslipError
 from shared.disks import make_read_only
+from shared.drawn import write_long
 from shared.histories import Stop, assert_same
 from workflows.formats.steps import step_name
 from workflows.run.run import run

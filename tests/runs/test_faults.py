@@ -14,7 +14,9 @@ import pytest
 
 from shared.command import COARSE, LIMIT, Call, Start, assert_one_line, result
 from shared.disks import make_read_only
+from shared.drawn import write_long
 from shared.histories import RUN_FOUR, Stop, assert_same, names_in
+from shared.processes import gmsh_child, is_there
 from solvers.results.step_result import StepResult
 
 SPEAKS = ["run", "block", "-o", "out", *COARSE]
@@ -163,6 +165,27 @@ def test_signal_while_it_starts_ends_with_130(
     assert process.returncode == 130, err
     assert_one_line(err)
     assert "interrupted" in err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("doing", ["reading", "meshing"])
+def test_signal_while_gmsh_works_ends_both_at_once(
+    doing: str, number: signal.Signals, folder: Path, command: list[str], environment: dict[str, str]
+) -> None:
+    """gmsh's own process does not end by itself for minutes."""
+    words = ["run", str(write_long(folder, doing)), "-q", "-o", "out"]
+    with subprocess.Popen(
+        [*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
+    ) as process:
+        child = gmsh_child(process.pid, doing)
+        clock.sleep(1.0)  # for gmsh to be at work
+        process.send_signal(number)
+        _, err = process.communicate(timeout=LIMIT)
+    assert process.returncode == 130, err
+    assert_one_line(err)
+    assert "interrupted" in err
+    assert not is_there(child)
+    assert {path.name for path in folder.iterdir()} == {"long.geo", "long.toml"}
 
 
 # read-only results, and clocks

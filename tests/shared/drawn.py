@@ -61,3 +61,22 @@ def scene_data(file: Path | str, dim: int = 2, body: str = "block", **geometry: 
         "supports": {"top": {"boundary": f"{body}.top", "displacement": {"x": 0.0, "y": 0.0} | {"xyz"[dim - 1]: -0.1}}},
         "output": {"pictures": False},
     }
+
+
+LONG = {  # of scripts: gmsh is busy with them for minutes
+    "reading": GEO + "For i In {0:1e12}\nx = i;\nEndFor\n",
+    "meshing": GEO + "MeshSize{:} = 0.0005;\n",
+}
+
+
+def write_long(folder: Path, doing: str) -> Path:
+    """A scene file whose geometry keeps gmsh busy while it is doing that."""
+    (folder / "long.geo").write_text(LONG[doing])
+    scene = folder / "long.toml"
+    scene.write_text(
+        'model = "plane strain"\ngeometry.file = "long.geo"\nbodies.block = { E = 1.0, nu = 0.3 }\n'
+        'obstacles.foundation = { shape = "plane", point = [0.0, 0.0], normal = [0.0, 1.0] }\n'
+        'contacts.base = { surface = "block.bottom", against = "foundation" }\n'
+        'supports.top = { boundary = "block.top", displacement = { x = 0.0, y = -0.1 } }\n'
+    )
+    return scene

@@ -46,10 +46,5 @@ def started(
     )
 
 
-def children(process: int) -> list[int]:
-    """Process numbers; those of mpirun are its ranks, in their order."""
-    return sorted(int(number) for number in Path(f"/proc/{process}/task/{process}/children").read_text().split())
-
-
 def options(overrides: Sequence[str]) -> list[str]:
     return [word for override in overrides for word in ("--set", override)]
