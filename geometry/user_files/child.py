@@ -80,7 +80,9 @@ def run_child(module: str, words: Sequence[str], folder: Path | None, seconds: f
 
 def _read(pipe: IO[bytes], seconds: float) -> bytes:
     """What can be read within some seconds; nothing after its end."""
-    return os.read(pipe.fileno(), PIPE) if select.select([pipe], [], [], seconds)[0] else b""
+    poll = select.poll()
+    poll.register(pipe, select.POLLIN)
+    return os.read(pipe.fileno(), PIPE) if poll.poll(1000 * seconds) else b""
 
 
 def _shortened(printed: bytes) -> bytes:

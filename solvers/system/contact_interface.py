@@ -19,6 +19,8 @@ from solvers.fem.rigid_modes import RigidModes
 from solvers.parallel.replicated import Replicated
 from solvers.system.obstacles import Obstacles
 
+STILL = 1e-9  # of a rigid mode; a part that it moves by less is not moved
+
 
 @dataclass(frozen=True, kw_only=True)
 class ContactInterface:
@@ -52,7 +54,7 @@ class ContactInterface:
         """Rigid modes that no support resists, on the contact dofs (c, r), orthonormal.
 
         Raises:
-            SceneError: one of them moves no contact dof.
+            SceneError: one of them moves no contact dof; see `loose`.
         """
         modes, count = self.motions.unresisted, self.mesh.part_count
         of_part = modes.reshape(count, len(modes) // count, modes.shape[1])
@@ -62,9 +64,33 @@ class ContactInterface:
             bases, free = self.constraints.bases(c.nodes)
             at = np.searchsorted(self.dofs, self.constraints.numbers(c.nodes)[free])
             values[at] = (np.swapaxes(bases, 1, 2) @ fields)[free]
-        if modes.shape[1] and np.linalg.matrix_rank(values) < modes.shape[1]:
-            raise SceneError("supports: a part of the mesh that no contact touches can move as a whole; hold it")
+        self.refuse_loose(values, "that no contact touches ")
         return np.asarray(np.linalg.qr(values)[0])
+
+    def refuse_loose(self, resisted: Array, which: str) -> None:
+        """
+        Args:
+            resisted: (rows, r) what the rigid modes that no support resists move.
+            which: parts, in words.
+
+        Raises:
+            SceneError: some of them move nothing of that.
+        """
+        count = resisted.shape[1]
+        if not count:
+            return
+        _, sizes, directions = np.linalg.svd(np.linalg.qr(np.pad(resisted, ((0, count), (0, 0))), mode="r"))
+        loose = directions[sizes <= STILL]
+        if not len(loose):
+            return
+        hinge = self.motions.hinge(self.motions.unresisted @ loose.T)
+        if hinge is None:
+            raise SceneError(f"supports: a part of the mesh {which}can move as a whole; hold it")
+        at = ", ".join(f"{x:.6g}" for x in hinge)
+        raise SceneError(
+            f"supports: a part of the mesh {which}can turn about ({at}), where it hangs on the rest by a point or an "
+            "edge only; hold it, or join it by whole facets"
+        )
 
     def displacement(self, u: Vec) -> list[Array]:
         """Displacement (n_all, d) [m] of each contact's nodes, on every rank; u over all displacements."""

@@ -185,7 +185,7 @@ def test_signal_while_gmsh_works_ends_both_at_once(
     assert_one_line(err)
     assert "interrupted" in err
     assert not is_there(child)
-    assert {path.name for path in folder.iterdir()} == {"long.geo", "long.toml"}
+    assert {path.name for path in folder.iterdir()} == {"b.geo", "b.toml"}
 
 
 # read-only results, and clocks

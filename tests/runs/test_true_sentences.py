@@ -12,6 +12,7 @@ from petsc4py import PETSc
 
 from geometry.errors import MachineError, SceneError
 from shared.command import Call, Start, assert_one_line
+from shared.drawn import write_hinge
 from shared.histories import RUN_FOUR, assert_same, names_in
 from solvers.interface import factorised
 from solvers.parallel.counters import Counters
@@ -150,6 +151,17 @@ def test_mechanism_is_not_reported_as_too_little_memory() -> None:
         _factorised(1.0, 0.0, 1.0)
     assert (found.value.exit_code, "memory" in str(found.value)) == (2, False)
     _factorised(1.0, 1.0, 1.0)
+
+
+def test_mechanism_is_refused_and_named_before_anything_is_factorised(call: Call, folder: Path) -> None:
+    scene = write_hinge(folder)
+    code, _, err = call("run", str(scene), "-q", "-o", "out")
+    assert code == 2
+    assert_one_line(err)
+    assert "a part of the mesh that no contact touches can turn about (1, 1), where it hangs on the rest" in err
+    assert not (folder / "out").exists()
+    held = "--set=supports.right={boundary='block.right',displacement={x=0.0,y=0.0}}"
+    assert call("run", str(scene), "-q", "-o", "out", held) == (0, "", "")
 
 
 def test_too_little_memory_is_called_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -69,14 +69,38 @@ LONG = {  # of scripts: gmsh is busy with them for minutes
 }
 
 
-def write_long(folder: Path, doing: str) -> Path:
-    """A scene file whose geometry keeps gmsh busy while it is doing that."""
-    (folder / "long.geo").write_text(LONG[doing])
-    scene = folder / "long.toml"
+HINGE = """
+SetFactory("OpenCASCADE");
+Rectangle(1) = {0, 0, 0, 1, 1};
+Rectangle(2) = {1, 1, 0, 1, 1};
+BooleanFragments{ Surface{1, 2}; Delete; }{}
+Physical Surface("block") = {1, 2};
+Physical Curve("block.bottom") = Curve In BoundingBox {-0.1, -0.1, -1, 1.1, 0.1, 1};
+Physical Curve("block.left") = Curve In BoundingBox {-0.1, -0.1, -1, 0.1, 1.1, 1};
+Physical Curve("block.right") = Curve In BoundingBox {1.9, 0.9, -1, 2.1, 2.1, 1};
+MeshSize{:} = 0.25;
+"""  # two squares that share a corner
+
+
+def write_scene(folder: Path, script: str, support: str) -> Path:
+    """A scene file with the geometry of a .geo script."""
+    (folder / "b.geo").write_text(script)
+    scene = folder / "b.toml"
     scene.write_text(
-        'model = "plane strain"\ngeometry.file = "long.geo"\nbodies.block = { E = 1.0, nu = 0.3 }\n'
+        'model = "plane strain"\ngeometry.file = "b.geo"\nbodies.block = { E = 1.0, nu = 0.3 }\n'
         'obstacles.foundation = { shape = "plane", point = [0.0, 0.0], normal = [0.0, 1.0] }\n'
         'contacts.base = { surface = "block.bottom", against = "foundation" }\n'
-        'supports.top = { boundary = "block.top", displacement = { x = 0.0, y = -0.1 } }\n'
+        f'supports.{support} = {{ boundary = "block.{support}", displacement = {{ x = 0.0, y = -0.1 }} }}\n'
+        "output.pictures = false\n"
     )
     return scene
+
+
+def write_long(folder: Path, doing: str) -> Path:
+    """A scene file whose geometry keeps gmsh busy while it is doing that."""
+    return write_scene(folder, LONG[doing], "top")
+
+
+def write_hinge(folder: Path) -> Path:
+    """A scene file in which a square hangs on the corner of another one, which is held."""
+    return write_scene(folder, HINGE, "left")
