@@ -115,7 +115,7 @@ def _merged(node: Ints, part: Ints, points: dict[int, Array]) -> Ints:
             low, high = np.searchsorted(node, (n, n + 1))
             for pair in combinations(np.unique(part[low:high]).tolist(), 2):
                 between[pair].append(x)
-        held = [pair for pair, x in between.items() if _is_rigid(np.array(x))]
+        held = [pair for pair, x in between.items() if is_rigid(np.array(x))]
         count = int(part.max()) + 1
         ends = np.array(held, np.int64).reshape(-1, 2).T
         graph = sparse.coo_matrix((np.ones(len(held), bool), (ends[0], ends[1])), shape=(count, count))
@@ -125,8 +125,8 @@ def _merged(node: Ints, part: Ints, points: dict[int, Array]) -> Ints:
             return np.argsort(np.argsort(first))[number]
 
 
-def _is_rigid(points: Array) -> bool:
-    """Whether two parts that share these points (n, d) cannot move against each other."""
+def is_rigid(points: Array) -> bool:
+    """Whether two parts that share these points (n, d) cannot move against each other; not in axisymmetric models."""
     count, d = points.shape
     if count < d:
         return False

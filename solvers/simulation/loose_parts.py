@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from geometry.errors import SceneError
+from geometry.mesh.joints import is_rigid
 from solvers.effects import active
 from solvers.methods import method_of
+from solvers.system.contact_interface import UNTOUCHED, loose_part
 from solvers.system.system import System
 
 
@@ -18,6 +20,7 @@ def refuse_loose_parts(system: System) -> None:
     Raises:
         SceneError: nothing resists a motion, or the method needs bodies that their supports hold.
     """
+    _refuse_dangling(system)
     interface, problem = system.interface, system.problem
     modes = interface.rigid_modes
     if modes.shape[1] <= problem.rigid_modes.shape[1]:
@@ -37,3 +40,18 @@ def refuse_loose_parts(system: System) -> None:
     for effect in active(problem):
         if effect.stiffens:
             raise SceneError(f"{effect.name}: needs bodies that their supports hold in all parts; add a support")
+
+
+def _refuse_dangling(system: System) -> None:
+    """Refuse a part that nothing touches and that can turn even if the rest stands still.
+
+    It needs no list of all motions, which would be long for a mesh that falls into thousands of parts.
+    """
+    mesh, joints = system.mesh, system.mesh.joints
+    touched = set(system.constraints.part.values())
+    touched.update(*(np.unique(mesh.parts[rows.input]).tolist() for rows in system.contacts))
+    for part in range(mesh.part_count) if mesh.part_count > 1 else ():
+        points = joints.points[(joints.parts == part).any(axis=1)]
+        held = len(points) > 0 if mesh.axisymmetric else is_rigid(points)
+        if part not in touched and not held:
+            raise loose_part(UNTOUCHED, points[0] if len(points) else None)

@@ -18,10 +18,12 @@ from geometry.mesh.gmsh_session import gmsh_session
 from geometry.mesh.joints import Joints, find_parts
 from geometry.mesh.mesh import build_mesh
 from geometry.shape import Request, Shape
+from solvers.methods import METHODS
 from solvers.parallel.counters import Counters
 from solvers.scene.scene import Scene
 from solvers.simulation.resolve import resolve
 from solvers.simulation.simulation import Simulation, prepare
+from solvers.stepping.choice import choose
 from solvers.system.system import System, assemble
 from stickslip import Block
 
@@ -169,6 +171,20 @@ def test_part_that_turns_is_refused_and_the_place_named(scene_of: Callable[..., 
     simulation_of(scene, (*HINGED, (0, 1)))  # joined by facets
 
 
+def test_chain_that_is_held_at_its_ends_gives_way_between(scene_of: Callable[..., Scene]) -> None:
+    """Each of its parts is held at one end or hangs in two hinges; together they move."""
+    ends = NEAR | {"end": {"point": [4.0, 4.0], "displacement": {"x": 0.0, "y": 0.0}}}
+    with pytest.raises(SceneError, match=r"that no contact touches can turn about \([123], [123]\)"):
+        simulation_of(scene_of(contacts={"base": BASE}, supports=ends), ((0, 0), (1, 1), (2, 2), (3, 3)))
+
+
+def test_thousands_of_parts_are_refused_at_once(scene_of: Callable[..., Scene]) -> None:
+    """Their rigid motions would fill the memory."""
+    places = tuple((i, j) for i in range(120) for j in range(120) if (i + j) % 2 == 0 and (i, j) != (0, 2))
+    with pytest.raises(SceneError, match=r"can turn about \(\d+, \d+\)"):
+        simulation_of(scene_of(contacts={"base": BASE}, supports=NEAR), places)
+
+
 def test_part_that_turns_is_no_mechanism_where_a_support_holds_it(scene_of: Callable[..., Scene]) -> None:
     held = NEAR | {"end": {"point": [2.0, 1.0], "displacement": {"y": 0.0}}}
     simulation = simulation_of(scene_of(contacts={"base": BASE}, supports=held), HINGED)
@@ -178,7 +194,9 @@ def test_part_that_turns_is_no_mechanism_where_a_support_holds_it(scene_of: Call
 def test_part_that_hangs_in_a_hinge_rests_on_contact(scene_of: Callable[..., Scene]) -> None:
     """Moments about the hinge: the pressure under the square balances its weight."""
     scene = scene_of(contacts={"base": BASE}, supports=FAR, **GRAVITY)
-    (step,) = simulation_of(scene, HINGED).steps()
+    simulation = simulation_of(scene, HINGED)
+    assert all(METHODS[stage.method].WORKS_WITH.floating for stage in choose(simulation.system).stages)
+    (step,) = simulation.steps()
     base = step.contacts["base"]
     assert base.normal_force > 0
     assert base.normal_force * 1.0 - base.moment[0] == pytest.approx(0.5 * 6.0, rel=1e-9)
