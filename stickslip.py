@@ -65,7 +65,8 @@ nothing can balance the loads. `MachineError` (with `DamagedError`) is about dis
 Names
 -----
 Functions         read, prepare, steps, run
-Scene             Scene, Material, Contact, Support, Load, Probe, Steps, Solver, Gram, Output, Exact, Accuracy
+Scene             Scene, Material, Contact, Support, Load, Probe, Steps, Solver, Gram, Output, Exact,
+                  Accuracy
 Geometry          UserFile, Box; builders: Arch, Block, Cylinders, HalfBall, HalfDisc, HalfSpace, Ring,
                   Rings, Spheres, Stack, Strip, TwoBlocks
 Obstacles         Plane, Cylinder, Sphere, Rotation
@@ -75,7 +76,7 @@ Effects           Gravity, Periodic
 Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: HistoryRow,
                   HistoryTuple, Step, Status
 Results           StepResult, ContactState, OPEN, SLIP, STICK, Reaction, ObstacleState, ProbeValue,
-                  Energy, MeshData, SurfaceMesh, Convergence; errors of its numbers: Quantity, ErrorParts
+                  Energy, MeshData, SurfaceMesh, Convergence; errors: Quantity, ErrorParts
 Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended)
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,
                   NoEquilibriumError, MachineError, DamagedError
