@@ -86,7 +86,7 @@ def test_jacobi_takes_the_diagonal_blocks_of_the_stiffness(
 
 
 @pytest.mark.parametrize("model", ["plane strain", "axisymmetric", "3d"])
-def test_a_linear_field_has_no_error(model: str, scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_a_linear_field_has_no_error(model: str, scene_of: SceneOf, estimating: SimulationOf) -> None:
     flat = model != "3d"
     held: dict[str, Any] = {"top": {"boundary": "block.top", "displacement": {"y" if flat else "z": -0.1}}}
     contact = {"surface": "block.bottom", "against": "foundation", "normal": {"law": "unilateral"}}
@@ -97,7 +97,7 @@ def test_a_linear_field_has_no_error(model: str, scene_of: SceneOf, simulation_o
         if not flat:
             held["other"] = {"point": [2.0, 0.0, 1.0], "displacement": {"y": 0.0}}
         scene = scene_of(dim=2 if flat else 3, model=model, contacts={"base": contact}, supports=held)
-    (step,) = simulation_of(scene).steps()
+    (step,) = estimating(scene).steps()
     force = step.contacts["base"].normal_force
     assert step.errors["contacts.base.normal_force"].mesh == pytest.approx(0.0, abs=1e-10 * force)
     assert step.errors["contacts.base.max_pressure"].mesh == pytest.approx(0.0, abs=1e-9 * force)
