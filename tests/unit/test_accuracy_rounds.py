@@ -62,18 +62,18 @@ def goal(mesh: float, time_step: float, asked: float = 0.01) -> Standing:
 
 
 def test_the_next_round_refines_what_is_off() -> None:
-    mesh = next_move([goal(0.02, 0.0)], SECONDS, 2)
+    mesh = next_move([goal(0.02, 0.0)], 2, 2)
     assert mesh.enough
     assert mesh.splits == 1
     assert mesh.error(goal(0.02, 0.0)) <= AIM * 0.01
-    steps = next_move([goal(0.001, 0.02)], SECONDS, 2)
+    steps = next_move([goal(0.001, 0.02)], 2, 2)
     assert (steps.finer, steps.splits, steps.enough) == (1.0, 4, True)
-    both = next_move([goal(0.02, 0.0), goal(0.0, 0.02)], SECONDS, 2)
+    both = next_move([goal(0.02, 0.0), goal(0.0, 0.02)], 2, 2)
     assert both.finer < 1 < both.splits
 
 
 def test_where_no_round_is_enough_the_largest_step_is_taken() -> None:
-    found = next_move([goal(10.0, 0.0)], SECONDS, 3)
+    found = next_move([goal(10.0, 0.0)], 2, 3)
     assert not found.enough
     assert found.finer == 0.5
 
@@ -83,6 +83,11 @@ def test_the_price_grows_with_cells_and_steps() -> None:
     assert cheap == pytest.approx(1.5)
     assert fine > 4 * cheap
     assert cheap < long < 3.7
+
+
+def test_long_histories_make_steps_dear() -> None:
+    assert Move(1.0, 2, True).work(2, 2) < Move(0.84, 1, True).work(2, 2)
+    assert Move(1.0, 2, True).work(100, 2) > Move(0.84, 1, True).work(100, 2)
 
 
 def test_a_level_changes_mesh_steps_and_tolerance_only() -> None:

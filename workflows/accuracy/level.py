@@ -15,6 +15,7 @@ AIM = 0.7  # of what is asked: estimates scatter from mesh to mesh
 FINER = {2: (1.0, 0.84, 0.7, 0.6, 0.5, 0.42, 0.35, 0.25), 3: (1.0, 0.84, 0.7, 0.6, 0.5)}  # energy errors, by dimension
 SPLITS = (1, 2, 4, 8)  # of the time steps
 SOLVING = 1.3  # power of the number of cells with which solving grows
+SETUP = 10  # steps that take as long as mesh, assembly and preparation
 RATE = 2.0  # with which errors of numbers fall, by that of the energy norm
 ITERATION = 0.1  # of what is asked: more needs a smaller tolerance
 SMALLEST = 1e-12  # tolerance
@@ -51,6 +52,14 @@ class Move:
         """What it is expected to leave of a goal's error."""
         return float(goal.mesh * self.finer**RATE + goal.time_step / self.splits + goal.rest)
 
+    def work(self, steps: int, dim: int) -> float:
+        """What it costs, in a unit that no clock decides: the same moves are taken on every machine.
+
+        Args:
+            steps: of the last round.
+        """
+        return float(self.finer ** (-dim * SOLVING) * (SETUP + steps * self.splits))
+
     def price(self, seconds: Seconds, dim: int) -> float:
         """About how long it takes [s], after what the last round took."""
         cells = self.finer**-dim
@@ -58,8 +67,12 @@ class Move:
         return float(seconds.mesh * cells + solving * cells**SOLVING)
 
 
-def next_move(goals: Sequence[Standing], seconds: Seconds, dim: int) -> Move:
-    """The cheapest move that is expected to reach all goals; if none is, the one that lowers their errors most."""
+def next_move(goals: Sequence[Standing], steps: int, dim: int) -> Move:
+    """The cheapest move that is expected to reach all goals; if none is, the one that lowers their errors most.
+
+    Args:
+        steps: of the last round.
+    """
 
     def off(move: Move) -> float:
         return max(move.error(goal) / goal.asked for goal in goals)
@@ -67,5 +80,5 @@ def next_move(goals: Sequence[Standing], seconds: Seconds, dim: int) -> Move:
     moves = [Move(finer, splits, False) for finer, splits in product(FINER[dim], SPLITS) if finer < 1 or splits > 1]
     enough = [move for move in moves if off(move) <= AIM]
     if enough:
-        return replace(min(enough, key=lambda move: move.price(seconds, dim)), enough=True)
+        return replace(min(enough, key=lambda move: move.work(steps, dim)), enough=True)
     return min(moves, key=off)

@@ -127,16 +127,13 @@ class Rounds:
             self._say(f"round {len(self.done)}: {here}")
         if self._met(here):
             return True
-        move, price = comm.bcast(self._move(simulation, goals))
+        move = next_move(goals, len(steps), self.scene.dim)
+        price = comm.bcast(move.price(simulation.seconds, self.scene.dim))
         if len(self.done) == MOST or spent + price > self.scene.accuracy.budget:
             here.price = price if move.enough else None
             return True
         self._next = self._refined(simulation, steps, move, goals)
         return False
-
-    def _move(self, simulation: Simulation, goals: Sequence[Standing]) -> tuple[Move, float]:
-        move = next_move(goals, simulation.seconds, simulation.scene.dim)
-        return move, move.price(simulation.seconds, simulation.scene.dim)
 
     def _refined(
         self, simulation: Simulation, steps: Sequence[StepResult], move: Move, goals: Sequence[Standing]
