@@ -44,7 +44,7 @@ def warned(call: Call, folder: Path, *words: str) -> list[str]:
 
 
 def test_a_sound_run_has_a_verdict_and_no_warning(call: Call, folder: Path) -> None:
-    many = "--set=steps.count=16"  # two leave an error of a sixth in the dissipation, which is said
+    many = "--set=steps.count=16"  # two leave a large error in the dissipation, which is said
     assert warned(call, folder, "block", *COARSE, many) == []
     call("run", "block", *COARSE, many, "-o", "out")
     verdict = result(folder / "out")["verdict"]
