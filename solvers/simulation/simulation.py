@@ -15,6 +15,7 @@ from solvers.results.observe import Observer, mesh_data
 from solvers.results.step_result import MeshData, StepResult
 from solvers.scene.problem import PlanRow, Problem
 from solvers.scene.scene import Scene
+from solvers.simulation.loose_parts import refuse_loose_parts
 from solvers.simulation.plan import planned
 from solvers.simulation.script import Script
 from solvers.stepping.history import HistoryRow
@@ -179,6 +180,7 @@ def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = No
     mesh = build_mesh(problem.shape, problem.request, comm or MPI.COMM_WORLD)
     meshed = clock.perf_counter()
     system = assemble(problem, mesh, counters)
+    refuse_loose_parts(system)
     _ = system.K_B  # assembled too
     assembled = clock.perf_counter()
     stepper = Stepper(system, MethodChain(system, reached))
