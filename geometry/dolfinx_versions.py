@@ -99,6 +99,15 @@ def vector_space(domain: DolfinxMesh, degree: int) -> FunctionSpace:
     return space
 
 
+def cell_function(domain: DolfinxMesh, values: Array) -> Function:
+    """One value in each cell: `values` (cells,) of this rank, ghosts included."""
+    new = hasattr(fem, "functionspace")
+    space = fem.functionspace(domain, ("DG", 0)) if new else fem.FunctionSpace(domain, ("DG", 0))
+    found: Function = fem.Function(space)
+    found.x.array[cell_dofs(space)[:, 0]] = values
+    return found
+
+
 def cells_of_points(count: int) -> FunctionSpace:
     """Space with one value a cell, on a mesh of this rank alone with `count` >= 1 cells, one for each of some points.
 
@@ -118,6 +127,13 @@ def petsc_vector(function: Function) -> Vec:
     return vector
 
 
+def add_to_owners(function: Function) -> None:
+    """Add the coefficients of ghosts to those of their owners; collective."""
+    from petsc4py import PETSc
+
+    petsc_vector(function).ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
+
+
 def _rows(table: Any) -> Ints:
     return np.asarray(table.array.reshape(-1, table.links(0).size) if hasattr(table, "links") else table)
 
@@ -130,6 +146,12 @@ def cell_dofs(space: FunctionSpace) -> Ints:
 def cell_nodes(domain: DolfinxMesh) -> Ints:
     """Rows (cells, k) of `domain.geometry.x`: each cell's k geometry nodes."""
     return _rows(domain.geometry.dofmap)
+
+
+def degree(space: FunctionSpace) -> int:
+    """Polynomial degree of a Lagrange space: 1 or 2."""
+    shape, nodes = space.mesh.topology.cell_type.name, cell_dofs(space).shape[1]
+    return next(k for k in (1, 2) if len(reference_nodes(shape, k)) == nodes)
 
 
 def facet_dofs(space: FunctionSpace, local_facet: int) -> Ints:

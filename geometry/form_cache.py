@@ -60,17 +60,20 @@ def _temporary() -> Path:
 
 def remove_left_over(cache: Path) -> int:
     """Remove what compilations that were killed have left; none if somebody compiles now. Returns their number."""
-    found = [path for path in cache.glob("*.c") if not path.with_suffix(".c.cached").exists()]
-    if not found:
+    if not _unfinished(cache):
         return 0
     with _locked(cache, fcntl.LOCK_EX) as alone:
-        if not alone:
-            return 0
-        found = [path for path in found if not path.with_suffix(".c.cached").exists()]
+        found = _unfinished(cache) if alone else []
         for path in found:
             for other in (*cache.glob(f"{path.stem}.*"), path):
                 other.unlink(missing_ok=True)
     return len(found)
+
+
+def _unfinished(cache: Path) -> list[Path]:
+    """Sources of compilations that did not end; one listing, for the folder can hold thousands of files."""
+    names = set(os.listdir(cache))
+    return [cache / name for name in sorted(names) if name.endswith(".c") and f"{name}.cached" not in names]
 
 
 @contextmanager

@@ -46,6 +46,16 @@ class Mesh:
         """Number of parts."""
         return int(self.parts.max()) + 1
 
+    @property
+    def simplicial(self) -> bool:
+        """Whether cells are triangles or tetrahedra."""
+        return self.domain.topology.cell_type.name in ("triangle", "tetrahedron")
+
+    def parts_of(self, numbers: Ints) -> Ints:
+        """Connected parts of nodes with the numbers `Nodes.input` (n,)."""
+        total = len(self.parts)
+        return np.asarray(self.parts[np.where(numbers < total, numbers, numbers // total - 1)])
+
     def facets(self, side: str) -> Ints:
         """Local numbers of the facets of a side that this rank owns."""
         owned = self.domain.topology.index_map(self.dim - 1).size_local

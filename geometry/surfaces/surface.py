@@ -177,9 +177,10 @@ def gather_surface(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) ->
     shape = FACET_OF[mesh.domain.topology.cell_type.name]
     cells = dx.facet_cells(mesh.domain, mesh.facets(side))
     dofs = dx.cell_dofs(space)
-    local = np.array([dx.facet_dofs(space, i) for i in range(mesh.dim + 1 if _simplex(mesh) else 2 * mesh.dim)])
+    local = np.array([dx.facet_dofs(space, i) for i in range(mesh.dim + 1 if mesh.simplicial else 2 * mesh.dim)])
     found = dofs[cells[:, :1], local[cells[:, 1]]]  # (own facets, k)
-    outward = _outward(nodes.points[found], nodes.points[dofs[cells[:, 0]]].mean(axis=1), shape, mesh.degree)
+    degree = dx.degree(space)
+    outward = _outward(nodes.points[found], nodes.points[dofs[cells[:, 0]]].mean(axis=1), shape, degree)
     comm = mesh.comm
     numbers = np.concatenate(comm.allgather(nodes.number[found]))
     inputs = np.concatenate(comm.allgather(nodes.input[found]))
@@ -190,7 +191,7 @@ def gather_surface(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) ->
     order = np.lexsort(np.sort(facets, axis=1).T[::-1])
     return Surface(
         shape=shape,
-        degree=mesh.degree,
+        degree=degree,
         nodes=numbers.ravel()[first],
         input=unique,
         points=points.reshape(-1, mesh.dim)[first],
@@ -198,10 +199,6 @@ def gather_surface(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) ->
         outward=signs[order],
         axisymmetric=mesh.axisymmetric,
     )
-
-
-def _simplex(mesh: Mesh) -> bool:
-    return mesh.domain.topology.cell_type.name in ("triangle", "tetrahedron")
 
 
 def _normals(corners: Array, gradient: Array) -> Array:

@@ -15,7 +15,7 @@ from geometry.arrays import Array, Bools, Ints
 from geometry.errors import SceneError
 from geometry.protocols import Sparse
 from geometry.surfaces.surface import Surface
-from solvers.contact.coupling import Coupling, Points
+from solvers.contact.coupling import Coupling
 from solvers.contact.rows import ContactRows
 from solvers.fem.constraints import Constraints
 from solvers.scene.contact import Contact
@@ -43,16 +43,26 @@ class MultiplierNodes:
 
     def rows(self, coupling: Coupling) -> tuple[Sparse, Array]:
         """N (m c, (n + n_master) d), nodal displacement to mean relative displacement, and the weights W (m,)."""
-        m, c, d = self.directions.shape
-        matrix, total = self.mean(coupling.weights)
-        mean = (matrix @ coupling.relative).tocoo()
-        components = self.directions[mean.row] * self.free[mean.row][:, :, None]  # (nnz, c, d)
-        i = mean.row[:, None, None] * c + np.arange(c)[None, :, None]
-        j = mean.col[:, None, None] * d + np.arange(d)[None, None, :]
-        i, j = np.broadcast_to(i, components.shape), np.broadcast_to(j, components.shape)
-        values = mean.data[:, None, None] * components
-        matrix = sparse.coo_matrix((values.ravel(), (i.ravel(), j.ravel())), shape=(m * c, mean.shape[1] * d))
-        return matrix.tocsr(), total
+        mean, total = self.mean(coupling.weights)
+        return along(mean @ coupling.relative, self.directions * self.free[:, :, None]), total
+
+
+def along(relative: Sparse, directions: Array) -> Sparse:
+    """Nodal displacement to relative displacement along c directions at m points (m c, n d).
+
+    Args:
+        relative: (m, n) nodal displacements to relative displacement.
+        directions: (m, c, d).
+    """
+    (m, c, d), entries = directions.shape, relative.tocoo()
+    components = directions[entries.row]  # (nnz, c, d)
+    i = entries.row[:, None, None] * c + np.arange(c)[None, :, None]
+    j = entries.col[:, None, None] * d + np.arange(d)[None, None, :]
+    i, j = np.broadcast_to(i, components.shape), np.broadcast_to(j, components.shape)
+    values = entries.data[:, None, None] * components
+    shape = (m * c, entries.shape[1] * d)
+    found: Sparse = sparse.coo_matrix((values.ravel(), (i.ravel(), j.ravel())), shape=shape).tocsr()
+    return found
 
 
 def frames_of(normals: Array) -> Array:
@@ -175,10 +185,12 @@ def build_rows(
     found = []
     for name, (contact, coupling) in contacts.items():
         weights, friction = coupling.weights, contact.tangential
+        degree = contact.degree(coupling.surface.degree)
         gap = contact.gap_offset + (0.0 * coupling.gap if contact.normal.ties else coupling.gap)
         if contact.normal.at_quadrature:
-            points = coupling.points(contact.degree(coupling.surface.degree))
-            N_n, W_n, psi, gap_n = _normal_rows(points), points.weights, points.psi, points.gap + contact.gap_offset
+            points = coupling.points(degree)
+            N_n = along(points.relative, points.normals[:, None])
+            W_n, psi, gap_n = points.weights, points.psi, points.gap + contact.gap_offset
             directions = points.normals
             dropped = 0
         else:
@@ -205,9 +217,11 @@ def build_rows(
         found.append(
             ContactRows(
                 name=name, surface=coupling.surface, master=coupling.master, normal=contact.normal, friction=friction,
-                frames=frames[name], node_weights=weights, node_gap=gap, relative=coupling.relative,
+                frames=frames[name], node_weights=weights, node_gap=gap, node_distance=coupling.gap,
+                relative=coupling.relative,
                 N_n=N_n, W_n=W_n, normals=directions, gap=gap_n, N_t=N_t, W_t=W_t,
                 tangents=carrier.directions, free=carrier.free, psi=psi, share_t=carrier.share, dropped=dropped,
+                quadrature=coupling.points, degree=degree,
             )
         )  # fmt: skip
     return found
@@ -235,13 +249,3 @@ def _no_friction(coupling: Coupling) -> MultiplierNodes:
     return MultiplierNodes(
         share=sparse.csr_matrix((0, n)), directions=np.zeros((0, d - 1, d)), free=np.zeros((0, d - 1), bool)
     )
-
-
-def _normal_rows(points: Points) -> Sparse:
-    """N_n (q, (n + n_master) d): nodal displacement to relative displacement along the normals."""
-    entries, d = points.relative.tocoo(), points.normals.shape[1]
-    values = entries.data[:, None] * points.normals[entries.row]
-    columns = entries.col[:, None] * d + np.arange(d)
-    shape = (points.relative.shape[0], points.relative.shape[1] * d)
-    N_n: Sparse = sparse.csr_matrix((values.ravel(), (np.repeat(entries.row, d), columns.ravel())), shape=shape)
-    return N_n

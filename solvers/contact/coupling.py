@@ -6,10 +6,36 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 
-from geometry.arrays import Array, Bools
+from geometry import dolfinx_versions as dx
+from geometry.arrays import Array, Bools, Ints
 from geometry.protocols import Sparse
 from geometry.surfaces.surface import Surface
+
+
+@dataclass(frozen=True)
+class On:
+    """Where q points lie on a surface."""
+
+    facet: Ints  # (q,) row of its facets
+    local: Array  # (q, d-1) reference coordinates there
+
+    def basis(self, surface: Surface) -> Sparse:
+        """Values of the surface's basis functions at the points (q, n)."""
+        values = dx.reference_basis(surface.shape, surface.degree, self.local)[0]
+        row = np.repeat(np.arange(len(self.facet)), values.shape[1])
+        entries = (values.ravel(), (row, surface.facets[self.facet].ravel()))
+        found: Sparse = sparse.csr_matrix(entries, shape=(len(self.facet), len(surface.nodes)))
+        return found
+
+
+def relative_to(own: On, surface: Surface, other: On | None, master: Surface | None) -> Sparse:
+    """Displacements of the nodes of both sides to relative displacement at q points (q, n + n_master)."""
+    if other is None or master is None:
+        return own.basis(surface)
+    found: Sparse = sparse.hstack([own.basis(surface), -other.basis(master)], format="csr")
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,6 +47,8 @@ class Points:
     gap: Array  # (q,) [m], positive when open
     normals: Array  # (q, d) unit, towards the other side
     psi: Sparse  # (n, q): values of a field to its integrals ∫ psi_j, psi_j the dual basis, by slave node
+    own: On  # where they lie on the slave
+    other: On | None  # the points that they face on the master; None: a rigid obstacle
 
 
 @dataclass(frozen=True, kw_only=True)

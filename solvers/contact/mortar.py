@@ -19,7 +19,7 @@ from geometry.protocols import Sparse
 from geometry.surfaces.overlap import Overlap, overlap
 from geometry.surfaces.surface import Surface
 from solvers.contact.build import DIGITS, distribute_to_neighbours
-from solvers.contact.coupling import Coupling, Points, midway_normals
+from solvers.contact.coupling import Coupling, On, Points, midway_normals, relative_to
 
 DUAL = 1e-3  # of a facet's weights: psi whose duality is off by more is replaced by a constant
 SLIVER = 1e-9  # of a facet, or of a node's weight: less counts as not covered
@@ -184,17 +184,14 @@ def _points(slave: Surface, master: Surface, reach: float, degree: int, share: S
     """The integration points of the overlap, with `share` (n, n) of `_positive_shares`."""
     found = overlap(slave, master, reach, degree)
     psi = mortar_integrals(slave, master, found)[3]
-    own = _at_points(slave, found.slave_facet, found.slave_local)
-    other = _at_points(master, found.master_facet, found.master_local)
-    relative = sparse.hstack([own, -other], format="csr")
-    normals, gap = midway_normals(found.normals, other @ master.node_normals(), found.gap)
-    return Points(weights=found.weights, relative=relative, gap=gap, normals=normals, psi=(share @ psi).tocsr())
-
-
-def _at_points(surface: Surface, facet: Ints, local: Array) -> Sparse:
-    """Basis functions (q, n) of a surface at points given by facet and reference coordinates."""
-    basis = dx.reference_basis(surface.shape, surface.degree, local)[0]
-    rows = np.repeat(np.arange(len(facet)), basis.shape[1])
-    entries = (basis.ravel(), (rows, surface.facets[facet].ravel()))
-    basis_at: Sparse = sparse.csr_matrix(entries, shape=(len(facet), len(surface.nodes)))
-    return basis_at
+    own, other = On(found.slave_facet, found.slave_local), On(found.master_facet, found.master_local)
+    normals, gap = midway_normals(found.normals, other.basis(master) @ master.node_normals(), found.gap)
+    return Points(
+        weights=found.weights,
+        relative=relative_to(own, slave, other, master),
+        gap=gap,
+        normals=normals,
+        psi=(share @ psi).tocsr(),
+        own=own,
+        other=other,
+    )

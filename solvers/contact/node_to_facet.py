@@ -10,9 +10,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
+from geometry import dolfinx_versions as dx
+from geometry.arrays import Bools
 from geometry.surfaces.search import pair
 from geometry.surfaces.surface import Surface
-from solvers.contact.coupling import Coupling, Points, midway_normals
+from solvers.contact.coupling import Coupling, On, Points, midway_normals
 
 
 def nodal_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
@@ -35,7 +37,15 @@ def nodal_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
     def points(degree: int) -> Points:
         """The nodes that meet a facet, for every degree."""
         psi = sparse.diags(weights, format="csc")[:, met]
-        return Points(weights=weights[met], relative=relative[met], gap=gap[met], normals=normals[met], psi=psi.tocsr())
+        return Points(
+            weights=weights[met],
+            relative=relative[met],
+            gap=gap[met],
+            normals=normals[met],
+            psi=psi.tocsr(),
+            own=_on_nodes(slave, met),
+            other=On(found.facet[met], found.local[met]),
+        )
 
     return Coupling(
         surface=slave,
@@ -47,3 +57,10 @@ def nodal_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:
         carries=met,
         points=points,
     )
+
+
+def _on_nodes(surface: Surface, chosen: Bools) -> On:
+    """Chosen nodes (n,) of a surface as points of it, each on the first facet that has it."""
+    k = surface.facets.shape[1]
+    at = np.unique(surface.facets.ravel(), return_index=True)[1][chosen]
+    return On(at // k, dx.reference_nodes(surface.shape, surface.degree)[at % k])

@@ -9,11 +9,12 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
+from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
 from geometry.errors import SceneError
 from geometry.obstacles import Obstacle
 from geometry.surfaces.surface import Surface
-from solvers.contact.coupling import Coupling, Points
+from solvers.contact.coupling import Coupling, On, Points
 
 UNIT = 1e-6  # by which a normal may be longer or shorter than 1
 
@@ -54,12 +55,13 @@ def seen_from(obstacle: Obstacle, points: Array) -> tuple[Array, Array]:
 
 def _points(surface: Surface, obstacle: Obstacle, degree: int) -> Points:
     """The quadrature points of the facets: with them the rows give exactly the form j_n."""
-    weights, basis = surface.quadrature(degree)
+    weights = surface.quadrature(degree)[0]
     dual = surface.dual_basis(degree)
     (f, q), k, n = weights.shape, surface.facets.shape[1], len(surface.points)
     row = np.repeat(np.arange(f * q), k)
     node = np.repeat(surface.facets[:, None, :], q, axis=1).ravel()
-    relative = sparse.csr_matrix((np.broadcast_to(basis, (f, q, k)).ravel(), (row, node)), shape=(f * q, n))
+    own = On(np.repeat(np.arange(f), q), np.tile(dx.reference_rule(surface.shape, degree)[0], (f, 1)))
+    relative = own.basis(surface)
     psi = sparse.csr_matrix(((dual * weights[:, :, None]).ravel(), (node, row)), shape=(n, f * q))
     gap, normals = seen_from(obstacle, relative @ surface.points)
     return Points(
@@ -68,4 +70,6 @@ def _points(surface: Surface, obstacle: Obstacle, degree: int) -> Points:
         gap=gap,
         normals=-normals,
         psi=psi,
+        own=own,
+        other=None,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,6 +11,7 @@ import numpy as np
 from geometry.arrays import Array, Bools, Ints
 from geometry.protocols import Sparse
 from geometry.surfaces.surface import Surface
+from solvers.contact.coupling import Points
 from solvers.laws.law import FrictionLaw, NormalLaw
 
 
@@ -28,6 +30,7 @@ class ContactRows:
     frames: Array  # (n, d, d): row 0 the normal n, then the tangents
     node_weights: Array  # (n,) [m^(d-1)], 0 where no other side faces a node
     node_gap: Array  # (n,) [m], gap_offset included; like all nodal values in the basis phi~ of `Surface`
+    node_distance: Array  # (n,) [m] from the other side where it was searched, without gap_offset
     relative: Sparse  # (n, n_all): displacement of `nodes` to relative displacement at the slave's nodes
     N_n: Sparse  # (m_n, n_all d)
     W_n: Array  # (m_n,) weights [m^(d-1)]
@@ -40,6 +43,8 @@ class ContactRows:
     psi: Sparse  # (n, m_n): values at the normal points to integrals ∫ psi_j, psi_j the dual basis, by node
     share_t: Sparse  # (m_t, n): which nodes a tangential point stands for; columns add up to 1
     dropped: int  # nodes whose multiplier a support or another contact makes redundant
+    quadrature: Callable[[int], Points] | None = None  # integration points by degree; None: the rows are given without
+    degree: int = 0  # of that at which a compliance law gives pressure by displacement
 
     @cached_property
     def nodes(self) -> Ints:
@@ -108,5 +113,9 @@ class ContactRows:
             moved: displacement (n_all, d) [m] of `nodes`.
         """
         relative = self.relative @ moved
+        return np.einsum("nd,nd->n", self.frames[:, 0], relative), self.tangential_part(relative)
+
+    def tangential_part(self, relative: Array) -> Array:
+        """Tangential part (n, d) of vectors (n, d) at the slave's nodes."""
         normal = np.einsum("nd,nd->n", self.frames[:, 0], relative)
-        return normal, relative - normal[:, None] * self.frames[:, 0]
+        return np.asarray(relative - normal[:, None] * self.frames[:, 0])

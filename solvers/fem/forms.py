@@ -65,6 +65,7 @@ class WeakForms:
     mesh: Mesh
     space: FunctionSpace
     counters: Counters
+    degree: int | None = None  # of the quadrature on cells; None: as UFL estimates it, or what curved cells need
 
     @cached_property
     def u(self) -> UflExpr:
@@ -80,6 +81,7 @@ class WeakForms:
 
     def volume(self, body: str, degree: int | None = None) -> Measure:
         """Volume measure of a body; `degree`: of the quadrature, None: the default."""
+        degree = self.degree if degree is None else degree
         if degree is None and self.mesh.degree > 1:
             degree = 2 * self.mesh.degree + self.mesh.axisymmetric
         metadata = {} if degree is None else {"quadrature_degree": degree}
@@ -109,13 +111,31 @@ class WeakForms:
 
     def stress(self, u: UflExpr, body: str) -> UflExpr:
         """sigma(u) [Pa], with the shape of the strain; in plane strain and plane stress the in-plane components."""
+        first, mu = self.lame(body)
+        return self._stress(u, self.constant(first), self.constant(mu))
+
+    def lame(self, body: str) -> tuple[float, float]:
+        """Lamé parameters [Pa] of the stress in the model; in plane stress the first one is reduced."""
         material = self.problem.bodies[body]
-        lame_mu, lame_lambda = material.lame_mu, material.lame_lambda
-        if self.problem.model == "plane stress":
-            lame_lambda = 2 * lame_lambda * lame_mu / (lame_lambda + 2 * lame_mu)
-        mu, first = self.constant(lame_mu), self.constant(lame_lambda)
+        first, mu = material.lame_lambda, material.lame_mu
+        return (2 * first * mu / (first + 2 * mu) if self.problem.model == "plane stress" else first), mu
+
+    def _stress(self, u: UflExpr, first: UflExpr, mu: UflExpr) -> UflExpr:
         strain = self.strain(u)
         found: UflExpr = 2 * mu * strain + first * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0])
+        return found
+
+    def elasticity_by_cell(self, u: UflExpr) -> UflForm:
+        """a(u, v) with Lamé parameters that are read cell by cell: the same form for any number of bodies."""
+        domain, tags = self.mesh.domain, self.mesh.cell_tags
+        metadata = {} if self.degree is None else {"quadrature_degree": self.degree}
+        dx_all = self._around(ufl.Measure("dx", domain=domain, metadata=metadata))
+        index = domain.topology.index_map(self.mesh.dim)
+        values = np.zeros((2, index.size_local + index.num_ghosts))
+        for body, tag in self.mesh.bodies.items():
+            values[:, tags.indices[tags.values == tag]] = np.array(self.lame(body))[:, None]
+        first, mu = (dx.cell_function(domain, row) for row in values)
+        found: UflForm = ufl.inner(self._stress(u, first, mu), self.strain(self.v)) * dx_all
         return found
 
     def elasticity(self, u: UflExpr | None = None) -> UflForm:

@@ -30,7 +30,7 @@ def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: 
     for name, support in problem.supports.items():
         if support.boundary is not None:
             side = gather_surface(mesh, space, nodes, support.boundary)
-            where, x, of = side.nodes, side.points, mesh.parts[side.input]
+            where, x, of = side.nodes, side.points, mesh.parts_of(side.input)
             normals = side.node_normals() if "normal" in support.displacement else np.zeros_like(x)
             normals[np.abs(normals) < 1e-12] = 0.0
         else:
@@ -111,7 +111,7 @@ def _periodic_roots(
         size = float(np.ptp(master.points, axis=0).max())
         if len(slave.nodes) != len(master.nodes) or distance.max() > 1e-6 * size:
             raise GeometryError(f"periodic sides {slave_side} and {master_side}: their meshes do not match")
-        of, of_other = mesh.parts[slave.input], mesh.parts[master.input[match]]
+        of, of_other = mesh.parts_of(slave.input), mesh.parts_of(master.input[match])
         part |= dict(zip(slave.nodes.tolist(), of.tolist(), strict=True))
         part |= dict(zip(master.nodes[match].tolist(), of_other.tolist(), strict=True))
         for node, other, x, y in zip(slave.nodes, master.nodes[match], slave.points, master.points[match], strict=True):

@@ -235,6 +235,7 @@ def _rows(mu: Array, dim: int) -> ContactRows:
         frames=frames,
         node_weights=np.ones(m),
         node_gap=np.zeros(m),
+        node_distance=np.zeros(m),
         relative=identity,
         N_n=components[::dim],
         W_n=np.ones(m),

@@ -6,7 +6,9 @@ On the contact dofs alone it is the inverse of the Steklov-Poincaré operator, t
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -98,6 +100,13 @@ class DelassusOperator(ABC):
     def under(self, load: Load, p: Array, error: float = 0.0) -> Array:
         """Displacement u_c (c,) [m] under a load and tractions p (rows,) [Pa]; one volume solve; collective."""
 
+    def with_more(self, load: Load, forces: Vec) -> Load:
+        """A load with more forces over the free dofs [N] that are in balance by themselves; collective.
+
+        Its `free`, which sets scales, stays.
+        """
+        return replace(load, f_q=load.f_q + forces)
+
     @abstractmethod
     def recover(self, load: Load, p: Array, u_c: Array) -> Vec:
         """Displacement of all free dofs [m] under a load and tractions p (rows,), given the contact dofs; collective.
@@ -115,6 +124,17 @@ class DelassusOperator(ABC):
     @abstractmethod
     def adopt(self, other: DelassusOperator) -> None:
         """Take over what `other` stores about the bodies: it has the same contact dofs, with other contact pairs."""
+
+    @contextmanager
+    def loosely(self, tolerance: float) -> Iterator[None]:
+        """Solves inside the block count as those of an error; displacements are recovered to a relative `tolerance`.
+
+        Nothing that later steps start from is changed.
+        """
+        before = self.linear_error
+        with self.counters.for_error():
+            yield
+        self.linear_error = before
 
     def snapshot(self) -> dict[str, Plain]:
         """State, besides the bodies, on which later results depend to the last bit; see `restore`."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from mpi4py import MPI
@@ -23,6 +24,7 @@ from solvers.parallel.serialise import Own, Plain
 from solvers.system.floating_modes import FloatingMotions
 from solvers.system.system import System
 
+APART = 12  # search directions stored while an error is estimated
 SOFT = 1e-2  # of the stiffness of a contact dof: springs under floating bodies, in the multigrid matrix alone
 
 
@@ -48,6 +50,16 @@ class IterativeVolume:
     def remember(self, most: int) -> None:
         """Forget the search directions, and store up to `most` of them from now on."""
         self._cg.remember(most)
+
+    @contextmanager
+    def loosely(self, tolerance: float) -> Iterator[None]:
+        """Another tolerance inside the block; the search directions found there are forgotten after it."""
+        usual, self.tolerance = self.tolerance, tolerance
+        try:
+            with self._cg.apart(APART):
+                yield
+        finally:
+            self.tolerance = usual
 
     def release(self) -> None:
         """Free the memory; no solve is possible after that; collective."""
@@ -141,6 +153,15 @@ class MatrixFreeSurface(DelassusOperator):
         deformation = f_q.duplicate()
         free = self._solved(f_q, deformation, resultant, error, EXACT if error else SCALE)
         return Load(f_q=f_q, driving=driving, f_c=self.R @ resultant, resultant=resultant, free=free)
+
+    @contextmanager
+    def loosely(self, tolerance: float) -> Iterator[None]:
+        last = self._last.copy()
+        try:
+            with super().loosely(tolerance), self.volume.loosely(tolerance / SHARE):
+                yield
+        finally:
+            self._last.array[:] = last.array_r
 
     def displacement(self, force: Array, error: float = 0.0) -> Array:
         f = self._last.duplicate()

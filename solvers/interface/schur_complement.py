@@ -5,7 +5,7 @@ S is the discrete Steklov-Poincaré operator; its inverse gives the Delassus ope
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -138,6 +138,11 @@ class CondensedSurface(DelassusOperator):
     def load(self, f_q: Vec, driving: Array, error: float = 0.0) -> Load:
         f_c = np.concatenate([self._condensed(f_q), driving])
         return Load(f_q=f_q, driving=driving, f_c=f_c, resultant=self.R.T @ f_c, free=self.displacement(f_c))
+
+    def with_more(self, load: Load, forces: Vec) -> Load:
+        more = self.volume.condense(forces)
+        f_c = load.f_c + np.concatenate([more, np.zeros(self.driven)])
+        return replace(load, f_q=load.f_q + forces, f_c=f_c)
 
     def displacement(self, force: Array, error: float = 0.0) -> Array:
         if not len(force):

@@ -8,7 +8,8 @@ Source: Erhel & Guyomarc'h, SIAM J. Matrix Anal. Appl. 21 (2000), 1279-1299 (aug
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Protocol
 
 import numpy as np
@@ -29,18 +30,21 @@ class SearchDirections:
     They deflate a solve: `advance` solves exactly in their span, `conjugate` keeps later directions out of it.
     """
 
-    def __init__(self, comm: Comm, owned: int, most: int) -> None:
+    def __init__(self, comm: Comm, owned: int, most: int, known: SearchDirections | None = None) -> None:
         """
         Args:
             comm: mpi4py communicator.
             owned: number of entries of a vector on this rank.
             most: number of directions to store; a further one replaces the oldest.
+            known: other directions that deflate a solve too, and stay as they are; None: there are none.
         """
-        self.comm, self.most, self.count = comm, most, 0
+        self.comm, self.most, self.count, self.known = comm, most, 0, known
         self._D, self._AD = np.empty((most, owned)), np.empty((most, owned))
 
     def advance(self, x: Array, r: Array) -> None:
         """Move x (owned,) to the least energy in x + span(d_j), and update r = b - A x; in place; collective."""
+        if self.known:
+            self.known.advance(x, r)
         if k := min(self.count, self.most):
             along = self.comm.allreduce(self._D[:k] @ r)
             x += along @ self._D[:k]
@@ -54,12 +58,18 @@ class SearchDirections:
         Args:
             local: positions in this rank's part of the entries that are asked for.
         """
-        known = self._D[: min(self.count, self.most), local]
-        own = float(np.sqrt(np.sum(known**2, axis=0).max(initial=0.0)))
+        own = float(np.sqrt(self._squares(local).max(initial=0.0)))
         return float(self.comm.allreduce(own, op=MPI.MAX))
+
+    def _squares(self, local: Ints) -> Array:
+        """sum_j d_j[i]^2 of some own entries."""
+        found = np.sum(self._D[: min(self.count, self.most), local] ** 2, axis=0)
+        return np.asarray(found if self.known is None else found + self.known._squares(local))
 
     def conjugate(self, z: Array) -> None:
         """Make z (owned,) conjugate (A-orthogonal) to all directions, in place; collective."""
+        if self.known:
+            self.known.conjugate(z)
         if k := min(self.count, self.most):
             z -= self.comm.allreduce(self._AD[:k] @ z) @ self._D[:k]
 
@@ -236,6 +246,16 @@ class ConjugateGradients:
     def remember(self, most: int) -> None:
         """Forget all search directions; store up to `most` of them, at least one, from now on."""
         self.directions = SearchDirections(self.comm, self._in.getLocalSize(), most)
+
+    @contextmanager
+    def apart(self, most: int) -> Iterator[None]:
+        """Inside the block up to `most` directions are stored beside those known so far, and forgotten after it."""
+        before = self.directions
+        self.directions = SearchDirections(self.comm, self._in.getLocalSize(), most, before)
+        try:
+            yield
+        finally:
+            self.directions = before
 
     def solve(self, b: Array, x: Array, criterion: StoppingCriterion) -> None:
         """Improve x until the criterion is met, in place.

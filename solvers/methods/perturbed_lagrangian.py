@@ -58,6 +58,7 @@ class PerturbedLagrangian(Method):
         "stiff springs in contact elements, Newton's method; `augment = false` as published: it then states its error, "
         "which falls like 1/`omega_factor`: 6e-5 to 3e-4 in the energy norm on the ready scenes tried"
     )
+    EXACT_LAWS: ClassVar = False
     WORKS_WITH: ClassVar = Applicability(
         floating=True,
         normal=("unilateral", "bilateral", "tied"),

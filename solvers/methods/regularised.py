@@ -71,6 +71,7 @@ class Regularised(Method):
         "the baseline, what one would write in UFL: penalty, smoothed friction, SNES on the whole volume; states "
         "its error, which falls like `smoothing`"
     )
+    EXACT_LAWS: ClassVar = False
     WORKS_WITH: ClassVar = Applicability(
         floating=False,
         normal=("unilateral", "bilateral", "compliance"),

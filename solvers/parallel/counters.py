@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 
 @dataclass
@@ -17,18 +17,20 @@ class Counters:
     schur_size: int = 0  # c, order of the Schur complement on the contact dofs
     volume_solves: int = 0  # applications of K_B^-1 (of K_ii^-1 when the contact dofs are condensed)
     linear_iterations: int = 0  # of iterative linear solvers
-    error_solves: int = 0  # applications of K_B^-1 for error.iteration; not in volume_solves
+    error_solves: int = 0  # applications of K_B^-1 for estimates of errors; not in volume_solves
     lanczos_applications: int = 0  # of K_B^-1 for lambda_max (Lanczos, power iteration); not in volume_solves
 
     @contextmanager
     def for_error(self) -> Iterator[None]:
         """Count the volume solves of a block as `error_solves`, and nothing else."""
-        before = self.volume_solves, self.linear_iterations, self.factorisations
+        before = replace(self)
         try:
             yield
         finally:
-            self.error_solves += self.volume_solves - before[0]
-            self.volume_solves, self.linear_iterations, self.factorisations = before
+            solves = self.error_solves + self.volume_solves - before.volume_solves
+            for f in fields(self):
+                setattr(self, f.name, getattr(before, f.name))
+            self.error_solves = solves
 
     def add(self, earlier: Counters) -> None:
         """Add the work of an earlier process of the same run; `schur_size` is a size and stays."""

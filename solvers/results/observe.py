@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from solvers.results.step_result import (
     STICK,
     ContactState,
     MeshData,
+    Numbers,
     ObstacleState,
     ProbeValue,
     Reaction,
@@ -35,6 +36,7 @@ from solvers.stepping.state import State
 from solvers.stepping.stepper import Accepted, Stepper
 from solvers.system.system import System
 
+Estimate = Callable[["Observer", "Accepted", StepResult], StepResult]
 LINEAR = 4.0  # the error of conjugate gradients is estimated from below; measured up to 3.7 times too small
 
 
@@ -116,10 +118,15 @@ class Observer:
     probes: Mapping[str, tuple[int, Array] | None]  # cell, and its basis at the point (k,); None on other ranks
     recovered: RecoveredStress | None  # estimates the error of the mesh; None: nobody asks for it
     on_error: Callable[[float], None]  # called with the seconds that error estimates took
+    estimate: Estimate  # adds errors of numbers to a result
 
     @classmethod
     def of(
-        cls, stepper: Stepper, data: MeshData | None = None, on_error: Callable[[float], None] = lambda seconds: None
+        cls,
+        stepper: Stepper,
+        data: MeshData | None = None,
+        on_error: Callable[[float], None] = lambda seconds: None,
+        estimate: Estimate | None = None,
     ) -> Observer:
         """Compile the strain and find the cells of the probes; collective.
 
@@ -127,6 +134,7 @@ class Observer:
             stepper: whose steps it will observe.
             data: the mesh, to estimate its error; None: it is not estimated.
             on_error: called with the seconds that error estimates took.
+            estimate: adds errors of numbers to a result; collective. None: nothing is added.
 
         Raises:
             SceneError: a probe lies outside the bodies.
@@ -141,16 +149,21 @@ class Observer:
             probes={name: _locate(system.mesh, x, name) for name, x in points.items()},
             recovered=None if data is None else RecoveredStress(system.problem, data),
             on_error=on_error,
+            estimate=estimate or _nothing,
         )
+
+    def without_errors(self) -> Observer:
+        """The same that estimates nothing."""
+        return replace(self, recovered=None, estimate=_nothing)
 
     def __call__(self, accepted: Accepted) -> StepResult:
         """The result of a step; collective. Displacement and stress are on rank 0 only."""
         system, state = accepted.stepper.system, accepted.state
         cell_stress, nodal = self.stress(state.u, state.initial), self.stress.displacement.x.array
-        contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
+        numbers = self.numbers(accepted)
         displacement = self.by_node(state.u.array.reshape(-1, system.mesh.dim))
         mesh_error, stress_error = self._mesh_error(displacement, state.peak)
-        return StepResult(
+        found = StepResult(
             time=state.time,
             substeps=accepted.substeps,
             iterations=accepted.iterations,
@@ -158,12 +171,9 @@ class Observer:
             residual=accepted.residual,
             displacement=displacement,
             stress=self.by_cell(cell_stress),
-            contacts=contacts,
-            obstacles=self._obstacles(accepted.state, contacts),
-            supports={
-                name: Reaction(force=force, moment=moment)
-                for name, (force, moment) in system.reactions(state.residual).items()
-            },
+            contacts=numbers.contacts,
+            obstacles=numbers.obstacles,
+            supports=numbers.supports,
             probes={name: self._probe(where, nodal, cell_stress) for name, where in self.probes.items()},
             energy=state.energy,
             iteration_error=iteration_error(accepted),
@@ -182,6 +192,21 @@ class Observer:
             history=tuple(row.as_tuple() for row in accepted.history),
             other_solutions=tuple(_normal_forces(accepted, p) for p in accepted.others),
             columns=self._columns(state.time),
+        )
+        began = clock.perf_counter()
+        found = self.estimate(self, accepted, found)
+        self.on_error(clock.perf_counter() - began)
+        return found
+
+    def numbers(self, accepted: Accepted) -> Numbers:
+        """What a step exerts, without fields of the volume; collective."""
+        system, state = accepted.stepper.system, accepted.state
+        contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
+        return Numbers(
+            contacts=contacts,
+            obstacles=self._obstacles(state, contacts),
+            supports={name: Reaction(*pair) for name, pair in system.reactions(state.residual).items()},
+            energy=state.energy,
         )
 
     def _mesh_error(self, displacement: Array, peak: float) -> tuple[float, Array]:
@@ -206,6 +231,8 @@ class Observer:
         stepper = accepted.stepper
         p_n, t = (parts[index] for parts in stepper.split(state.p))
         u_n = c.node_motion(stepper.system.interface.displacement(state.u)[index] - state.motion[c.name])[0]
+        if state.surplus_motion is not None:
+            u_n = u_n + np.einsum("nd,nd->n", c.frames[:, 0], state.surplus_motion[c.name])
         pressure, multiplier, gap = c.node_pressure(p_n), c.node_traction(t), c.node_gap - u_n
         slip, increment = state.slip[c.name], state.slip[c.name] - accepted.substep_start.slip[c.name]
         place = stepper.cone.places[index]
@@ -274,6 +301,11 @@ class Observer:
             values = nodal.reshape(-1, system.mesh.dim)[dx.cell_dofs(system.space)[cell]]
             found = ProbeValue(displacement=basis @ values, stress=cell_stress[cell])
         return next(offer for offer in system.mesh.comm.allgather(found) if offer is not None)
+
+
+def _nothing(observer: Observer, accepted: Accepted, result: StepResult) -> StepResult:
+    """Add no errors."""
+    return result
 
 
 def _normal_forces(accepted: Accepted, p: Array) -> dict[str, float]:

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+import numpy as np
+
 from geometry.arrays import Array
+from solvers.results.error_parts import Errors
+from solvers.results.numbers import quantities
 from solvers.results.step_result import StepResult
 from solvers.scene.quantities import CONTACT_NUMBERS, ENERGIES, STRESSES
 
@@ -27,3 +33,23 @@ def values(step: StepResult) -> dict[str, float]:
 
 def _vector(name: str, components: Array) -> dict[str, float]:
     return {f"{name}.{axis}": float(value) for axis, value in zip("xyz", components, strict=False)}
+
+
+SINGULAR = {"contacts": "", "supports": "support.", "obstacles": "obstacle.", "probes": "probe.", "energy": "energy"}
+
+
+def total_errors(step: StepResult, errors: Errors) -> dict[str, float]:
+    """Total error of every number by the names that `values` has, and of moments; NaN: not known."""
+    found: dict[str, float] = {}
+    for key, value in quantities(step).items():
+        name = ".".join(filter(None, (f"{SINGULAR[key.kind]}{key.name}", key.quantity)))
+        total = errors[key].total if key in errors else None
+        parts = np.full(np.shape(value), np.nan if total is None else total)
+        axes: Iterable[str] = STRESSES if key.quantity == "stress" else "xyz"
+        if key.quantity == "moment" and not parts.shape:
+            parts, axes = parts[None], "z"
+        if parts.shape:
+            found |= {f"{name}.{axis}": float(part) for axis, part in zip(axes, parts, strict=False)}
+        else:
+            found[name] = float(parts)
+    return found

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from geometry.arrays import Array, Ints
 from solvers.newton.solution import Convergence
+from solvers.results.error_parts import ErrorParts, Value
 from solvers.stepping.history import HistoryTuple
 from solvers.stepping.state import Energy
 
@@ -80,6 +81,16 @@ class ContactState:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Numbers:
+    """What bodies, supports and obstacles exert on each other; keys are the names of the scene."""
+
+    contacts: Mapping[str, ContactState]
+    supports: Mapping[str, Reaction]
+    obstacles: Mapping[str, ObstacleState]
+    energy: Energy  # totals since t = 0 [J]
+
+
+@dataclass(frozen=True, kw_only=True)
 class StepResult:
     """The solution at a requested time.
 
@@ -119,6 +130,8 @@ class StepResult:
     other_solutions: tuple[
         Mapping[str, float], ...
     ] = ()  # that friction admits and were met: normal force by contact [N]
+    corrected: Mapping[str, Value] = field(default_factory=dict)  # by `Quantity`: most of the mesh's error removed
+    errors: Mapping[str, ErrorParts] = field(default_factory=dict)  # by `Quantity`, but for those of the time steps
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 
     def without_fields(self) -> StepResult:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from geometry.arrays import Array
@@ -21,6 +22,8 @@ from solvers.stepping.state import State
 from solvers.stepping.stepper import Accepted, Stepper
 
 ROWS = "rows"  # field of State that is not stored: it is built again from the pairs of sliding contacts
+APART = ("surplus", "refined")  # fields with vectors of order 2, stored apart
+UNBENT = "unbent"  # not needed by the next step
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +31,8 @@ class Checkpoint:
     """Everything of a solved step that the next one needs, but for what methods have learnt."""
 
     state: Plain  # of `State`, without its rows
+    refined: Plain  # likewise of the state with bubbles, if it is followed
+    surplus: Plain  # its bubbles, by node of order 2
     searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) [m] that its pairs were searched at
     reached: Reached  # methods that were tried and left, and the one in use
     counters: Counters  # work so far
@@ -42,12 +47,16 @@ class Checkpoints:
         system = stepper.system
         self.stepper, self.dim = stepper, system.mesh.dim
         self._by_node: Gather = nodes_of(system.mesh, system.nodes)
+        self._by_bubble = nodes_of(system.mesh, stepper.companion.nodes) if stepper.companion else None
 
     def take(self, accepted: Accepted) -> Checkpoint:
         """The checkpoint of a step; call it before the next step begins."""
         chain = self.stepper.chain
+        plain, refined = partial(serialise, whole=self._whole, without=(ROWS, UNBENT, *APART)), accepted.state.refined
         return Checkpoint(
-            state=serialise(accepted.state, self._whole, without=(ROWS,)),
+            state=plain(accepted.state),
+            refined=refined and plain(refined),
+            surplus=refined and refined.surplus and self._bubbles_of(refined.surplus),
             searched=accepted.stepper.searched,
             reached=chain.reached,
             counters=self.stepper.system.counters,
@@ -79,7 +88,12 @@ class Checkpoints:
         """
         system, chain = self.stepper.system, self.stepper.chain
         rows = system.searched(checkpoint.searched).contacts if checkpoint.searched else system.contacts
-        state: State = deserialise(State, checkpoint.state, self._vector, rows=rows)
+        given = {ROWS: rows, **dict.fromkeys((UNBENT, *APART))}
+        state: State = deserialise(State, checkpoint.state, self._vector, **given)
+        if checkpoint.refined is not None and self.stepper.companion:
+            surplus = self._bubbles(checkpoint.surplus, self.stepper.companion.vector())
+            refined = deserialise(State, checkpoint.refined, self._vector, **given | {"surplus": surplus})
+            state = replace(state, refined=refined)
         system.counters.add(checkpoint.counters)
         if chain.coarse and checkpoint.coarse:
             chain.coarse.counters.add(checkpoint.coarse)
@@ -104,6 +118,17 @@ class Checkpoints:
     def _whole(self, own: Own) -> ByNode:
         """Gather this rank's part of a vector on rank 0; collective."""
         return ByNode(self._by_node(own.values.reshape(-1, self.dim, *own.values.shape[1:])))
+
+    def _bubbles_of(self, surplus: Vec) -> ByNode:
+        """Gather bubbles on rank 0; collective."""
+        assert self._by_bubble is not None
+        return ByNode(self._by_bubble(surplus.array_r.reshape(-1, self.dim)))
+
+    def _bubbles(self, whole: ByNode, vector: Vec) -> Vec:
+        """Scatter them into a vector; collective."""
+        assert self._by_bubble is not None
+        vector.array[:] = self._by_bubble.scatter(whole.values).ravel()
+        return vector
 
     def _own(self, whole: ByNode) -> Array:
         """Scatter a vector of rank 0: this rank's part; collective."""

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
 
 from geometry.mesh.mesh import Mesh, build_mesh
 from geometry.protocols import Comm
+from geometry.size_field import SizeField
+from solvers.accuracy.errors import joined, with_errors
+from solvers.accuracy.time_steps import TimeStepErrors
+from solvers.accuracy.two_level import MeshCorrection
 from solvers.parallel.counters import Counters
+from solvers.results.error_parts import Errors
 from solvers.results.observe import Observer, mesh_data
 from solvers.results.step_result import MeshData, StepResult
 from solvers.scene.problem import PlanRow, Problem
@@ -31,7 +36,7 @@ class Seconds:
     assemble: float = 0.0  # forms, stiffness, loads, contact rows
     prepare: float = 0.0  # factor or multigrid of the bodies, and what the method prepares
     iterate: float = 0.0  # all steps, failed ones included
-    error: float = 0.0  # estimates of the error of the mesh
+    error: float = 0.0  # estimates of errors
     output: float = 0.0  # reading results off the steps, and writing files
 
     def add(self, earlier: Seconds) -> None:
@@ -106,12 +111,12 @@ class Simulation:
         observe = self.observer
         state = state or self.stepper.start()
         for time in self.scene.requested_times()[done:]:
-            began = clock.perf_counter()
+            began, estimates = clock.perf_counter(), self.seconds.error
             try:
                 try:
                     accepted = self.stepper.reach(state, time, on_iteration)
                 finally:  # a step that was given up or interrupted has its cost too
-                    self.seconds.iterate += clock.perf_counter() - began
+                    self.seconds.iterate += clock.perf_counter() - began - (self.seconds.error - estimates)
             except StepError as failure:
                 if failure.last_good is not None:
                     self.stepper.reported = failure.last_good
@@ -124,6 +129,37 @@ class Simulation:
             yield result
             state = accepted.state
 
+    def errors(
+        self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
+    ) -> tuple[Errors, ...]:
+        """Errors of every number by their parts, see `time_step_errors`; collective.
+
+        Returns:
+            For each step its numbers' errors; a part that is not known is None.
+        """
+        return joined(steps, self.time_step_errors(steps, on_iteration))
+
+    def time_step_errors(
+        self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
+    ) -> tuple[Errors, ...]:
+        """Error of the time steps of every number, from the same history in fewer steps; collective.
+
+        Call it after the last step: half and a quarter of the steps are solved now, in `seconds.error`. Where the state
+        does not depend on the path nothing is solved.
+
+        Args:
+            steps: results of `steps`, all from the first on.
+            on_iteration: as in `steps`, for the iterations of the shorter histories.
+
+        Returns:
+            For each step its numbers' errors, in `time_step`; None where that is not known, see `TimeStepErrors`.
+        """
+        began = clock.perf_counter()
+        try:
+            return TimeStepErrors(self.stepper, self.observer, on_iteration)(steps)
+        finally:
+            self.seconds.error += clock.perf_counter() - began
+
     def script(self) -> Script:
         """A history whose steps are decided one by one, from rest at t = 0; nothing is prepared again.
 
@@ -132,7 +168,9 @@ class Simulation:
         return Script(self.scene, self.stepper, self.observer)
 
 
-def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = None) -> Simulation:
+def prepare(
+    scene: Scene, comm: Comm | None = None, reached: Reached | None = None, sizes: SizeField | None = None
+) -> Simulation:
     """Mesh a scene, assemble it and factorise it, or set up multigrid; collective. No step is solved.
 
     Args:
@@ -140,6 +178,7 @@ def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = No
         comm: mpi4py communicator whose ranks share the mesh; None: MPI.COMM_WORLD.
         reached: to resume a run: the methods that it had tried and left. None: the scene's method, or the chain that
             `auto` chooses for the size of the problem.
+        sizes: mesh sizes instead of those of the scene, on rank 0; the mesh is then free of grids.
 
     Returns:
         The simulation; `steps` solves the scene's history, `script` one of your own.
@@ -154,7 +193,7 @@ def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = No
     problem = planned(scene)
     seconds, counters = Seconds(), Counters()
     began = clock.perf_counter()
-    mesh = build_mesh(problem.shape, problem.request, comm or MPI.COMM_WORLD)
+    mesh = build_mesh(problem.shape, replace(problem.request, sizes=sizes), comm or MPI.COMM_WORLD)
     meshed = clock.perf_counter()
     system = assemble(problem, mesh, counters)
     refuse_loose_parts(system)
@@ -168,13 +207,17 @@ def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = No
     def on_error(spent: float) -> None:
         seconds.error += spent
 
+    if scene.output.error and MeshCorrection.works_for(stepper):
+        began = clock.perf_counter()
+        stepper.companion = MeshCorrection(stepper, on_error)
+        on_error(clock.perf_counter() - began)
     return Simulation(
         scene=scene,
         problem=problem,
         mesh=mesh,
         system=system,
         stepper=stepper,
-        observer=Observer.of(stepper, data if scene.output.error else None, on_error),
+        observer=Observer.of(stepper, data, on_error, with_errors) if scene.output.error else Observer.of(stepper),
         counters=counters,
         seconds=seconds,
         data=data,

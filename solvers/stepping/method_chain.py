@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 
 from solvers.interface.coarse_mesh import CoarseMesh
 from solvers.interface.flexibility import DelassusOperator
+from solvers.interface.matrix_free import MatrixFreeSurface
 from solvers.interface.prepare import prepare_volume
+from solvers.interface.schur_complement import CondensedSurface
 from solvers.methods import METHODS
+from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.method import Ready, Setup, Solve
 from solvers.methods.surface_uzawa import LearningIteration
 from solvers.metrics.surface_metric import SurfaceMetric, surface_metric
@@ -49,6 +53,9 @@ class MethodChain:
 
     A switch to another method with the same form of the bodies lasts for one substep: the next one begins with the
     first method of that form again. A switch to another form is permanent: the bodies are prepared in one form.
+
+    Attributes:
+        repeats: whether steps are solved to estimate an error alone, see `repeating`.
     """
 
     def __init__(self, system: System, reached: Reached | None = None) -> None:
@@ -64,6 +71,7 @@ class MethodChain:
         self._ready: dict[Stage, Ready] = {}
         self._learnt: dict[str, dict[str, Plain]] = {}  # of methods that are not prepared yet, see `restore`
         self._metric: SurfaceMetric | None = None  # for methods that have none
+        self.repeats = False
 
     @property
     def stage(self) -> Stage:
@@ -95,6 +103,8 @@ class MethodChain:
             Whether it was switched; not if the chain ends, or memory does not suffice for the next form of the bodies.
         """
         before, later = self.stage, self._later(other_form=solution.status is Status.SLOW)
+        if self.repeats:
+            later = [k for k in later if self.choice.stages[k].surface == before.surface]
         if not later:
             return False
         after = self.choice.stages[later[0]]
@@ -109,6 +119,27 @@ class MethodChain:
             self.volume.release()
             self.volume = prepare_volume(system, self.stage.surface)
         return True
+
+    @contextmanager
+    def repeating(self, system: System) -> Iterator[None]:
+        """Context for steps that are solved to estimate an error alone.
+
+        The bodies keep their form, whatever fails; no step is cut; nothing is computed beside the solution. Position,
+        switches and counters of work are afterwards what they were before: only `error_solves` has grown.
+        """
+        before = self.at, list(self.switches)
+        with system.counters.for_error(), self.coarse.counters.for_error() if self.coarse else nullcontext():
+            self.repeats = True
+            try:
+                yield
+            finally:
+                self.repeats = False
+                self.at, self.switches = before
+
+    @property
+    def exact_laws(self) -> bool:
+        """Whether all methods converge to the contact laws themselves."""
+        return all(METHODS[stage.method].EXACT_LAWS for stage in self.choice.stages)
 
     @property
     def exhausted(self) -> bool:
@@ -139,13 +170,36 @@ class MethodChain:
         self._ready[self.stage] = ready
         return ready.after
 
+    def beside(self, system: System, surface: DelassusOperator, drop: float) -> Solve | None:
+        """A solver of problems near solved ones, with the exact contact laws, that changes nothing for later steps.
+
+        Args:
+            system, surface: the bodies.
+            drop: factor by which an iterative one makes the residual smaller.
+
+        Returns:
+            None: there is none for this form of the bodies.
+        """
+        if isinstance(surface, CondensedSurface):
+            return CondensedNewton()
+        if not isinstance(surface, MatrixFreeSurface):
+            return None
+        ready = self._ready[self.stage]
+        if not isinstance(ready, LearningIteration):
+            ready = LearningIteration(metric=self._any_metric(system))
+        return ready.apart(drop)
+
+    def _any_metric(self, system: System) -> SurfaceMetric:
+        """A metric for methods that have none."""
+        if self._metric is None:
+            self._metric = surface_metric(system)
+        return self._metric
+
     def flexibility(self, system: System, surface: DelassusOperator) -> Flexibility:
         """An approximate Delassus operator of bodies that are not condensed: the method's own, or the metric."""
         known = self._ready[self.stage].flexibility(surface)
         if known is None:
-            if self._metric is None:
-                self._metric = surface_metric(system)
-            known = LearningIteration(metric=self._metric).flexibility(surface)
+            known = LearningIteration(metric=self._any_metric(system)).flexibility(surface)
         return known
 
     def snapshot(self) -> dict[str, Plain]:

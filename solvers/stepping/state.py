@@ -128,4 +128,8 @@ class State:
     control: StepControl = StepControl()
     correction: Correction | None = None  # exact solution of the same steps minus this one; None: zero
     law_error: float = 0.0  # error of the method's approximate contact laws, summed since t = 0 [J^(1/2)]
+    surplus: Vec | None = None  # displacement added to u, in the space of order 2 [m]; of a state with bubbles only
+    surplus_motion: Mapping[str, Array] | None = None  # (n, d) relative motion by it at the nodes of each contact [m]
+    unbent: State | None = None  # the same with straight sides, of a state with bubbles whose sides bulge
+    refined: State | None = None  # the same history with bubbles, see `solvers.accuracy`; None: it is not followed
     peak: float = 0.0  # largest stored energy since t = 0 [J]; errors are relative to it, also once all is unloaded

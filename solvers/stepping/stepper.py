@@ -6,11 +6,13 @@ import logging
 import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from geometry.arrays import Array
 from geometry.errors import GeometryError, SceneError, SolverError
+from geometry.mesh.nodes import Nodes
 from geometry.protocols import Vec
 from solvers.contact.admissible_set import AdmissibleSet
 from solvers.interface.flexibility import Load
@@ -36,6 +38,23 @@ FAR = 100.0  # times the last substep; an extrapolation farther ahead would ampl
 PAIRS = 0.5  # of an error, what pairs that are searched elsewhere add to the next step; measured: .02 to .15
 EASY = 0.5  # of the iterations allowed; a substep that takes more is not easy
 OnIteration = Callable[[HistoryRow], None]  # called after each iteration of each attempt, on every rank
+
+
+class Companion(Protocol):
+    """Follows a history with other displacements, step by step."""
+
+    nodes: Nodes  # of the displacements that `State.surplus` holds
+
+    def vector(self) -> Vec:
+        """No displacement of these nodes."""
+
+    def __call__(self, stepper: Stepper, old: State, new: State, problem: SurfaceProblem) -> State | None:
+        """What `State.refined` becomes after a substep from `old` to `new`; None: it was not found; collective.
+
+        Args:
+            stepper: with the contact rows of the substep.
+            problem: that was solved.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,6 +124,7 @@ class Stepper:
         self.cone = AdmissibleSet(system.contacts, 0.0, system.problem.timeline.end)
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma, self.weight = elastic_stiffness(system)
+        self.companion: Companion | None = None  # follows each substep, see `State.refined`
         self.reported: Accepted | None = None  # what the last result of `Simulation.steps` was read from
         self.stage = self.chain.stage
         self.surface = prepare_surface(system, self.chain.volume)
@@ -154,7 +174,7 @@ class Stepper:
             on_iteration: called with each iteration.
 
         Raises:
-            StepError: a substep of 1/2^HALVINGS of the step failed too.
+            StepError: a substep of 1/2^HALVINGS of the step failed too; at once where the chain only repeats.
             NoEquilibriumError: so, and it is proved that nothing balances the loads.
         """
         state, substeps, control = start, 0, start.control
@@ -162,7 +182,7 @@ class Stepper:
         unbalanced: tuple[float, str] | None = None  # earliest time that is proved to have no equilibrium
         solves = self.system.counters.volume_solves
         step = target - start.time
-        smallest = step / 2**HALVINGS
+        smallest = step if self.chain.repeats else step / 2**HALVINGS
         accepted: Accepted | None = None
         others: tuple[Array, ...] = ()
         failed: SurfaceProblem | None = None  # from the present state
@@ -198,6 +218,8 @@ class Stepper:
                 continue
             assert problem is not None
             failed, stuck, others = None, False, solution.others or others
+            if self.companion is not None and not self.chain.repeats:
+                new = replace(new, refined=self.companion(stepper, state, new, problem))
             easy = solution.iterations <= EASY * self.system.problem.solver.max_iterations
             control = control.after_success(size, step, easy)
             substep_start, state, substeps = state, replace(new, control=control), substeps + 1
@@ -340,6 +362,8 @@ class Stepper:
         previous = Previous(time=state.time, p=state.p) if end > state.time else None
         peak = max(state.peak, new.energy.stored)
         law_error = state.law_error + solution.law_error
+        if self.chain.repeats:
+            return solution, problem, replace(new, previous=previous, law_error=law_error, peak=peak)
         before = state.correction or Correction.none(len(solution.p))
         try:
             left = self._correction(problem, solution, before, new.w)

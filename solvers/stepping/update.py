@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
 from geometry.arrays import Array
@@ -55,6 +58,19 @@ def displacement(system: System, time: float, q: Vec, u_s: Vec) -> tuple[Vec, Ve
     return u, u if system.rigid_motion(time) is None else moved
 
 
+@dataclass(frozen=True, kw_only=True)
+class Surplus:
+    """What a displacement that is added to that of the nodes contributes to a state."""
+
+    inner: Vec  # inner forces over all displacement dofs [N]
+    relative: Array  # (rows,) relative displacement [m]
+    motion: Mapping[str, Array]  # (n, d) relative motion at the slave's nodes of each contact in the substep [m]
+    stored: float  # elastic energy [J]
+    external: float  # work of loads in the substep [J]
+    contact: float  # work on the contacts in the substep [J]
+    initial_work: Array  # (k,) see `InitialStrains.stress_work` [J]
+
+
 def new_state(
     *,
     system: System,
@@ -66,6 +82,7 @@ def new_state(
     load: Vec,
     p: Array,
     driven: Array,
+    surplus: Surplus | None = None,
 ) -> State:
     """The state at the time of a solved problem; collective.
 
@@ -79,6 +96,7 @@ def new_state(
         load: external forces without reactions and initial strains, over all dofs [N].
         p: tractions (rows,) [Pa].
         driven: displacement (o,) of the obstacles that forces drive [m].
+        surplus: of a displacement that is added to that of the nodes.
 
     Returns:
         The state; of its `previous`, `control`, `law_error` and `peak` it knows nothing.
@@ -87,8 +105,12 @@ def new_state(
     inner = system.K * u_strained
     initial = system.initial.values(system.course, time)
     initial_work = system.initial.stress_work(initial, u_strained)
+    stored = inner.dot(u_strained) / 2
     residual = inner - system.initial.added(load, initial) + system.interface.forces(*split(cone, p))
     w, motion = relative_displacement(system, u, time, driven), system.obstacles.motions(system.contacts, time, driven)
+    if surplus is not None:
+        initial_work, stored = initial_work + surplus.initial_work, stored + surplus.stored
+        residual, w = residual + surplus.inner, w + surplus.relative
     external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
     external += system.initial.external(old.initial, initial, old.initial_work, initial_work)
     contact, slip = 0.0, {}
@@ -100,10 +122,14 @@ def new_state(
         external -= float(np.sum(mean * pushed))
         contact += float(np.sum(mean * (v - v_old - pushed)))
         slip[c.name] = old.slip[c.name] + c.node_motion(v - v_old - pushed)[1]
+        if surplus is not None:
+            slip[c.name] = slip[c.name] + c.tangential_part(surplus.motion[c.name])
+    if surplus is not None:
+        external, contact = external + surplus.external, contact + surplus.contact
     slipping = W * p * (w - problem.gap - cone.give(p))
     energy = Energy(
         external=old.energy.external + external,
-        stored=inner.dot(u_strained) / 2 + system.initial.stored(initial, initial_work),
+        stored=stored + system.initial.stored(initial, initial_work),
         contact=old.energy.contact + contact,
         compliance=float(W @ cone.energy(p)),
         dissipation=old.energy.dissipation + np.array([slipping[place.tangential].sum() for place in cone.places]),

@@ -68,7 +68,9 @@ def leaves(value: Any, path: tuple[str, ...] = ()) -> Iterator[Leaf]:
 
 
 def kind_of(path: tuple[str, ...]) -> str:
-    """What a number is: its key, or that of the list it stands in."""
+    """What a number is: its key, or that of the list it stands in, or of the number whose error it is."""
+    if path[0] == "steps" and "error" in path and path[2] != "error":
+        path = path[: path.index("error") + 2]
     key = path[-2] if path[-1].isdigit() and len(path) > 1 else path[-1]
     if path[0] not in ("scene", "verdict") and ("audit" in path or key in DEFECTS):
         return "defect"
@@ -139,6 +141,8 @@ def test_result_is_that_of_one_rank(alone: tuple[str, Path], together: tuple[int
         if kind == "defect":
             assert (found[path] is None) == (value is None)
             assert value is None or max(found[path], value) <= SAME, (path, found[path], value)
+        elif value is None:
+            assert found[path] is None, path
         elif kind:
             assert abs(found[path] - value) <= SAME * scale[kind], (path, found[path], value)
         elif path[-1] in WORK:

@@ -14,9 +14,10 @@ import workflows.run.run
 from geometry.errors import SolverError, StickslipError
 from geometry.user_files.child import child_environment
 from shared.command import COARSE, Call, result, table
-from solvers.simulation.simulation import Simulation, prepare
+from solvers.simulation.simulation import Simulation
 from workflows.commands.cli import app, guarded
 from workflows.formats.steps import write_step
+from workflows.verification.prepared import prepare
 
 
 def test_run_that_does_not_converge_ends_with_3_and_says_what_to_try(call: Call, folder: Path) -> None:

@@ -36,6 +36,11 @@ def is_moment(value: Any) -> bool:
     return is_number(value) or (is_vector(value) and len(value) == 3)
 
 
+def is_error(value: Any) -> bool:
+    """Of a number, or of a vector by component."""
+    return all(is_number(part) and part >= 0 for part in (value if isinstance(value, list) else [value]))
+
+
 def is_stress(value: Any) -> bool:
     return isinstance(value, list) and len(value) == 6 and all(map(is_number, value))
 
@@ -44,8 +49,27 @@ AUDIT = dict.fromkeys(
     ("equilibrium", "penetration", "negative_pressure", "cone", "complementarity", "dissipation"), is_number
 )
 RESULTANTS = ("normal_force", "tangential_force", "max_pressure", "max_penetration", "max_slip")
+ENERGIES = ("external", "stored", "contact", "compliance", "dissipated")
 AREAS = ("contact_area", "stick_area", "slip_area")
-CONTACT = dict.fromkeys((*RESULTANTS, *AREAS, "dissipation", "dissipation_total"), is_number)
+CONTACT = dict.fromkeys((*RESULTANTS, *AREAS, "dissipation", "dissipation_total"), is_number) | {
+    "force": is_vector,
+    "moment": is_moment,
+}
+PARTS = ("time_step", "law", "iteration", "linear_solver")  # of every number, whatever the order
+
+
+def is_known_or_null(value: Any) -> bool:
+    """Of order 1 it is known, and of a number that has a limit."""
+    return value is None or is_error(value)
+
+
+def error_of(*names: str) -> Json:
+    """Error of each of these numbers, by its parts."""
+    by_order = dict.fromkeys(("mesh", "geometry", "total"), is_known_or_null)
+    parts = dict.fromkeys(PARTS, is_error) | by_order | {"converges": lambda value: value in (None, True, False)}
+    return {"error": {name: parts | {"corrected": lambda value: True} for name in names}}
+
+
 FORMAT_1: Json = {
     "format": lambda value: value == 1,
     "status": lambda value: value == "converged",
@@ -63,11 +87,16 @@ FORMAT_1: Json = {
             "iterations": is_count,
             "volume_solves": is_count,
             "residual": is_number,
-            "contacts": {"*": CONTACT | {"force": is_vector, "moment": is_moment}},
-            "supports": {"*": {"force": is_vector, "moment": is_moment}},
-            "obstacles": {"*": {"displacement": is_vector, "force": is_vector, "moment": is_moment}},
-            "probes": {"*": {"displacement": is_vector, "stress": is_stress}},
-            "energy": dict.fromkeys(("external", "stored", "contact", "dissipated", "time_remainder"), is_number),
+            "contacts": {
+                "*": CONTACT | {"force": is_vector, "moment": is_moment} | error_of(*CONTACT, "force", "moment")
+            },
+            "supports": {"*": {"force": is_vector, "moment": is_moment} | error_of("force", "moment")},
+            "obstacles": {
+                "*": {"displacement": is_vector, "force": is_vector, "moment": is_moment}
+                | error_of("displacement", "force", "moment")
+            },
+            "probes": {"*": {"displacement": is_vector, "stress": is_stress} | error_of("displacement", "stress")},
+            "energy": dict.fromkeys((*ENERGIES, "time_remainder"), is_number) | error_of(*ENERGIES),
             "error": {
                 "energy_norm": {
                     **dict.fromkeys(("mesh", "law", "iteration", "linear_solver"), is_number),

@@ -165,6 +165,20 @@ def test_signals_end_the_run_after_the_iteration_and_it_goes_on(
     assert names_in(folder) == {f"out/{name}" for name in names_in(whole)}
 
 
+def test_a_run_that_is_stopped_behind_its_last_step_goes_on_to_the_estimate(tmp_path: Path) -> None:
+    scene = read("half_disc", CUT)
+    run(scene, tmp_path / "whole")
+    stop = Stop(1)
+    outcome, content = run(scene, tmp_path / "out", Watch(on_estimate=lambda: stop(None)))
+    assert (outcome.status, len(content["steps"])) == ("interrupted", len(scene.requested_times()))
+    assert outcome.sentence.endswith("after 6 of 6 steps")
+    assert content["steps"][-1]["energy"]["error"] is None
+    outcome, content = run(scene, tmp_path / "out", resume=True)
+    assert outcome.status == "converged"
+    assert content["steps"][-1]["energy"]["error"]["dissipated"]["time_step"] > 0
+    assert_same(tmp_path / "out", tmp_path / "whole")
+
+
 def test_stopped_run_spends_no_time_on_audit_and_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A batch queue grants a few seconds: those of a run that goes on are spent at its end."""
 

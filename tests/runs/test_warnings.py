@@ -1,6 +1,7 @@
 """What can be solved but answers badly is said before solving: by the plan, by the run, and in its log."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -50,11 +51,23 @@ def test_displacements_that_are_not_small_are_doubted(call: Call, folder: Path) 
         assert "displacements differ" not in call("run", "block", *coarse, *overrides)[2]
 
 
-def test_steps_too_large_for_what_friction_dissipates_are_doubted(call: Call, folder: Path) -> None:
-    coarse = ["--set=geometry.mesh_size=0.1", "--set=output.pictures=false", "-o", "out"]
-    code, _, err = call("run", "hysteresis", "--set=steps.count=22", *coarse)
+def test_steps_that_leave_a_large_error_are_doubted(call: Call, folder: Path) -> None:
+    """The number of steps that is asked for keeps what it promises."""
+    coarse = ["--set=geometry.mesh_size=0.3", "--set=geometry.contact_mesh_size=0.02", "--set=geometry.order=1"]
+    words = ["run", "half_disc", *coarse, "--set=output.pictures=false"]
+    code, _, err = call(*words, "-o", "few")
     assert code == 0
-    assert "warning: friction's work by the ends of the steps is" in flat(err)
-    assert "for the dissipation take smaller steps" in flat(err)
-    code, _, err = call("run", "hysteresis", "--set=steps.count=88", *coarse)
-    assert (code, "smaller steps" in err) == (0, False)
+    said = re.search(
+        r"warning: the time steps leave an error of about (\d+)% in the dissipation of contacts.pole; use "
+        r"steps.count = (\d+)",
+        flat(err),
+    )
+    assert said is not None
+    assert said[0][9:] in json.loads((folder / "few" / "result.json").read_text())["warnings"]
+    assert "the time steps leave" not in call(*words, "-o", "silent", "--set=output.error=false")[2]
+    call(*words, "-o", "many", f"--set=steps.count={said[2]}")
+    few, many = (json.loads((folder / name / "result.json").read_text())["steps"][-1] for name in ("few", "many"))
+    before, after = (step["contacts"]["pole"] for step in (few, many))
+    assert after["error"]["dissipation_total"]["time_step"] < 0.05 * after["dissipation_total"]
+    true = abs(before["dissipation_total"] - after["dissipation_total"])
+    assert 0.7 * true < before["error"]["dissipation_total"]["time_step"] < 3 * true

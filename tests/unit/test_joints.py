@@ -22,10 +22,11 @@ from solvers.methods import METHODS
 from solvers.parallel.counters import Counters
 from solvers.scene.scene import Scene
 from solvers.simulation.resolve import resolve
-from solvers.simulation.simulation import Simulation, prepare
+from solvers.simulation.simulation import Simulation
 from solvers.stepping.choice import choose
 from solvers.system.system import System, assemble
 from stickslip import Block
+from workflows.verification.prepared import prepare
 
 Places = tuple[tuple[int, ...], ...]
 CORNERS = {2: [(0, 0), (1, 0), (1, 1), (0, 1)], 3: []}

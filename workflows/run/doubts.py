@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Bools, Ints
 from geometry.surfaces.surface import Surface
 from solvers.contact.rows import ContactRows
+from solvers.results.error_parts import Errors, Quantity
 from solvers.results.step_result import OPEN, ContactState, MeshData, StepResult
 from solvers.scene.problem import Problem
 from solvers.simulation.simulation import Simulation
@@ -20,7 +20,8 @@ LARGE_SPREAD = 0.1  # of the bodies' size: strains or rotations of this order ch
 LARGE_TURN = 0.05  # [rad]; linear elasticity makes a strain of half its square, and turns no load or normal
 NO_TURN = 0.01  # spread of displacements of the size of a body below which no large part of it turns so far
 PART = 0.95  # of a body's volume turns by less than what counts: a corner's singularity is no rotation of the body
-LARGE_REMAINDER = 0.3  # of the dissipation
+LARGE_TIME_ERROR = 0.05  # relative; more steps are then asked for
+MINOR = 0.1  # of all dissipation; a contact with less is not judged
 ROUNDED = 1e-9  # of the work and energy; what friction dissipated is less where nothing slips
 SOFT = 0.4  # Poisson's ratio up to which no mesh locks
 LARGE_JUMP = 0.25  # of the equivalent stress: the maximum pressure is then 15 % off and more, as measured
@@ -111,11 +112,15 @@ def _jump(cells: Ints, stress: Array, von_mises: Array) -> float:
     return float(np.linalg.norm(mean - around[cells].mean(axis=1))) / size if size else 0.0
 
 
-def doubts(simulation: Simulation, steps: Sequence[StepResult]) -> Iterator[str]:
-    """What contacts and energies give reason to doubt."""
+def doubts(simulation: Simulation, steps: Sequence[StepResult], errors: Sequence[Errors] | None) -> Iterator[str]:
+    """What contacts and energies give reason to doubt.
+
+    Args:
+        errors: of the numbers of each step; None: not estimated.
+    """
     problem, contacts = simulation.problem, simulation.system.contacts
     yield from _several_solutions(steps, "N/m" if problem.model.startswith("plane") else "N")
-    yield from coarse_steps(steps)
+    yield from large_time_errors(problem, steps, errors or ())
     for rows in contacts:
         states = [step.contacts[rows.name] for step in steps if rows.name in step.contacts]
         if not states or rows.normal.ties:
@@ -144,23 +149,30 @@ def _several_solutions(steps: Sequence[StepResult], unit: str) -> Iterator[str]:
     )
 
 
-def coarse_steps(steps: Sequence[StepResult]) -> Iterator[str]:
-    """A warning where friction's work by the mean of each step's ends is far from that by the end, which is reported.
+def large_time_errors(problem: Problem, steps: Sequence[StepResult], errors: Sequence[Errors]) -> Iterator[str]:
+    """A warning of the largest error that the time steps leave: in a dissipation at the end, or an area at some step.
 
-    The energy's time remainder has that difference too, and that of pressures where a gap closes, which is no matter.
+    That of an area is relative to the area that touches.
     """
-    if len(steps) < 3:
-        return
-    energy, apart = steps[-1].energy, 0.0
-    for before, after in pairwise(steps):
-        for name, state in after.contacts.items():
-            was = before.contacts[name]
-            change = (state.traction - was.traction) * (state.slip - was.slip)
-            apart += float(state.weight @ change.sum(axis=1)) / 2
-    if abs(apart) > LARGE_REMAINDER * energy.dissipated > ROUNDED * (abs(energy.external) + energy.stored):
+    found = [(0.0, "")]  # relative error, and where
+    for step, its in zip(steps, errors, strict=False):
+        work = abs(step.energy.external) + step.energy.stored
+        for name, contact in step.contacts.items():
+            numbers = {f"{area} area": (f"{area}_area", contact.contact_area) for area in ("contact", "stick", "slip")}
+            if step is steps[-1] and contact.dissipation_total > max(MINOR * step.energy.dissipated, ROUNDED * work):
+                numbers["dissipation"] = "dissipation_total", contact.dissipation_total
+            for what, (key, scale) in numbers.items():
+                off = its[Quantity("contacts", name, key)].time_step
+                if off is not None and scale > 0:
+                    found.append((float(off) / scale, f"the {what} of contacts.{name}"))
+    share, where = max(found)
+    if share > LARGE_TIME_ERROR:
+        longest = max(np.diff([step.time for step in steps], prepend=0.0))
+        count = share / LARGE_TIME_ERROR * problem.timeline.end / longest  # the error is of first order
+        digits = 10 ** max(int(np.log10(count)) - 1, 0)
         yield (
-            f"friction's work by the ends of the steps is {abs(apart) / energy.dissipated:.0%} off that by the means "
-            "of both ends: for the dissipation take smaller steps"
+            f"the time steps leave an error of about {share:.0%} in {where}; use steps.count = "
+            f"{int(np.ceil(count / digits)) * digits}"
         )
 
 

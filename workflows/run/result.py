@@ -7,7 +7,6 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ import numpy as np
 from geometry.dolfinx_versions import DOLFINX
 from geometry.user_files.user_file import UserFile
 from solvers.results.audit import Audit
+from solvers.results.error_parts import PARTS, ErrorParts, Errors
 from solvers.results.linear_reference import LinearReference
 from solvers.results.step_result import ContactState, StepResult
 from solvers.results.verdict import limits
@@ -52,8 +52,9 @@ def summary(
     audited: Audited,
     total: float,
     reference: LinearReference | None = None,
+    errors: Sequence[Errors] | None = None,
 ) -> dict[str, Any]:
-    """The content of result.json."""
+    """The content of result.json; without `errors` of the numbers of each step they are null."""
     scene, counters = simulation.scene, simulation.counters
     audits = audited.audits
     contacts, chain = simulation.system.contacts, simulation.stepper.chain
@@ -74,7 +75,10 @@ def summary(
         "dofs": simulation.system.constraints.free_total,
         "contact_points": sum(len(c.W_n) for c in contacts),
         "plan": [{"effect": row.effect, "on": row.on, "because": row.because} for row in simulation.plan],
-        "steps": [_step(step, audit) for step, audit in zip(steps, audits or repeat(None), strict=bool(audits))],
+        "steps": [
+            _step(step, errors[index] if errors else None, audits[index] if audits else None)
+            for index, step in enumerate(steps)
+        ],
         "counters": {
             "unknowns": {
                 "displacement": simulation.system.constraints.free_total,
@@ -134,31 +138,47 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
     write_aside(path, (text + "\n").encode())
 
 
-def _step(step: StepResult, audit: Audit | None) -> dict[str, Any]:
+def _step(step: StepResult, errors: Errors | None, audit: Audit | None) -> dict[str, Any]:
     energy = step.energy
+
+    def error(kind: str, name: str = "") -> dict[str, Any]:
+        """By quantity; null: not estimated."""
+        found = {
+            key.quantity: _parts(parts) | {"corrected": _plain(step.corrected.get(str(key)))}
+            for key, parts in (errors or {}).items()
+            if key[:2] == (kind, name)
+        }
+        return {"error": found or None}
+
     return {
         "time": step.time,
         "substeps": step.substeps,
         "iterations": step.iterations,
         "volume_solves": step.volume_solves,
         "residual": step.residual,
-        "contacts": {name: _contact(contact) for name, contact in step.contacts.items()},
-        "supports": {n: {"force": f.tolist(), "moment": _moment(m)} for n, (f, m) in step.supports.items()},
+        "contacts": {name: _contact(contact) | error("contacts", name) for name, contact in step.contacts.items()},
+        "supports": {
+            name: {"force": f.tolist(), "moment": _moment(m)} | error("supports", name)
+            for name, (f, m) in step.supports.items()
+        },
         "obstacles": {
-            name: {"displacement": u.tolist(), "force": f.tolist(), "moment": _moment(m)}
+            name: {"displacement": u.tolist(), "force": f.tolist(), "moment": _moment(m)} | error("obstacles", name)
             for name, (u, f, m) in step.obstacles.items()
         },
         "probes": {
             name: {"displacement": u.tolist(), "stress": [float(sigma[ij]) for ij in STRESSES.values()]}
+            | error("probes", name)
             for name, (u, sigma) in step.probes.items()
         },
         "energy": {
             "external": energy.external,
             "stored": energy.stored,
             "contact": energy.contact,
+            "compliance": energy.compliance,
             "dissipated": energy.dissipated,
             "time_remainder": energy.time_remainder,
-        },
+        }
+        | error("energy"),
         "error": {"energy_norm": _energy_norm(step)},
         "audit": audit and asdict(audit),
         "convergence": step.convergence and asdict(step.convergence),
@@ -178,6 +198,16 @@ def _energy_norm(step: StepResult) -> dict[str, Any]:
         "linear_solver": step.linear_error,
         "converges": True,
     }
+
+
+def _parts(parts: ErrorParts) -> dict[str, Any]:
+    """The error of one number, in its unit; null: not computed, nor is the total."""
+    found = {name: getattr(parts, name) for name in ("total", *PARTS, "converges")}
+    return {name: _plain(value) for name, value in found.items()}
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def _contact(contact: ContactState) -> dict[str, Any]:

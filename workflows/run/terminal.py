@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterable
 from types import TracebackType
@@ -21,6 +22,8 @@ from workflows.run.watch import Watch
 from workflows.writers.writer import registered
 
 Content = dict[str, Any]
+DIGITS = 1e-6  # of a number: a smaller error is not shown
+MOST_PLACES = 6  # behind the point
 
 
 class Reporter:
@@ -36,7 +39,7 @@ class Reporter:
     def __enter__(self) -> Reporter:
         self.progress.start()
         if not self.console.is_terminal:
-            self._line("meshing and preparing ...")
+            self.line("meshing and preparing ...")
         return self
 
     def __exit__(
@@ -46,41 +49,53 @@ class Reporter:
 
     def watch(self) -> Watch:
         """Callbacks for the run."""
-        return Watch(self._meshed, self._prepared, self._iteration, self._step, self._resumed, self._note)
+        return Watch(
+            on_mesh=self._meshed,
+            on_prepared=self._prepared,
+            on_iteration=self._iteration,
+            on_step=self._step,
+            on_estimate=self._estimate,
+            on_resume=self._resumed,
+            on_note=self._note,
+        )
 
     def _meshed(self, report: MeshReport) -> None:
         for line in report.lines():
-            self._line(line)
+            self.line(line)
         for line in report.warnings():
-            self._line(f"warning: {line}")
+            self.line(f"warning: {line}")
 
     def _prepared(self, simulation: Simulation) -> None:
         times = simulation.scene.requested_times()
         self.progress.update(self.task, total=len(times), description="solving")
         free, points = simulation.system.constraints.free_total, simulation.stepper.cone.size
-        self._line(f"{free} unknown displacements, {points} contact unknowns, {len(times)} steps")
+        self.line(f"{free} unknown displacements, {points} contact unknowns, {len(times)} steps")
         for warning in warnings(simulation.scene):
-            self._line(f"warning: {warning}")
+            self.line(f"warning: {warning}")
 
     def _iteration(self, row: HistoryRow) -> None:
         if self.verbose:
-            self._line(f"  t = {row.time:g}  iteration {row.step.iteration}  residual {row.step.residual:.1e}")
+            self.line(f"  t = {row.time:g}  iteration {row.step.iteration}  residual {row.step.residual:.1e}")
         text = f"solving t = {row.time:g}, iteration {row.step.iteration}, residual {row.step.residual:.0e}"
         self.progress.update(self.task, description=text)
 
     def _step(self, step: StepResult) -> None:
         self.progress.advance(self.task)
         if not self.console.is_terminal or self.verbose:
-            self._line(f"t = {step.time:g}: {step.iterations} iterations, residual {step.residual:.1e}")
+            self.line(f"t = {step.time:g}: {step.iterations} iterations, residual {step.residual:.1e}")
+
+    def _estimate(self) -> None:
+        self.progress.update(self.task, description="estimating the error of the time steps")
 
     def _resumed(self, done: int, time: float) -> None:
         self.progress.advance(self.task, done)
-        self._line(f"resumed after step {done}, t = {time:g}")
+        self.line(f"resumed after step {done}, t = {time:g}")
 
     def _note(self, line: str) -> None:
         self.console.print(f"stickslip: {line}", soft_wrap=True)  # also where it is to be quiet
 
-    def _line(self, text: str) -> None:
+    def line(self, text: str) -> None:
+        """Print a line, unless it is to be quiet."""
         if not self.quiet:
             self.console.print(text, soft_wrap=True)
 
@@ -122,7 +137,7 @@ class Reporter:
     def files(self, outcome: Outcome) -> None:
         """What to doubt, and which files to open."""
         for warning in outcome.warnings:
-            self._line(f"warning: {warning}")
+            self.line(f"warning: {warning}")
         if self.quiet:
             return
         folder, by_reader = outcome.folder, {"ParaView": list[str](), "scripts": ["result.json"]}
@@ -186,9 +201,32 @@ def _contacts(content: Content) -> Table:
         cost = (str(step["iterations"]), str(step["volume_solves"]))
         for name, c in (step["contacts"] or {"-": None}).items():
             keys = ("normal_force", "tangential_force", "contact_area", "stick_area", "slip_area")
-            numbers = [f"{c[k]:.5g}" for k in (*keys, "max_pressure", "max_penetration")] if c else ["-"] * 7
+            numbers = [_with_error(c, k) for k in (*keys, "max_pressure", "max_penetration")] if c else ["-"] * 7
             table.add_row(f"{step['time']:g}", name, *numbers, *cost)
     return table
+
+
+def _with_error(numbers: Content, key: str) -> str:
+    """A number with its error, as many digits as that leaves.
+
+    >>> _with_error({"force": 0.242957, "error": {"force": {"total": 0.0002, "converges": True}}}, "force")
+    '0.2430 ± 0.0002'
+    >>> _with_error({"force": 0.242957, "error": {"force": {"total": None, "converges": False}}}, "force")
+    '0.24 (grows)'
+    >>> _with_error({"force": 0.242957, "error": None}, "force")
+    '0.24296'
+    """
+    value, parts = numbers[key], (numbers["error"] or {}).get(key, {"total": None, "converges": None})
+    if parts["converges"] is False:
+        return f"{value:.2g} (grows)"
+    error = parts["total"]
+    if error is None or not error > DIGITS * abs(value):
+        return f"{value:.5g}"
+    last = math.floor(math.log10(float(f"{error:.0e}")))  # place of its only digit
+    if 0 < -last <= MOST_PLACES:
+        return f"{value:.{-last}f} ± {error:.{-last}f}"
+    places = max(math.floor(math.log10(abs(value))) - last, 0) if value else 0
+    return f"{value:.{places}e} ± {error:.0e}" if value else f"0 ± {error:.0e}"
 
 
 def print_plan(content: Content) -> None:

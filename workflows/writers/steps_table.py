@@ -8,13 +8,15 @@ import numpy as np
 
 from geometry.amplitude import value_at
 from geometry.arrays import Array
-from solvers.results.quantities import values
+from solvers.results.error_parts import Errors
+from solvers.results.quantities import total_errors, values
 from solvers.results.step_result import ContactState, StepResult
 from solvers.scene.quantities import CONTACT_NUMBERS, ENERGIES
 from solvers.scene.scene import Scene
-from workflows.formats.csv_tables import Table
+from workflows.formats.csv_tables import Table, write_tables_again
 from workflows.formats.steps_csv import NAME, column, is_prescribed
 from workflows.writers.tables import TableWriter
+from workflows.writers.writer import Ended
 
 EFFORT = ("substeps", "iterations", "volume_solves", "residual")
 
@@ -26,8 +28,27 @@ class StepsTable(TableWriter):
         return [NAME]
 
     def tables(self, index: int, result: StepResult) -> Iterator[Table]:
-        row = steps_row(index, self.job.scene, result)
-        yield Table(NAME, list(row), [["" if np.isnan(n) else n for n in row.values()]])
+        yield _table(steps_row(index, self.job.scene, result))
+
+    def finish(self, ended: Ended) -> None:
+        """Write it anew with a column for the total error of each number, where errors were estimated."""
+        if ended.errors is not None:
+            rows = (
+                steps_row(index, self.job.scene, step) | errors_row(step, errors)
+                for index, (step, errors) in enumerate(zip(ended.steps, ended.errors, strict=True), start=1)
+            )
+            write_tables_again(self.job.folder, ([_table(row)] for row in rows), self.names())
+        super().finish(ended)
+
+
+def _table(row: dict[str, float]) -> Table:
+    """A row; an empty cell for NaN."""
+    return Table(NAME, list(row), [["" if np.isnan(n) else n for n in row.values()]])
+
+
+def errors_row(step: StepResult, errors: Errors) -> dict[str, float]:
+    """Total errors of one step's numbers by column; NaN: not known."""
+    return {f"{name}.error": value for name, value in total_errors(step, errors).items()}
 
 
 def steps_row(index: int, scene: Scene, step: StepResult) -> dict[str, float]:

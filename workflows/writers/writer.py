@@ -13,6 +13,7 @@ from typing import Any, ClassVar, TypeVar
 from geometry.errors import nearest, require
 from geometry.keys import Noun
 from geometry.protocols import Comm
+from solvers.results.error_parts import Errors
 from solvers.results.step_result import MeshData, StepResult
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Output
@@ -50,6 +51,7 @@ class Ended:
 
     status: str  # converged, doubtful, not_converged, no_equilibrium, interrupted
     steps: Sequence[StepResult]  # all of them, the last one with its fields, the others without
+    errors: Sequence[Errors] | None = None  # of the numbers of each step; None: not estimated
 
     @property
     def in_haste(self) -> bool:

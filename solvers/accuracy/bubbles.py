@@ -1,0 +1,186 @@
+"""Order 2 on the mesh of order 1: displacements that vanish at its nodes, and the forces that they cause.
+
+The space of order 2 is the space of order 1 plus bubbles: the basis functions of the nodes between those of the mesh.
+Only vectors are assembled, no matrix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+
+import numpy as np
+
+from geometry import dolfinx_versions as dx
+from geometry.arrays import Array
+from geometry.mesh.nodes import Nodes
+from geometry.protocols import CompiledForm, Function, UflForm, Vec
+from solvers.effects import active
+from solvers.fem.forms import WeakForms
+from solvers.fem.supports import find_constraints
+from solvers.scene.problem import Problem
+from solvers.system.system import System
+
+
+class Bubbles:
+    """The bubbles x of a system of order 1, as displacements of all nodes of order 2, zero at those of the mesh.
+
+    Vectors of displacements and forces run over all dofs of order 2, those called `free` over the free ones.
+    """
+
+    def __init__(self, system: System) -> None:
+        """Compile the forms, and find which bubbles supports hold; collective."""
+        problem, mesh = system.problem, system.mesh
+        self.system = system
+        self.space = dx.vector_space(mesh.domain, 2)
+        self.nodes = Nodes.of(mesh, self.space)
+        exact = None if mesh.axisymmetric else 2 if mesh.simplicial else 4  # straight cells: gradients are linear
+        weak = WeakForms(problem, mesh, self.space, system.counters, exact)
+        coarse = WeakForms(problem, mesh, system.space, system.counters, exact)
+        self.constraints = find_constraints(problem, mesh, self.space, self.nodes)
+        self._T = self.constraints.transformation(mesh.comm)
+        self._whole, self._alone = dx.fem.Function(self.space), dx.fem.Function(self.space)
+        self._linear = dx.fem.Function(system.space)
+        self._inner = [weak.compile(form) for form in _inner_forces(problem, weak, self._whole)]
+        self._pull = [coarse.compile(form) for form in _inner_forces(problem, coarse, self._alone)]
+        loads = weak.loads() + [term for effect in active(problem) for term in effect.loads(problem, weak)]
+        self._loads = [(term.drive, dx.assemble_vector(weak.compile(term.form))) for term in loads]
+        self.initial = [dx.assemble_vector(weak.compile(weak.initial_load(s))) for s in system.initial.strains]
+        corners = len(dx.reference_nodes(mesh.domain.topology.cell_type.name, 1))
+        self._between = np.ones(len(self.nodes.number), bool)
+        self._between[dx.cell_dofs(self.space)[:, :corners]] = False
+
+    def zero(self) -> Vec:
+        """No displacement."""
+        return self._T.createVecLeft()
+
+    def free(self, forces: Vec) -> Vec:
+        """Forces on the free bubbles."""
+        found = self._T.createVecRight()
+        self._T.multTranspose(forces, found)
+        found.array.reshape(-1, self.system.mesh.dim)[~self._between[: self.nodes.owned]] = 0.0
+        return found
+
+    def displacement(self, free: Vec) -> Vec:
+        """Displacement of all nodes from that of the free bubbles."""
+        return self._T * free
+
+    def load(self, time: float) -> Vec:
+        """External forces at a time [s], those of initial strains included [N]."""
+        total, course = self.zero(), self.system.course
+        for drive, vector in self._loads:
+            total.axpy(course.value(drive, time), vector)
+        for value, vector in zip(self.system.initial.values(course, time), self.initial, strict=True):
+            total.axpy(value, vector)
+        return total
+
+    def inner(self, u: Vec, x: Vec) -> Vec:
+        """Inner forces a(u + x, .) [N] of a displacement u of order 1 and bubbles x; collective."""
+        self._add_up(u, x)
+        return _assembled(self._inner)
+
+    def displacement_at(self, u: Vec, x: Vec, places: Mapping[str, tuple[int, Array] | None]) -> dict[str, Array]:
+        """u + x (d,) [m] at points, by name, on every rank; collective.
+
+        Args:
+            places: cell, and basis (k,) of order 1 at the point, on the rank that owns it; None elsewhere.
+        """
+        self._add_up(u, x)
+        mesh, dofs = self.system.mesh, dx.cell_dofs(self.space)
+        shape, values = mesh.domain.topology.cell_type.name, self._whole.x.array.reshape(-1, mesh.dim)
+        corners, own = dx.reference_nodes(shape, 1), dict[str, Array]()
+        for name, place in places.items():
+            if place is not None:
+                cell, basis = place
+                own[name] = dx.reference_basis(shape, 2, (basis @ corners)[None])[0][0] @ values[dofs[cell]]
+        return {name: value for offers in mesh.comm.allgather(own) for name, value in offers.items()}
+
+    def _add_up(self, u: Vec, x: Vec) -> None:
+        """Set `_whole` to u + x, ghosts included; collective."""
+        _fill(self._linear, u)
+        self._whole.interpolate(self._linear)
+        dx.petsc_vector(self._whole).array[:] += x.array_r
+        self._whole.x.scatter_forward()
+
+    def pull(self, x: Vec) -> Vec:
+        """Inner forces a(x, .) [N] of bubbles on the dofs of order 1; collective."""
+        _fill(self._alone, x)
+        return _assembled(self._pull)
+
+    def relaxed(self, forces: Vec) -> Vec:
+        """Displacement of the free bubbles under forces on them, each node by itself: block Jacobi."""
+        found, d = forces.duplicate(), self.system.mesh.dim
+        found.array[:] = np.einsum("nij,nj->ni", self._flexibility, forces.array_r.reshape(-1, d)).ravel()
+        return found
+
+    @cached_property
+    def _flexibility(self) -> Array:
+        """Inverse of the stiffness of each own node in its free directions (n, d, d) [m/N], zero in others."""
+        stiffness = self._stiffness()
+        bases = self.constraints.bases(self.nodes.number[: self.nodes.owned])[0]
+        inside = np.swapaxes(bases, 1, 2) @ stiffness @ bases
+        inside[~self._between[: self.nodes.owned]] = 0.0
+        return np.linalg.pinv(inside, rcond=1e-9, hermitian=True)
+
+    def _stiffness(self) -> Array:
+        """Diagonal blocks (n, d, d) [N/m] of the stiffness at the own nodes; exact on straight simplices.
+
+        Elsewhere the cell's Jacobian and radius are taken at its middle; Jacobi's iteration needs no more.
+        """
+        system, mesh = self.system, self.system.mesh
+        shape, d = mesh.domain.topology.cell_type.name, mesh.dim
+        points, weights = dx.reference_rule(shape, 4)
+        slope, basis = dx.reference_basis(shape, 2, points)[1], dx.reference_basis(shape, 2, points)[0]
+        products = np.einsum("aqn,bqn,q->nab", slope, slope, weights)
+        squares = np.einsum("qn,qn,q->n", basis, basis, weights)
+        x = mesh.domain.geometry.x[:, :d][dx.cell_nodes(mesh.domain)]
+        middle, gradient = dx.reference_basis(shape, 1, dx.midpoint(mesh.domain))
+        jacobian = np.einsum("an,cni->cia", gradient[:, 0], x)
+        inverse, volume = np.linalg.inv(jacobian), np.abs(np.linalg.det(jacobian))
+        radius = x[:, :, 0] @ middle[0]
+        if mesh.axisymmetric:
+            volume = volume * 2 * np.pi * radius
+        owned = mesh.domain.topology.index_map(d).size_local
+        lame = np.zeros((len(x), 2))
+        for name, tag in mesh.bodies.items():
+            lame[mesh.cell_tags.indices[mesh.cell_tags.values == tag]] = system.weak.lame(name)
+        lame[owned:] = 0.0  # ghosts belong to others
+        total = dx.fem.Function(self.space)
+        blocks = np.zeros((self.nodes.owned, d, d))
+        dofs = dx.cell_dofs(self.space)
+        between = [n for n in range(dofs.shape[1]) if self._between[dofs[:, n]].any()]
+        by_node = {}
+        for n in between:
+            G = np.einsum("cai,ab,cbj->cij", inverse, products[n], inverse) * volume[:, None, None]
+            trace = np.trace(G, axis1=1, axis2=2)
+            block = lame[:, :1, None] * G + lame[:, 1:, None] * (
+                np.swapaxes(G, 1, 2) + trace[:, None, None] * np.eye(d)
+            )
+            if mesh.axisymmetric:
+                block[:, 0, 0] += (lame[:, 0] + 2 * lame[:, 1]) * squares[n] * volume / radius**2
+            by_node[n] = block
+        for i in range(d):
+            values = np.zeros((len(self.nodes.number), d))
+            for n, block in by_node.items():
+                np.add.at(values, dofs[:, n], block[:, i])
+            total.x.array[:] = values.ravel()
+            dx.add_to_owners(total)
+            blocks[:, i] = total.x.array.reshape(-1, d)[: self.nodes.owned]
+        return blocks
+
+
+def _inner_forces(problem: Problem, weak: WeakForms, u: Function) -> list[UflForm]:
+    """a(u, v) of the bodies, and the stiffness of effects, as forms of their own."""
+    stiffness = [form for effect in active(problem) for form in effect.stiffness(problem, weak, u)]
+    return [weak.elasticity_by_cell(u), *stiffness]
+
+
+def _assembled(forms: list[CompiledForm]) -> Vec:
+    first, *others = (dx.assemble_vector(form) for form in forms)
+    return sum(others, start=first)
+
+
+def _fill(function: Function, values: Vec) -> None:
+    """Give a Function the coefficients of a vector, ghosts included; collective."""
+    dx.petsc_vector(function).array[:] = values.array_r
+    function.x.scatter_forward()

@@ -1,0 +1,328 @@
+"""Error of the mesh of every quantity: the same steps once more with bubbles, contact solved again.
+
+After each solved substep of order 1, bubbles x (order 2 on the same mesh) are found by Jacobi's iteration, made better
+by a least-squares combination of its few steps (nonlinear GMRES). Each step asks the bodies and the contact for their
+answer to bubbles: bubbles pull at the nodes of the mesh and shift the surface, and contact and friction are solved
+again, with the slip history of the steps with bubbles. The mesh error of a quantity is FACTOR times its difference
+with and without bubbles; with bubbles it has about a ninth of the error.
+
+Source: the hierarchical estimates of Bank & Smith, SIAM J. Numer. Anal. 30 (1993), here with contact; nonlinear GMRES:
+Washio & Oosterlee, Electron. Trans. Numer. Anal. 6 (1997).
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+
+from geometry.arrays import Array
+from geometry.protocols import Sparse, Vec
+from geometry.surfaces.surface import Surface, gather_surface
+from solvers.accuracy.bubbles import Bubbles
+from solvers.accuracy.curved_sides import bulges
+from solvers.contact.build import along
+from solvers.contact.coupling import relative_to
+from solvers.contact.rows import ContactRows
+from solvers.interface.problem import SurfaceProblem
+from solvers.methods.method import Solve
+from solvers.newton.solution import Solution, Status, ignore
+from solvers.parallel.replicated import Replicated
+from solvers.stepping.sliding import carried_over
+from solvers.stepping.state import State
+from solvers.stepping.stepper import Stepper
+from solvers.stepping.update import Surplus, displacement, new_state
+from solvers.system.contact_interface import components
+
+FACTOR = 1.25  # stated error over difference; measured with STEPS = 2
+TRIAL, FINAL = 0.5, 0.1  # factors by which iterative methods make the residual of contact smaller
+ROUGH = 1e-2  # tolerance of a displacement that is recovered by an iterative volume solve, in energy norm
+STEPS = 2
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the bodies and the contact answer to bubbles."""
+
+    x: Vec  # the bubbles
+    problem: SurfaceProblem
+    solution: Solution
+    u: Vec  # displacement of order 1 [m]
+    u_strained: Vec
+
+
+class MeshCorrection:
+    """Follows a history of load steps with bubbles; called after each substep."""
+
+    @staticmethod
+    def works_for(stepper: Stepper) -> bool:
+        """Whether it can follow the steps: of order 1, with contact, by a method with the exact contact laws."""
+        system = stepper.system
+        return system.mesh.degree == 1 and len(system.contacts) > 0 and stepper.chain.exact_laws
+
+    def __init__(self, stepper: Stepper, on_error: Callable[[float], None] = lambda seconds: None) -> None:
+        """Prepare the bubbles; collective.
+
+        Args:
+            stepper: whose history is followed.
+            on_error: called with the seconds that it took.
+        """
+        self._on_error = on_error
+        system, bubbles = stepper.system, Bubbles(stepper.system)
+        self._bubbles, self.nodes = bubbles, bubbles.nodes
+        names = {side for pair in system.problem.pairs.values() for side in (pair.slave, pair.master) if side}
+        self._sides = {name: gather_surface(system.mesh, bubbles.space, bubbles.nodes, name) for name in sorted(names)}
+        self._known: tuple[Stepper, BubbleRows] | None = None
+
+    def __call__(self, stepper: Stepper, old: State, new: State, problem: SurfaceProblem) -> State | None:
+        """The state with bubbles after a substep from `old` to `new`; None: it was not found; collective.
+
+        Args:
+            stepper: with the contact rows of the substep.
+            old: whose `refined` is the state with bubbles; None in the initial state, where it is the same.
+            new: the solved state.
+            problem: that was solved.
+        """
+        began = clock.perf_counter()
+        try:
+            return self._followed(stepper, old, new, problem)
+        finally:
+            self._on_error(clock.perf_counter() - began)
+
+    def displacement_at(self, state: State, places: Mapping[str, tuple[int, Array] | None]) -> dict[str, Array]:
+        """Displacement (d,) [m] of a state with bubbles at points, see `Bubbles.displacement_at`; collective."""
+        assert state.surplus is not None
+        return self._bubbles.displacement_at(state.u, state.surplus, places)
+
+    def vector(self) -> Vec:
+        """No bubbles."""
+        return self._bubbles.zero()
+
+    def _followed(self, stepper: Stepper, old: State, new: State, problem: SurfaceProblem) -> State | None:
+        before = old.refined or (None if old.p.any() or old.w.any() else old)
+        if before is None:
+            return None  # an earlier substep was not followed
+        rows = self._rows(stepper)
+        if before.rows is not stepper.system.contacts:
+            before = carried_over(before, stepper.system)
+            if before.surplus is not None:
+                before = replace(before, w=before.w + rows.N @ rows.read(before.surplus))
+        chain, system, surface = stepper.chain, stepper.system, stepper.surface
+        near, nearer = (chain.beside(system, surface, drop) for drop in (TRIAL, FINAL))
+        if near is None or nearer is None:
+            return None
+        step = _Substep(stepper, self._bubbles, rows, before, new, problem)
+        with surface.loosely(ROUGH):
+            last = self._improved(step, near, nearer)
+            if last is None:
+                return None
+            state = step.state(last)
+            if rows.closer.any():
+                straight = step.answer(last.x, last.solution.p, nearer, straight=True)
+                state = replace(state, unbent=None if straight is None else step.state(straight))
+            return state
+
+    def _improved(self, step: _Substep, near: Solve, nearer: Solve) -> Answer | None:
+        """Bubbles, and the answer to them; collective.
+
+        They are found around the solved step, with its slip history; the last answer is with that of the bubbles.
+        """
+        x = self._bubbles.zero()
+        found: Answer | None = step.solved()
+        if step.rows.closer.any():
+            found = step.answer(x, step.new.p, near, same_history=True)
+        if found is None:
+            return None
+        r, directions, changes = step.residual(found), list[Vec](), list[Vec]()
+        for _ in range(STEPS):
+            z = self._bubbles.relaxed(r)
+            tried = step.answer(x + self._bubbles.displacement(z), found.solution.p, near, same_history=True)
+            if tried is None:
+                return None
+            directions.append(z)
+            changes.append(step.residual(tried) - r)
+            factors = _least_squares(changes, r, self._bubbles)
+            x, r = x.copy(), r.copy()
+            for factor, direction, change in zip(factors, directions, changes, strict=True):
+                x.axpy(factor, self._bubbles.displacement(direction))
+                r.axpy(factor, change)
+        return step.answer(x, found.solution.p, nearer)
+
+    def _rows(self, stepper: Stepper) -> BubbleRows:
+        """The contact rows of the bubbles, for those of the stepper."""
+        if self._known is None or self._known[0] is not stepper:
+            self._known = stepper, BubbleRows(stepper, self._bubbles, self._sides)
+        return self._known[1]
+
+
+class BubbleRows:
+    """Relative displacement that bubbles cause at the contact rows: that of their mean values over psi_j.
+
+    `closer` (rows,) [m] is by how much the gaps are smaller on the true surfaces: sides that are curved bulge out of
+    their facets, and the distance of a rigid obstacle is averaged like the displacement, not taken at the node.
+    """
+
+    def __init__(self, stepper: Stepper, bubbles: Bubbles, sides: dict[str, Surface]) -> None:
+        system = stepper.system
+        normal, tangential, self.relative, numbers = [], [], [], [np.zeros(0, np.int64)]
+        closer = []
+        for c in system.contacts:
+            pair = system.problem.pairs[c.name]
+            slave, master = sides[pair.slave], sides[pair.master] if pair.master else None
+            n, t, relative, nearer = _rows_of(c, slave, master)
+            straight = [(c.surface, slave)] + ([(c.master, master)] if c.master and master else [])
+            bulging = np.concatenate([bulges(*side) for side in straight])
+            closer.append(np.zeros(len(c.W_n)) if c.normal.ties else n @ bulging.ravel() + nearer)
+            normal.append(n)
+            tangential.append(t)
+            self.relative.append(relative)
+            numbers += [slave.nodes, master.nodes if master else numbers[0]]
+        d = system.mesh.dim
+        self.closer = np.concatenate([*closer, np.zeros(sum(t.shape[0] for t in tangential))])
+        self.N: Sparse = sparse.vstack([sparse.block_diag(normal), sparse.block_diag(tangential)]).tocsr()
+        self._dim = d
+        self._counts = np.cumsum([r.shape[1] for r in self.relative])[:-1]
+        self._nodes = Replicated(bubbles.zero(), components(np.concatenate(numbers), d))
+
+    def read(self, x: Vec) -> Array:
+        """Bubbles at the contact nodes of all contacts, flat [m]; collective."""
+        return self._nodes.read(x)
+
+    def add(self, forces: Vec, at_contacts: Array) -> None:
+        """Add forces at the contact nodes [N]."""
+        self._nodes.add(forces, at_contacts)
+
+    def motion(self, at_contacts: Array) -> list[Array]:
+        """Relative displacement (n, d) [m] at the slave's nodes of each contact."""
+        parts = np.split(at_contacts.reshape(-1, self._dim), self._counts)
+        return [relative @ part for relative, part in zip(self.relative, parts, strict=True)]
+
+
+def _rows_of(c: ContactRows, slave: Surface, master: Surface | None) -> tuple[Sparse, Sparse, Sparse, Array]:
+    """Rows of N for the bubbles of one contact, normal and tangential; relative displacement at slave nodes; and by
+    how much the mean of a rigid obstacle's distance is smaller than that at the points of the normal rows (m_n,) [m].
+    """
+    degree = c.degree if c.normal.at_quadrature else 2 * (1 + (slave.shape != "interval")) + 1
+    assert c.quadrature is not None
+    points = c.quadrature(max(degree, 3 + slave.axisymmetric))
+    at_points = relative_to(points.own, slave, points.other, master)
+    each = np.divide(1.0, c.node_weights, out=np.zeros_like(c.node_weights), where=c.node_weights > 0)
+    relative = (sparse.diags(each) @ points.psi @ at_points).tocsr()
+    if c.normal.at_quadrature:
+        points = c.quadrature(c.degree)
+        n, nearer = (
+            along(relative_to(points.own, slave, points.other, master), c.normals[:, None]),
+            np.zeros(len(c.W_n)),
+        )
+    else:
+        mean = sparse.diags(1 / c.W_n) @ c.psi.T
+        n = along(mean @ relative, c.normals[:, None])
+        at_nodes = points.own.basis(c.surface) @ c.node_distance
+        nearer = mean @ (each * (points.psi @ (at_nodes - points.gap))) if master is None else np.zeros(len(c.W_n))
+    if not len(c.W_t):
+        return n, sparse.csr_matrix((0, n.shape[1])), relative, nearer
+    mean = sparse.diags(1 / c.W_t) @ c.share_t @ sparse.diags(c.node_weights)
+    return n, along(mean @ relative, c.tangents * c.free[:, :, None]), relative, nearer
+
+
+@dataclass(frozen=True)
+class _Substep:
+    """One substep with bubbles."""
+
+    stepper: Stepper
+    bubbles: Bubbles
+    rows: BubbleRows
+    old: State  # with bubbles, at its start
+    new: State  # without bubbles, at its end
+    problem: SurfaceProblem  # that was solved without bubbles
+
+    def solved(self) -> Answer:
+        """The solved step: what is answered to no bubbles."""
+        p, w = self.new.p, self.new.w
+        solution = Solution(p=p, w=w, u_c=np.zeros(0), status=Status.CONVERGED, residual=0.0, history=())
+        return Answer(self.bubbles.zero(), self.problem, solution, self.new.u, self.new.u)
+
+    def answer(
+        self, x: Vec, p: Array, solve: Solve, same_history: bool = False, straight: bool = False
+    ) -> Answer | None:
+        """Solve contact for given bubbles; None: it is not solved; collective.
+
+        Args:
+            p: tractions (rows,) [Pa] to start from.
+            solve: of contact.
+            same_history: whether slip is counted from where the step without bubbles counts it from.
+            straight: whether sides are taken as their facets are.
+        """
+        stepper, system, new = self.stepper, self.stepper.system, self.new
+        n, forces = stepper.surface.normal_rows, self.problem.load.f_q.duplicate()
+        closer = (0.0 if straight else 1.0) * self.rows.closer[:n]
+        slip = self.problem.gap if same_history else self.old.w - stepper.cone.give(self.old.p)
+        system.T.multTranspose(-self.bubbles.pull(x), forces)
+        problem = replace(
+            self.problem,
+            load=stepper.surface.with_more(self.problem.load, forces),
+            offset=self.problem.offset + self.rows.N @ self.rows.read(x),
+            gap=np.concatenate([self.problem.gap[:n] - closer, slip[n:]]),
+        )
+        solution = solve(problem, p, ignore)
+        if solution.status is not Status.CONVERGED:
+            return None
+        q = problem.surface.recover(problem.load, solution.p, solution.u_c)
+        u, u_strained = displacement(system, new.time, q, new.u_s)
+        return Answer(x, problem, solution, u, u_strained)
+
+    def residual(self, answer: Answer) -> Vec:
+        """Forces that are out of balance at the free bubbles [N]; collective."""
+        forces = self.bubbles.load(self.new.time) - self.bubbles.inner(answer.u, answer.x)
+        self.rows.add(forces, -self._contact(answer.solution.p))
+        return self.bubbles.free(forces)
+
+    def _contact(self, p: Array) -> Array:
+        """Contact forces on the bubbles, flat at the contact nodes [N]; those on the bodies are their negative."""
+        return np.asarray(self.rows.N.T @ (self.problem.surface.W * p))
+
+    def state(self, answer: Answer) -> State:
+        """The state with bubbles at the end; collective."""
+        system, old, new, x = self.stepper.system, self.old, self.new, answer.x
+        bubbles, p = self.bubbles, answer.solution.p
+        before = old.surplus or bubbles.zero()
+        pull, change, here = bubbles.pull(x), x - before, self.rows.read(x)
+        there = self.rows.read(before)
+        inner = bubbles.inner(answer.u, x)
+        work = np.array([force.dot(x) for force in bubbles.initial])
+        loads = bubbles.load(new.time) + bubbles.load(old.time)
+        surplus = Surplus(
+            inner=pull,
+            relative=self.rows.N @ here,
+            motion=dict(zip((c.name for c in system.contacts), self.rows.motion(here - there), strict=True)),
+            stored=(answer.u_strained.dot(pull) + x.dot(inner)) / 2,
+            external=loads.dot(change) / 2,
+            contact=float((self._contact(p) + self._contact(old.p)) @ (here - there) / 2),
+            initial_work=work,
+        )
+        driven = answer.solution.u_c[len(answer.solution.u_c) - len(new.driven) :]
+        found = new_state(
+            system=system,
+            old=old,
+            problem=answer.problem,
+            u=answer.u,
+            u_strained=answer.u_strained,
+            u_s=new.u_s,
+            load=new.load,
+            p=p,
+            driven=driven,
+            surplus=surplus,
+        )
+        motion = dict(zip(surplus.motion, self.rows.motion(here), strict=True))
+        return replace(found, surplus=x, surplus_motion=motion, peak=max(old.peak, found.energy.stored))
+
+
+def _least_squares(changes: list[Vec], r: Vec, bubbles: Bubbles) -> list[float]:
+    """Factors c (k,) for which r + sum of c times the changes is least, measured in the energy of Jacobi's step."""
+    steps = [bubbles.relaxed(change) for change in changes]
+    products = np.array([[a.dot(b) for b in steps] for a in changes])
+    right = np.array([-step.dot(r) for step in steps])
+    return [float(c) for c in np.linalg.lstsq(products, right, rcond=1e-12)[0]]

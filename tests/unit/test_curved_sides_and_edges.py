@@ -1,0 +1,151 @@
+"""Bulges of curved sides, edges of areas between nodes, and pressures that grow without end."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial import Delaunay
+
+from geometry.arrays import Array, Ints
+from geometry.surfaces.surface import Surface
+from solvers.accuracy.areas import beyond_nodes
+from solvers.accuracy.curved_sides import bulges
+from solvers.accuracy.peaks import grows
+
+
+def side(points: Array, facets: Ints, shape: str = "interval", degree: int = 1, axisymmetric: bool = False) -> Surface:
+    numbers = np.arange(len(points))
+    return Surface(shape, degree, numbers, numbers, points, facets, np.ones(len(facets)), axisymmetric)
+
+
+def line(x: Array, axisymmetric: bool = False) -> Surface:
+    """Nodes at x on a straight line."""
+    k = np.arange(len(x) - 1)
+    return side(np.stack([x, 0 * x], axis=1), np.stack([k, k + 1], axis=1), axisymmetric=axisymmetric)
+
+
+def with_middles(straight: Surface) -> Surface:
+    """The same facets at order 2, in 2D."""
+    middles = straight.points[straight.facets].mean(axis=1)
+    facets = np.column_stack([straight.facets, len(straight.points) + np.arange(len(middles))])
+    return side(np.concatenate([straight.points, middles]), facets, degree=2)
+
+
+def arc(angles: Array) -> Surface:
+    """Nodes on a circle of radius 2 m; the facets run clockwise, so that their outward normals point outward."""
+    points = 2 * np.stack([np.cos(-angles), np.sin(-angles)], axis=1)
+    k = np.arange(len(angles) - 1)
+    return side(points, np.stack([k + 1, k], axis=1))
+
+
+@pytest.mark.parametrize("angles", [np.linspace(0, 1, 9), np.linspace(0, 1, 9) ** 1.3])
+def test_arcs_bulge_up_to_their_circle(angles: Array) -> None:
+    straight = arc(angles)
+    middles = with_middles(straight)
+    moved = middles.points + bulges(straight, middles)
+    off = np.abs(np.linalg.norm(moved, axis=1) - 2.0)
+    flat = np.abs(np.linalg.norm(middles.points, axis=1) - 2.0)
+    assert off[len(angles) :].max() < 0.02 * flat.max()
+    assert_allclose(moved[: len(angles)], straight.points, rtol=0, atol=0)
+
+
+def test_kinks_and_creases_do_not_bulge() -> None:
+    x = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.2], [4.0, 0.4], [4.0, 1.4], [4.0, 2.4]])
+    k = np.arange(6)
+    straight = side(x, np.stack([k, k + 1], axis=1))
+    assert not bulges(straight, with_middles(straight)).any()
+
+
+def sphere(points: Array) -> Array:
+    return points / np.linalg.norm(points, axis=1, keepdims=True)
+
+
+def test_a_sphere_bulges_in_3d() -> None:
+    plane = np.stack(np.meshgrid(np.linspace(-0.4, 0.4, 9), np.linspace(-0.4, 0.4, 9)), axis=-1).reshape(-1, 2)
+    facets = Delaunay(plane + 1e-3 * np.sin(7 * plane[:, ::-1])).simplices
+    corners = sphere(np.column_stack([plane, np.ones(len(plane))]))
+    out = np.sign(
+        np.einsum(
+            "fd,fd->f",
+            np.cross(corners[facets[:, 1]] - corners[facets[:, 0]], corners[facets[:, 2]] - corners[facets[:, 0]]),
+            corners[facets].mean(axis=1),
+        )
+    )
+    straight = Surface(
+        "triangle", 1, np.arange(81), np.arange(81), corners, facets.astype(np.int64), out, axisymmetric=False
+    )
+    ends = [(1, 2), (0, 2), (0, 1)]
+    pairs = np.sort(np.concatenate([facets[:, pair] for pair in ends]), axis=1)
+    edges, number = np.unique(pairs, axis=0, return_inverse=True)
+    middle = corners[edges].mean(axis=1)
+    quadratic = np.column_stack([facets, 81 + number.reshape(3, -1).T])
+    middles = Surface(
+        "triangle",
+        2,
+        np.arange(81 + len(edges)),
+        np.arange(81 + len(edges)),
+        np.concatenate([corners, middle]),
+        quadratic.astype(np.int64),
+        out,
+        axisymmetric=False,
+    )
+    moved = middles.points + bulges(straight, middles)
+    inside = np.abs(plane[edges]).max(axis=(1, 2)) < 0.35  # nodes at the rim know one side of their surroundings
+    off = np.abs(np.linalg.norm(moved[81:], axis=1) - 1)[inside]
+    assert off.mean() < 0.25 * np.abs(np.linalg.norm(middle, axis=1) - 1)[inside].mean()
+
+
+@pytest.mark.parametrize("axisymmetric", [False, True])
+def test_the_edge_of_contact_lies_where_the_gap_to_the_power_two_thirds_is_zero(axisymmetric: bool) -> None:
+    x = np.linspace(0, 1, 11)
+    straight = line(x, axisymmetric)
+    for edge in (0.31, 0.37, 0.399):
+        inside = x < edge
+        found = straight.node_weights()[inside].sum() + beyond_nodes(straight, inside, np.maximum(x - edge, 0) ** 1.5)
+        true = np.pi * edge**2 if axisymmetric else edge
+        assert found == pytest.approx(true, rel=1e-2 if axisymmetric else 1e-12)
+
+
+def test_edges_of_a_disc_are_found_between_its_nodes() -> None:
+    points = np.random.default_rng(0).random((800, 2)) * 2 - 1
+    facets = Delaunay(points).simplices.astype(np.int64)
+    disc = side(np.column_stack([points, np.zeros(800)]), facets, "triangle")
+    radius = np.linalg.norm(points, axis=1)
+    off = []
+    for edge in (0.5, 0.6, 0.7):
+        inside = radius < edge
+        nodes = disc.node_weights()[inside].sum()
+        found = nodes + beyond_nodes(disc, inside, np.maximum(radius - edge, 0) ** 1.5)
+        off.append([abs(nodes - np.pi * edge**2), abs(found - np.pi * edge**2)])
+    by_nodes, between = np.mean(off, axis=0)
+    assert between < 0.5 * by_nodes
+
+
+def test_facets_with_other_nodes_can_be_left_out() -> None:
+    x = np.linspace(0, 1, 11)
+    outside = np.maximum(x - 0.37, 0) ** 1.5
+    assert beyond_nodes(line(x), x < 0.37, outside, among=x < 0.35) == 0
+    assert beyond_nodes(line(x), x < 0.37, outside, among=x < 2) == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(
+    ("pressure", "expected"),
+    [
+        (lambda r: (r + 0.02) ** -0.5, True),  # end of a punch
+        (lambda r: (r + 0.01) ** -0.25, True),  # corner that sticks
+        (lambda r: np.sqrt(np.maximum(1 - (r / 0.5) ** 2, 0)), False),  # Hertz
+        (lambda r: np.sqrt(np.maximum(1 - (r / 0.1) ** 2, 0)), False),  # with three nodes
+        (lambda r: 2 - r, False),
+        (lambda r: 1 + 0 * r, False),
+        (lambda r: np.exp(-2 * r), False),
+    ],
+)
+def test_only_powers_grow(pressure: Callable[[Array], Array], expected: bool) -> None:
+    x = np.linspace(0, 1, 26)
+    assert grows(line(x), pressure(x)) is expected
+
+
+def test_nothing_grows_without_pressure_or_on_few_nodes() -> None:
+    assert not grows(line(np.linspace(0, 1, 26)), np.zeros(26))
+    assert not grows(line(np.linspace(0, 1, 3)), np.array([3.0, 1.0, 0.9]))

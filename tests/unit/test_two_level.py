@@ -1,0 +1,225 @@
+"""The mesh error of every number: bubbles against assembled order 2, against finer meshes, and where it is absent."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from geometry import dolfinx_versions as dx
+from solvers.accuracy import two_level
+from solvers.accuracy.bubbles import Bubbles
+from solvers.fem.forms import WeakForms
+from solvers.results.numbers import quantities
+from solvers.results.step_result import StepResult
+from solvers.scene.scene import Scene
+from solvers.simulation.simulation import Simulation, prepare
+from solvers.system.system import System
+from workflows.scene_file.read import read
+
+SceneOf = Callable[..., Scene]
+SystemOf = Callable[[Scene], System]
+SimulationOf = Callable[[Scene], Simulation]
+HELD = {"top": {"boundary": "block.top", "displacement": {"x": 0.02, "y": -0.1}}}
+HELD_3D = {"top": {"boundary": "block.top", "displacement": {"x": 0.02, "y": 0.0, "z": -0.1}}}
+COULOMB = {"law": "coulomb", "mu": 0.3}
+BASE = {"base": {"surface": "block.bottom", "against": "foundation", "friction": COULOMB}}
+KINDS = [
+    ("plane strain", "simplex"),
+    ("plane stress", "tensor"),
+    ("axisymmetric", "simplex"),
+    ("3d", "simplex"),
+    ("3d", "tensor"),
+]
+
+
+def pressed(scene_of: SceneOf, model: str, cells: str, **shape: Any) -> Scene:
+    """A block, pressed and pushed."""
+    flat = model != "3d"
+    held = {"top": {"boundary": "block.top", "displacement": {"y": -0.1}}} if model == "axisymmetric" else HELD
+    return scene_of(
+        dim=2 if flat else 3,
+        geometry={"cells": cells} | shape,
+        model=model,
+        contacts=BASE,
+        supports=held if flat else HELD_3D,
+    )
+
+
+@pytest.mark.parametrize(("model", "cells"), KINDS)
+def test_forces_of_bubbles_are_those_of_order_2(model: str, cells: str, scene_of: SceneOf, system_of: SystemOf) -> None:
+    system = system_of(pressed(scene_of, model, cells, mesh_size=0.5))
+    bubbles = Bubbles(system)
+    weak = WeakForms(system.problem, system.mesh, bubbles.space, system.counters)
+    K = dx.assemble_matrix(weak.compile(weak.elasticity()))
+    random = np.random.default_rng(0)
+    free = bubbles.free(bubbles.zero())
+    free.array[:] = random.random(len(free.array))
+    x, u = bubbles.displacement(bubbles.free(bubbles.displacement(free))), system.vector()
+    u.array[:] = random.random(len(u.array))
+    whole = dx.fem.Function(bubbles.space)
+    linear = dx.fem.Function(system.space)
+    dx.petsc_vector(linear).array[:] = u.array
+    whole.interpolate(linear)
+    expected = K * (dx.petsc_vector(whole) + x)
+    slack = 3e-2 if model == "axisymmetric" else 1e-12  # 1/r is integrated by other rules
+    assert_allclose(bubbles.inner(u, x).array, expected.array, atol=slack * np.abs(expected.array).max())
+    assert u.dot(bubbles.pull(x)) == pytest.approx(x.dot(bubbles.inner(u, 0.0 * x)), rel=slack)
+
+
+@pytest.mark.parametrize(("model", "cells"), KINDS)
+def test_jacobi_takes_the_diagonal_blocks_of_the_stiffness(
+    model: str, cells: str, scene_of: SceneOf, system_of: SystemOf
+) -> None:
+    system = system_of(pressed(scene_of, model, cells, mesh_size=0.5))
+    bubbles, d = Bubbles(system), system.mesh.dim
+    weak = WeakForms(system.problem, system.mesh, bubbles.space, system.counters)
+    K = dx.assemble_matrix(weak.compile(weak.elasticity()))
+    rows = np.arange(K.size[0], dtype=np.int32).reshape(-1, d)
+    blocks = np.array([K.getValues(row, row) for row in rows])
+    found = bubbles._stiffness()
+    between = np.abs(found).max(axis=(1, 2)) > 0
+    assert between.sum() == len(rows) - len(system.nodes.number)
+    slack = 0.3 if model == "axisymmetric" else 1e-10  # there the radius is that of the cell's middle
+    assert_allclose(found[between], blocks[between], atol=slack * np.abs(blocks).max())
+
+
+@pytest.mark.parametrize("model", ["plane strain", "axisymmetric", "3d"])
+def test_a_linear_field_has_no_error(model: str, scene_of: SceneOf, estimating: SimulationOf) -> None:
+    flat = model != "3d"
+    held: dict[str, Any] = {"top": {"boundary": "block.top", "displacement": {"y" if flat else "z": -0.1}}}
+    contact = {"surface": "block.bottom", "against": "foundation", "normal": {"law": "unilateral"}}
+    scene = scene_of(dim=2 if flat else 3, model=model, contacts={"base": contact}, supports=held)
+    if model != "axisymmetric":  # held in one point alone against sliding: free to widen
+        corner = [0.0, 1.0] if flat else [0.0, 0.0, 1.0]
+        held["corner"] = {"point": corner, "displacement": {"x": 0.0} if flat else {"x": 0.0, "y": 0.0}}
+        if not flat:
+            held["other"] = {"point": [2.0, 0.0, 1.0], "displacement": {"y": 0.0}}
+        scene = scene_of(dim=2 if flat else 3, model=model, contacts={"base": contact}, supports=held)
+    (step,) = estimating(scene).steps()
+    force = step.contacts["base"].normal_force
+    assert step.errors["contacts.base.normal_force"].mesh == pytest.approx(0.0, abs=1e-10 * force)
+    assert step.errors["contacts.base.max_pressure"].mesh == pytest.approx(0.0, abs=1e-9 * force)
+    assert step.errors["energy.stored"].mesh == pytest.approx(0.0, abs=1e-10 * step.energy.stored)
+
+
+def last(name: str, *sets: str) -> StepResult:
+    *_, step = prepare(read(name, sets)).steps()
+    return step
+
+
+def numbers(step: StepResult) -> dict[str, Any]:
+    """Its numbers, by the keys of its errors."""
+    return {str(key): value for key, value in quantities(step).items()}
+
+
+COARSE_AND_FINE = [
+    ("block", [], ["geometry.mesh_size=0.025", "geometry.contact_mesh_size=0.0125"]),
+    (
+        "two_blocks",
+        [],
+        ["geometry.mesh_size=0.04", "geometry.lower_mesh_size=0.05", "geometry.contact_mesh_size=0.01"],
+    ),
+    ("shrink_fit", [], ["geometry.mesh_size=0.1", "geometry.inner_mesh_size=0.075"]),
+    ("half_space", [], ["geometry.contact_mesh_size=0.01"]),
+    ("cube", ["geometry.mesh_size=0.25"], ["geometry.mesh_size=0.125"]),
+]
+NUMBERS = ("normal_force", "tangential_force", "dissipation_total")
+
+
+@pytest.mark.parametrize(
+    ("name", "sets", "fine"), COARSE_AND_FINE, ids=lambda part: part if isinstance(part, str) else ""
+)
+def test_stated_errors_are_true(name: str, sets: list[str], fine: list[str]) -> None:
+    step = last(name, "geometry.order=1", *sets)
+    truth = numbers(last(name, "geometry.order=2", *fine))
+    (contact,) = step.contacts
+    for number in NUMBERS:
+        key = f"contacts.{contact}.{number}"
+        true = abs(numbers(step)[key] - truth[key])
+        parts = step.errors[key]
+        assert 0.7 < (parts.mesh + parts.geometry) / true < 2.0, key
+        assert abs(step.corrected[key] - truth[key]) < 0.5 * true, key
+
+
+def test_probes_have_the_error_of_their_displacement() -> None:
+    sets = ["probes.inside.point=[1.3, 0.7]"]
+    step, fine = last("block", *sets), last("block", "geometry.order=2", "geometry.mesh_size=0.05", *sets)
+    true = np.abs(step.probes["inside"].displacement - fine.probes["inside"].displacement)
+    stated = step.errors["probes.inside.displacement"].mesh
+    assert stated.shape == (2,)
+    assert (stated > 0.5 * true).all()
+    assert np.linalg.norm(stated) < 3 * np.linalg.norm(true)
+    held = step.errors["probes.corner.displacement"].mesh  # on the support
+    assert (held < 1e-12).all()
+
+
+def test_areas_have_an_error_below_the_size_of_a_facet() -> None:
+    step, fine = last("half_space"), last("half_space", "geometry.order=2", "geometry.contact_mesh_size=0.005")
+    for key in ("contact_area", "stick_area"):
+        true = abs(getattr(step.contacts["track"], key) - getattr(fine.contacts["track"], key))
+        assert true <= step.errors[f"contacts.track.{key}"].mesh + 0.005
+        assert step.errors[f"contacts.track.{key}"].mesh < 0.06
+
+
+def test_a_pressure_without_limit_has_no_error() -> None:
+    corner, smooth = last("block"), last("half_space")
+    assert corner.errors["contacts.base.max_pressure"].converges is False
+    assert corner.errors["contacts.base.max_pressure"].mesh is None
+    assert corner.errors["contacts.base.normal_force"].converges
+    assert smooth.errors["contacts.track.max_pressure"].converges
+
+
+@pytest.mark.parametrize("name", ["block", "foundation", "axisymmetric", "strip", "stack"])
+def test_with_many_iterations_energy_is_in_balance(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(two_level, "STEPS", 25)
+    simulation = prepare(read(name, ["geometry.order=1"]))
+    step = next(simulation.steps())  # later ones begin with another slip than the bubbles are found for
+    assert simulation.stepper.reported is not None
+    refined = simulation.stepper.reported.state.refined
+    assert refined is not None
+    energy = refined.energy
+    scale = max(abs(energy.external), energy.stored)
+    assert abs(energy.external - energy.stored - energy.contact) < 1e-7 * scale
+    assert energy.stored != step.energy.stored
+
+
+@pytest.mark.parametrize("name", ["sliding", "half_space", "stack", "fretting"])
+def test_it_follows_sliding_and_driven_and_floating_bodies(name: str) -> None:
+    sets = ["geometry.order=1", "steps.count=2"] if name == "fretting" else []
+    step = last(name, *sets)
+    contact = next(iter(step.contacts))
+    assert 0 < step.errors[f"contacts.{contact}.tangential_force"].mesh < 0.2 * step.contacts[contact].normal_force
+
+
+def test_iterative_volume_solves_give_the_same_errors() -> None:
+    sets = ["geometry.mesh_size=0.25", "solver.method=surface-uzawa"]
+    direct = last("cube", "geometry.mesh_size=0.25")
+    iterative = last("cube", *sets, "solver.surface=matrix-free")
+    for key in ("contacts.base.normal_force", "contacts.base.tangential_force", "energy.dissipated"):
+        assert iterative.errors[key].mesh == pytest.approx(direct.errors[key].mesh, rel=0.1)
+
+
+def test_it_changes_neither_the_answer_nor_its_price() -> None:
+    with_errors = prepare(read("cube", ["geometry.mesh_size=0.25", "solver.surface=matrix-free"]))
+    without = prepare(read("cube", ["geometry.mesh_size=0.25", "solver.surface=matrix-free", "output.error=false"]))
+    for one, other in zip(with_errors.steps(), without.steps(), strict=True):
+        assert np.array_equal(one.displacement, other.displacement)
+        assert one.volume_solves == other.volume_solves
+        assert one.errors
+        assert not other.errors
+    assert with_errors.counters.volume_solves == without.counters.volume_solves
+    assert with_errors.seconds.error > 0
+    assert without.seconds.error == 0
+    assert without.stepper.companion is None
+
+
+@pytest.mark.parametrize("sets", ["geometry.order=2", "solver.method=regularised"])
+def test_order_2_and_approximate_laws_have_no_mesh_error(sets: str) -> None:
+    step = last("block", sets)
+    parts = step.errors["contacts.base.normal_force"]
+    assert parts.mesh is None
+    assert parts.total is None
+    assert (parts.law is None) is ("method" in sets)
+    assert not step.corrected
