@@ -24,6 +24,14 @@ def is_there(process: int) -> bool:
         return False
 
 
+def words_of(process: int) -> list[bytes]:
+    """Its command line; empty if it has ended."""
+    try:
+        return Path(f"/proc/{process}/cmdline").read_bytes().split(b"\0")
+    except OSError:
+        return []
+
+
 def wait_for(look: Callable[[], T], what: str) -> T:
     """What `look` finds, as soon as it finds something."""
     until = clock.monotonic() + LIMIT
@@ -38,8 +46,7 @@ def gmsh_child(process: int, doing: str) -> int:
 
     def look() -> int:
         for child in children(process):
-            words = Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
-            if b"geometry.user_files.reader" in words and child not in others:
+            if b"geometry.user_files.reader" in words_of(child) and child not in others:
                 if doing == "reading" or others:
                     return child
                 others.add(child)
