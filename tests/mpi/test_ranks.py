@@ -39,7 +39,16 @@ KINDS = {
     "length": ("displacement", "max_penetration", "max_slip"),
     "error": ("mesh", "discretisation"),
     "area": ("contact_area", "stick_area", "slip_area"),
-    "energy": ("external", "stored", "contact", "dissipated", "time_remainder", "dissipation", "dissipation_total"),
+    "energy": (
+        "external",
+        "stored",
+        "contact",
+        "compliance",
+        "dissipated",
+        "time_remainder",
+        "dissipation",
+        "dissipation_total",
+    ),
 }
 KIND = {key: kind for kind, keys in KINDS.items() for key in keys}
 DEFECTS = {
