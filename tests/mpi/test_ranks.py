@@ -90,9 +90,9 @@ def compared(result: Any) -> dict[tuple[str, ...], Any]:
     return dict(leaves({key: value for key, value in result.items() if key not in EXCEPTED}))
 
 
-THREE = ("cube", "sliding")  # on three ranks always; the others when there is time
-RUNS = [
-    pytest.param((name, ranks), id=f"{name}-{ranks}", marks=[] if ranks == 2 or name in THREE else pytest.mark.slow)
+ALWAYS_RUN = {2: ("block", "foundation", "two_blocks", "axisymmetric", "half_space"), 3: ("cube", "sliding")}
+RUNS = [  # the others when there is time
+    pytest.param((name, ranks), id=f"{name}-{ranks}", marks=[] if name in ALWAYS_RUN[ranks] else pytest.mark.slow)
     for name in SCENES
     for ranks in (2, 3)
 ]

@@ -8,19 +8,16 @@ from typing import Any
 
 import pytest
 
-from shared.ranks import STICKSLIP, mpirun
+from shared.ranks import STICKSLIP
 
 COARSE = ["--set=geometry.mesh_size=0.5", "--set=geometry.contact_mesh_size=0.5", "--set=output.pictures=false"]
 
 
-def stickslip(*words: str, ranks: int = 1) -> tuple[int, str]:
+def stickslip(*words: str) -> tuple[int, str]:
     """Exit code, and all that is said, on one line."""
-    if ranks > 1:
-        ended = mpirun(ranks, ["run", *words], Path.cwd())
-    else:
-        ended = subprocess.run(
-            [sys.executable, *STICKSLIP, "run", *words], capture_output=True, text=True, check=False, timeout=100
-        )
+    ended = subprocess.run(
+        [sys.executable, *STICKSLIP, "run", *words], capture_output=True, text=True, check=False, timeout=100
+    )
     return ended.returncode, " ".join((ended.stdout + ended.stderr).split())
 
 
@@ -75,13 +72,3 @@ def test_grids_are_refined_as_a_whole(tmp_path: Path) -> None:
     code, said = stickslip("cube", *words, "-o", str(tmp_path / "out"))
     assert code == 0, said
     assert result(tmp_path / "out")["accuracy"]["rounds"][-1]["unknowns"] > 200
-
-
-def test_ranks_take_the_same_rounds(tmp_path: Path) -> None:
-    words = ["block", *COARSE, "--accuracy=base.normal_force=0.5%"]
-    code, said = stickslip(*words, "-o", str(tmp_path / "one"))
-    assert code == 0, said
-    code, said = stickslip(*words, "-o", str(tmp_path / "two"), ranks=2)
-    assert code == 0, said
-    one, two = (result(tmp_path / name)["accuracy"]["rounds"] for name in ("one", "two"))
-    assert [one_round["unknowns"] for one_round in one] == [one_round["unknowns"] for one_round in two]

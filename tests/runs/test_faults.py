@@ -29,11 +29,11 @@ SPEAKS = ["run", "block", "-o", "out", *COARSE]
     "variables",
     [
         {"HOME": "/proc/1/nohome"},
-        {"HOME": "/dev/null"},
-        {"HOME": ""},
+        pytest.param({"HOME": "/dev/null"}, marks=pytest.mark.slow),
+        pytest.param({"HOME": ""}, marks=pytest.mark.slow),
         {"XDG_CACHE_HOME": "/dev/null"},
-        {"XDG_CONFIG_HOME": "/dev/null"},
-        {"HOME": "/dev/null", "XDG_CACHE_HOME": "relative"},
+        pytest.param({"XDG_CONFIG_HOME": "/dev/null"}, marks=pytest.mark.slow),
+        pytest.param({"HOME": "/dev/null", "XDG_CACHE_HOME": "relative"}, marks=pytest.mark.slow),
     ],
 )
 def test_home_that_cannot_be_written_is_no_obstacle(

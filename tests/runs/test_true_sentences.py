@@ -89,8 +89,18 @@ def test_beginning_that_is_nested_or_endless_is_refused(content: str, call: Call
     assert f"out/{BEGUN}" in err
 
 
-@pytest.mark.parametrize("name", [step_name(1), step_name(2), BEGUN, RESULT, "run.log", "fields.h5", "history.csv"])
-@pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
+NAMES = [step_name(1), step_name(2), BEGUN, RESULT, "run.log", "fields.h5", "history.csv"]
+KINDS = ["pipe", "device", "folder"]
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [  # each kind of each file when there is time
+        pytest.param(name, kind, marks=[] if (i - j) % 3 == 0 else pytest.mark.slow)
+        for i, name in enumerate(NAMES)
+        for j, kind in enumerate(KINDS)
+    ],
+)
 def test_what_is_no_file_is_not_read_for_ever(name: str, kind: str, start: Start, stopped: Path, folder: Path) -> None:
     path = stopped / name
     path.unlink()

@@ -17,7 +17,7 @@ from workflows.verification.hard.suite import NAMES, Row, Task, performed, resul
 from workflows.verification.hard.tables import overrides, ready, scene_of
 from workflows.verification.hard.variations import FIXED, Scale, variation, varied
 
-SMALL = 40
+SMALL = 24
 SEED = 0
 COARSE = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"]
 

@@ -27,6 +27,7 @@ from solvers.scene.settings import Accuracy
 from solvers.simulation.simulation import Simulation
 from workflows.accuracy.level import ITERATION, SMALLEST, Level, Move, next_move
 from workflows.accuracy.standing import Standing, percent, standings
+from workflows.run.collective import raise_together
 from workflows.run.result import Outcome, write_result
 from workflows.run.run import run
 from workflows.run.watch import Watch
@@ -85,6 +86,8 @@ class Rounds:
         Raises:
             SceneError: the error of a goal is not known.
         """
+        from mpi4py import MPI
+
         while self._next is not None:
             self._level, self._next = self._next, None
             self._error = np.zeros(0)
@@ -95,7 +98,7 @@ class Rounds:
             return outcome, content
         last = self.done[-1]
         content = content | {"accuracy": {"met": self._met(last), "rounds": [one.plain for one in self.done]}}
-        write_result(outcome.folder, content)
+        raise_together(MPI.COMM_WORLD, lambda: write_result(outcome.folder, content))
         if self._met(last):
             return outcome, content
         missed = max(last.goals, key=lambda goal: goal.reached / goal.asked)
