@@ -69,7 +69,8 @@ class EarlierRun:
 
 
 def _without_states(last: RunCheckpoint | None) -> RunCheckpoint | None:
-    return last and replace(last, checkpoint=replace(last.checkpoint, **dict.fromkeys(STATES)))
+    nothing: dict[str, Any] = dict.fromkeys(STATES)
+    return last and replace(last, checkpoint=replace(last.checkpoint, **nothing))
 
 
 def find_earlier_run(results: ResultsFolder, scene: Scene) -> EarlierRun:
