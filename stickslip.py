@@ -65,7 +65,8 @@ nothing can balance the loads. `MachineError` (with `DamagedError`) is about dis
 Names
 -----
 Functions         read, prepare, steps, run
-Scene             Scene, Material, Contact, Support, Load, Probe, Steps, Solver, Gram, Output, Exact
+Scene             Scene, Material, Contact, Support, Load, Probe, Steps, Solver, Gram, Output, Exact,
+                  Accuracy
 Geometry          UserFile, Box; builders: Arch, Block, Cylinders, HalfBall, HalfDisc, HalfSpace, Ring,
                   Rings, Spheres, Stack, Strip, TwoBlocks
 Obstacles         Plane, Cylinder, Sphere, Rotation
@@ -75,7 +76,7 @@ Effects           Gravity, Periodic
 Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: HistoryRow,
                   HistoryTuple, Step, Status
 Results           StepResult, ContactState, OPEN, SLIP, STICK, Reaction, ObstacleState, ProbeValue,
-                  Energy, MeshData, SurfaceMesh, Convergence
+                  Energy, MeshData, SurfaceMesh, Convergence; errors: Quantity, ErrorParts
 Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended)
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,
                   NoEquilibriumError, MachineError, DamagedError
@@ -131,6 +132,7 @@ from solvers.laws.unilateral import Unilateral
 from solvers.methods import Solver
 from solvers.newton.solution import Convergence, Status, Step
 from solvers.parallel.counters import Counters
+from solvers.results.error_parts import ErrorParts, Quantity
 from solvers.results.step_result import (
     OPEN,
     SLIP,
@@ -149,7 +151,7 @@ from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
 from solvers.scene.problem import PlanRow
 from solvers.scene.scene import Scene
-from solvers.scene.settings import Exact, Output, Probe, Steps
+from solvers.scene.settings import Accuracy, Exact, Output, Probe, Steps
 from solvers.simulation.script import Script
 from solvers.simulation.simulation import Seconds, Simulation, prepare
 from solvers.stepping.history import HistoryRow, HistoryTuple
@@ -212,6 +214,7 @@ __all__ = [
     "OPEN",
     "SLIP",
     "STICK",
+    "Accuracy",
     "Arch",
     "Bilateral",
     "Block",
@@ -228,6 +231,7 @@ __all__ = [
     "Cylinders",
     "DamagedError",
     "Energy",
+    "ErrorParts",
     "Exact",
     "FolderError",
     "FrictionLaw",
@@ -256,6 +260,7 @@ __all__ = [
     "Plane",
     "Probe",
     "ProbeValue",
+    "Quantity",
     "Reaction",
     "Ring",
     "Rings",

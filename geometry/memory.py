@@ -1,10 +1,12 @@
-"""How much memory this process may still take, by the machine, its control groups (cgroups) and its own limit."""
+"""How much memory a process may still take, by the machine, its control groups (cgroups) and its own limit."""
 
 from __future__ import annotations
 
 import resource
 from collections.abc import Iterator
 from pathlib import Path
+
+FULL = 0.9  # of the limit; what fails beyond it most likely fails for lack of memory
 
 
 def available(root: Path = Path("/")) -> int:
@@ -16,6 +18,23 @@ def available(root: Path = Path("/")) -> int:
         root: the folder that holds proc and sys.
     """
     return min((_of_machine(root), *_of_groups(root), _of_process(root)))
+
+
+def is_full(process: int) -> bool:
+    """Whether a process has ever taken nearly all the address space that its limit lets it have."""
+    try:
+        limit, _ = resource.prlimit(process, resource.RLIMIT_AS)
+        lines = Path(f"/proc/{process}/status").read_text().splitlines()
+    except OSError:  # it has ended
+        return False
+    peak = next((1024 * int(line.split()[1]) for line in lines if line.startswith("VmPeak:")), 0)
+    return limit != resource.RLIM_INFINITY and peak > FULL * limit
+
+
+def ended_for_memory(root: Path = Path("/")) -> int:
+    """How many processes the system has ended since it started because memory was out; 0 where it does not say."""
+    lines = (line.split() for line in _text(root / "proc/vmstat").splitlines())
+    return next((int(count) for name, count in lines if name == "oom_kill"), 0)
 
 
 def _of_process(root: Path) -> int:

@@ -283,6 +283,7 @@ class Gmsh(Protocol):
     model: Any  # entities, physical groups; model.occ, the CAD kernel; model.mesh, the mesh and its size fields
     option: Any
     logger: Any
+    view: Any  # fields on cells of their own
     fltk: Any  # its window
     merge: Callable[[str], None]
     write: Callable[[str], None]

@@ -11,6 +11,7 @@ import numpy as np
 from geometry.arrays import Array
 from geometry.errors import require
 from geometry.protocols import Gmsh
+from geometry.size_field import SizeField
 
 MOST_CELLS = 50_000_000
 BYTES, SECONDS = 1500, 1e-4  # of a cell in gmsh and dolfinx, measured: 600 to 1600 bytes, 8 to 100 microseconds
@@ -26,6 +27,7 @@ class Request:
     model: Model
     contact_sides: tuple[str, ...] = ()  # sides to refine to `contact_mesh_size`
     periodic: tuple[tuple[str, str], ...] = ()  # pairs of sides whose meshes must match
+    sizes: SizeField | None = None  # instead of the shape's own mesh sizes
 
     @property
     def dim(self) -> int:

@@ -53,9 +53,16 @@ class Part:
 
     def placed(self, points: Array) -> Array:
         """Points (k, d) of the shape where the assembly has them [m]."""
+        return self._turned(points) + self._shift(points.shape[1])
+
+    def in_place(self, points: Array) -> Array:
+        """Points (k, d) of the assembly where the shape has them [m]: the inverse of `placed`."""
+        moved = points - self._shift(points.shape[1])
+        return moved if self.turn is None else moved @ np.linalg.inv(np.asarray(self.turn, np.float64).T)
+
+    def _shift(self, dim: int) -> Array:
         x, last = self.shift
-        shift: Array = np.array([x, *[0.0] * (points.shape[1] - 2), last])
-        return self._turned(points) + shift
+        return np.array([x, *[0.0] * (dim - 2), last])
 
     def mesh(self, gmsh: Gmsh, name: str, request: Request) -> RawMesh:
         """Mesh of the body `name` in metres, made in a separate gmsh model."""
@@ -74,7 +81,8 @@ class Part:
         own = self._own(name, request.dim)
         slaves = tuple(own[side] for side in request.contact_sides if side in own)
         pairs = tuple((own[a], own[b]) for a, b in request.periodic if a in own and b in own)
-        return replace(request, contact_sides=slaves, periodic=pairs)
+        sizes = request.sizes and replace(request.sizes, points=self.in_place(request.sizes.points))
+        return replace(request, contact_sides=slaves, periodic=pairs, sizes=sizes)
 
     def _own(self, name: str, dim: int) -> dict[str, str]:
         """Name of each side of the body `name` -> its name in the shape."""

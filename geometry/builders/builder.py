@@ -60,6 +60,8 @@ class Builder(Choice, Shape):
     def put(self, gmsh: Gmsh, request: Request) -> float:
         unit = float(np.max(np.ptp(self.box(request.dim), axis=0)))  # the tolerances of gmsh are absolute
         self.in_units_of(unit).draw(gmsh, request)
+        if request.sizes is not None:
+            request.sizes.in_units_of(unit).impose(gmsh)
         gmsh.model.mesh.generate(request.dim)
         return unit
 

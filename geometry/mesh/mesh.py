@@ -7,15 +7,14 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Ints
-from geometry.errors import GeometryError, SceneError
+from geometry.errors import GeometryError, InputError, MachineError, SceneError, StickslipError
 from geometry.memory import available
 from geometry.mesh.gmsh_session import gmsh_session, own_interrupt
 from geometry.mesh.jacobian import refuse_inverted_cells
+from geometry.mesh.joints import Joints, find_parts
 from geometry.protocols import Comm, DolfinxMesh, Gmsh, MeshTags
 from geometry.shape import Request, Shape
 
@@ -31,7 +30,8 @@ class Mesh:
     sides: Mapping[str, int]  # name -> tag of facets
     degree: int  # polynomial degree of geometry and displacement
     axisymmetric: bool
-    parts: Ints  # connected part of each node of the gmsh model, numbered from 0
+    parts: Ints  # part of each node of the gmsh model, numbered from 0, see `find_parts`
+    joints: Joints  # nodes that several parts share
 
     @property
     def dim(self) -> int:
@@ -43,7 +43,7 @@ class Mesh:
 
     @property
     def part_count(self) -> int:
-        """Number of connected parts."""
+        """Number of parts."""
         return int(self.parts.max()) + 1
 
     @property
@@ -83,6 +83,8 @@ def build_mesh(shape: Shape, request: Request, comm: Comm) -> Mesh:
 
     Raises:
         GeometryError: gmsh cannot mesh the shape; on every rank.
+        MachineError: memory or a disk is full, or gmsh's process was ended from outside; on every rank.
+        KeyboardInterrupt: a signal ended gmsh's process; on every rank.
     """
     with own_interrupt():
         return _build(shape, request, comm)
@@ -90,8 +92,9 @@ def build_mesh(shape: Shape, request: Request, comm: Comm) -> Mesh:
 
 def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
     names: dict[int, dict[str, int]] | None = None
-    unit, failure = 1.0, None
-    parts = np.zeros(0, np.int64)
+    unit = 1.0
+    failure: BaseException | None = None
+    found: tuple[Ints, Joints] | None = None
     with gmsh_session() if comm.rank == 0 else nullcontext() as gmsh:
         if gmsh is not None:
             try:
@@ -101,23 +104,34 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
                     raise SceneError(f"geometry.{error}") from None
                 unit = mesh_shape(gmsh, shape, request)
                 names = {d: _group_names(gmsh, d) for d in (request.dim - 1, request.dim)}
-                parts = _connected_parts(gmsh, request.dim)
-            except (GeometryError, SceneError) as error:
-                failure = str(error)
-            except Exception as error:  # gmsh raises bare Exception
-                failure = f"gmsh could not mesh the geometry: {' '.join(str(error).split())}"
+                found = find_parts(gmsh, request.dim, unit)
+            except InputError as error:
+                failure = GeometryError(str(error))
+            except (StickslipError, KeyboardInterrupt) as error:
+                failure = error
+            except MemoryError:
+                failure = MachineError("too little memory for the mesh; use a larger mesh_size")
+            except Exception as error:  # gmsh raises bare Exception, without a text where it is an error of C++
+                why = " ".join(str(error).split()) or "it does not say why"
+                failure = GeometryError(f"gmsh could not mesh the geometry: {why}")
         failure = comm.bcast(failure)
         if failure is not None:
-            raise GeometryError(failure)
+            raise failure
         domain, cells, facets = dx.model_to_mesh(gmsh.model if gmsh else None, comm, request.dim)
     shares = comm.allgather(domain.topology.index_map(request.dim).size_local)
     if min(shares) == 0:
         raise GeometryError(f"the mesh has {sum(shares)} cells, too few for {comm.size} ranks; use fewer")
-    domain.geometry.x[:] *= comm.bcast(unit)
+    names, found, unit = comm.bcast((names, found, unit))
+    assert names is not None
+    assert found is not None
+    if domain.geometry.index_map().size_global > np.count_nonzero(found[0] >= 0):  # dolfinx looks for shared facets
+        raise GeometryError(
+            f"cells hang together by points or edges only, where {comm.size} ranks would take them apart; use one "
+            "rank, or join them by whole facets"
+        )
+    domain.geometry.x[:] *= unit
     if shape.degree > 1:
         refuse_inverted_cells(domain, shape.degree)
-    names, parts = comm.bcast((names, parts))
-    assert names is not None
     return Mesh(
         domain=domain,
         cell_tags=cells,
@@ -126,7 +140,8 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
         sides=names[request.dim - 1],
         degree=shape.degree,
         axisymmetric=request.model == "axisymmetric",
-        parts=parts,
+        parts=found[0],
+        joints=found[1],
     )
 
 
@@ -146,18 +161,3 @@ def mesh_shape(gmsh: Gmsh, shape: Shape, request: Request) -> float:
 def _group_names(gmsh: Gmsh, dim: int) -> dict[str, int]:
     """Tags of the physical groups by name."""
     return {gmsh.model.getPhysicalName(d, tag): int(tag) for d, tag in gmsh.model.getPhysicalGroups(dim)}
-
-
-def _connected_parts(gmsh: Gmsh, dim: int) -> Ints:
-    """Connected part of each node of the gmsh model, numbered from 0; -1 for a node of no cell."""
-    tags = []
-    for kind in gmsh.model.mesh.getElementTypes(dim):
-        count = gmsh.model.mesh.getElementProperties(kind)[3]
-        tags.append(np.reshape(gmsh.model.mesh.getElementsByType(kind)[1], (-1, count)).astype(np.int64) - 1)
-    first = np.concatenate([np.repeat(cells[:, 0], cells.shape[1]) for cells in tags])
-    nodes = np.concatenate([cells.ravel() for cells in tags])
-    graph = sparse.coo_matrix((np.ones(len(nodes), bool), (first, nodes)), shape=(nodes.max() + 1,) * 2)
-    labels = connected_components(graph, directed=False)[1]
-    found = np.full(len(labels), -1)
-    found[nodes] = np.unique(labels[nodes], return_inverse=True)[1]
-    return found

@@ -24,7 +24,7 @@ class Nodes:
     number: Ints  # (k,) global
     input: Ints  # (k,) number in the gmsh model, see `of`: the same on any number of ranks
     points: Array  # (k, d) [m]
-    part: Ints  # (k,) connected part of the mesh, as in `Mesh.parts`
+    part: Ints  # (k,) part of the mesh, as in `Mesh.parts`
 
     @staticmethod
     def of(mesh: Mesh, space: FunctionSpace) -> Nodes:

@@ -10,6 +10,7 @@ import numpy as np
 from geometry.arrays import Array
 from geometry.errors import GeometryError
 from geometry.protocols import Gmsh
+from geometry.size_field import SizeField
 from geometry.user_files.open_file import raise_gmsh_error
 from geometry.user_files.parts import Parts
 from geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
@@ -26,6 +27,7 @@ class MeshOptions:
     fine_sides: Sequence[str]
     periodic: Sequence[tuple[str, str]]  # the first side of each pair gets the mesh of the second
     order: int
+    sizes: SizeField | None = None  # instead of all other sizes
 
 
 def mesh_parts(gmsh: Gmsh, dim: int, parts: Parts, options: MeshOptions) -> RawMesh:
@@ -34,6 +36,8 @@ def mesh_parts(gmsh: Gmsh, dim: int, parts: Parts, options: MeshOptions) -> RawM
         size = options.size
         if size is not None:
             _set_sizes(gmsh, dim, parts, size, options.fine_size or size, options.fine_sides)
+        if options.sizes is not None:
+            options.sizes.impose(gmsh)
         for slave, master in options.periodic:
             _match(gmsh, dim, parts.sides[slave], parts.sides[master])
         gmsh.logger.start()

@@ -11,7 +11,6 @@ import logging
 import os
 import pickle  # nosec B403
 import signal
-import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
@@ -21,10 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from geometry.errors import GeometryError, StickslipError, shortened
-from geometry.memory import available
+from geometry.errors import GeometryError, MachineError, StickslipError, shortened
+from geometry.memory import available, ended_for_memory, is_full
 from geometry.mesh.gmsh_session import gmsh_session
 from geometry.protocols import Gmsh
+from geometry.user_files.child import Ended, end_with, run_child
 from geometry.user_files.containment import contain
 from geometry.user_files.meshing import MeshOptions, mesh_parts
 from geometry.user_files.open_file import Parameter, kind_of, open_file, unpacked
@@ -34,7 +34,9 @@ from geometry.user_files.raw_mesh import RawMesh
 
 log = logging.getLogger(__name__)
 READING_TIME, MESHING_TIME = 50.0, 3600.0  # [s] limits for an outline and for a mesh, unless the scene has its own
-ROOT = Path(__file__).resolve().parents[2]
+CRASHES = (signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGTRAP, signal.SIGSYS)
+NO_ROOM = 74  # exit code of a child whose answer cannot be written; EX_IOERR of <sysexits.h>
+NO_MEMORY = "does not fit into memory; try a larger mesh_size"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,32 +78,25 @@ def ask(question: Question) -> Outline | RawMesh:
 
     Raises:
         GeometryError: the name of the file and what is wrong with it.
+        MachineError: the process was ended from outside, or a disk is full.
+        KeyboardInterrupt: a signal came that this process handles; the child is ended.
     """
     name, limit = question.path.name, question.time_limit or (READING_TIME if question.mesh is None else MESHING_TIME)
     with tempfile.TemporaryDirectory(prefix="stickslip-") as folder:
         asked, answered = Path(folder) / "question", Path(folder) / "answer"
         asked.write_bytes(pickle.dumps(question))
-        try:
-            done = subprocess.run(
-                [sys.executable, "-P", "-m", "geometry.user_files.reader", str(asked), str(answered)],
-                env=child_environment(),
-                cwd=folder if question.contained else None,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                timeout=limit,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            doing = "reading" if question.mesh is None else "meshing"
-            way = "a longer geometry.time_limit, in seconds" if question.mesh is None else "a larger mesh_size"
-            raise GeometryError(f"{name}: gmsh does not finish {doing} it within {limit:g} s; try {way}") from None
-        printed = done.stdout.decode(errors="replace").strip()
-        if printed:
-            log.info("%s printed: %s", name, shortened(printed))
-        content = answered.read_bytes() if answered.exists() else b""
+        before = ended_for_memory()
+        ended = run_child(
+            "geometry.user_files.reader",
+            [str(asked), str(answered)],
+            Path(folder) if question.contained else None,
+            limit,
+        )
+        content = answered.read_bytes() if ended.code == 0 and answered.exists() else b""
+    if ended.printed:
+        log.info("%s printed: %s", name, shortened(ended.printed))
     if not content:
-        raise GeometryError(f"{name}: {_why_it_ended(done.returncode, printed)}")
+        raise _failure(question, ended, limit, ended_for_memory() > before)
     try:
         found = AnswerReader(io.BytesIO(content)).load()
     except Exception:  # of a damaged pickle: of many kinds
@@ -113,17 +108,37 @@ def ask(question: Question) -> Outline | RawMesh:
     raise GeometryError(f"{name}: {shortened(str(found).removeprefix(f'{name}: '))}")
 
 
-def child_environment() -> dict[str, str]:
-    """Our environment variables; a child finds these packages, and nothing in its working folder."""
-    others = [place for place in os.environ.get("PYTHONPATH", "").split(os.pathsep) if os.path.isabs(place)]
-    return os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *others])}
+def _failure(question: Question, ended: Ended, limit: float, killed_for_memory: bool) -> StickslipError:
+    """Why a child process gave no answer.
+
+    Args:
+        limit: of its time [s].
+        killed_for_memory: whether the system has ended a process meanwhile because memory was out.
+    """
+    name, meshing, code, last = question.path.name, question.mesh is not None, ended.code, _last_line(ended.printed)
+    if code is None:
+        doing, way = ("meshing", "a larger mesh_size or ") if meshing else ("reading", "")
+        way += "a longer geometry.time_limit, in seconds"
+        return GeometryError(f"{name}: gmsh does not finish {doing} it within {limit:g} s; try {way}")
+    if code == NO_ROOM:
+        return MachineError(f"{name}: what gmsh made of it cannot be written to {tempfile.gettempdir()}: {last}")
+    if code >= 0:
+        return GeometryError(f"{name}: gmsh ended without an answer; {last or 'the file may end it'}")
+    word = signal.Signals(-code).name
+    if -code == signal.SIGKILL and killed_for_memory:
+        return MachineError(f"{name}: the system was out of memory, and ended gmsh ({word})")
+    if -code == signal.SIGXCPU:
+        return MachineError(f"{name}: gmsh took more seconds of the processor than this shell allows (ulimit -t)")
+    if -code not in CRASHES:
+        return MachineError(f"{name}: gmsh was ended from outside ({word}), by somebody or by a limit of this shell")
+    if ended.full or "std::bad_alloc" in ended.printed:
+        return GeometryError(f"{name}: {NO_MEMORY}")
+    said = f"{word}: {last}" if last else word
+    return GeometryError(f"{name}: gmsh crashed on it ({said}); the file is damaged, or gmsh cannot read it")
 
 
-def _why_it_ended(code: int, printed: str) -> str:
-    """Reason why a child process gave no answer, from its exit code and output."""
-    if code < 0:
-        return f"gmsh crashed on it ({signal.Signals(-code).name}); the file is damaged, or gmsh cannot read it"
-    return f"gmsh ended without an answer; {shortened(printed.splitlines()[-1]) if printed else 'the file may end it'}"
+def _last_line(printed: str) -> str:
+    return shortened(printed.splitlines()[-1]) if printed else ""
 
 
 def answer(question: Question) -> Outline | RawMesh:
@@ -154,25 +169,43 @@ def read_parts(gmsh: Gmsh, question: Question) -> Parts:
 
 
 def main() -> None:
-    """`python -m geometry.user_files.reader QUESTION ANSWER`: two pickles; the answer is a text if it fails."""
-    asked, answered = (Path(word) for word in sys.argv[1:])
+    """`python -m geometry.user_files.reader QUESTION ANSWER PARENT`: two pickles, and a process number."""
+    end_with(int(sys.argv[3]))
+    asked, answered = (Path(word) for word in sys.argv[1:3])
     question: Question = pickle.loads(asked.read_bytes())  # the parent's  # nosec B301
-    content: Outline | RawMesh | str
     with answered.open("wb") as target:  # before containment
+        content = _answer_or_why_not(question, asked.parent)
         try:
-            question = replace(question, path=unpacked(question.path, asked.parent))
-            if question.contained:
-                import gmsh  # noqa: F401  starts programs to find its library
+            pickle.dump(content, target)
+            target.flush()
+        except OSError as error:
+            print(error.strerror, flush=True)
+            os._exit(NO_ROOM)  # closing the file would fail again
 
-                contain(available())
-            content = answer(question)
-        except StickslipError as error:
-            content = str(error)
-        except MemoryError:
-            content = "does not fit into memory"
-        except Exception as error:  # gmsh raises bare Exception
-            content = f"gmsh says: {error or type(error).__name__}"
-        pickle.dump(content, target)
+
+def _answer_or_why_not(question: Question, folder: Path) -> Outline | RawMesh | str:
+    """The answer, or in words why there is none.
+
+    Args:
+        folder: for what is unpacked.
+    """
+    try:
+        question = replace(question, path=unpacked(question.path, folder))
+        if question.contained:
+            import gmsh  # noqa: F401  starts programs to find its library
+
+            contain(available())
+        return answer(question)
+    except StickslipError as error:
+        return str(error)
+    except MemoryError:
+        return NO_MEMORY
+    except Exception as error:
+        if type(error) is not Exception:  # gmsh raises bare Exception
+            return f"reading it fails: {type(error).__name__}: {error}"
+        if not str(error):  # gmsh has caught an error of C++ that is none of its own
+            return NO_MEMORY if is_full(os.getpid()) else "gmsh fails on it and does not say why; is the file damaged?"
+        return f"gmsh says: {error}"
 
 
 if __name__ == "__main__":

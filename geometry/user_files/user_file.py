@@ -163,6 +163,7 @@ class UserFile(Noun, Shape):
             fine_sides=request.contact_sides,
             periodic=request.periodic,
             order=self.order,
+            sizes=request.sizes and request.sizes.in_units_of(unit),
         )
         mesh = ask(self.question(request.dim, options))
         assert isinstance(mesh, RawMesh)

@@ -13,9 +13,10 @@ from pathlib import Path
 from geometry.errors import MachineError, StickslipError
 from geometry.mesh.gmsh_session import gmsh_session
 from geometry.shape import Request, Shape
+from geometry.user_files.child import child_environment
 from geometry.user_files.containment import restrict_files
 from geometry.user_files.open_file import unpacked
-from geometry.user_files.reader import child_environment, gmsh_options, read_parts
+from geometry.user_files.reader import gmsh_options, read_parts
 from geometry.user_files.user_file import UserFile
 
 NO_WINDOW = 3  # exit code of the child

@@ -6,6 +6,7 @@ Only vectors are assembled, no matrix.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
@@ -77,11 +78,31 @@ class Bubbles:
 
     def inner(self, u: Vec, x: Vec) -> Vec:
         """Inner forces a(u + x, .) [N] of a displacement u of order 1 and bubbles x; collective."""
+        self._add_up(u, x)
+        return _assembled(self._inner)
+
+    def displacement_at(self, u: Vec, x: Vec, places: Mapping[str, tuple[int, Array] | None]) -> dict[str, Array]:
+        """u + x (d,) [m] at points, by name, on every rank; collective.
+
+        Args:
+            places: cell, and basis (k,) of order 1 at the point, on the rank that owns it; None elsewhere.
+        """
+        self._add_up(u, x)
+        mesh, dofs = self.system.mesh, dx.cell_dofs(self.space)
+        shape, values = mesh.domain.topology.cell_type.name, self._whole.x.array.reshape(-1, mesh.dim)
+        corners, own = dx.reference_nodes(shape, 1), dict[str, Array]()
+        for name, place in places.items():
+            if place is not None:
+                cell, basis = place
+                own[name] = dx.reference_basis(shape, 2, (basis @ corners)[None])[0][0] @ values[dofs[cell]]
+        return {name: value for offers in mesh.comm.allgather(own) for name, value in offers.items()}
+
+    def _add_up(self, u: Vec, x: Vec) -> None:
+        """Set `_whole` to u + x, ghosts included; collective."""
         _fill(self._linear, u)
         self._whole.interpolate(self._linear)
         dx.petsc_vector(self._whole).array[:] += x.array_r
         self._whole.x.scatter_forward()
-        return _assembled(self._inner)
 
     def reactions(self, forces: Vec) -> dict[str, tuple[Array, Array]]:
         """Force (d,) [N] and moment about the origin [N m] that each support exerts; collective.

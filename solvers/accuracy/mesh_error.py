@@ -17,7 +17,7 @@ import numpy as np
 from geometry.arrays import Array
 from solvers.accuracy.areas import areas_between_nodes, crossings
 from solvers.accuracy.peaks import grows
-from solvers.accuracy.two_level import FACTOR
+from solvers.accuracy.two_level import FACTOR, MeshCorrection
 from solvers.contact.rows import ContactRows
 from solvers.results.error_parts import ErrorParts, Quantity, Value
 from solvers.results.numbers import quantities
@@ -64,6 +64,10 @@ def _numbers(observe: Observer, accepted: Accepted, state: State) -> Values:
     same = replace(accepted, state=state, start=start.refined or start, substep_start=before.refined or before)
     numbers = observe.numbers(same)
     values = quantities(numbers)
+    companion = observe.stepper.companion
+    if observe.probes and isinstance(companion, MeshCorrection):
+        moved = companion.displacement_at(state, observe.probes)
+        values |= {Quantity("probes", name, "displacement"): value for name, value in moved.items()}
     for c in accepted.stepper.system.contacts:
         contact = numbers.contacts[c.name]
         areas = areas_between_nodes(c.surface, contact, c.node_weights)

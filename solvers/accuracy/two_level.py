@@ -13,7 +13,7 @@ Washio & Oosterlee, Electron. Trans. Numer. Anal. 6 (1997).
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,8 +38,8 @@ from solvers.stepping.update import Surplus, displacement, new_state
 from solvers.system.contact_interface import components
 
 FACTOR = 1.25  # stated error over difference; measured with STEPS = 2
-DROP = 1e-2  # factor by which iterative methods make the residual of contact smaller
-ROUGH = 1e-3  # tolerance of a displacement that is recovered by an iterative volume solve, in energy norm
+TRIAL, FINAL = 0.5, 0.1  # factors by which iterative methods make the residual of contact smaller
+ROUGH = 1e-2  # tolerance of a displacement that is recovered by an iterative volume solve, in energy norm
 STEPS = 2
 
 
@@ -92,6 +92,11 @@ class MeshCorrection:
         finally:
             self._on_error(clock.perf_counter() - began)
 
+    def displacement_at(self, state: State, places: Mapping[str, tuple[int, Array] | None]) -> dict[str, Array]:
+        """Displacement (d,) [m] of a state with bubbles at points, see `Bubbles.displacement_at`; collective."""
+        assert state.surplus is not None
+        return self._bubbles.displacement_at(state.u, state.surplus, places)
+
     def vector(self) -> Vec:
         """No bubbles."""
         return self._bubbles.zero()
@@ -105,25 +110,36 @@ class MeshCorrection:
             before = carried_over(before, stepper.system)
             if before.surplus is not None:
                 before = replace(before, w=before.w + rows.N @ rows.read(before.surplus))
-        x = before.surplus or self._bubbles.zero()
-        solve = stepper.chain.beside(stepper.system, stepper.surface, DROP)
-        if solve is None:
+        chain, system, surface = stepper.chain, stepper.system, stepper.surface
+        near, nearer = (chain.beside(system, surface, drop) for drop in (TRIAL, FINAL))
+        if near is None or nearer is None:
             return None
-        step = _Substep(stepper, self._bubbles, rows, before, new, problem, solve)
-        with stepper.surface.loosely(ROUGH):
-            return self._improved(step, x, new.p)
+        step = _Substep(stepper, self._bubbles, rows, before, new, problem)
+        with surface.loosely(ROUGH):
+            last = self._improved(step, near, nearer)
+            if last is None:
+                return None
+            state = step.state(last)
+            if rows.closer.any():
+                straight = step.answer(last.x, last.solution.p, nearer, straight=True)
+                state = replace(state, unbent=None if straight is None else step.state(straight))
+            return state
 
-    def _improved(self, step: _Substep, x: Vec, p: Array) -> State | None:
-        """Better bubbles than x, starting from tractions p (rows,) [Pa]; collective."""
-        directions: list[Vec] = []
-        changes: list[Vec] = []
-        found = step.answer(x, p)
+    def _improved(self, step: _Substep, near: Solve, nearer: Solve) -> Answer | None:
+        """Bubbles, and the answer to them; collective.
+
+        They are found around the solved step, with its slip history; the last answer is with that of the bubbles.
+        """
+        x = self._bubbles.zero()
+        found: Answer | None = step.solved()
+        if step.rows.closer.any():
+            found = step.answer(x, step.new.p, near, same_history=True)
         if found is None:
             return None
-        r = step.residual(found)
+        r, directions, changes = step.residual(found), list[Vec](), list[Vec]()
         for _ in range(STEPS):
             z = self._bubbles.relaxed(r)
-            tried = step.answer(x + self._bubbles.displacement(z), found.solution.p)
+            tried = step.answer(x + self._bubbles.displacement(z), found.solution.p, near, same_history=True)
             if tried is None:
                 return None
             directions.append(z)
@@ -133,14 +149,7 @@ class MeshCorrection:
             for factor, direction, change in zip(factors, directions, changes, strict=True):
                 x.axpy(factor, self._bubbles.displacement(direction))
                 r.axpy(factor, change)
-        last = step.answer(x, found.solution.p)
-        if last is None:
-            return None
-        state = step.state(last)
-        if step.rows.closer.any():
-            straight = replace(step, straight=True).answer(x, last.solution.p)
-            state = replace(state, unbent=None if straight is None else step.state(straight))
-        return state
+        return step.answer(x, found.solution.p, nearer)
 
     def _rows(self, stepper: Stepper) -> BubbleRows:
         """The contact rows of the bubbles, for those of the stepper."""
@@ -229,22 +238,36 @@ class _Substep:
     old: State  # with bubbles, at its start
     new: State  # without bubbles, at its end
     problem: SurfaceProblem  # that was solved without bubbles
-    solve: Solve
-    straight: bool = False  # whether sides are taken as their facets are
 
-    def answer(self, x: Vec, p: Array) -> Answer | None:
-        """Solve contact for given bubbles, starting from tractions p (rows,) [Pa]; None: not solved; collective."""
+    def solved(self) -> Answer:
+        """The solved step: what is answered to no bubbles."""
+        p, w = self.new.p, self.new.w
+        solution = Solution(p=p, w=w, u_c=np.zeros(0), status=Status.CONVERGED, residual=0.0, history=())
+        return Answer(self.bubbles.zero(), self.problem, solution, self.new.u, self.new.u)
+
+    def answer(
+        self, x: Vec, p: Array, solve: Solve, same_history: bool = False, straight: bool = False
+    ) -> Answer | None:
+        """Solve contact for given bubbles; None: it is not solved; collective.
+
+        Args:
+            p: tractions (rows,) [Pa] to start from.
+            solve: of contact.
+            same_history: whether slip is counted from where the step without bubbles counts it from.
+            straight: whether sides are taken as their facets are.
+        """
         stepper, system, new = self.stepper, self.stepper.system, self.new
         n, forces = stepper.surface.normal_rows, self.problem.load.f_q.duplicate()
-        closer = (0.0 if self.straight else 1.0) * self.rows.closer[:n]
+        closer = (0.0 if straight else 1.0) * self.rows.closer[:n]
+        slip = self.problem.gap if same_history else self.old.w - stepper.cone.give(self.old.p)
         system.T.multTranspose(-self.bubbles.pull(x), forces)
         problem = replace(
             self.problem,
             load=stepper.surface.with_more(self.problem.load, forces),
             offset=self.problem.offset + self.rows.N @ self.rows.read(x),
-            gap=np.concatenate([self.problem.gap[:n] - closer, (self.old.w - stepper.cone.give(self.old.p))[n:]]),
+            gap=np.concatenate([self.problem.gap[:n] - closer, slip[n:]]),
         )
-        solution = self.solve(problem, p, ignore)
+        solution = solve(problem, p, ignore)
         if solution.status is not Status.CONVERGED:
             return None
         q = problem.surface.recover(problem.load, solution.p, solution.u_c)

@@ -56,8 +56,8 @@ class Constraints:
     rows: Mapping[int, tuple[Row, ...]]  # prescribed components by global node; of a periodic node under its root
     root: Mapping[int, int]  # eliminated periodic node -> the node whose displacement it has
     points: Mapping[int, Array]  # coordinates (d,) [m] of the nodes above
-    part: Mapping[int, int]  # connected part of the mesh that each of them belongs to
-    parts: int  # number of connected parts
+    part: Mapping[int, int]  # part of the mesh that each of them belongs to
+    parts: int  # number of parts
     axisymmetric: bool
 
     @cached_property

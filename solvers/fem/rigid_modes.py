@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from geometry.arrays import Array, Ints
+from geometry.mesh.joints import Joints
 from solvers.fem.constraints import Constraints
 
 
@@ -49,6 +50,7 @@ def rigid_fields(points: Array, centre: Array, size: float, axisymmetric: bool) 
     return np.concatenate([translations, rotations], axis=2)
 
 
+TURNING = 1e-6  # coefficients of motions of size 1 that differ by less are equal
 ROUNDING = 1e-12  # of the largest prescribed displacement: a smaller difference counts as zero
 
 
@@ -59,12 +61,14 @@ class RigidModes:
     it strains no body.
     """
 
-    def __init__(self, constraints: Constraints, low: Array, high: Array) -> None:
+    def __init__(self, constraints: Constraints, joints: Joints, low: Array, high: Array) -> None:
         """
         Args:
             constraints: supports and periodicity.
+            joints: nodes that several parts share.
             low, high: corners of the box around the mesh (d,) [m].
         """
+        self.joints = joints
         self.constraints, self.centre, self.size = constraints, (low + high) / 2, float(np.max(high - low))
 
     def fields(self, points: Array) -> Array:
@@ -73,20 +77,26 @@ class RigidModes:
 
     @cached_property
     def resisted(self) -> Array:
-        """(rows, parts k): motion of each mode along each prescribed direction, and between periodic sides."""
+        """(rows, parts k): motion of each mode along prescribed directions, between periodic sides, and in joints."""
         of, kinds = self.constraints, len(rigid_names(self.constraints.dim, self.constraints.axisymmetric))
         held = self._of_nodes(of.held)
         blocks = [np.einsum("krd,kdc->krc", alike.directions, held[alike.at]) for alike in of.alike]
         blocks.append(self._of_nodes(of.followers) - self._of_nodes(of.roots(of.followers)))
+        one, other = self.joints.parts.T
+        blocks.append(self._of_parts(self.joints.points, one) - self._of_parts(self.joints.points, other))
         nothing = np.zeros((1, of.parts * kinds))
         return np.concatenate([nothing, *(block.reshape(-1, of.parts * kinds) for block in blocks)])
 
     def _of_nodes(self, nodes: Ints) -> Array:
         """Rigid modes (n, d, parts k) at nodes (n,); zero for the other parts than a node's own."""
-        fields = self.fields(self.constraints.points_of(nodes))
-        found = np.zeros((*fields.shape[:2], self.constraints.parts, fields.shape[2]))
         part = np.array([self.constraints.part[int(n)] for n in nodes], np.int64)
-        found[np.arange(len(nodes)), :, part] = fields
+        return self._of_parts(self.constraints.points_of(nodes), part)
+
+    def _of_parts(self, points: Array, part: Ints) -> Array:
+        """Rigid modes (n, d, parts k) at points (n, d) of parts (n,); zero for all other parts."""
+        fields = self.fields(points)
+        found = np.zeros((*fields.shape[:2], self.constraints.parts, fields.shape[2]))
+        found[np.arange(len(points)), :, part] = fields
         return found.reshape(*fields.shape[:2], self.constraints.parts * fields.shape[2])
 
     @cached_property
@@ -97,6 +107,13 @@ class RigidModes:
     @cached_property
     def _inverse(self) -> Array:
         return np.asarray(np.linalg.pinv(self.resisted, rcond=1e-9))
+
+    def hinge(self, modes: Array) -> Array | None:
+        """Where (d,) [m] parts turn against each other most in motions (parts k, s); None if they do so nowhere."""
+        one, other = modes.reshape(self.constraints.parts, -1)[self.joints.parts.T]
+        apart = np.linalg.norm(one - other, axis=1)
+        turning = len(apart) > 0 and apart.max() > TURNING
+        return self.joints.points[np.argmax(apart)] if turning else None
 
     def followed(self, time: float) -> Array | None:
         """Coefficients (parts, k) [m] of a rigid motion that satisfies all that is prescribed at a time, or None."""

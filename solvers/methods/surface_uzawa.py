@@ -75,6 +75,7 @@ class LearningIteration(SameEveryStep):
     metric: SurfaceMetric
     rtol: float = 1e-8
     max_it: int = 10000
+    drop: float = 0.0  # of the first residual: that is enough, too
     safety: float = 1.0  # factor on F: shorter steps; if it is not 1, earlier updates are not used
     hurried: bool = False  # whether another form of the bodies can take over: a slow step is given up earlier
     smooth: tuple[Array, Array] | None = None  # forces (c, k) [N], and about the displacements (c, k) [m] they cause
@@ -91,15 +92,17 @@ class LearningIteration(SameEveryStep):
         motion = np.zeros_like(u_c)
         balanced = not surface.floating or problem.p_ref == 0
         stalled = Stall(HURRIED if self.hurried else STALL_WINDOW, 0.5)
-        enough = surface.counters.linear_iterations + PATIENCE
+        enough, rtol = surface.counters.linear_iterations + PATIENCE, self.rtol
         for k in range(self.max_it + 1):
             residual = problem.natural_residual(p, w) if balanced else np.inf  # until w is the displacement under p
             history.append(Step(k, residual, problem.volume_solves))
             on_step(history[-1])
+            if k == 0 and np.isfinite(residual):
+                rtol = max(rtol, self.drop * residual)
             if np.isnan(residual):
                 status = Status.NOT_FINITE
                 break
-            if residual + accuracy <= self.rtol:
+            if residual + accuracy <= rtol:
                 status = Status.CONVERGED
                 break
             if stalled(k, residual):
@@ -111,13 +114,13 @@ class LearningIteration(SameEveryStep):
             if k == self.max_it:
                 break
             metric = Flexibility(surface=surface, F=F, metric=self.metric)
-            found = nearest_in_cone(problem, metric, p, w, max(residual, self.rtol))
+            found = nearest_in_cone(problem, metric, p, w, max(residual, rtol))
             if found is None:
                 status = Status.NO_HOLD
                 break
             p = found.p
             balanced = True
-            accuracy = inner * max(self.rtol, DROP * min(residual, 1.0))
+            accuracy = inner * max(rtol, DROP * min(residual, 1.0))
             u_new, forces_new = problem.contact_displacement(p, accuracy), surface.forces(p)
             F.learn(forces - forces_new, u_new - u_c)
             u_c, forces = u_new, forces_new
@@ -127,14 +130,7 @@ class LearningIteration(SameEveryStep):
 
     def apart(self, drop: float) -> Solve:
         """A solver of similar problems, to a residual smaller by a factor than at its start; what it learns is lost."""
-        learnt = {name: copy(F) for name, F in self.learnt.items()}
-
-        def solve(problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
-            start = replace(self, rtol=1.0, hurried=False, learnt=learnt)(problem, p)
-            rtol = max(self.rtol, drop * start.residual)
-            return replace(self, rtol=rtol, hurried=False, learnt=learnt)(problem, start.p, on_step)
-
-        return solve
+        return replace(self, drop=drop, hurried=False, learnt={name: copy(F) for name, F in self.learnt.items()})
 
     def snapshot(self) -> dict[str, Plain]:
         return {name: secants.snapshot() for name, secants in self.learnt.items()}

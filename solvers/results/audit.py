@@ -17,6 +17,7 @@ from petsc4py import PETSc
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array, Ints
 from geometry.mesh.mesh import Mesh
+from geometry.obstacles.plane import Plane
 from geometry.protocols import CompiledForm, UflForm, Vec
 from geometry.surfaces.surface import gather_surface
 from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
@@ -270,8 +271,26 @@ class Auditor:
         last_digit = system.T.createVecRight()
         system.T.multTranspose(self._inner(shaken) - inner, last_digit)
         found = (free.norm(0) + np.abs(obstacles).sum()) / scale
-        of_laws = EPS * system.extent * sum(_law_stiffness(place, record.p) for place in self.cone.places)
+        of_laws = EPS * sum(
+            self._gap_digits(place, record) * _law_stiffness(place, record.p) for place in self.cone.places
+        )
         return float(found), float((last_digit.norm(0) + of_laws) / scale)
+
+    def _gap_digits(self, place: ContactBlock, record: Record) -> float:
+        """Size of the numbers whose last digit decides a gap [m]: coordinates along the normals, and motions.
+
+        On a plane through the origin gaps are exact, however large the body is.
+        """
+        rows, problem = place.rows, self.system.problem
+        pair, motion = problem.pairs[rows.name], float(np.abs(record.w).max(initial=0.0))
+        normals = np.abs(rows.frames[:, 0])
+        size = _largest(np.einsum("nd,nd->n", normals, np.abs(rows.surface.points)))
+        if pair.obstacle is None:
+            return size + motion
+        obstacle = problem.obstacles[pair.obstacle]
+        if not isinstance(obstacle, Plane):
+            return self.system.extent + motion
+        return size + _largest(normals @ np.abs(obstacle.point)) + motion
 
     def _supports(self, record: Record, u: Vec) -> float:
         """Prescribed displacements that are not met, see `Audit` [-]; periodic sides move alike."""

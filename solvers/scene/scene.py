@@ -18,7 +18,7 @@ from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
 from solvers.scene.quantities import names
-from solvers.scene.settings import Exact, Output, Probe, Solver, Steps
+from solvers.scene.settings import Accuracy, Exact, Output, Probe, Solver, Steps
 from solvers.scene.timeline import Place, Timeline
 
 SOFTER = 10.0  # ratio of E from which the softer body's side carries the tractions
@@ -67,6 +67,7 @@ class Scene(Noun):
     solver: Solver = field(default_factory=Solver.default)
     output: Output = Output()
     exact: Exact = Exact()
+    accuracy: Accuracy = Accuracy()
     sections: Mapping[str, EffectTable | Mapping[str, EffectTable]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -76,6 +77,7 @@ class Scene(Noun):
         with prefixed("geometry"):
             self.geometry.refuse_too_large(self.request())
         self.exact.check(self.quantities())
+        self.accuracy.check(self.quantities())
         for (section, name), table in self.effect_tables().items():
             table.check(self, f"{section}.{name}" if name else section)
 

@@ -43,6 +43,35 @@ class Exact(Noun):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Accuracy(Noun):
+    """How accurate numbers of the last step have to be: mesh, time steps and tolerance are refined until they are."""
+
+    goals: Annotated[
+        Mapping[str, float],
+        Key("-", 'largest relative error by quantity, e.g. "base.normal_force" = 0.01; see `stickslip run --accuracy`'),
+    ] = field(default_factory=dict)
+    budget: Annotated[float, Key("s", "of all rounds together; no round is begun that would exceed it")] = 600.0
+
+    def __post_init__(self) -> None:
+        require(self.budget > 0, "budget", self.budget, "must be positive")
+        for name, share in self.goals.items():
+            require(0 < share < 1, f"goals.{name}", share, "must lie between 0 and 1, for example 0.01")
+
+    def check(self, known: Iterable[str]) -> None:
+        """Check that the scene has the quantities.
+
+        Args:
+            known: names of the quantities that the scene has.
+
+        Raises:
+            SceneError: an unknown quantity.
+        """
+        names = tuple(known)
+        for name in self.goals:
+            require(name in names, "accuracy.goals", name, f"no such quantity; {nearest(name, names)}")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Steps(Noun):
     """Equal steps in time; steps end exactly at these times, and at every time listed in a table."""
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 from geometry.mesh.mesh import Mesh, build_mesh
 from geometry.protocols import Comm
+from geometry.size_field import SizeField
 from solvers.accuracy.errors import joined, with_errors
 from solvers.accuracy.time_steps import TimeStepErrors
 from solvers.accuracy.two_level import MeshCorrection
@@ -17,6 +18,7 @@ from solvers.results.observe import Observer, mesh_data
 from solvers.results.step_result import MeshData, StepResult
 from solvers.scene.problem import PlanRow, Problem
 from solvers.scene.scene import Scene
+from solvers.simulation.loose_parts import refuse_loose_parts
 from solvers.simulation.plan import planned
 from solvers.simulation.script import Script
 from solvers.stepping.history import HistoryRow
@@ -166,7 +168,9 @@ class Simulation:
         return Script(self.scene, self.stepper, self.observer)
 
 
-def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = None) -> Simulation:
+def prepare(
+    scene: Scene, comm: Comm | None = None, reached: Reached | None = None, sizes: SizeField | None = None
+) -> Simulation:
     """Mesh a scene, assemble it and factorise it, or set up multigrid; collective. No step is solved.
 
     Args:
@@ -174,6 +178,7 @@ def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = No
         comm: mpi4py communicator whose ranks share the mesh; None: MPI.COMM_WORLD.
         reached: to resume a run: the methods that it had tried and left. None: the scene's method, or the chain that
             `auto` chooses for the size of the problem.
+        sizes: mesh sizes instead of those of the scene, on rank 0; the mesh is then free of grids.
 
     Returns:
         The simulation; `steps` solves the scene's history, `script` one of your own.
@@ -188,9 +193,10 @@ def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = No
     problem = planned(scene)
     seconds, counters = Seconds(), Counters()
     began = clock.perf_counter()
-    mesh = build_mesh(problem.shape, problem.request, comm or MPI.COMM_WORLD)
+    mesh = build_mesh(problem.shape, replace(problem.request, sizes=sizes), comm or MPI.COMM_WORLD)
     meshed = clock.perf_counter()
     system = assemble(problem, mesh, counters)
+    refuse_loose_parts(system)
     _ = system.K_B  # assembled too
     assembled = clock.perf_counter()
     stepper = Stepper(system, MethodChain(system, reached))

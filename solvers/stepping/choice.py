@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -141,7 +141,8 @@ def fits(system: System, form: Form) -> bool:
 
 
 def _size(system: System) -> Size:
-    return Size.of(system.problem, system.mesh, system.constraints, system.contacts)
+    size = Size.of(system.problem, system.mesh, system.constraints, system.contacts)
+    return replace(size, floating=size.floating or system.interface.rigid_modes.shape[1] > 0)  # also parts of bodies
 
 
 def _memory(system: System) -> float:

@@ -19,6 +19,9 @@ from solvers.fem.rigid_modes import RigidModes
 from solvers.parallel.replicated import Replicated
 from solvers.system.obstacles import Obstacles
 
+STILL = 1e-9  # of a rigid mode; a part that it moves by less is not moved
+UNTOUCHED = "that no contact touches "  # a part of the mesh, in words
+
 
 @dataclass(frozen=True, kw_only=True)
 class ContactInterface:
@@ -52,7 +55,7 @@ class ContactInterface:
         """Rigid modes that no support resists, on the contact dofs (c, r), orthonormal.
 
         Raises:
-            SceneError: one of them moves no contact dof.
+            SceneError: one of them moves no contact dof; see `loose`.
         """
         modes, count = self.motions.unresisted, self.mesh.part_count
         of_part = modes.reshape(count, len(modes) // count, modes.shape[1])
@@ -62,9 +65,26 @@ class ContactInterface:
             bases, free = self.constraints.bases(c.nodes)
             at = np.searchsorted(self.dofs, self.constraints.numbers(c.nodes)[free])
             values[at] = (np.swapaxes(bases, 1, 2) @ fields)[free]
-        if modes.shape[1] and np.linalg.matrix_rank(values) < modes.shape[1]:
-            raise SceneError("supports: a part of the mesh that no contact touches can move as a whole; hold it")
+        self.refuse_loose(values, UNTOUCHED)
         return np.asarray(np.linalg.qr(values)[0])
+
+    def refuse_loose(self, resisted: Array, which: str) -> None:
+        """
+        Args:
+            resisted: (rows, r) what the rigid modes that no support resists move.
+            which: parts, in words.
+
+        Raises:
+            SceneError: some of them move nothing of that.
+        """
+        count = resisted.shape[1]
+        if not count:
+            return
+        _, sizes, directions = np.linalg.svd(np.linalg.qr(np.pad(resisted, ((0, count), (0, 0))), mode="r"))
+        loose = directions[sizes <= STILL]
+        if not len(loose):
+            return
+        raise loose_part(which, self.motions.hinge(self.motions.unresisted @ loose.T))
 
     def displacement(self, u: Vec) -> list[Array]:
         """Displacement (n_all, d) [m] of each contact's nodes, on every rank; u over all displacements."""
@@ -99,6 +119,22 @@ class ContactInterface:
     def _nodes(self) -> Replicated:
         nodes = np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in self.contacts)])
         return Replicated(self.T.createVecLeft(), components(nodes, self.mesh.dim))
+
+
+def loose_part(which: str, hinge: Array | None) -> SceneError:
+    """Why a scene is refused in which a part of the mesh can move.
+
+    Args:
+        which: part, in words that end with a blank.
+        hinge: (d,) [m] where it hangs on the rest; None: nowhere.
+    """
+    if hinge is None:
+        return SceneError(f"supports: a part of the mesh {which}can move as a whole; hold it")
+    at = ", ".join(f"{x:.6g}" for x in hinge)
+    return SceneError(
+        f"supports: a part of the mesh {which}can turn about ({at}), where it hangs on the rest by a point or an "
+        "edge only; hold it, or join it by whole facets"
+    )
 
 
 def components(nodes: Ints, dim: int) -> Ints:

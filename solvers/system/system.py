@@ -137,7 +137,7 @@ class System:
     @cached_property
     def lifting(self) -> RigidModes:
         """Rigid modes of the bodies, and the rigid motion that supports prescribe."""
-        return RigidModes(self.constraints, *self.mesh.box())
+        return RigidModes(self.constraints, self.mesh.joints, *self.mesh.box())
 
     @cached_property
     def interface(self) -> ContactInterface:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.drawn import write_hinge
 from shared.ranks import mpirun, options
 from workflows.formats.steps import read_step, step_name
 from workflows.run.run import run
@@ -38,7 +39,16 @@ KINDS = {
     "length": ("displacement", "max_penetration", "max_slip"),
     "error": ("mesh", "discretisation"),
     "area": ("contact_area", "stick_area", "slip_area"),
-    "energy": ("external", "stored", "contact", "dissipated", "time_remainder", "dissipation", "dissipation_total"),
+    "energy": (
+        "external",
+        "stored",
+        "contact",
+        "compliance",
+        "dissipated",
+        "time_remainder",
+        "dissipation",
+        "dissipation_total",
+    ),
 }
 KIND = {key: kind for kind, keys in KINDS.items() for key in keys}
 DEFECTS = {
@@ -80,9 +90,9 @@ def compared(result: Any) -> dict[tuple[str, ...], Any]:
     return dict(leaves({key: value for key, value in result.items() if key not in EXCEPTED}))
 
 
-THREE = ("cube", "sliding")  # on three ranks always; the others when there is time
-RUNS = [
-    pytest.param((name, ranks), id=f"{name}-{ranks}", marks=[] if ranks == 2 or name in THREE else pytest.mark.slow)
+ALWAYS_RUN = {2: ("block", "foundation", "two_blocks", "axisymmetric", "half_space"), 3: ("cube", "sliding")}
+RUNS = [  # the others when there is time
+    pytest.param((name, ranks), id=f"{name}-{ranks}", marks=[] if name in ALWAYS_RUN[ranks] else pytest.mark.slow)
     for name in SCENES
     for ranks in (2, 3)
 ]
@@ -292,4 +302,13 @@ def test_fewer_cells_than_ranks_are_refused_on_all_of_them(tmp_path: Path) -> No
     ended = mpirun(3, ["run", "block", "-o", "out", *options(coarse)], tmp_path)
     assert ended.returncode == 2
     assert "the mesh has 1 cells, too few for 3 ranks; use fewer" in ended.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_cells_that_hang_together_at_a_point_are_not_taken_apart(tmp_path: Path) -> None:
+    """Each rank would have a node of its own there."""
+    held = options(["supports.right={boundary='block.right',displacement={x=0.0,y=0.0}}"])
+    ended = mpirun(2, ["run", str(write_hinge(tmp_path)), "-q", "-o", "out", *held], tmp_path)
+    assert ended.returncode == 2
+    assert ended.stderr.count("cells hang together by points or edges only, where 2 ranks would take them apart") == 1
     assert not (tmp_path / "out").exists()

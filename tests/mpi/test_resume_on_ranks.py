@@ -68,6 +68,7 @@ def test_it_goes_on_to_the_same_answer_on_two_ranks_and_on_one(name: str, tmp_pa
 ON_THE_SAME_RANKS = """
 import errno
 import os
+import shutil
 import sys
 from pathlib import Path
 
@@ -86,6 +87,10 @@ run(scene, "whole")
 run(scene, "out", Watch(on_step=Stop(1)))
 comm.Barrier()
 assert len(os.listdir("out/learnt")) == 2  # of two ranks
+if comm.rank == 0:
+    shutil.copytree("out", "damaged", symlinks=True)
+    os.truncate("damaged/learnt/000001.1.bin", 100)
+comm.Barrier()
 write = PlainFile.write
 
 
@@ -102,6 +107,9 @@ except MachineError as error:
 else:
     raise AssertionError(f"rank {comm.rank} goes on")
 PlainFile.write = write
+notes = []
+assert run(scene, "damaged", Watch(on_note=notes.append), resume=True)[0].status == "converged"
+assert [note.partition(":")[0] for note in notes] == ["what the method had learnt is lost"] * (comm.rank == 0), notes
 run(scene, "out", resume=True)
 if comm.rank == 0:
     assert_same(Path("out"), Path("whole"))

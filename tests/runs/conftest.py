@@ -1,16 +1,22 @@
 """The command line, called as a user calls it: in this process, which is fast, or as one of its own."""
 
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from shared.command import LIMIT, Start
+from shared.histories import FOUR, Stop
 from shared.solved import Solved, coarse, solve
 from workflows.commands.cli import app, guarded
+from workflows.run.run import run
+from workflows.run.watch import Watch
 from workflows.scene_file.read import READY, read
 
 Spoken = tuple[int, str, str]  # exit code, standard output, standard error
@@ -58,6 +64,41 @@ def spawn(folder: Path, command: list[str], environment: dict[str, str]) -> Call
         return done.returncode, done.stdout, done.stderr
 
     return act
+
+
+@pytest.fixture
+def start(folder: Path, command: list[str], environment: dict[str, str]) -> Start:
+    """Run `stickslip WORDS` as a process, with other variables and streams."""
+
+    def act(*words: str, variables: dict[str, str | None] | None = None, **options: Any) -> Any:
+        found = {key: value for key, value in (environment | (variables or {})).items() if value is not None}
+        streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | options
+        return subprocess.run(
+            [*command, *words], **{"cwd": folder, "env": found, "text": True, "timeout": LIMIT, **streams}, check=False
+        )
+
+    return act
+
+
+@pytest.fixture(scope="session")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of a run of `FOUR` steps."""
+    folder = tmp_path_factory.mktemp("whole") / "out"
+    run(read("block", FOUR), folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def stopped_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("stopped") / "out"
+    run(read("block", FOUR), folder, Watch(on_step=Stop(2)))
+    return folder
+
+
+@pytest.fixture
+def stopped(folder: Path, stopped_once: Path) -> Path:
+    """Results of a run that was stopped after two of `FOUR` steps."""
+    return Path(shutil.copytree(stopped_once, folder / "out"))
 
 
 # test_mesh_command solves those of files: the identities tested on `solved` are those of builders' shapes

@@ -12,7 +12,7 @@ import pytest
 
 import workflows.run.run
 from geometry.errors import SolverError, StickslipError
-from geometry.user_files.reader import child_environment
+from geometry.user_files.child import child_environment
 from shared.command import COARSE, Call, result, table
 from solvers.simulation.simulation import Simulation, prepare
 from workflows.commands.cli import app, guarded

@@ -9,11 +9,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from solvers.results.step_result import StepResult
-from solvers.simulation.simulation import prepare
 from solvers.stepping.stepper import NoEquilibriumError, StepError
 from workflows.scene_file.read import read, to_dict
 from workflows.verification.hard.judge import Outcome, judge
 from workflows.verification.hard.tables import toml
+from workflows.verification.prepared import prepare
 
 ARCH = [f"bodies.{name}.nu=0.4999" for name in to_dict(read("arch"))["bodies"]]
 STACK = ["geometry.mesh_size=0.14", *(f"bodies.block_{k}.nu=0.4999" for k in range(1, 11))]

@@ -55,13 +55,19 @@ CONTACT = dict.fromkeys((*RESULTANTS, *AREAS, "dissipation", "dissipation_total"
     "force": is_vector,
     "moment": is_moment,
 }
-PARTS = ("mesh", "geometry", "law", "iteration", "linear_solver")
+PARTS = ("time_step", "law", "iteration", "linear_solver")  # of every number, whatever the order
+
+
+def is_known_or_null(value: Any) -> bool:
+    """Of order 1 it is known, and of a number that has a limit."""
+    return value is None or is_error(value)
 
 
 def error_of(*names: str) -> Json:
     """Error of each of these numbers, by its parts."""
-    unknown = dict.fromkeys((*PARTS, "total", "converges"), is_null)
-    return {"error": {name: unknown | {"time_step": is_error} for name in names}}
+    by_order = dict.fromkeys(("mesh", "geometry", "total"), is_known_or_null)
+    parts = dict.fromkeys(PARTS, is_error) | by_order | {"converges": lambda value: value in (None, True, False)}
+    return {"error": {name: parts | {"corrected": lambda value: True} for name in names}}
 
 
 FORMAT_1: Json = {

@@ -1,20 +1,29 @@
 """A scene in Python: `import stickslip`, the nouns, the steps."""
 
 import inspect
+import pickle
 import runpy
-from collections.abc import Mapping
-from dataclasses import replace
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import matplotlib
+import numpy as np
 import pytest
 from matplotlib import image
 from numpy.testing import assert_allclose
 
 import stickslip
 from geometry.amplitude import Amplitude
+from geometry.arrays import Array
+from geometry.errors import SceneError
+from shared.command import LIMIT
+from shared.histories import FOUR
 from solvers.scene.loads import Direction
-from workflows.scene_file.read import from_dict, to_dict
+from workflows.scene_file.read import from_dict, read, to_dict
 from workflows.studies import block_from_python
 
 
@@ -117,3 +126,67 @@ def test_every_public_name_is_there_and_says_what_it_is() -> None:
     for name in stickslip.__all__:
         assert inspect.getdoc(getattr(stickslip, name)), name
     assert {"read", "run", "steps"} <= set(stickslip.__all__)
+
+
+def test_first_use_outside_the_main_thread(tmp_path: Path) -> None:
+    program = (
+        "import threading, stickslip\n"
+        "def act():\n"
+        f"    found.append(stickslip.run(stickslip.read('block', {FOUR!r}), 'out')[0].status)\n"
+        "found = []\n"
+        "thread = threading.Thread(target=act)\n"
+        "thread.start()\n"
+        "thread.join()\n"
+        "assert found == ['converged'], found\n"
+        f"stickslip.prepare(stickslip.read('block', {FOUR!r}))\n"  # and then in the main one
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_results_and_scenes_can_be_pickled() -> None:
+    scene = read("block", FOUR)
+    simulation = stickslip.prepare(scene)
+    step = next(simulation.steps())
+    for one in (scene, step, simulation.data):
+        again = pickle.loads(pickle.dumps(one))
+        assert type(again) is type(one)
+    again = pickle.loads(pickle.dumps(step))
+    assert again.contacts["base"].normal_force == step.contacts["base"].normal_force
+    assert np.array_equal(again.displacement, step.displacement)
+    assert pickle.loads(pickle.dumps(scene)) == scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class Odd(stickslip.Obstacle):
+    """An obstacle whose formulas are wrong."""
+
+    far: float
+    long: float
+    shape: Annotated[Literal["odd"], stickslip.Key("-", "kind of obstacle")] = "odd"
+
+    def distance(self, x: Any, sqrt: Callable[[Any], Any]) -> Any:
+        return 0.0 * x[1] + self.far
+
+    def normals(self, points: Array) -> Array:
+        return np.tile([0.0, self.long], (len(points), 1))
+
+
+stickslip.Obstacle.kinds.remove(Odd)  # no other test knows it
+
+
+@pytest.mark.parametrize(
+    ("far", "long", "said"),
+    [
+        (np.nan, 1.0, "distance is nan"),
+        (np.inf, 1.0, "distance is inf"),
+        (0.0, np.nan, "nan long"),
+        (0.0, 2.0, "2 long"),
+    ],
+)
+def test_obstacle_without_a_distance_is_named(far: float, long: float, said: str) -> None:
+    scene = replace(read("block", FOUR), obstacles={"foundation": Odd(far=far, long=long)})
+    with pytest.raises(SceneError, match=rf"obstacle Odd: at \(.*\).*{said}.*expected a number, and a unit vector"):
+        list(stickslip.steps(scene))

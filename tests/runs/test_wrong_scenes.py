@@ -114,6 +114,8 @@ WRONG = {
     "no normal": (["obstacles.foundation.normal=[0.0,0.0]"], r"foundation\.normal = \[0\.0, 0\.0\]: .*not be zero"),
     "no steps": (["steps.count=0"], r"steps\.count = 0: must be a whole number from 1"),
     "no time": (["steps.end=0.0"], r"steps\.end = 0\.0: must be positive"),
+    "time whose square is zero": (["steps.end=1e-300"], r"steps\.end = 1e-300: must be from 1e-100 to 1e\+100 s"),
+    "time whose square is infinite": (["steps.end=1e300"], r"steps\.end = 1e\+300: must be from 1e-100 to"),
     "exact answer": (["solver.tolerance=0.0"], r"solver\.tolerance = 0\.0: must lie between 0 and 1"),
     "times that do not increase": (
         ["supports.top.displacement.y=[[1,0],[0.5,-0.1]]"],

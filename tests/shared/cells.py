@@ -16,8 +16,9 @@ from solvers.methods.applicability import RIGID
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation, prepare
+from solvers.simulation.simulation import Simulation
 from workflows.scene_file.read import from_dict
+from workflows.verification.prepared import prepare
 
 NORMAL: dict[str, dict[str, Any]] = {"compliance": {"c_n": 20.0, "m_n": 2.0}}  # parameters of laws that need some
 TYPICAL = {"-": 0.3, "Pa": 0.008, "Pa/m^m_T": 0.2}  # a value for a key of friction that has no default, by its unit

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,15 @@ from workflows.scene_file.read import READY
 
 Spoken = tuple[int, str, str]
 Call = Callable[..., Spoken]
+Start = Callable[..., subprocess.CompletedProcess[str]]
+LIMIT = 60  # s; a process that does not end by itself
 BUILT = {"run", "plan", "mesh", "cost", "verify", "fclib", "scenes", "new"}
 READY_NAMES = sorted(path.stem for path in READY.glob("*.toml"))
 COARSE = [
     "--set=geometry.mesh_size=1.0",
     "--set=geometry.contact_mesh_size=0.5",
     "--set=output.pictures=false",
+    "--set=output.error=false",
 ]
 
 
@@ -32,3 +36,7 @@ def result(folder: Path) -> dict[str, Any]:
 def table(path: Path) -> list[dict[str, str]]:
     """Rows of a CSV file."""
     return list(csv.DictReader(path.read_text().splitlines()))
+
+
+def assert_one_line(err: str) -> None:
+    assert (err.count("\n"), "Traceback" in err, len(err) < 300) == (1, False, True), err

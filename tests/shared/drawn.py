@@ -61,3 +61,46 @@ def scene_data(file: Path | str, dim: int = 2, body: str = "block", **geometry: 
         "supports": {"top": {"boundary": f"{body}.top", "displacement": {"x": 0.0, "y": 0.0} | {"xyz"[dim - 1]: -0.1}}},
         "output": {"pictures": False},
     }
+
+
+LONG = {  # of scripts: gmsh is busy with them for minutes
+    "reading": GEO + "For i In {0:1e12}\nx = i;\nEndFor\n",
+    "meshing": GEO + "MeshSize{:} = 0.0005;\n",
+}
+
+
+HINGE = """
+SetFactory("OpenCASCADE");
+Rectangle(1) = {0, 0, 0, 1, 1};
+Rectangle(2) = {1, 1, 0, 1, 1};
+BooleanFragments{ Surface{1, 2}; Delete; }{}
+Physical Surface("block") = {1, 2};
+Physical Curve("block.bottom") = Curve In BoundingBox {-0.1, -0.1, -1, 1.1, 0.1, 1};
+Physical Curve("block.left") = Curve In BoundingBox {-0.1, -0.1, -1, 0.1, 1.1, 1};
+Physical Curve("block.right") = Curve In BoundingBox {1.9, 0.9, -1, 2.1, 2.1, 1};
+MeshSize{:} = 0.25;
+"""  # two squares that share a corner
+
+
+def write_scene(folder: Path, script: str, support: str) -> Path:
+    """A scene file with the geometry of a .geo script."""
+    (folder / "b.geo").write_text(script)
+    scene = folder / "b.toml"
+    scene.write_text(
+        'model = "plane strain"\ngeometry.file = "b.geo"\nbodies.block = { E = 1.0, nu = 0.3 }\n'
+        'obstacles.foundation = { shape = "plane", point = [0.0, 0.0], normal = [0.0, 1.0] }\n'
+        'contacts.base = { surface = "block.bottom", against = "foundation" }\n'
+        f'supports.{support} = {{ boundary = "block.{support}", displacement = {{ x = 0.0, y = -0.1 }} }}\n'
+        "output.pictures = false\n"
+    )
+    return scene
+
+
+def write_long(folder: Path, doing: str) -> Path:
+    """A scene file whose geometry keeps gmsh busy while it is doing that."""
+    return write_scene(folder, LONG[doing], "top")
+
+
+def write_hinge(folder: Path) -> Path:
+    """A scene file in which a square hangs on the corner of another one, which is held."""
+    return write_scene(folder, HINGE, "left")

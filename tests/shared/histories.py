@@ -19,6 +19,8 @@ from workflows.formats.serialised import BYTES, TEXT, from_arrays
 
 SMALL = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "output.pictures=false", "steps.count=6"]
 LEARNS = ["solver.method=surface-uzawa", "solver.surface=matrix-free"]
+FOUR = [*SMALL, "steps.count=4"]
+RUN_FOUR = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in FOUR)]
 EXCEPTED = {
     "seconds",
     "total",

@@ -9,8 +9,9 @@ from geometry.errors import SceneError
 from geometry.protocols import Vec
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation, prepare
+from solvers.simulation.simulation import Simulation
 from workflows.scene_file.read import read
+from workflows.verification.prepared import prepare
 
 # methods that solve the laws only nearly: their own solution is what they iterate towards
 APPROXIMATE = ("perturbed-lagrangian", "regularised")

@@ -26,14 +26,23 @@ def mpirun(
     ranks: int, words: Sequence[str], folder: Path, program: Sequence[str] = STICKSLIP, limit: int = LIMIT
 ) -> subprocess.CompletedProcess[str]:
     """Run Python's `program` with these words on several ranks; `timeout` ends mpirun, and mpirun its ranks."""
+    process = started(ranks, words, folder, program, limit)
+    out, err = process.communicate()
+    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+
+def started(
+    ranks: int, words: Sequence[str], folder: Path, program: Sequence[str] = STICKSLIP, limit: int = LIMIT
+) -> subprocess.Popen[str]:
+    """The same, while it runs: the process of `timeout`, whose child is mpirun."""
     limited = ["timeout", "-k", "5", str(limit), "mpirun", "-n", str(ranks), "--oversubscribe"]
-    return subprocess.run(
+    return subprocess.Popen(
         [*limited, sys.executable, *program, *words],
         cwd=folder,
         env={**os.environ, **MPI},  # Python's own copy: MPI has left its variables in the C library's
-        capture_output=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
-        check=False,
     )
 
 

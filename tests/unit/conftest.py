@@ -9,10 +9,12 @@ from mpi4py import MPI
 from geometry.mesh.mesh import build_mesh
 from solvers.parallel.counters import Counters
 from solvers.scene.scene import Scene
+from solvers.simulation import simulation
 from solvers.simulation.resolve import resolve
-from solvers.simulation.simulation import Simulation, prepare
+from solvers.simulation.simulation import Simulation
 from solvers.system.system import System, assemble
 from workflows.scene_file.read import from_dict
+from workflows.verification.prepared import prepare
 
 
 @pytest.fixture(scope="session")
@@ -45,5 +47,11 @@ def system_of() -> Callable[[Scene], System]:
 
 @pytest.fixture(scope="session")
 def simulation_of() -> Callable[[Scene], Simulation]:
-    """The scene ready to be solved."""
+    """The scene ready to be solved, without estimates of errors."""
     return lambda scene: prepare(scene, MPI.COMM_SELF)
+
+
+@pytest.fixture(scope="session")
+def estimating() -> Callable[[Scene], Simulation]:
+    """The scene ready to be solved, with estimates of errors."""
+    return lambda scene: simulation.prepare(scene, MPI.COMM_SELF)

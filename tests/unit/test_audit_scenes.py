@@ -367,10 +367,18 @@ def test_equilibrium_is_relative_to_the_sum_of_all_forces(scene_of: SceneOf, sim
     assert rounding == pytest.approx(module.EPS * np.abs(free.array).sum() / scale, rel=0.5)  # of last digits
 
 
+@pytest.mark.parametrize(
+    ("obstacle", "size"),
+    [
+        ({"shape": "plane", "point": [0.3, 0.0], "normal": [0.0, 1.0]}, 0.0),  # on which all coordinates are 0
+        ({"shape": "plane", "point": [0.0, -0.5], "normal": [0.0, 1.0]}, 0.5),
+        ({"shape": "cylinder", "point": [0.0, -9.0], "radius": 9.0}, 2.0),  # that of the scene
+    ],
+)
 def test_the_last_digit_of_gaps_counts_by_the_stiffness_of_the_law(
-    scene_of: SceneOf, simulation_of: SimulationOf
+    obstacle: dict[str, Any], size: float, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
-    scene = scene_of(**flat(2, {"law": "compliance", "c_n": 1e9}))
+    scene = scene_of(**flat(2, {"law": "compliance", "c_n": 1e9}), obstacles={"foundation": obstacle})
     audit, place, record, _, scales = judged(scene, simulation_of, seed=1)
     record = replace(record, p=np.abs(record.p) + 0.01)
     u = audit.system.vector()
@@ -378,9 +386,8 @@ def test_the_last_digit_of_gaps_counts_by_the_stiffness_of_the_law(
     inner, contact = audit._inner(u), audit._contact_force(place, u, record, scales)
     scale = inner.norm(0) + audit.system.load(1.0).norm(0) + contact.norm(0)
     _, rounding = audit._equilibrium(record, u, inner, scales)
-    assert audit.system.extent == 2.0
-    expected = module.EPS * audit.system.extent * 1e9 * 2.0 / scale  # on a side of 2 m
-    assert rounding == pytest.approx(expected, rel=1e-3)
+    size += np.abs(record.w).max()
+    assert rounding == pytest.approx(module.EPS * size * 1e9 * 2.0 / scale, rel=1e-3)  # on a side of 2 m
 
 
 SUPPORTS: dict[str, dict[str, Any]] = {

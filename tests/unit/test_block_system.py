@@ -18,8 +18,9 @@ from solvers.methods.block_uzawa import OnBlocks
 from solvers.newton.solution import Status
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation, prepare
+from solvers.simulation.simulation import Simulation
 from solvers.stepping.stepper import StepError
+from workflows.verification.prepared import prepare
 
 Array = NDArray[np.float64]
 CELLS = [

@@ -18,12 +18,12 @@ from solvers.results.audit import Auditor
 from solvers.results.step_result import SLIP, STICK
 from solvers.scene.contact import Contact
 from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import prepare
 from solvers.stepping.stepper import StepError
 from workflows.scene_file.read import from_dict
 from workflows.verification.cases.sheared_column import K_T, PRESSURE, E, bases, compare, scene
 from workflows.verification.check import failures
 from workflows.verification.closed_forms import sheared_column
+from workflows.verification.prepared import prepare
 
 MU, TOP = 0.3, sheared_column.TOP
 NORMAL: list[NormalLaw] = [Unilateral(), Compliance(c_n=4.0, m_n=2.0)]

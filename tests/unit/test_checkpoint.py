@@ -17,7 +17,7 @@ from geometry.errors import MachineError
 from shared.histories import SMALL
 from shared.synthetic import mesh_of, result_of
 from solvers.parallel.serialise import deserialise, serialise
-from solvers.simulation.checkpoint import ROWS, Checkpoints
+from solvers.simulation.checkpoint import APART, ROWS, UNBENT, Checkpoints
 from solvers.simulation.simulation import Simulation, prepare
 from solvers.stepping.state import State
 from workflows.formats.own_files import mark
@@ -177,18 +177,28 @@ def test_every_field_of_the_state_is_put_back(marched: Simulation) -> None:
     accepted = marched.stepper.reported
     assert accepted is not None
     checkpoint = Checkpoints(marched.stepper).take(accepted)
-    stored = replace(checkpoint, state=through_files(checkpoint.state))
-    assert set(stored.state) == {f.name for f in fields(State)} - {ROWS}
+    assert accepted.state.refined is not None
+    stored = replace(
+        checkpoint,
+        state=through_files(checkpoint.state),
+        refined=through_files(checkpoint.refined),
+        surplus=through_files(checkpoint.surplus),
+    )
+    assert set(stored.state) == {f.name for f in fields(State)} - {ROWS, UNBENT, *APART}
     other = prepare(marched.scene, reached=stored.reached)
     state, _ = Checkpoints(other.stepper).put_back(stored, None)
-    for f in fields(State):
-        before, after = getattr(accepted.state, f.name), getattr(state, f.name)
-        if f.name == ROWS:
-            assert [c.name for c in after] == [c.name for c in before]
-        elif hasattr(before, "array"):
-            assert_array_equal(after.array, before.array)
-        else:
-            np.testing.assert_equal(serialise(after), serialise(before))
+    assert state.refined is not None
+    assert state.refined.surplus is not None
+    assert state.refined.surplus.norm() > 0
+    for before, after in ((accepted.state, state), (accepted.state.refined, state.refined)):
+        for f in fields(State):
+            old, new = getattr(before, f.name), getattr(after, f.name)
+            if f.name == ROWS:
+                assert [c.name for c in new] == [c.name for c in old]
+            elif hasattr(old, "array"):
+                assert_array_equal(new.array, old.array)
+            elif f.name != "refined":
+                np.testing.assert_equal(serialise(new), serialise(old))
     assert other.counters.volume_solves == marched.counters.volume_solves
     assert other.counters.factorisations == 2  # of two processes
 

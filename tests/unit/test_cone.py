@@ -16,9 +16,9 @@ from geometry.obstacles.cone import Cone
 from geometry.shape import Model
 from solvers.results.step_result import SLIP
 from solvers.scene.scene import Scene
-from solvers.simulation.simulation import prepare
 from solvers.system.system import System
 from workflows.scene_file.read import from_dict
+from workflows.verification.prepared import prepare
 
 SceneOf = Callable[..., Scene]
 SystemOf = Callable[[Scene], System]

@@ -14,7 +14,8 @@ from mpi4py import MPI
 
 from geometry.errors import GeometryError
 from geometry.mesh.mesh import build_mesh
-from geometry.user_files import open_file, reader
+from geometry.user_files import open_file
+from geometry.user_files.child import child_environment
 from geometry.user_files.containment import walls
 from geometry.user_files.reader import AnswerReader
 from shared.drawn import GEO, PY, scene_data
@@ -172,7 +173,7 @@ def test_each_wall_is_enough_alone(wall: str, tmp_path: Path) -> None:
         wall = "both"
     (tmp_path / "kept.txt").write_text("kept")
     words = [sys.executable, "-c", DEEDS, wall]
-    done = subprocess.run(words, cwd=tmp_path, env=reader.child_environment(), capture_output=True, timeout=60)
+    done = subprocess.run(words, cwd=tmp_path, env=child_environment(), capture_output=True, timeout=60)
     assert done.returncode == 0, done.stderr.decode()
     assert json.loads((tmp_path / "answer").read_text()) == ["thread"]
     assert {path.name for path in tmp_path.iterdir()} == {"answer", "kept.txt"}
@@ -196,7 +197,7 @@ for act in (lambda: Path("made").write_text("x"), lambda: os.execv("/usr/bin/tou
 def test_behind_the_window_only_the_folder_of_the_geometry_changes(tmp_path: Path) -> None:
     (tmp_path / "own").mkdir()
     words = [sys.executable, "-c", WINDOW]
-    done = subprocess.run(words, cwd=tmp_path, env=reader.child_environment(), capture_output=True, timeout=60)
+    done = subprocess.run(words, cwd=tmp_path, env=child_environment(), capture_output=True, timeout=60)
     if "Landlock" not in walls():  # nothing holds the window then, as docs/security.md says
         assert done.returncode == 1
         return

@@ -15,9 +15,9 @@ from solvers.contact.mortar import _least, mortar_coupling, mortar_integrals
 from solvers.contact.rows import ContactRows
 from solvers.parallel.counters import Counters
 from solvers.simulation.resolve import resolve
-from solvers.simulation.simulation import prepare
 from solvers.system.system import assemble
 from workflows.scene_file.read import from_dict, read
+from workflows.verification.prepared import prepare
 
 LAWS: dict[str, dict[str, Any]] = {"unilateral": {"law": "unilateral"}, "compliance": {"law": "compliance", "c_n": 9.0}}
 

@@ -20,8 +20,8 @@ from solvers.newton.attempts import ATTEMPT, Attempts
 from solvers.newton.line_search import DECREASE, HALVINGS, MEMORY, LineSearch
 from solvers.newton.solution import Solution, Status, Step
 from solvers.newton.starts import Start, again, closed, first_starts, other_starts
-from solvers.simulation.simulation import prepare
 from workflows.scene_file.read import from_dict
+from workflows.verification.prepared import prepare
 
 DRIVEN = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}
 PULLED = {"loads": {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}}

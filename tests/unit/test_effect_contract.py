@@ -22,8 +22,8 @@ from solvers.scene.scene import EffectTable, Scene
 from solvers.scene.timeline import Timeline
 from solvers.simulation import resolve
 from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import prepare
 from workflows.scene_file.read import from_dict
+from workflows.verification.prepared import prepare
 
 K, E, MOVED = 500.0, 1000.0, -0.03
 

@@ -12,7 +12,6 @@ from numpy.testing import assert_allclose
 from geometry.errors import SceneError
 from shared.histories import SMALL, Stop
 from solvers.interface.discrete import discrete_problem
-from solvers.simulation.simulation import prepare
 from solvers.stepping.discrete_chain import solve
 from workflows.formats.fclib import read_problem
 from workflows.formats.own_files import claim
@@ -20,6 +19,7 @@ from workflows.formats.steps import read_step, step_name
 from workflows.run.run import run
 from workflows.run.watch import Watch
 from workflows.scene_file.read import read, to_dict
+from workflows.verification.prepared import prepare
 from workflows.writers.writer import wanted
 
 COARSE = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5"]

@@ -19,11 +19,11 @@ PACKAGES = ("geometry", "solvers", "workflows")
 SOURCES = [ROOT / "stickslip.py", *sorted(p for name in PACKAGES for p in (ROOT / name).rglob("*.py"))]
 # A room is a folder of a package, or a file beside such folders. It imports itself and the rooms below it.
 FLOORS = {  # from the ground up
-    "geometry": "errors memory keys arrays protocols amplitude shape form_cache dolfinx_versions mesh surfaces"
-    " user_files builders obstacles",
+    "geometry": "errors memory keys arrays protocols amplitude size_field shape form_cache dolfinx_versions mesh"
+    " surfaces user_files builders obstacles",
     "solvers": "parallel linear laws scene fem contact effects system interface blocks metrics newton methods stepping"
     " results accuracy simulation analysis",
-    "workflows": "formats pictures writers scene_file run cost verification commands",
+    "workflows": "formats pictures writers scene_file run accuracy cost verification commands",
     "": "stickslip",  # the public face; what stands on it is a script that a user might have written
     "workflows above": "reference benchmarks studies demos",
 }

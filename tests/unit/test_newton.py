@@ -19,8 +19,9 @@ from solvers.newton.active_set import ActiveSet, linearise
 from solvers.newton.condensed_system import by_motion, by_tractions, solve
 from solvers.newton.solution import Status
 from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation, prepare
+from solvers.simulation.simulation import Simulation
 from workflows.scene_file.read import from_dict
+from workflows.verification.prepared import prepare
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

@@ -17,8 +17,8 @@ from solvers.newton import path
 from solvers.newton.solution import Solution, Status
 from solvers.newton.starts import Start, closed
 from solvers.scene.scene import Scene
-from solvers.simulation.simulation import prepare
 from workflows.scene_file.read import from_dict
+from workflows.verification.prepared import prepare
 
 SceneOf = Callable[..., Scene]
 FLAT = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}

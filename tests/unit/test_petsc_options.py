@@ -14,8 +14,9 @@ from shared.cells import Cell
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation, prepare
+from solvers.simulation.simulation import Simulation
 from solvers.stepping.stepper import StepError
+from workflows.verification.prepared import prepare
 
 CG = "-fieldsplit_u_ksp_type cg -fieldsplit_u_pc_type gamg"
 SCHUR = (

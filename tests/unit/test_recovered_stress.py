@@ -54,7 +54,7 @@ def test_quadratic_cells_state_it_too(law: Any) -> None:
 @pytest.mark.parametrize("cells", ["simplex", "tensor"])
 @pytest.mark.parametrize("model", ["plane strain", "plane stress", "axisymmetric", "3d"])
 def test_a_uniform_stress_has_no_error(
-    model: str, cells: str, order: int, scene_of: SceneOf, simulation_of: SimulationOf
+    model: str, cells: str, order: int, scene_of: SceneOf, estimating: SimulationOf
 ) -> None:
     dim = 3 if model == "3d" else 2
     shape = {"cells": cells, "order": order, "mesh_size": 0.5}
@@ -63,7 +63,7 @@ def test_a_uniform_stress_has_no_error(
     for side, axes in held.items():
         supports[side] = {"boundary": f"block.{side}", "displacement": dict.fromkeys(axes, 0.0)}
     base = {"surface": "block.bottom", "against": "foundation"}
-    simulation = simulation_of(scene_of(dim, shape, model=model, contacts={"base": base}, supports=supports))
+    simulation = estimating(scene_of(dim, shape, model=model, contacts={"base": base}, supports=supports))
     (step,) = simulation.steps()
     assert_allclose(step.mesh_error, 0.0, atol=1e-12)
     stress = np.abs(step.stress[:, dim - 1, dim - 1])
@@ -76,20 +76,20 @@ def test_a_uniform_stress_has_no_error(
     ("cube", ["geometry.mesh_size=0.25"]),
     ("cylinders", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.1", "geometry.lower_mesh_size=1.3"]),
 ])  # fmt: skip
-def test_it_falls_with_the_mesh(name: str, words: list[str], simulation_of: SimulationOf) -> None:
+def test_it_falls_with_the_mesh(name: str, words: list[str], estimating: SimulationOf) -> None:
     """And belongs to bodies: a jump of the stress from one to the next is no error."""
     halved = [f"{key}={float(value) / 2}" for key, value in (word.split("=") for word in words if "size" in word)]
     errors = []
     for words_ in (words, [*words, *halved]):
-        (*_, last) = simulation_of(read(name, words_)).steps()
+        (*_, last) = estimating(read(name, words_)).steps()
         errors.append(last.mesh_error)
     assert 1.4 < errors[0] / errors[1] < 2.3
 
 
-def test_what_nobody_asks_for_costs_nothing(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
+def test_what_nobody_asks_for_costs_nothing(scene_of: SceneOf, estimating: SimulationOf) -> None:
     tables = {"contacts": {"base": {"surface": "block.bottom", "against": "foundation"}}, "supports": PRESSED}
     tables["supports"]["left"] = {"boundary": "block.left", "displacement": {"x": 0.0}}  # type: ignore[index]
-    asked, silent = (simulation_of(scene_of(**tables, output={"error": on})) for on in (True, False))
+    asked, silent = (estimating(scene_of(**tables, output={"error": on})) for on in (True, False))
     (one,), (other,) = asked.steps(), silent.steps()
     assert asked.seconds.error > 0
     assert silent.seconds.error == 0

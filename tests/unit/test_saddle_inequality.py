@@ -16,11 +16,12 @@ from scipy import sparse
 from solvers.contact.admissible_set import ContactBlock
 from solvers.methods import METHODS, Solver
 from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation, prepare
+from solvers.simulation.simulation import Simulation
 from solvers.stepping.stepper import Accepted
 from solvers.stepping.update import relative_displacement
 from solvers.system.system import System
 from workflows.scene_file.read import read
+from workflows.verification.prepared import prepare
 
 Array = NDArray[np.float64]
 COMPLIANCE = (

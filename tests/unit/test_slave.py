@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 from geometry.errors import SceneError
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
-from solvers.simulation.simulation import prepare
 from workflows.scene_file.read import from_dict
+from workflows.verification.prepared import prepare
 
 JOINT = {"surface": "upper.bottom", "against": "lower.top", "friction": {"law": "coulomb", "mu": 0.3}}
 AS_WRITTEN, EXCHANGED = ("upper.bottom", "lower.top"), ("lower.top", "upper.bottom")

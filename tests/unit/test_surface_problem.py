@@ -13,8 +13,8 @@ from solvers.interface.flexibility import Load
 from solvers.interface.problem import LAST_DIGITS, LEAST, PART, SurfaceProblem
 from solvers.methods.condensed_newton import CondensedNewton
 from solvers.newton.solution import Solution
-from solvers.simulation.simulation import prepare
 from workflows.scene_file.read import from_dict
+from workflows.verification.prepared import prepare
 
 COULOMB = {"law": "coulomb", "mu": 0.4}
 DRIVEN = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}

@@ -13,12 +13,13 @@ from geometry.errors import SceneError
 from shared.audited import audit
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation, prepare
+from solvers.simulation.simulation import Simulation
 from workflows.formats.steps_csv import read_steps_table
 from workflows.pictures.history_picture import panels_of
 from workflows.pictures.loops import from_rest
 from workflows.run.run import run
 from workflows.scene_file.read import from_dict
+from workflows.verification.prepared import prepare
 from workflows.writers.steps_table import steps_row
 
 E, NU, ALPHA, T = 200.0, 0.3, 1e-3, 20.0

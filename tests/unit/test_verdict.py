@@ -29,7 +29,8 @@ from solvers.results.audit import Audit, Auditor
 from solvers.results.verdict import limits, passed
 from solvers.scene.scene import Scene
 from solvers.simulation.resolve import resolve
-from solvers.simulation.simulation import Simulation, prepare
+from solvers.simulation.simulation import Simulation
+from workflows.verification.prepared import prepare
 
 SceneOf = Callable[..., Scene]
 FLAT = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}

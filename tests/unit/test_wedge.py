@@ -19,8 +19,8 @@ from geometry.mesh.nodes import Nodes
 from geometry.shape import Model, Request
 from geometry.surfaces.surface import Surface, gather_surface
 from solvers.results.step_result import SLIP, StepResult
-from solvers.simulation.simulation import prepare
 from workflows.scene_file.read import from_dict
+from workflows.verification.prepared import prepare
 
 WEDGE = Wedge(half_angle=30.0, bottom_width=0.4, height=1.0, mesh_size=0.2)
 TAN, COS, SIN = np.tan(np.pi / 6), np.cos(np.pi / 6), np.sin(np.pi / 6)

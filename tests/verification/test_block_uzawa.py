@@ -9,9 +9,9 @@ import pytest
 from geometry.errors import SceneError
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import prepare
 from workflows.scene_file.read import READY, read
 from workflows.verification.cases.agreement import Answer
+from workflows.verification.prepared import prepare
 
 TOLERANCE = 1e-13  # of the residual
 AGREEMENT = 1e-8  # of u in the energy norm, and of the tractions of all rows

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geometry.errors import SceneError
+from geometry.errors import MachineError, SceneError
 from workflows.commands import hard as command
 from workflows.commands.hard import hard
 from workflows.scene_file.read import read, to_dict
@@ -17,7 +17,7 @@ from workflows.verification.hard.suite import NAMES, Row, Task, performed, resul
 from workflows.verification.hard.tables import overrides, ready, scene_of
 from workflows.verification.hard.variations import FIXED, Scale, variation, varied
 
-SMALL = 40
+SMALL = 24
 SEED = 0
 COARSE = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"]
 
@@ -44,6 +44,25 @@ def test_set_makes_the_same_scene(scene: str, name: str) -> None:
     assert found is not None
     words = overrides(to_dict(read(scene)), found)
     assert to_dict(read(scene, words)) == to_dict(scene_of(found))
+
+
+def test_only_what_was_not_solved_is_judged_again(tmp_path: Path) -> None:
+    assert hard(["block"], number=3, seed=SEED, folder=tmp_path)
+    lines = (tmp_path / "hard.jsonl").read_text().splitlines()
+    spoilt = [lines[0], lines[1].replace('"outcome": "solved"', '"outcome": "failed"'), lines[2]]
+    spoilt[0] = spoilt[0].replace('"iterations": ', '"iterations": 7')  # solved: is kept as it is
+    (tmp_path / "hard.jsonl").write_text("\n".join(spoilt) + "\n")
+    assert hard(["block"], seed=SEED, folder=tmp_path, again=True)
+    now = (tmp_path / "hard.jsonl").read_text().splitlines()
+    assert now[0] == spoilt[0]
+    assert '"outcome": "solved"' in now[1]
+    assert "--number 3" in (tmp_path / "hard.md").read_text()
+    assert "--again`" in (tmp_path / "hard.md").read_text()
+    with pytest.raises(SceneError, match="needs the folder"):
+        hard(again=True)
+    (tmp_path / "hard.jsonl").write_text("{}\n")
+    with pytest.raises(MachineError, match="is not what"):
+        hard(folder=tmp_path, again=True)
 
 
 def test_tasks_follow_from_the_seed() -> None:

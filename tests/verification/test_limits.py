@@ -14,7 +14,6 @@ from shared.command import table
 from solvers.laws.compliance import Compliance
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Output, Steps
-from solvers.simulation.simulation import prepare
 from workflows.formats.steps import read_step
 from workflows.run.result import Outcome
 from workflows.run.run import run
@@ -22,6 +21,7 @@ from workflows.verification.cases import column as column_case
 from workflows.verification.cases import limits as limits_case
 from workflows.verification.check import failures
 from workflows.verification.closed_forms.limits import END, LIMITS, NONE, STEADY, Limit
+from workflows.verification.prepared import prepare
 
 
 @pytest.mark.parametrize("name", LIMITS)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.simulation.simulation import prepare
 from workflows.scene_file.read import from_dict
+from workflows.verification.prepared import prepare
 
 BLOCKS = """
 def build(model, parameters):

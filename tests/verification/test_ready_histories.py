@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 
 from shared.solved import Solved, coarse, solve
 from solvers.scene.settings import Steps
-from solvers.simulation.simulation import prepare
 from workflows.scene_file.read import read
+from workflows.verification.prepared import prepare
 
 FIRST, PERIOD, CYCLES = 2, 4, 5  # [s]
 VALUES = ("pressure", "traction", "slip_increment", "slip", "gap")

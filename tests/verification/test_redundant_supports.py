@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from solvers.results.step_result import StepResult
-from solvers.simulation.simulation import prepare
 from workflows.scene_file.read import from_dict
+from workflows.verification.prepared import prepare
 
 TABLE = """
 def build(model, parameters):

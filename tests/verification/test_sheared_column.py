@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose
 
 from solvers.laws.friction import Coulomb
 from solvers.laws.tangential_compliance import TangentialCompliance
-from solvers.simulation.simulation import prepare
 from workflows.verification.cases import sheared_column as sheared_column_case
 from workflows.verification.cases.sheared_column import (
     BY_PENETRATION,
@@ -27,6 +26,7 @@ from workflows.verification.cases.sheared_column import (
 from workflows.verification.check import Check, failures
 from workflows.verification.closed_forms import sheared_column
 from workflows.verification.cycles import accounted, repeats
+from workflows.verification.prepared import prepare
 
 METHODS = ("condensed-newton", "uzawa")
 PATH = sheared_column.TOP[:, None]

@@ -11,10 +11,10 @@ from solvers.laws.friction import Coulomb
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Output
-from solvers.simulation.simulation import prepare
 from solvers.stepping.stepper import NoEquilibriumError, StepError
 from workflows.run.run import run
 from workflows.scene_file.read import from_dict
+from workflows.verification.prepared import prepare
 
 PRESS, MU = 100.0, 0.3
 LIMIT = 2 * MU * PRESS

@@ -10,9 +10,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from solvers.scene.scene import Scene
-from solvers.simulation.simulation import prepare
 from workflows.run.doubts import doubts
 from workflows.scene_file.read import from_dict
+from workflows.verification.prepared import prepare
 
 DRAWN = """
 def build(model, parameters):

@@ -22,6 +22,7 @@ import numpy as np
 import typer
 
 from geometry.errors import SolverError
+from solvers.accuracy.time_steps import TimeStepErrors
 from solvers.results.observe import Observer
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
@@ -48,6 +49,7 @@ PHASES: Mapping[str, tuple[Any, str]] = {  # phases of output, by the functions 
     "tables": (TableWriter, "step"),
     "step files": (running, "write_step"),
     "XDMF": (FieldFiles, "step"),
+    "time steps": (TimeStepErrors, "__call__"),
     "audit": (running, "audit_steps"),
     "result.json": (running, "write_result"),
 }
@@ -56,9 +58,10 @@ BLOCK = 100  # steps whose seconds are shown together
 
 @dataclass
 class Stopwatch:
-    """Seconds that calls took, by phase."""
+    """Seconds that calls took, by phase; a call within another one is part of that."""
 
     seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
+    inside: bool = False  # of a call that is timed
 
     @contextmanager
     def on(self, phase: str, owner: Any, name: str) -> Iterator[None]:
@@ -66,10 +69,13 @@ class Stopwatch:
         called = getattr(owner, name)
 
         def timed(*args: Any, **keys: Any) -> Any:
-            began = clock.perf_counter()
+            if self.inside:
+                return called(*args, **keys)
+            self.inside, began = True, clock.perf_counter()
             try:
                 return called(*args, **keys)
             finally:
+                self.inside = False
                 self.seconds[phase] += clock.perf_counter() - began
 
         with mock.patch.object(owner, name, timed):

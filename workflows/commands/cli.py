@@ -9,6 +9,7 @@ import os
 import shlex
 import signal
 import sys
+import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
@@ -19,7 +20,7 @@ import typer
 
 from geometry.errors import SceneError, StickslipError, shortened
 from workflows import VERSION
-from workflows.commands.process import STOPPED, STOPPING, speaks
+from workflows.commands.process import STOPPED, STOPPING, leave_together, refused, speaks
 
 LONGEST = 280  # letters of a refusal
 
@@ -39,22 +40,31 @@ def run_command(
     output: Annotated[Path | None, typer.Option("-o", "--output", help="results folder [results/NAME]")] = None,
     override: SetOption = None,
     resume: Annotated[bool, typer.Option("--resume", help="go on where an earlier run of it was stopped")] = False,
+    accuracy: Annotated[
+        list[str] | None,
+        typer.Option("--accuracy", metavar="NUMBER=1%", help="refine until the error of a number is below this"),
+    ] = None,
+    budget: Annotated[float | None, typer.Option("--budget", metavar="SECONDS", help="for --accuracy [600]")] = None,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="say nothing but errors")] = False,
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="one line an iteration")] = False,
 ) -> None:
     """Solve a scene and write its results."""
+    from workflows.accuracy.rounds import Rounds, aiming
     from workflows.commands.mesh import announce
     from workflows.run.run import run
     from workflows.run.terminal import Reporter
     from workflows.scene_file.read import find, named, read
 
-    loaded = read(scene, override or ())
+    loaded = aiming(read(scene, override or ()), accuracy or (), budget)
     folder = output or Path("results") / find(scene).stem
     if not quiet and speaks():
         announce(loaded)
     reporter = Reporter(quiet=quiet or not speaks(), verbose=verbose)
     with reporter, named(scene):
-        outcome, content = run(loaded, folder, reporter.watch(), resume)
+        if loaded.accuracy.goals:
+            outcome, content = Rounds(loaded, reporter.line)(folder, reporter.watch(), resume)
+        else:
+            outcome, content = run(loaded, folder, reporter.watch(), resume)
     reporter.table(content)
     reporter.files(outcome)
     if outcome.sentence and speaks():
@@ -184,6 +194,9 @@ def verify_command(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="DIR", help="hard: write hard.md, .png, .jsonl there")
     ] = None,
+    again: Annotated[
+        bool, typer.Option("--again", help="hard: of the run in DIR, judge again only what was not solved")
+    ] = False,
 ) -> None:
     """Compare computed figures with closed forms and published values, or (hard) scenes with their variations."""
     from workflows.commands.hard import hard
@@ -192,7 +205,7 @@ def verify_command(
     if "hard" in (names or []):
         if names != ["hard"]:
             raise SceneError("verify hard: takes no other name beside it")
-        passed = hard([name for name in scenes.split(",") if name], number, seed, jobs, output)
+        passed = hard([name for name in scenes.split(",") if name], number, seed, jobs, output, again)
     else:
         passed = verify(names or [])
     if not passed:
@@ -290,9 +303,10 @@ def guarded(act: Callable[[], object]) -> int:
 
 def _say(text: str, code: int) -> int:
     """Print one line on stderr; return the exit code."""
+    refused.append(f"stickslip: {shortened(text, LONGEST)}")
     if speaks():
         with suppress(OSError):  # nothing is left to tell it to
-            print(f"stickslip: {shortened(text, LONGEST)}", file=sys.stderr, flush=True)
+            print(refused[-1], file=sys.stderr, flush=True)
     return code
 
 
@@ -308,9 +322,14 @@ def main() -> None:
         code = guarded(lambda: app(standalone_mode=False))
     except BrokenPipeError:
         code = 1
+    except Exception:  # a mistake of ours
+        traceback.print_exc()
+        code = 1
     for number in STOPPING:  # Python and MPI end now
         signal.signal(number, signal.SIG_IGN)
-    sys.exit(_flushed(code))
+    code = _flushed(code)
+    leave_together(code)
+    sys.exit(code)
 
 
 def _flushed(code: int) -> int:

@@ -11,14 +11,22 @@ from dataclasses import asdict
 from pathlib import Path
 
 from geometry.errors import MachineError, SceneError, nearest, require
-from workflows.verification.hard.page import BAD, again, sentence, write_page
-from workflows.verification.hard.suite import NAMES, Row, results
+from workflows.verification.hard.judge import Outcome, Verdict
+from workflows.verification.hard.page import BAD, sentence, write_page
+from workflows.verification.hard.page import again as repeated
+from workflows.verification.hard.suite import NAMES, Row, judged_again, results
 
 NUMBER = 2000
+LINES = "hard.jsonl"
 
 
 def hard(
-    scenes: Sequence[str] = (), number: int = NUMBER, seed: int = 0, jobs: int = 1, folder: Path | None = None
+    scenes: Sequence[str] = (),
+    number: int = NUMBER,
+    seed: int = 0,
+    jobs: int = 1,
+    folder: Path | None = None,
+    again: bool = False,
 ) -> bool:
     """Run the suite; one line for each variation that failed or is wrong, then a sentence with all counts.
 
@@ -28,6 +36,7 @@ def hard(
         seed: of the order and the random ones.
         jobs: processes, of one core each.
         folder: where hard.md, hard.png and hard.jsonl are written; None: nowhere.
+        again: take the rows of hard.jsonl there, and judge only those again that were not solved.
 
     Returns:
         Whether no variation is wrong or has failed.
@@ -47,26 +56,56 @@ def hard(
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise MachineError(f"{folder}: cannot be written: {error.strerror}") from None
+    earlier: list[Row] = []
+    if again:
+        require(folder is not None, "--again", "", "needs the folder of an earlier run, with -o")
+        assert folder is not None
+        earlier = _read(folder / LINES)
     rows, began = [], clock.monotonic()
-    for row in results(tuple(scenes) or NAMES, number, seed, jobs):
+    fresh = results(tuple(scenes) or NAMES, number, seed, jobs)
+    for row in judged_again(earlier, seed, jobs) if again else fresh:
         rows.append(row)
         if row.verdict.outcome in BAD:
             print(
-                f"{row.scene}, {row.name}: {row.verdict.outcome.value}: {row.verdict.reason}\n  {again(row)}",
+                f"{row.scene}, {row.name}: {row.verdict.outcome.value}: {row.verdict.reason}\n  {repeated(row)}",
                 flush=True,
             )
         elif sys.stdout.isatty():
             print(f"{len(rows)} of {number}", end="\r", flush=True)
     print(f"{sentence(rows)}; {clock.monotonic() - began:.0f} s")
     if folder is not None:
-        words = ["stickslip", "verify", "hard", "--number", str(number), "--seed", str(seed)]
+        words = ["stickslip", "verify", "hard", "--number", str(len(rows)), "--seed", str(seed)]
         words += ["--scenes", ",".join(scenes)] if scenes else []
+        words += ["-o", str(folder)]
+        command = shlex.join(words) + (f" && {shlex.join([*words, '--again'])}" if again else "")
         try:
-            write_page(folder / "hard.md", rows, shlex.join([*words, "-o", str(folder)]))
-            (folder / "hard.jsonl").write_text("".join(map(_line, rows)), encoding="utf-8")
+            write_page(folder / "hard.md", rows, command)
+            (folder / LINES).write_text("".join(map(_line, rows)), encoding="utf-8")
         except OSError as error:
             raise MachineError(f"{folder}: cannot be written: {error.strerror}") from None
     return not any(row.verdict.outcome in BAD for row in rows)
+
+
+def _read(path: Path) -> list[Row]:
+    """The rows of an earlier run.
+
+    Raises:
+        MachineError: there are none.
+    """
+    try:
+        found = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+        return [
+            Row(
+                **plain
+                | {
+                    "overrides": tuple(plain["overrides"]),
+                    "verdict": Verdict(**plain["verdict"] | {"outcome": Outcome(plain["verdict"]["outcome"])}),
+                }
+            )
+            for plain in found
+        ]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise MachineError(f"{path}: is not what `verify hard` has written: {error}") from None
 
 
 def _line(row: Row) -> str:

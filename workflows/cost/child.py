@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
-import os
-import signal
 import sys
 import time as clock
 from pathlib import Path
@@ -13,14 +10,13 @@ from typing import Any
 
 from geometry.dolfinx_versions import form_cache
 from geometry.errors import GeometryError, MachineError, SceneError, SolverError
+from geometry.user_files.child import end_with
 from solvers.results.quantities import values
 from solvers.scene.scene import Scene
 from solvers.simulation.simulation import prepare
 from solvers.stepping.stepper import NoEquilibriumError
 from workflows.formats.aside import write_aside
 from workflows.scene_file.read import from_dict
-
-DIE_WITH_PARENT = 1  # prctl's PR_SET_PDEATHSIG
 
 
 def solve(scene: Scene) -> dict[str, Any]:
@@ -74,9 +70,7 @@ def _forms() -> int:
 
 def main() -> None:
     """`python -m workflows.cost.child SCENE.json ANSWER.json PARENT`, PARENT being a process number."""
-    ctypes.CDLL(None).prctl(DIE_WITH_PARENT, signal.SIGKILL)
-    if os.getppid() != int(sys.argv[3]):  # the parent died before this call
-        sys.exit("the study has ended")
+    end_with(int(sys.argv[3]))
     task, answer = map(Path, sys.argv[1:3])
     found = solve(from_dict(json.loads(task.read_text(encoding="utf-8"))))
     write_aside(answer, json.dumps(found).encode())

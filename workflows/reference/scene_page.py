@@ -26,7 +26,19 @@ A *value in time* is a number, reached at `steps.end` from 0 at t = 0, or a tabl
 linear, constant after the last, 0 at t = 0 unless listed. Units are SI; any consistent set works, no constant in the
 program knows them. Plane models: forces and areas per metre of thickness.
 """
-TABLES = ("bodies", "obstacles", "contacts", "supports", "loads", "probes", "steps", "solver", "output", "exact")
+TABLES = (
+    "bodies",
+    "obstacles",
+    "contacts",
+    "supports",
+    "loads",
+    "probes",
+    "steps",
+    "solver",
+    "output",
+    "exact",
+    "accuracy",
+)
 
 
 def reference() -> str:

@@ -112,7 +112,9 @@ def _jump(cells: Ints, stress: Array, von_mises: Array) -> float:
     return float(np.linalg.norm(mean - around[cells].mean(axis=1))) / size if size else 0.0
 
 
-def doubts(simulation: Simulation, steps: Sequence[StepResult], errors: Sequence[Errors] | None) -> Iterator[str]:
+def doubts(
+    simulation: Simulation, steps: Sequence[StepResult], errors: Sequence[Errors] | None = None
+) -> Iterator[str]:
     """What contacts and energies give reason to doubt.
 
     Args:

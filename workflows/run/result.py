@@ -49,12 +49,12 @@ def summary(
     simulation: Simulation,
     outcome: Outcome,
     steps: Sequence[StepResult],
-    errors: Sequence[Errors] | None,
     audited: Audited,
     total: float,
     reference: LinearReference | None = None,
+    errors: Sequence[Errors] | None = None,
 ) -> dict[str, Any]:
-    """The content of result.json."""
+    """The content of result.json; without `errors` of the numbers of each step they are null."""
     scene, counters = simulation.scene, simulation.counters
     audits = audited.audits
     contacts, chain = simulation.system.contacts, simulation.stepper.chain
@@ -143,7 +143,11 @@ def _step(step: StepResult, errors: Errors | None, audit: Audit | None) -> dict[
 
     def error(kind: str, name: str = "") -> dict[str, Any]:
         """By quantity; null: not estimated."""
-        found = {key.quantity: _parts(parts) for key, parts in (errors or {}).items() if key[:2] == (kind, name)}
+        found = {
+            key.quantity: _parts(parts) | {"corrected": _plain(step.corrected.get(str(key)))}
+            for key, parts in (errors or {}).items()
+            if key[:2] == (kind, name)
+        }
         return {"error": found or None}
 
     return {
@@ -199,7 +203,11 @@ def _energy_norm(step: StepResult) -> dict[str, Any]:
 def _parts(parts: ErrorParts) -> dict[str, Any]:
     """The error of one number, in its unit; null: not computed, nor is the total."""
     found = {name: getattr(parts, name) for name in ("total", *PARTS, "converges")}
-    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in found.items()}
+    return {name: _plain(value) for name, value in found.items()}
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def _contact(contact: ContactState) -> dict[str, Any]:

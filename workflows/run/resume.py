@@ -31,6 +31,9 @@ FINISHED = ("converged", "doubtful")
 UNTOUCHED = "nothing is resumed, nothing was changed"
 
 
+STATES = ("state", "refined", "surplus")  # of a checkpoint, with values by node: these stay on rank 0
+
+
 @dataclass(frozen=True, kw_only=True)
 class RunCheckpoint:
     """What a run goes on from besides the result of a step; it stands in each step's file."""
@@ -59,14 +62,15 @@ class EarlierRun:
     def shared(self, comm: Any) -> EarlierRun:
         """The same on every rank, told by rank 0; collective."""
         steps = comm.bcast([step.without_fields() for step in self.steps])
-        state = broadcast(comm, self.last and self.last.checkpoint.state)
-        rest: EarlierRun = comm.bcast(replace(self, steps=(), last=_without_state(self.last)))
-        last = rest.last and replace(rest.last, checkpoint=replace(rest.last.checkpoint, state=state))
+        states = {name: broadcast(comm, self.last and getattr(self.last.checkpoint, name)) for name in STATES}
+        rest: EarlierRun = comm.bcast(replace(self, steps=(), last=_without_states(self.last)))
+        last = rest.last and replace(rest.last, checkpoint=replace(rest.last.checkpoint, **states))
         return replace(rest, steps=self.steps if comm.rank == 0 else tuple(steps), last=last)
 
 
-def _without_state(last: RunCheckpoint | None) -> RunCheckpoint | None:
-    return last and replace(last, checkpoint=replace(last.checkpoint, state=None))
+def _without_states(last: RunCheckpoint | None) -> RunCheckpoint | None:
+    nothing: dict[str, Any] = dict.fromkeys(STATES)
+    return last and replace(last, checkpoint=replace(last.checkpoint, **nothing))
 
 
 def find_earlier_run(results: ResultsFolder, scene: Scene) -> EarlierRun:

@@ -11,7 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import MachineError
+from geometry.errors import MachineError, SceneError
+from geometry.size_field import SizeField
 from solvers.parallel.serialise import serialise
 from solvers.results.error_parts import Errors
 from solvers.results.linear_reference import LinearReference, linear_reference
@@ -125,6 +126,10 @@ class Run:
             return "interrupted", f"stopped by {by} after {len(self.steps)} of {count} steps"
         return "converged", ""
 
+    def kept(self, keep: Keep) -> bool:
+        """Whether the results are to be kept; collective."""
+        return keep(self._simulation, self.steps, self._errors or ())
+
     def _write(self, index: int, step: StepResult, began: float) -> None:
         """Write rows and the step's file: when this returns, the step is safe; all ranks fail or none."""
         self._on_rank_0(self._find_folder)
@@ -181,7 +186,7 @@ class Run:
 
         def content() -> dict[str, Any]:
             said = replace(outcome, warnings=(*told, *warnings))
-            return summary(simulation, said, self.steps, self._errors, audited, self._seconds(began), reference)
+            return summary(simulation, said, self.steps, audited, self._seconds(began), reference, self._errors)
 
         for line in (*warnings, *[sentence] * (status == "doubtful")):
             log.warning("%s", line)
@@ -214,8 +219,16 @@ class Run:
         raise_together(self._simulation.mesh.comm, act)
 
 
+Keep = Callable[[Simulation, Sequence[StepResult], Sequence[Errors]], bool]
+
+
 def run(
-    scene: Scene, folder: str | Path, watch: Watch | None = None, resume: bool = False
+    scene: Scene,
+    folder: str | Path,
+    watch: Watch | None = None,
+    resume: bool = False,
+    keep: Keep | None = None,
+    sizes: SizeField | None = None,
 ) -> tuple[Outcome, dict[str, Any]]:
     """Run a scene and leave its results in `folder`; collective.
 
@@ -224,9 +237,12 @@ def run(
         folder: where the results stand at the end; former ones are kept beside it as `.1`.
         watch: what is told while the run works; absent: nobody.
         resume: go on where an earlier run of the same scene was stopped there, if there is one.
+        keep: asked once all steps are solved, on every rank, with the errors of their numbers: whether the results are
+            kept. None: they are.
+        sizes: mesh sizes instead of those of the scene, on rank 0.
 
     Returns:
-        How it ended, and the content of result.json.
+        How it ended, and the content of result.json; that is empty, and the status "abandoned", if they are not kept.
 
     Raises:
         SceneError, GeometryError: known before solving; nothing is written.
@@ -253,21 +269,28 @@ def run(
         if earlier.finished is not None:
             said = [earlier.notes[0], str(earlier.finished.get("sentence") or "")]
             return Outcome(earlier.finished["status"], ": ".join(filter(None, said)), place), earlier.finished
-        return _solve(scene, place, results, earlier, watch, began)
+        return _solve(scene, place, results, earlier, watch, began, keep, sizes)
     finally:
         for held in results:
             held.release()
 
 
 def _solve(
-    scene: Scene, place: Path, results: list[ResultsFolder], earlier: EarlierRun, watch: Watch, began: float
+    scene: Scene,
+    place: Path,
+    results: list[ResultsFolder],
+    earlier: EarlierRun,
+    watch: Watch,
+    began: float,
+    keep: Keep | None,
+    sizes: SizeField | None,
 ) -> tuple[Outcome, dict[str, Any]]:
     """Prepare, march, finish; `results` on rank 0 only."""
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
     with Interrupt() as interrupt:
-        simulation = prepare(scene, comm, earlier.last.checkpoint.reached if earlier.last else None)
+        simulation = prepare(scene, comm, earlier.last.checkpoint.reached if earlier.last else None, sizes)
         interrupt.check(comm)
         system = simulation.system
         report = report_mesh(scene, simulation.mesh, system.nodes.total, system.contacts)
@@ -284,11 +307,21 @@ def _solve(
             working = Run(simulation, outputs, place, run_of(begun), earlier, interrupt)
             try:
                 status, sentence = working.march(watch, began)
-                outcome, content = working.finish(status, sentence, foreseen(simulation, report), began)
+                if keep is not None and status == "converged":
+                    try:
+                        status = status if working.kept(keep) else "abandoned"
+                    except SceneError:
+                        raise_together(comm, lambda: results[0].abandon())
+                        raise
+                if status != "abandoned":
+                    outcome, content = working.finish(status, sentence, foreseen(simulation, report), began)
             except MachineError as error:
                 there = len(step_files(work)) if (work / BEGUN).is_file() else 0
                 kept = f"; {there} steps are kept, go on with --resume" if there else ""
                 raise MachineError(f"{error}{kept}") from None
+        if status == "abandoned":
+            raise_together(comm, lambda: results[0].abandon())
+            return Outcome(status, sentence, place), {}
         raise_together(comm, lambda: results[0].finish())
     return outcome, content
 

@@ -39,7 +39,7 @@ class Reporter:
     def __enter__(self) -> Reporter:
         self.progress.start()
         if not self.console.is_terminal:
-            self._line("meshing and preparing ...")
+            self.line("meshing and preparing ...")
         return self
 
     def __exit__(
@@ -61,40 +61,41 @@ class Reporter:
 
     def _meshed(self, report: MeshReport) -> None:
         for line in report.lines():
-            self._line(line)
+            self.line(line)
         for line in report.warnings():
-            self._line(f"warning: {line}")
+            self.line(f"warning: {line}")
 
     def _prepared(self, simulation: Simulation) -> None:
         times = simulation.scene.requested_times()
         self.progress.update(self.task, total=len(times), description="solving")
         free, points = simulation.system.constraints.free_total, simulation.stepper.cone.size
-        self._line(f"{free} unknown displacements, {points} contact unknowns, {len(times)} steps")
+        self.line(f"{free} unknown displacements, {points} contact unknowns, {len(times)} steps")
         for warning in warnings(simulation.scene):
-            self._line(f"warning: {warning}")
+            self.line(f"warning: {warning}")
 
     def _iteration(self, row: HistoryRow) -> None:
         if self.verbose:
-            self._line(f"  t = {row.time:g}  iteration {row.step.iteration}  residual {row.step.residual:.1e}")
+            self.line(f"  t = {row.time:g}  iteration {row.step.iteration}  residual {row.step.residual:.1e}")
         text = f"solving t = {row.time:g}, iteration {row.step.iteration}, residual {row.step.residual:.0e}"
         self.progress.update(self.task, description=text)
 
     def _step(self, step: StepResult) -> None:
         self.progress.advance(self.task)
         if not self.console.is_terminal or self.verbose:
-            self._line(f"t = {step.time:g}: {step.iterations} iterations, residual {step.residual:.1e}")
+            self.line(f"t = {step.time:g}: {step.iterations} iterations, residual {step.residual:.1e}")
 
     def _estimate(self) -> None:
         self.progress.update(self.task, description="estimating the error of the time steps")
 
     def _resumed(self, done: int, time: float) -> None:
         self.progress.advance(self.task, done)
-        self._line(f"resumed after step {done}, t = {time:g}")
+        self.line(f"resumed after step {done}, t = {time:g}")
 
     def _note(self, line: str) -> None:
         self.console.print(f"stickslip: {line}", soft_wrap=True)  # also where it is to be quiet
 
-    def _line(self, text: str) -> None:
+    def line(self, text: str) -> None:
+        """Print a line, unless it is to be quiet."""
         if not self.quiet:
             self.console.print(text, soft_wrap=True)
 
@@ -136,7 +137,7 @@ class Reporter:
     def files(self, outcome: Outcome) -> None:
         """What to doubt, and which files to open."""
         for warning in outcome.warnings:
-            self._line(f"warning: {warning}")
+            self.line(f"warning: {warning}")
         if self.quiet:
             return
         folder, by_reader = outcome.folder, {"ParaView": list[str](), "scripts": ["result.json"]}

@@ -12,8 +12,8 @@ from geometry.user_files.user_file import UserFile
 from solvers.scene.scene import Scene
 from workflows.scene_file.read import to_dict
 
-# keys of a scene that do not change the answer: title, output, references, and the limit of iterations
-DECIDES_NOTHING = ("title", "output", "exact", "solver.max_iterations")
+# keys of a scene that do not change the answer of a mesh: title, output, references, and the limit of iterations
+DECIDES_NOTHING = ("title", "output", "exact", "accuracy", "solver.max_iterations")
 
 
 def identity(scene: Scene, without: Collection[str]) -> dict[str, Any]:

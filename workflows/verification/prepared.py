@@ -1,20 +1,30 @@
-"""Systems that no scene file can describe: moved nodes, loads that vary in space."""
+"""Scenes as verification solves them: without estimates of errors, or with what no scene file can describe."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 from geometry.arrays import Array
 from geometry.mesh.mesh import build_mesh
+from geometry.protocols import Comm
 from solvers.parallel.counters import Counters
 from solvers.results.observe import Observer
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
+from solvers.simulation import simulation
 from solvers.simulation.resolve import resolve
+from solvers.simulation.simulation import Simulation
+from solvers.stepping.method_chain import Reached
 from solvers.stepping.stepper import Accepted, Stepper
 from solvers.system.system import System, assemble
 
 Move = Callable[[Array], Array]  # maps points (n, 3) [m] to their new places; a plane model's third coordinate stays 0
+
+
+def prepare(scene: Scene, comm: Comm | None = None, reached: Reached | None = None) -> Simulation:
+    """The scene, prepared without estimates of errors, see `Simulation`: a closed form says more than they do."""
+    return simulation.prepare(replace(scene, output=replace(scene.output, error=False)), comm, reached)
 
 
 def system_of(scene: Scene, move: Move = lambda points: points) -> System:

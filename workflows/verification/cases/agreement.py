@@ -19,9 +19,10 @@ from solvers.methods import METHODS, Solver
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
 from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation, prepare
+from solvers.simulation.simulation import Simulation
 from workflows.scene_file.read import read
 from workflows.verification.check import Check, within
+from workflows.verification.prepared import prepare
 
 REFERENCE = "condensed-newton"  # what the other methods are compared with
 ALL = tuple(method for method in METHODS if method != "auto")

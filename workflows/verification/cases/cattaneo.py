@@ -23,13 +23,13 @@ from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Probe, Steps
-from solvers.simulation.simulation import prepare
 from workflows.verification.cases.hertz import ellipse
 from workflows.verification.check import Check, within
 from workflows.verification.closed_forms import hertz
 from workflows.verification.closed_forms.cattaneo import Cattaneo, cattaneo
 from workflows.verification.closed_forms.hertz import Hertz
 from workflows.verification.cycles import CYCLES, accounted, repeats
+from workflows.verification.prepared import prepare
 from workflows.verification.solver import solver
 
 R, E, NU, MU = 8.0, 200.0, 0.3, 0.2

@@ -16,10 +16,10 @@ from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
-from solvers.simulation.simulation import prepare
 from workflows.verification.check import Check, close, farthest
 from workflows.verification.closed_forms import column
 from workflows.verification.closed_forms.column import ColumnCase, ColumnState
+from workflows.verification.prepared import prepare
 from workflows.verification.solver import solver
 
 E, NU = 1000.0, 0.3

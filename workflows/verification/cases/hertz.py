@@ -27,10 +27,10 @@ from solvers.scene.contact import Contact
 from solvers.scene.loads import Support
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
-from solvers.simulation.simulation import prepare
 from workflows.verification.check import Check
 from workflows.verification.closed_forms import hertz
 from workflows.verification.closed_forms.hertz import Hertz
+from workflows.verification.prepared import prepare
 from workflows.verification.solver import solver
 
 R, E, NU = 8.0, 1000.0, 0.3

@@ -14,11 +14,11 @@ from solvers.scene.loads import Load
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Steps
-from solvers.simulation.simulation import prepare
 from solvers.stepping.stepper import NoEquilibriumError
 from workflows.verification.check import Check, within
 from workflows.verification.closed_forms.limits import END, LIMITS, Limit
 from workflows.verification.cycles import accounted
+from workflows.verification.prepared import prepare
 from workflows.verification.solver import solver
 
 STEPS = 8

@@ -20,8 +20,9 @@ from solvers.scene.contact import Contact
 from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation, prepare
+from solvers.simulation.simulation import Simulation
 from workflows.verification.check import Check, farthest, within
+from workflows.verification.prepared import prepare
 from workflows.verification.solver import solver
 
 E, NU, P, PUSH = 2e6, 0.3, 1e5, 0.1  # [Pa], -, [Pa], [m]

@@ -26,9 +26,9 @@ from solvers.scene.contact import Contact
 from solvers.scene.loads import Support
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
-from solvers.simulation.simulation import prepare
 from workflows.verification.check import Check
 from workflows.verification.closed_forms import punch
+from workflows.verification.prepared import prepare
 from workflows.verification.solver import solver
 
 REFERENCE = "condensed-newton"

@@ -18,10 +18,10 @@ from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Steps
-from solvers.simulation.simulation import prepare
 from workflows.verification.check import Check, within
 from workflows.verification.closed_forms import raous
 from workflows.verification.cycles import accounted
+from workflows.verification.prepared import prepare
 from workflows.verification.solver import solver
 
 N = 32

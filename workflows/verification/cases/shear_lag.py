@@ -22,11 +22,11 @@ from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Steps
-from solvers.simulation.simulation import prepare
 from workflows.verification.check import Check, within
 from workflows.verification.closed_forms import shear_lag
 from workflows.verification.closed_forms.shear_lag import FORCE, HEIGHT, STRIP
 from workflows.verification.cycles import CYCLES, accounted, repeats
+from workflows.verification.prepared import prepare
 
 N = 100  # cells along the strip
 COARSE = 25  # for slow methods: a thin strip on its bed is a hard case for all but Newton's method

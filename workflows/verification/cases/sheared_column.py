@@ -24,11 +24,11 @@ from solvers.scene.loads import Support
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Steps
-from solvers.simulation.simulation import prepare
 from workflows.verification.check import Check, close, farthest
 from workflows.verification.closed_forms import column, sheared_column
 from workflows.verification.closed_forms.sheared_column import ShearedColumn
 from workflows.verification.cycles import CYCLES, accounted, repeats
+from workflows.verification.prepared import prepare
 from workflows.verification.solver import solver
 
 E, NU = 2600.0, 0.3  # G = 1000 Pa

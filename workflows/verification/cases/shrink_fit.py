@@ -16,10 +16,10 @@ from solvers.scene.contact import Contact
 from solvers.scene.loads import Support
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
-from solvers.simulation.simulation import prepare
 from workflows.verification.check import Check, farthest, within
 from workflows.verification.closed_forms import shrink_fit
 from workflows.verification.closed_forms.shrink_fit import HUB, INNER, INTERFERENCE, JOINT, OUTER, SHAFT
+from workflows.verification.prepared import prepare
 from workflows.verification.solver import solver
 
 

@@ -15,7 +15,6 @@ from solvers.laws.friction import Coulomb
 from solvers.methods import METHODS
 from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
-from solvers.simulation.simulation import prepare
 from workflows.scene_file.read import read
 from workflows.verification.cases import column as column_case
 from workflows.verification.cases import hertz as hertz_case
@@ -35,6 +34,7 @@ from workflows.verification.check import Check
 from workflows.verification.closed_forms import sheared_column
 from workflows.verification.closed_forms.circular_drive import DRIVE
 from workflows.verification.closed_forms.incline import HOLDS
+from workflows.verification.prepared import prepare
 from workflows.verification.solver import solver
 from workflows.verification.units import in_millimetres, millimetres
 

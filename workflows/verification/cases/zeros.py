@@ -21,8 +21,8 @@ from solvers.scene.loads import Load, Support
 from solvers.scene.material import Material
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Steps
-from solvers.simulation.simulation import prepare
 from workflows.verification.check import Check, within
+from workflows.verification.prepared import prepare
 from workflows.verification.solver import solver
 
 E, NU, MU = 1000.0, 0.3, 0.3

@@ -21,9 +21,10 @@ from solvers.results.verdict import passed
 from solvers.scene.scene import Scene
 from solvers.simulation.applicable import refusals
 from solvers.simulation.resolve import resolve
-from solvers.simulation.simulation import Simulation, prepare
+from solvers.simulation.simulation import Simulation
 from solvers.stepping.stepper import NoEquilibriumError
 from workflows.verification.hard.variations import Scale
+from workflows.verification.prepared import prepare
 from workflows.verification.units import Units
 
 SECOND = ("nsgs", "surface-uzawa", "uzawa")  # the first of these that can solve the scene gives a second opinion

@@ -9,9 +9,9 @@ import numpy as np
 from geometry.amplitude import value_at
 from geometry.errors import StickslipError
 from solvers.simulation.resolve import resolve
-from solvers.simulation.simulation import prepare
 from solvers.stepping.stepper import NoEquilibriumError
 from workflows.verification.hard.tables import Tables, copied, scene_of
+from workflows.verification.prepared import prepare
 
 STEEPEST = 2.0  # of the vertical component; bodies that rest even there have no limit
 HALVINGS = 14  # of the bracket

@@ -25,6 +25,7 @@ from workflows.verification.hard.variations import FIXED, variation, varied
 
 LIMIT = 60.0  # [s] of a variation; no end until then counts as failed
 OPINION = 8.0  # [s] more, of its second opinion
+UNSOLVED = (Outcome.WRONG, Outcome.FAILED, Outcome.DOUBTFUL, Outcome.UNDECIDED)
 NAMES = tuple(sorted(path.stem for path in READY.glob("*.toml")))
 
 
@@ -95,6 +96,20 @@ def results(scenes: Sequence[str], number: int, seed: int, jobs: int, opinion: f
                 found += 1
             if found >= number:
                 return
+
+
+def judged_again(rows: Sequence[Row], seed: int, jobs: int, opinion: float = OPINION) -> Iterator[Row]:
+    """The rows, with those that were not solved judged again.
+
+    Args:
+        rows: of an earlier run with the same seed.
+        opinion: time limit of a second opinion [s].
+    """
+    unsolved = [row for row in rows if row.verdict.outcome in UNSOLVED]
+    with Crew(jobs, opinion) as crew:
+        fresh = crew.map(Task(row.scene, row.name, seed) for row in unsolved)
+        found = {(row.scene, row.name): row for row in fresh if row is not None}
+    yield from (found.get((row.scene, row.name), row) for row in rows)
 
 
 class Crew:

@@ -1,0 +1,57 @@
+"""Parts of the mesh that can move by themselves, which no scene shows: a body's cells need not hang together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from geometry.errors import SceneError
+from geometry.mesh.joints import is_rigid
+from solvers.effects import active
+from solvers.methods import method_of
+from solvers.system.contact_interface import UNTOUCHED, loose_part
+from solvers.system.system import System
+
+
+def refuse_loose_parts(system: System) -> None:
+    """Check that contact holds what supports do not, and that the method can solve that; collective.
+
+    The scene's own bodies are checked before the mesh, see `planned`.
+
+    Raises:
+        SceneError: nothing resists a motion, or the method needs bodies that their supports hold.
+    """
+    _refuse_dangling(system)
+    interface, problem = system.interface, system.problem
+    modes = interface.rigid_modes
+    if modes.shape[1] <= problem.rigid_modes.shape[1]:
+        return
+    resisted = [np.zeros((0, modes.shape[1]))]
+    for rows in system.contacts:
+        tangential = problem.pairs[rows.name].contact.tangential
+        moved = interface.trace(rows) @ modes
+        resisted += [N @ moved for N in (rows.N_n, rows.N_t)[: 1 + bool(tangential and tangential.resists())]]
+    interface.refuse_loose(np.concatenate(resisted), "that contact does not resist ")
+    method = method_of(problem.solver)
+    if not method.WORKS_WITH.floating:
+        raise SceneError(
+            f"solver.method = {problem.solver.method}: needs bodies that their supports hold in all parts of the mesh; "
+            "contact alone holds one; use condensed-newton"
+        )
+    for effect in active(problem):
+        if effect.stiffens:
+            raise SceneError(f"{effect.name}: needs bodies that their supports hold in all parts; add a support")
+
+
+def _refuse_dangling(system: System) -> None:
+    """Refuse a part that nothing touches and that can turn even if the rest stands still.
+
+    It needs no list of all motions, which would be long for a mesh that falls into thousands of parts.
+    """
+    mesh, joints = system.mesh, system.mesh.joints
+    touched = set(system.constraints.part.values())
+    touched.update(*(np.unique(mesh.parts[rows.input]).tolist() for rows in system.contacts))
+    for part in range(mesh.part_count) if mesh.part_count > 1 else ():
+        points = joints.points[(joints.parts == part).any(axis=1)]
+        held = len(points) > 0 if mesh.axisymmetric else is_rigid(points)
+        if part not in touched and not held:
+            raise loose_part(UNTOUCHED, points[0] if len(points) else None)

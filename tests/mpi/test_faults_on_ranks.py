@@ -1,0 +1,205 @@
+"""Faults where ranks matter: all of them end, or none; what is kept serves every one of them."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+from pathlib import Path
+
+import pytest
+
+from shared.command import COARSE, LIMIT, result
+from shared.drawn import write_long
+from shared.histories import RUN_FOUR, SMALL
+from shared.processes import children, gmsh_child, is_there, wait_for
+from shared.ranks import mpirun, started
+from workflows.formats.steps import step_name
+from workflows.run.run import run
+from workflows.scene_file.read import read
+
+TESTS = str(Path(__file__).parents[1])
+
+# one rank is told to stop
+
+TOLD = """
+import importlib, os, signal, sys
+
+from workflows.commands import start
+
+rank, at = sys.argv.pop(1), sys.argv.pop(1)
+if os.environ["OMPI_COMM_WORLD_RANK"] == rank:
+    if at[0].isdigit():
+        signal.signal(signal.SIGALRM, lambda *rest: os.kill(os.getpid(), signal.SIGTERM))
+        signal.setitimer(signal.ITIMER_REAL, float(at))
+    else:
+        place, _, name = at.rpartition(".")
+        module = importlib.import_module(place)
+        called = getattr(module, name)
+        setattr(module, name, lambda *rest: (os.kill(os.getpid(), signal.SIGTERM), called(*rest))[1])
+start.main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("rank", "at"),
+    [
+        (1, "0.7"),  # s: within the imports
+        (1, "workflows.run.run.wanted"),  # the other waits for it already
+        pytest.param(0, "workflows.run.run.find_earlier_run", marks=pytest.mark.slow),
+        pytest.param(1, "workflows.scene_file.read.read", marks=pytest.mark.slow),
+    ],
+)
+def test_rank_that_is_told_to_stop_while_they_start_ends_the_others(rank: int, at: str, tmp_path: Path) -> None:
+    done = mpirun(2, [str(rank), at, *RUN_FOUR, "--resume"], tmp_path, ("-c", TOLD), limit=LIMIT)
+    assert done.returncode not in (0, 124, 137), done.stderr
+    assert "Traceback" not in done.stderr
+    assert "stickslip: interrupted" in done.stderr or at == "0.7"  # before MPI began: mpirun ends them
+    assert not list(tmp_path.iterdir())
+
+
+# all are told, or killed
+
+
+@pytest.mark.parametrize(
+    ("number", "rank"),
+    [
+        (signal.SIGUSR1, None),  # as a queue does before its time limit: mpirun passes it on
+        (signal.SIGKILL, 1),  # as a machine without memory does
+        pytest.param(signal.SIGTERM, None, marks=pytest.mark.slow),  # mpirun leaves them little time
+        pytest.param(signal.SIGINT, None, marks=pytest.mark.slow),
+    ],
+)
+def test_run_that_is_ended_on_two_ranks_goes_on(number: signal.Signals, rank: int | None, tmp_path: Path) -> None:
+    scene = [*SMALL, "steps.count=40"]
+    words = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in scene)]
+    process = started(2, words, tmp_path, limit=LIMIT)
+    wait_for((tmp_path / ".out.running" / step_name(1)).exists, "a step")
+    (launcher,) = children(process.pid)
+    os.kill(launcher if rank is None else children(launcher)[rank], number)
+    _, err = process.communicate()
+    assert process.returncode not in (0, 124), err
+    assert "Traceback" not in err
+    if number == signal.SIGUSR1:
+        assert (process.returncode, result(tmp_path / "out")["status"]) == (130, "interrupted")
+    outcome, _ = run(read("block", scene), tmp_path / "out", resume=True)
+    assert outcome.status == "converged"
+    (done,) = re.findall(r"resumed after step (\d+),", (tmp_path / "out" / "run.log").read_text())
+    assert 1 <= int(done) < 40
+
+
+def test_signal_while_gmsh_meshes_ends_all_ranks_at_once(tmp_path: Path) -> None:
+    """Rank 0 waits for gmsh's process, rank 1 for rank 0."""
+    scene = write_long(tmp_path, "meshing")
+    process = started(2, ["run", str(scene), "-q", "-o", "out"], tmp_path, limit=LIMIT)
+    (launcher,) = wait_for(lambda: children(process.pid), "mpirun")
+    first = wait_for(lambda: children(launcher), "ranks")[0]
+    child = gmsh_child(first, "meshing")
+    os.kill(launcher, signal.SIGUSR1)
+    _, err = process.communicate()
+    assert (process.returncode, "Traceback" in err, is_there(child)) == (130, False, False), err
+    assert err.count("stickslip: interrupted") == 1
+
+
+# disks, folders, files, clocks
+
+FAULTS_ON_RANKS = """
+import os, resource, shutil, signal, sys
+from pathlib import Path
+
+sys.path.append(sys.argv.pop(1))
+import pytest
+from mpi4py import MPI
+
+from geometry.errors import StickslipError
+from shared.disks import make_read_only
+from shared.drawn import write_long
+from shared.histories import Stop, assert_same
+from workflows.formats.steps import step_name
+from workflows.run.run import run
+from workflows.run.watch import Watch
+from workflows.scene_file.read import read
+
+comm, scene = MPI.COMM_WORLD, read(sys.argv[1], sys.argv[2:])
+processes = comm.allgather(os.getpid())
+
+
+def on_rank_0(act):
+    comm.Barrier()
+    if comm.rank == 0:
+        act()
+    comm.Barrier()
+
+
+def spoil(name, how):
+    path = Path("out", name)
+    on_rank_0(lambda: (shutil.copy(path, "saved"), path.unlink(), how(path)))
+
+
+def restore(name):
+    path = Path("out", name)
+    on_rank_0(lambda: (path.unlink(missing_ok=True), shutil.copy("saved", path)))
+
+
+def refused(said, code, place="out", watch=None, **options):
+    try:
+        run(scene, place, watch, **options)
+    except StickslipError as error:
+        assert said in str(error) and "\\n" not in str(error) and error.exit_code == code, (comm.rank, error)
+    else:
+        raise AssertionError(f"rank {comm.rank} goes on")
+
+
+run(scene, "whole")
+run(scene, "out", Watch(on_step=Stop(2)))
+for name, how, said, code in (
+    (step_name(1), os.mkfifo, "000001.h5: is a link, or no file or folder", 2),
+    (step_name(1), lambda path: path.write_bytes(Path("saved").read_bytes()[:-1]), "000001.h5: damaged", 4),
+    ("begun.json", lambda path: path.symlink_to("/dev/zero"), "is a link, or no file or folder", 2),
+    ("begun.json", lambda path: path.write_text("[" * 100_000), "begun.json: cannot be read", 4),
+    ("begun.json", lambda path: None, "begun.json: is lost", 4),
+    (".stickslip", lambda path: None, "an earlier version of stickslip made it", 2),
+):
+    spoil(name, how)
+    refused(said, code, resume=True)
+    restore(name)
+with pytest.MonkeyPatch.context() as patch:
+    make_read_only(Path("out").absolute(), patch)
+    refused("out: cannot be written: Read-only file system", 4, resume=True)
+refused("is gone, and with it the steps so far", 4, "lost", Watch(on_step=lambda step: shutil.rmtree(".lost.running")))
+
+soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+fill = Watch(on_step=lambda step: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard)))
+refused("cannot be written: File too large; 1 steps are kept, go on with --resume", 4, "full", fill)
+resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+told = run(scene, "full", Watch(on_step=lambda step: os.kill(processes[1], signal.SIGTERM)), resume=True)[0]
+assert told.status == "interrupted", (comm.rank, told)
+
+spoil("result.json", lambda path: path.write_text('{"status": "converged"}'))
+with pytest.MonkeyPatch.context() as patch:
+    if comm.rank == 1:  # its clock goes back
+        for name in ("time", "perf_counter", "monotonic"):
+            patch.setattr(f"time.{name}", lambda now=[2e9]: now.append(now[-1] - 3600.0) or now[-1])
+    for place in ("out", "full"):
+        run(scene, place, resume=True)
+on_rank_0(lambda: [assert_same(Path(place), Path("whole")) for place in ("out", "full")])
+on_rank_0(lambda: Path("out", "notes.txt").write_text("mine"))
+run(scene, "out")
+run(scene, "out")
+assert Path("out", "notes.txt").read_text() == "mine"
+"""
+
+
+def test_faults_on_two_ranks_are_the_same_on_both(tmp_path: Path) -> None:
+    done = mpirun(2, [TESTS, "block", *SMALL, "steps.count=3"], tmp_path, ("-c", FAULTS_ON_RANKS))
+    assert done.returncode == 0, done.stderr
+
+
+def test_full_disk_behind_stdout_on_two_ranks(tmp_path: Path) -> None:
+    """Rank 1 says nothing, and does not wait."""
+    program = "import os, sys; os.dup2(os.open('/dev/full', os.O_WRONLY), 1); "
+    program += "from workflows.commands import start; start.main()"
+    done = mpirun(2, ["run", "block", "-o", "out", *COARSE], tmp_path, ("-c", program))
+    assert done.returncode not in (0, 124)
+    assert done.stderr.count("what is printed cannot be written") == 1
+    assert result(tmp_path / "out")["status"] == "converged"

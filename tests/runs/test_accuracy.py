@@ -1,0 +1,74 @@
+"""`stickslip run --accuracy`: rounds that reach what is asked, budgets that do not suffice, goals without an error."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from shared.ranks import STICKSLIP
+
+COARSE = ["--set=geometry.mesh_size=0.5", "--set=geometry.contact_mesh_size=0.5", "--set=output.pictures=false"]
+
+
+def stickslip(*words: str) -> tuple[int, str]:
+    """Exit code, and all that is said, on one line."""
+    ended = subprocess.run(
+        [sys.executable, *STICKSLIP, "run", *words], capture_output=True, text=True, check=False, timeout=100
+    )
+    return ended.returncode, " ".join((ended.stdout + ended.stderr).split())
+
+
+def result(folder: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((folder / "result.json").read_text())
+    return content
+
+
+def test_rounds_reach_what_is_asked(tmp_path: Path) -> None:
+    goals = ["--accuracy", "base.normal_force=0.2%", "--accuracy=base.dissipation_total=20%"]
+    code, said = stickslip("block", *COARSE, *goals, "-o", str(tmp_path / "out"))
+    assert code == 0, said
+    content = result(tmp_path / "out")
+    force = content["steps"][-1]["contacts"]["base"]
+    assert force["error"]["normal_force"]["total"] <= 0.002 * force["normal_force"]
+    assert force["error"]["dissipation_total"]["total"] <= 0.2 * force["dissipation_total"]
+    rounds = content["accuracy"]["rounds"]
+    assert content["accuracy"]["met"]
+    assert len(rounds) > 1
+    assert f"round {len(rounds)}:" in said
+    assert rounds[0]["goals"]["base.normal_force"]["error"] > 0.002
+    assert 0.2428 * 0.996 < force["normal_force"] < 0.2428 * 1.004  # order 2, h = .0125
+    assert not (tmp_path / ".out.running").exists()
+
+
+def test_a_budget_that_does_not_suffice_is_said(tmp_path: Path) -> None:
+    words = ["--accuracy=base.normal_force=0.0001%", "--budget=0.5", "-o", str(tmp_path / "out")]
+    code, said = stickslip("block", *COARSE, *words)
+    assert code == 3
+    assert "of base.normal_force, 0.0001 % would take about" in said
+    assert not result(tmp_path / "out")["accuracy"]["met"]
+
+
+@pytest.mark.parametrize(
+    ("goal", "said"),
+    [
+        ("base.max_pressure=1%", "grows without end"),
+        ("base.nothing=1%", "no such quantity"),
+        ("base.max_penetration=1%", "is 0 at the end"),
+    ],
+)
+def test_goals_without_an_error_are_refused_in_one_line(goal: str, said: str, tmp_path: Path) -> None:
+    code, output = stickslip("block", *COARSE, f"--accuracy={goal}", "-o", str(tmp_path / "out"), "-q")
+    assert code == 2
+    assert said in output
+    assert not (tmp_path / "out").exists()
+    assert not (tmp_path / ".out.running").exists()
+
+
+def test_grids_are_refined_as_a_whole(tmp_path: Path) -> None:
+    words = ["--set=geometry.mesh_size=0.5", "--set=output.pictures=false", "--accuracy=base.normal_force=1%"]
+    code, said = stickslip("cube", *words, "-o", str(tmp_path / "out"))
+    assert code == 0, said
+    assert result(tmp_path / "out")["accuracy"]["rounds"][-1]["unknowns"] > 200

@@ -1,0 +1,13 @@
+"""A child process that does nothing for a minute: `python -m shared.sleeper FILE PARENT`; FILE gets its number."""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+from geometry.user_files.child import end_with
+
+if __name__ == "__main__":
+    end_with(int(sys.argv[2]))
+    Path(sys.argv[1]).write_text(str(os.getpid()))
+    time.sleep(60)

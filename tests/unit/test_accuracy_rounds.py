@@ -1,0 +1,141 @@
+"""Sizes from errors, the cheapest next round, and goals of the command line."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from geometry.errors import SceneError
+from geometry.size_field import SizeField, adapted, volumes
+from solvers.results.error_parts import ErrorParts, Quantity
+from solvers.simulation.simulation import Seconds, prepare
+from workflows.accuracy.level import AIM, Level, Move, next_move
+from workflows.accuracy.rounds import aiming, parsed
+from workflows.accuracy.standing import Standing, standings
+from workflows.scene_file.read import read
+
+
+def grid(n: int) -> tuple[Any, Any]:
+    """Points and triangles of the unit square."""
+    x = np.linspace(0, 1, n + 1)
+    points = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
+    first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    lower, upper = np.stack([first, first + 1, first + n + 2]), np.stack([first, first + n + 2, first + n + 1])
+    return points, np.concatenate([lower.T, upper.T])
+
+
+def test_equal_errors_scale_all_sizes_alike() -> None:
+    points, cells = grid(8)
+    error = np.sqrt(volumes(points, cells))
+    half = adapted(points, cells, error, 0.5).sizes
+    assert_allclose(half, 0.5 * adapted(points, cells, error, 1.0).sizes, rtol=1e-12)
+    assert_allclose(adapted(points, cells, error, 1.0).sizes, (0.5 / 64 / (np.sqrt(3) / 4)) ** 0.5, rtol=1e-6)
+
+
+def test_sizes_are_small_where_the_error_is_large() -> None:
+    points, cells = grid(8)
+    middle = points[cells].mean(axis=1)
+    found = adapted(points, cells, np.exp(-5 * np.linalg.norm(middle, axis=1)), 0.5).sizes
+    far = np.linalg.norm(points, axis=1)
+    assert found[np.argmin(far)] < 0.5 * found[np.argmax(far)]
+
+
+@pytest.mark.parametrize("name", ["block", "two_blocks", "cylinders", "half_ball"])
+def test_gmsh_meshes_with_the_sizes_it_is_given(name: str) -> None:
+    sets = ["geometry.order=1", "output.error=false"]
+    sets += ["geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.1"] if name == "half_ball" else []
+    scene = read(name, sets)
+    mesh = prepare(scene).data
+    size = float(np.median(volumes(mesh.points, mesh.cells) ** (1 / mesh.points.shape[1])))
+    field = SizeField(mesh.points, mesh.cells, np.full(len(mesh.points), 2 * size))
+    again = prepare(scene, sizes=field).data
+    assert 0.5 < len(again.cells) / field.cell_count() < 1.6
+    assert again.bodies == mesh.bodies
+
+
+SECONDS = Seconds(mesh=1.0, assemble=0.1, prepare=0.1, iterate=0.2, error=0.1)
+
+
+def goal(mesh: float, time_step: float, asked: float = 0.01) -> Standing:
+    return Standing("base.normal_force", asked, 1.0, mesh, time_step, 0.0)
+
+
+def test_the_next_round_refines_what_is_off() -> None:
+    mesh = next_move([goal(0.02, 0.0)], 2, 2)
+    assert mesh.enough
+    assert mesh.splits == 1
+    assert mesh.error(goal(0.02, 0.0)) <= AIM * 0.01
+    steps = next_move([goal(0.001, 0.02)], 2, 2)
+    assert (steps.finer, steps.splits, steps.enough) == (1.0, 4, True)
+    both = next_move([goal(0.02, 0.0), goal(0.0, 0.02)], 2, 2)
+    assert both.finer < 1 < both.splits
+
+
+def test_where_no_round_is_enough_the_largest_step_is_taken() -> None:
+    found = next_move([goal(10.0, 0.0)], 2, 3)
+    assert not found.enough
+    assert found.finer == 0.5
+
+
+def test_the_price_grows_with_cells_and_steps() -> None:
+    cheap, fine, long = (Move(*move, True).price(SECONDS, 2) for move in ((1.0, 1), (0.5, 1), (1.0, 8)))
+    assert cheap == pytest.approx(1.5)
+    assert fine > 4 * cheap
+    assert cheap < long < 3.7
+
+
+def test_long_histories_make_steps_dear() -> None:
+    assert Move(1.0, 2, True).work(2, 2) < Move(0.84, 1, True).work(2, 2)
+    assert Move(1.0, 2, True).work(100, 2) > Move(0.84, 1, True).work(100, 2)
+
+
+def test_a_level_changes_mesh_steps_and_tolerance_only() -> None:
+    scene = read("half_disc")
+    found = Level(factor=0.5, splits=2, tolerance=1e-10).scene(scene)
+    assert (found.geometry.order, found.steps.count, found.solver.tolerance) == (1, 20, 1e-10)
+    assert found.geometry.contact_mesh_size == pytest.approx(0.005)
+    assert found.contacts == scene.contacts
+
+
+def test_goals_of_the_command_line_join_those_of_the_scene() -> None:
+    scene = read("block", ['accuracy.goals={"base.normal_force"=0.01}'])
+    found = aiming(scene, ["base.stick_area=5%"], 30.0)
+    assert found.accuracy.goals == {"base.normal_force": 0.01, "base.stick_area": 0.05}
+    assert found.accuracy.budget == 30.0
+    assert aiming(scene, [], None) is scene
+
+
+@pytest.mark.parametrize(
+    ("goals", "budget", "said"),
+    [
+        (["base.normal_force"], None, "expected NAME=1%"),
+        (["base.normal_force=x%"], None, "expected NAME=1%"),
+        (["base.normal_force=100%"], None, "must lie between 0 and 1"),
+        (["base.nothing=1%"], None, "no such quantity"),
+        ([], 10.0, "nothing to spend it on"),
+        (["base.normal_force=1%"], -1.0, "must be positive"),
+    ],
+)
+def test_wrong_goals_are_refused(goals: list[str], budget: float | None, said: str) -> None:
+    with pytest.raises(SceneError, match=said):
+        aiming(read("block"), goals, budget)
+
+
+def test_parsed_goals() -> None:
+    assert parsed(["a.b=1%", "c.d=0.2"]) == {"a.b": 0.01, "c.d": 0.2}
+
+
+def test_standings_take_the_parts_relative_to_the_number() -> None:
+    simulation = prepare(read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"]))
+    steps = list(simulation.steps())
+    errors = simulation.errors(steps)[-1]
+    force, vector = standings({"base.normal_force": 0.1, "support.top.force.x": 0.2}, steps[-1], errors)
+    parts = errors[Quantity("contacts", "base", "normal_force")]
+    assert force.reached == pytest.approx(parts.total / force.value)
+    assert vector.mesh == pytest.approx(errors[Quantity("supports", "top", "force")].mesh[0] / vector.value)
+    with pytest.raises(SceneError, match="grows without end"):
+        standings({"base.max_pressure": 0.1}, steps[-1], errors)
+    unknown = {key: ErrorParts() for key in errors}
+    with pytest.raises(SceneError, match="by the mesh, the time steps"):
+        standings({"base.normal_force": 0.1}, steps[-1], unknown)

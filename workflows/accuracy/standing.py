@@ -1,0 +1,100 @@
+"""Where a goal stands after a round: its number, and the parts of its error relative to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from geometry.errors import SceneError
+from solvers.results.error_parts import ErrorParts, Errors, Quantity, Value
+from solvers.results.numbers import quantities
+from solvers.results.quantities import SINGULAR, values
+from solvers.results.step_result import StepResult
+
+AXES = "xyz"
+LEAST = 1e-3  # of the largest number of its kind: a smaller one is not what a relative error is asked of
+
+
+@dataclass(frozen=True)
+class Standing:
+    """One goal after a round; errors are relative to the number."""
+
+    name: str
+    asked: float
+    value: float
+    mesh: float  # geometry included
+    time_step: float
+    rest: float  # law, iteration, linear solver
+
+    @property
+    def reached(self) -> float:
+        """The whole error."""
+        return self.mesh + self.time_step + self.rest
+
+    @property
+    def met(self) -> bool:
+        return self.reached <= self.asked
+
+    def __str__(self) -> str:
+        return f"{self.name} {self.value:.5g} ± {percent(self.reached)} (asked {percent(self.asked)})"
+
+
+def percent(share: float) -> str:
+    """A relative error in words.
+
+    >>> percent(0.0123), percent(0.00012), percent(1.2e-7)
+    ('1.2 %', '0.012 %', '1.2e-05 %')
+    """
+    return f"{100 * share:.2g} %"
+
+
+def standings(goals: Mapping[str, float], step: StepResult, errors: Errors) -> list[Standing]:
+    """All goals at a step.
+
+    Raises:
+        SceneError: the error of one is not known, or it has none.
+    """
+    flat = {name: (key, axis) for key, value in quantities(step).items() for name, axis in _names(key, value)}
+    numbers = values(step)
+    found = []
+    for name, asked in goals.items():
+        if name not in flat:
+            raise SceneError(f"accuracy.goals.{name}: its error is not estimated; name another number")
+        key, axis = flat[name]
+        parts, value = errors[key], numbers[name]
+        if parts.converges is False:
+            raise SceneError(
+                f"accuracy.goals.{name}: grows without end as the mesh is refined, at a corner or the end of a punch; "
+                "name another number"
+            )
+        missing = _missing(parts)
+        if missing:
+            raise SceneError(f"accuracy.goals.{name}: its error by {missing} is not known for this scene")
+        if value == 0:
+            raise SceneError(f"accuracy.goals.{name}: is 0 at the end, so a relative error says nothing of it")
+        share = {part: _at(getattr(parts, part), axis) / abs(value) for part in vars(parts) if part != "converges"}
+        rest = share["law"] + share["iteration"] + share["linear_solver"]
+        found.append(Standing(name, asked, value, share["mesh"] + share["geometry"], share["time_step"], rest))
+    return found
+
+
+def _names(key: Quantity, value: Value) -> Sequence[tuple[str, int | None]]:
+    """Names of a number as `values` has them, and the component that each is."""
+    kind, name, quantity = key
+    whole = ".".join(filter(None, (f"{SINGULAR[kind]}{name}", quantity)))
+    if np.ndim(value) == 0:
+        return [(whole, None)]
+    return [(f"{whole}.{axis}", i) for i, axis in enumerate(AXES[: np.size(value)])]
+
+
+def _missing(parts: ErrorParts) -> str:
+    """Parts that are not computed, in words."""
+    words = {"mesh": "the mesh", "time_step": "the time steps", "law": "the contact law", "iteration": "the iteration"}
+    return ", ".join(word for part, word in words.items() if getattr(parts, part) is None)
+
+
+def _at(part: Value | None, axis: int | None) -> float:
+    found = np.asarray(0.0 if part is None else part, float)
+    return float(found if axis is None else found[axis])
