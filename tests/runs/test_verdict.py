@@ -109,7 +109,7 @@ MISUSE = {
         "contacts.pole: only 4 points touch, on 1 whole facets",
     ),
     "a peak of the mesh": (
-        ["half_ball", *sets("geometry.contact_mesh_size=0.06")],
+        ["half_ball", *sets("geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.06", "steps.count=2")],
         "contacts.pole: the maximum pressure stands 12% above",
     ),
     "order 1 on a curved side": (
@@ -117,7 +117,8 @@ MISUSE = {
         "contacts.fit: flat facets cut up to",
     ),
     "elements that lock": (
-        ["half_ball", *sets("geometry.contact_mesh_size=0.06", "bodies.ball.nu=0.49")],
+        ["half_ball", *sets("geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.06", "steps.count=2"),
+         "--set=bodies.ball.nu=0.49"],
         "the mean stress jumps between cells by",
     ),
 }  # fmt: skip
