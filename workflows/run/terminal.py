@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Iterable
 from types import TracebackType
@@ -16,14 +15,13 @@ from solvers.results.step_result import StepResult
 from solvers.simulation.plan import warnings
 from solvers.simulation.simulation import Simulation
 from solvers.stepping.history import HistoryRow
+from workflows.formats.plus_minus import plus_minus
 from workflows.run.mesh_report import ContactReport, MeshReport
 from workflows.run.result import Outcome
 from workflows.run.watch import Watch
 from workflows.writers.writer import registered
 
 Content = dict[str, Any]
-DIGITS = 1e-6  # of a number: a smaller error is not shown
-MOST_PLACES = 6  # behind the point
 
 
 class Reporter:
@@ -207,26 +205,15 @@ def _contacts(content: Content) -> Table:
 
 
 def _with_error(numbers: Content, key: str) -> str:
-    """A number with its error, as many digits as that leaves.
+    """A number with its error.
 
     >>> _with_error({"force": 0.242957, "error": {"force": {"total": 0.0002, "converges": True}}}, "force")
     '0.2430 ± 0.0002'
-    >>> _with_error({"force": 0.242957, "error": {"force": {"total": None, "converges": False}}}, "force")
-    '0.24 (grows)'
     >>> _with_error({"force": 0.242957, "error": None}, "force")
     '0.24296'
     """
-    value, parts = numbers[key], (numbers["error"] or {}).get(key, {"total": None, "converges": None})
-    if parts["converges"] is False:
-        return f"{value:.2g} (grows)"
-    error = parts["total"]
-    if error is None or not error > DIGITS * abs(value):
-        return f"{value:.5g}"
-    last = math.floor(math.log10(float(f"{error:.0e}")))  # place of its only digit
-    if 0 < -last <= MOST_PLACES:
-        return f"{value:.{-last}f} ± {error:.{-last}f}"
-    places = max(math.floor(math.log10(abs(value))) - last, 0) if value else 0
-    return f"{value:.{places}e} ± {error:.0e}" if value else f"0 ± {error:.0e}"
+    parts = (numbers["error"] or {}).get(key, {"total": None, "converges": None})
+    return plus_minus(numbers[key], parts["total"], parts["converges"])
 
 
 def print_plan(content: Content) -> None:
