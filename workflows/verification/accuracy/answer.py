@@ -118,8 +118,9 @@ def _sharp_areas(simulation: Simulation, step: StepResult) -> dict[str, float]:
     for c in simulation.system.contacts:
         halves = np.concatenate([c.surface.facets[:, [0, 2]], c.surface.facets[:, [2, 1]]])
         side = replace(c.surface, degree=1, facets=halves, outward=np.tile(c.surface.outward, 2))
-        faces = c.node_weights / c.surface.node_weights()  # share that faces the other side
-        areas = areas_between_nodes(side, step.contacts[c.name], faces * side.node_weights())
+        contact = step.contacts[c.name]
+        faces = contact.weight / c.surface.node_weights()  # share that faces the other side
+        areas = areas_between_nodes(side, contact, faces * side.node_weights())
         found |= {f"contacts.{c.name}.{key}": area for key, area in areas.items()}
     return found
 
