@@ -69,7 +69,12 @@ class Answer:
 
 
 def solve(scene: Scene, errors: bool = True, sharp: bool = False) -> Answer:
-    """Solve all steps; without `errors` none are stated; `sharp`: of order 2 in 2D, edges of areas lie between nodes."""
+    """Solve all steps.
+
+    Args:
+        errors: whether they are estimated.
+        sharp: whether edges of areas lie between nodes; of order 2 in 2D.
+    """
     simulation = prepare(replace(scene, output=replace(scene.output, error=errors)))
     steps = tuple(simulation.steps())
     found = simulation.errors(steps) if errors else tuple({key: ErrorParts() for key in quantities(s)} for s in steps)
@@ -114,7 +119,7 @@ def _sharp_areas(simulation: Simulation, step: StepResult) -> dict[str, float]:
 
     By nodes alone, an area on the fine mesh would be known to no better than a fraction of its error on the others.
     """
-    found = {}
+    found = dict[str, float]()
     for c in simulation.system.contacts:
         halves = np.concatenate([c.surface.facets[:, [0, 2]], c.surface.facets[:, [2, 1]]])
         side = replace(c.surface, degree=1, facets=halves, outward=np.tile(c.surface.outward, 2))
@@ -127,10 +132,10 @@ def _sharp_areas(simulation: Simulation, step: StepResult) -> dict[str, float]:
 
 def _part(step: StepResult, errors: Errors, part: str) -> Iterator[tuple[str, float]]:
     """A part of the stated errors by name; nan where one of what it sums up is not stated."""
-    stated = {}
+    stated = dict[Quantity, Value]()
     for key, value in quantities(step).items():
         terms = [getattr(errors[key], word) for word in PARTS[part]]
-        stated[key] = np.nan * value if any(term is None for term in terms) else sum(terms[1:], start=terms[0])
+        stated[key] = 0.0 * value + sum(np.nan if term is None else term for term in terms)
     return _numbers(stated)
 
 
