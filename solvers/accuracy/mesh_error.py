@@ -3,9 +3,9 @@
 Stated is FACTOR times the difference. Part of it is that of the geometry: the share of what curved sides add by their
 bulges, beside what the finite element space adds; where these have opposite signs, OPPOSED of their sum is the least
 that is stated. Areas of touching, sticking and slipping nodes are multiples of a node's area: theirs is BETWEEN times
-the difference to areas whose edges lie between nodes, and EDGE times the facets that these cross, see `areas`. The largest slip of the nodes
-that touch is compared with that up to the same edge. A largest pressure that grows without end as the mesh is refined
-has no error, see `peaks`, nor have the penetration that it causes and the slip beside it.
+the difference to areas whose edges lie between nodes, and EDGE times the facets that these cross, see `areas`. The
+largest slip of the nodes that touch is compared with that up to the same edge. A largest pressure that grows without
+end as the mesh is refined has no error, see `peaks`, nor have the penetration that it causes and the slip beside it.
 
 The four factors are fitted to 25 problems on three meshes each, by `stickslip verify accuracy`.
 """
@@ -23,7 +23,7 @@ from solvers.contact.rows import ContactRows
 from solvers.results.error_parts import ErrorParts, Quantity, Value
 from solvers.results.numbers import quantities
 from solvers.results.observe import Observer
-from solvers.results.step_result import OPEN, ContactState
+from solvers.results.step_result import OPEN, ContactState, StepResult
 from solvers.stepping.state import State
 from solvers.stepping.stepper import Accepted
 
@@ -32,20 +32,16 @@ BETWEEN, EDGE = 0.75, 0.2
 Values = dict[Quantity, Value]
 
 
-def mesh_errors(observe: Observer, accepted: Accepted, found: Values) -> tuple[Values, dict[Quantity, ErrorParts]]:
-    """Numbers of a step with bubbles, and the errors of those `found` without; nothing if it was not followed.
-
-    Collective.
-    """
-    refined = accepted.state.refined
+def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tuple[Values, dict[Quantity, ErrorParts]]:
+    """Numbers of a step with bubbles, and the errors of its result's; nothing if it was not followed; collective."""
+    refined, found = accepted.state.refined, quantities(result)
     if refined is None:
         return {}, {}
     corrected = _numbers(observe, accepted, refined)
     straight = corrected if refined.unbent is None else _numbers(observe, accepted, refined.unbent)
-    contacts, errors = observe.numbers(accepted).contacts, dict[Quantity, ErrorParts]()
-    chances = dict[Quantity, float]()
+    errors, chances = dict[Quantity, ErrorParts](), dict[Quantity, float]()
     for c in accepted.stepper.system.contacts:
-        own = scatter(c.surface, contacts[c.name], c.node_weights)
+        own = scatter(c.surface, result.contacts[c.name], c.node_weights)
         chances |= {Quantity("contacts", c.name, name): chance for name, chance in own.items()}
     for key, value in corrected.items():
         bent, flat = np.abs(value - straight[key]), np.abs(straight[key] - found[key])
@@ -55,7 +51,7 @@ def mesh_errors(observe: Observer, accepted: Accepted, found: Values) -> tuple[V
         share = bent / np.maximum(bent + flat, np.finfo(float).tiny)
         errors[key] = ErrorParts(mesh=whole * (1 - share), geometry=whole * share, converges=True)
     for c in accepted.stepper.system.contacts:
-        errors |= _without_limit(c, contacts[c.name])
+        errors |= _without_limit(c, result.contacts[c.name])
     return corrected, errors
 
 

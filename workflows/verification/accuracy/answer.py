@@ -132,11 +132,13 @@ def _sharp_areas(simulation: Simulation, step: StepResult) -> dict[str, float]:
 
 def _part(step: StepResult, errors: Errors, part: str) -> Iterator[tuple[str, float]]:
     """A part of the stated errors by name; nan where one of what it sums up is not stated."""
-    stated = dict[Quantity, Value]()
-    for key, value in quantities(step).items():
-        terms = [getattr(errors[key], word) for word in PARTS[part]]
-        stated[key] = 0.0 * value + sum(np.nan if term is None else term for term in terms)
-    return _numbers(stated)
+    return _numbers({key: _sum_of(errors[key], part, value) for key, value in quantities(step).items()})
+
+
+def _sum_of(error: ErrorParts, part: str, like: Value) -> Array:
+    terms: list[Value | None] = [getattr(error, word) for word in PARTS[part]]
+    all_terms = [np.broadcast_to(np.nan if term is None else term, np.shape(like)) for term in terms]
+    return np.asarray(np.sum(all_terms, axis=0))
 
 
 def _endless(step: StepResult, errors: Errors) -> Iterator[tuple[str, float]]:
@@ -163,7 +165,7 @@ def _scales(simulation: Simulation, steps: Sequence[StepResult], values: Column)
     found = {}
     for name, column in values.items():
         owner = name.split(".")[1]
-        size = {
+        size: dict[str, float | Array] = {
             "force": force,
             "moment": force * simulation.system.extent,
             "area": areas.get(owner, 0.0),

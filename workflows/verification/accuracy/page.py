@@ -216,6 +216,7 @@ def draw(picture: Path, cases: Sequence[Case]) -> None:
                 alpha=0.6,
             )
         axes.set(title=part, xscale="log", yscale="log", xlabel="true error over its scale")
+        axes.set(xlim=(COUNTS, max([1.0, *(case.size for case in shown)])), ylim=(1e-2, 1e2))
     panels[0].set_ylabel("stated over true")
     handles = [
         Line2D([], [], linestyle="", marker="o", markersize=4, color=colour, label=name)
