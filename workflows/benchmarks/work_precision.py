@@ -1,8 +1,8 @@
 """What accuracy costs, and whether it is known: `python -m workflows.benchmarks.work_precision` draws it.
 
 A ready scene whose exact value is known is solved on finer and finer meshes. The error that each run states of one
-number, from that run alone, is drawn beside the true one, over the seconds that it took, estimate included: on one core,
-without the time in which forms are compiled.
+number, from that run alone, is drawn beside the true one, over the seconds that it took on one core, estimate included;
+forms are compiled before.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[threads] = "1"  # before numpy starts them
 
 FACTORS = (4.0, 2.0, 1.0, 0.5, 0.25)  # of the scene's mesh sizes
-NAMES = {"stated": "stated by the run", "true": "true", "corrected": "true, of the corrected number"}
+NAMES = {"stated": "stated by the run", "true": "true", "corrected": "of the corrected number"}
 STYLES: dict[str, dict[str, Any]] = {
     "stated": {"color": CURVES[1], "marker": "s"},
     "true": {"color": CURVES[0], "marker": "o"},
