@@ -157,8 +157,8 @@ class Bubbles:
         basis = dx.reference_basis(shape, 1, dx.reference_nodes(shape, 2))[0]
         own, every = len(self.zero().array) // self.system.mesh.dim, len(self.nodes.number)
         ends, share = (np.zeros((every, corners), kind) for kind in (np.int64, float))
-        for node, shares in enumerate(basis):
-            ends[dofs[:, node]], share[dofs[:, node]] = dofs[:, :corners], shares
+        for node, values in enumerate(basis):
+            ends[dofs[:, node]], share[dofs[:, node]] = dofs[:, :corners], values
         columns = np.repeat(np.arange(own), corners)
         shares: Sparse = sparse.csr_matrix((share[:own].ravel(), (ends[:own].ravel(), columns)), shape=(every, own))
         return shares
