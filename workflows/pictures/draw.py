@@ -8,7 +8,7 @@ from solvers.results.error_parts import Errors, Quantity
 from solvers.results.step_result import ContactState, MeshData, StepResult
 from solvers.scene.scene import Scene
 from workflows.formats.aside import make_folder
-from workflows.formats.plus_minus import with_error
+from workflows.formats.plus_minus import MISSING, with_error
 from workflows.formats.steps_csv import read_steps_table
 from workflows.pictures.body_picture import draw_body, draw_error
 from workflows.pictures.contact_curves import draw_line
@@ -51,6 +51,8 @@ def draw(
         surface = mesh.surfaces[name]
         said = _said(name, contact, errors or {}, per_metre)
         peak, resultants = said.pop("largest pressure"), ", ".join(f"{what} {number}" for what, number in said.items())
+        if any(MISSING in number for number in said.values()) or MISSING in peak:
+            resultants += f"; {MISSING} a part of the error is not known"
         head = f"{title}\nt = {result.time:g} s, contact {name}, largest pressure {peak}\n{resultants}"
         if mesh.points.shape[1] == 3:
             drawn.append(draw_surface(folder, name, surface, contact, head))

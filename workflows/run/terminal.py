@@ -11,11 +11,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from solvers.results.error_parts import PARTS
 from solvers.results.step_result import StepResult
 from solvers.simulation.plan import warnings
 from solvers.simulation.simulation import Simulation
 from solvers.stepping.history import HistoryRow
-from workflows.formats.plus_minus import plus_minus
+from workflows.formats.plus_minus import MISSING, plus_minus
 from workflows.run.mesh_report import ContactReport, MeshReport
 from workflows.run.result import Outcome
 from workflows.run.watch import Watch
@@ -105,6 +106,8 @@ class Reporter:
         out.print(content["scene"]["title"])
         if content["steps"]:
             print_table(_contacts(content), out)
+            if lacking := _incomplete(content):
+                out.print(f"{MISSING} without the error of the {listed(lacking)}, which is not known: see README")
         else:
             out.print("no step was solved")
         seconds, counters, audit = content["seconds"], content["counters"], content["audit"]
@@ -207,13 +210,37 @@ def _contacts(content: Content) -> Table:
 def _with_error(numbers: Content, key: str) -> str:
     """A number with its error.
 
-    >>> _with_error({"force": 0.242957, "error": {"force": {"total": 0.0002, "converges": True}}}, "force")
+    >>> known = {"mesh": 0.0001, "geometry": 0.0, "time_step": 0.0001, "converges": True}
+    >>> _with_error({"force": 0.242957, "error": {"force": {**known, "total": 0.0002}}}, "force")
     '0.2430 ± 0.0002'
+    >>> _with_error({"force": 0.242957, "error": {"force": {**known, "time_step": None, "total": None}}}, "force")
+    '0.2430 ± 0.0001*'
+    >>> _with_error({"force": 0.242957, "error": {"force": {**known, "converges": False}}}, "force")
+    '0.24 (grows)'
     >>> _with_error({"force": 0.242957, "error": None}, "force")
     '0.24296'
     """
-    parts = (numbers["error"] or {}).get(key, {"total": None, "converges": None})
-    return plus_minus(numbers[key], parts["total"], parts["converges"])
+    parts = (numbers["error"] or {}).get(key, {})
+    return plus_minus(numbers[key], _stated(parts), parts.get("converges"), bool(_missing(parts)))
+
+
+def _stated(parts: Content) -> float | None:
+    """The sum of the parts that are known, if those of the mesh are: they are seldom the least."""
+    if parts.get("mesh") is None:
+        return None
+    return sum((float(parts[name]) for name in PARTS if parts.get(name) is not None), start=0.0)
+
+
+def _missing(parts: Content) -> list[str]:
+    """Parts that a number with a stated error lacks."""
+    return [] if parts.get("mesh") is None else [name for name in PARTS if name in parts and parts[name] is None]
+
+
+def _incomplete(content: Content) -> list[str]:
+    """Parts that some stated error of a contact lacks."""
+    contacts = [c for step in content["steps"] for c in (step["contacts"] or {}).values()]
+    lacking = {name for c in contacts for parts in (c["error"] or {}).values() for name in _missing(parts)}
+    return [name.replace("_", " ") for name in PARTS if name in lacking]
 
 
 def print_plan(content: Content) -> None:
