@@ -4,8 +4,8 @@ After each solved substep of order 1, bubbles x (order 2 on the same mesh; after
 `nested_run`) are found by Jacobi's iteration, made better
 by a least-squares combination of its few steps (nonlinear GMRES). Each step asks the bodies and the contact for their
 answer to bubbles: bubbles pull at the nodes of the mesh and shift the surface, and contact and friction are solved
-again, with the slip history of the steps with bubbles. The mesh error of a quantity is FACTOR times its difference
-with and without bubbles; with bubbles it has about a ninth of the error.
+again, with the slip history of the steps with bubbles. The mesh error of a quantity follows from its difference with
+and without bubbles, see `mesh_error`; with bubbles it has about a ninth of the error.
 
 Source: the hierarchical estimates of Bank & Smith, SIAM J. Numer. Anal. 30 (1993), here with contact; nonlinear GMRES:
 Washio & Oosterlee, Electron. Trans. Numer. Anal. 6 (1997).
@@ -40,7 +40,6 @@ from solvers.stepping.stepper import Stepper
 from solvers.stepping.update import Surplus, displacement, new_state
 from solvers.system.contact_interface import components
 
-FACTOR = 1.25  # stated error over difference; measured with STEPS = 2
 TRIAL, FINAL = 0.5, 0.1  # factors by which iterative methods make the residual of contact smaller
 ROUGH = 1e-2  # tolerance of a displacement that is recovered by an iterative volume solve, in energy norm
 STEPS = 2
