@@ -1,9 +1,9 @@
 """A plane mesh of order 2 with cells cut into smaller ones: every displacement of the old mesh is one of the new mesh.
 
 Edges are halved. A triangle with two halved edges is cut into four, the third edge is halved too; with one it is cut
-into two. In a quadrilateral opposite edges are halved together, so that rows of cells are cut from end to end. Old nodes
-keep their numbers. New nodes of a curved side lie on the circle through the three nodes of its facet: there alone the
-new mesh is not exactly nested.
+into two. In a quadrilateral opposite edges are halved together, so that rows of cells are cut from end to end. Old
+nodes keep their numbers. New nodes of a curved side lie on the circle through the three nodes of its facet: there alone
+the new mesh is not exactly nested.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -68,7 +69,7 @@ class FlatMesh(Shape):
     def boundary(self) -> Ints:
         """Edges (e, 3) of one cell alone."""
         edges, of_cells = self.edges()
-        return edges[np.bincount(of_cells.ravel(), minlength=len(edges)) == 1]
+        return np.asarray(edges[np.bincount(of_cells.ravel(), minlength=len(edges)) == 1])
 
     def cut(self, cells: Bools) -> FlatMesh:
         """The mesh with all edges of some cells (c,) halved, and those that have to be halved with them."""
@@ -196,6 +197,6 @@ def _corners(kind: str, halved: Halved) -> list[tuple[int, ...]]:
     columns, rows = ((0, 1, 2) if halved[k] else (0, 2) for k in (0, 1))
     return [
         (lattice[a][c], lattice[b][c], lattice[a][d], lattice[b][d])
-        for a, b in zip(columns, columns[1:], strict=False)
-        for c, d in zip(rows, rows[1:], strict=False)
+        for a, b in pairwise(columns)
+        for c, d in pairwise(rows)
     ]

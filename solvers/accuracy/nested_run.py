@@ -1,21 +1,24 @@
 """Error of the mesh of every number, order 2 in the plane: the same steps once more on a mesh cut where it matters.
 
 The run's own cells are cut twice, nested, at all places that the error comes from, see `where_to_refine`, and the
-history is solved again there. After each of these steps one step of bubbles of order 3, see `two_level`, sees the smooth
-errors far from there. Largest pressures, penetrations and slips are those without bubbles, which disturb single nodes.
-Stated is FACTOR times the difference to the run, EDGE times that for areas, whose edge lies between nodes then. New
-nodes of curved sides lie on circles: what sides of order 2 miss of them is part of the mesh's error, and that of the
-geometry is zero. A largest pressure that grows by more than GROWS with each cut has no limit and no error, nor has the
-penetration that it causes.
+history is solved again there. One step of bubbles of order 3 after each of these steps, see `two_level`, sees the
+smooth errors far from there. Largest pressures, penetrations and slips are those without bubbles, which disturb single
+nodes. Stated is FACTOR times the difference to the run, EDGE times that for areas, whose edge then lies between nodes.
+New nodes of curved sides lie on circles: what sides of order 2 miss of these is part of the mesh's error, and that of
+the geometry is zero. A largest pressure that grows by more than GROWS with each cut has no limit and no error; with
+compliance it has one.
 
-Stated / true against order 2 on meshes three times finer, 17 plane and axisymmetric problems on three meshes each, 2
-to 8 steps: SHARES
+Both histories have the same steps, so that the error of the time steps cancels. Steps of the finer mesh take about
+SLOWER times as long as the run's. So of a run of more than FEW steps every second one is left out, once or several
+times; the history of the rest is solved on the run's mesh too, and at times left out errors follow as in `time_steps`.
+Every turn of a value in time is kept: if more than ENOUGH steps and half of the run's are left, there is no error of
+the mesh. If the cost model of `auto` finds the finer mesh MOST times as dear as the run's, cells are cut once, with a
+larger FACTOR; if it is too dear even so, there is no error either. Nor is there from the first step on that was cut.
 
-The second history has the run's steps, so that the error of the time steps cancels. It costs what the run costs, and
-more where the contact has few nodes and many edges: if the cost model of `auto` finds it more than MOST times as dear
-as the run, cells are cut once, with a larger FACTOR (in [.7, 3]: .93), and if that does not help, there is no error of
-the mesh; so from the first step on that the run was cut in. Not in 3D: at an edge of contact cells cannot be cut
-nested without cutting many, and order 3 needs matrices of order 2's size many times over.
+SHARES
+
+Not in 3D, where the edge of contact is a line along which many cells would be cut. A run's script has no such error:
+its history is not solved again.
 
 Source: of the bubbles Bank & Smith, SIAM J. Numer. Anal. 30 (1993); cutting cells nested: Bank, Sherman & Weiser, in
 Scientific Computing (1983).
@@ -24,18 +27,19 @@ Scientific Computing (1983).
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from geometry.arrays import Array
 from geometry.errors import StickslipError
 from geometry.mesh.mesh import build_mesh
 from geometry.nested_mesh import FlatMesh
 from geometry.surfaces.surface import gather_surface
 from solvers.accuracy.areas import areas_of_order_2
-from solvers.accuracy.mesh_error import AREAS, EDGE, Values
+from solvers.accuracy.histories import Columns, Difference, Stretches, count, halved, signed, stretches
+from solvers.accuracy.iteration_errors import AREAS
+from solvers.accuracy.mesh_error import Values
 from solvers.accuracy.two_level import MeshCorrection
 from solvers.accuracy.where_to_refine import Places
 from solvers.parallel.counters import Counters
@@ -45,6 +49,7 @@ from solvers.results.numbers import quantities
 from solvers.results.observe import Observer
 from solvers.results.step_result import MeshData, StepResult
 from solvers.scene.settings import Solver
+from solvers.scene.timeline import Timeline
 from solvers.stepping.choice import Size
 from solvers.stepping.history import HistoryRow
 from solvers.stepping.method_chain import MethodChain
@@ -53,11 +58,14 @@ from solvers.system.system import System, assemble
 
 log = logging.getLogger(__name__)
 FACTOR = {2: 1.3, 1: 1.6}  # stated error over difference, by the number of times that cells are cut
+EDGE = 1.5
 BUBBLES = 1  # steps of their iteration
 GROWS = 0.1
-MOST = 4.0  # times the price of the run
-SOON = 10.0  # [s] that it may cost in any case
-SOLVES = 3.0  # problems of contact in a step: that of the step, and two with bubbles
+FEW, ENOUGH = 8, 16
+SLOWER = 8.0
+MOST = 4.0
+SOON = 10.0  # [s] that it may take in any case
+SOLVES = 3  # problems of contact in a step: that of the step, and two with bubbles
 WITHOUT_BUBBLES = ("max_pressure", "max_penetration", "max_slip")
 
 
@@ -71,64 +79,66 @@ class NestedRun:
         return mesh.degree == 2 and mesh.dim == 2 and len(contacts) > 0 and stepper.chain.exact_laws
 
     def __init__(
-        self, stepper: Stepper, data: MeshData, on_iteration: Callable[[HistoryRow], None] = lambda row: None
+        self,
+        stepper: Stepper,
+        observer: Observer,
+        data: MeshData,
+        on_iteration: Callable[[HistoryRow], None] = lambda row: None,
     ) -> None:
         """
         Args:
-            stepper: of the run.
+            stepper, observer: of the run.
             data: its mesh.
             on_iteration: called after each iteration, on every rank.
         """
         self._stepper, self._data, self._on_iteration = stepper, data, on_iteration
-        self._cuts = max(FACTOR)
+        self._observe = observer.without_errors()
 
     def __call__(self, steps: Sequence[StepResult]) -> tuple[Errors, ...]:
-        """Mesh and geometry of the errors of the first steps, up to one that fails or that the run has cut; collective.
+        """Mesh and geometry of the errors of each step, None where they are not known; collective.
 
         Args:
             steps: results at the requested times of a run from rest, without a gap.
         """
-        found, system = list[Errors](), self._stepper.system
         uncut = next((k for k, step in enumerate(steps) if step.substeps > 1), len(steps))
-        mesh = self._cut_mesh(steps) if uncut else None
+        plan = thinned([step.time for step in steps[:uncut]], self._stepper.system.problem.timeline)
+        if count(plan) > max(ENOUGH, uncut / 2):
+            log.info(
+                "no error of the mesh: it would take about %.0f times the run's steps", SLOWER * count(plan) / uncut
+            )
+            return ()
+        own = list(steps[:uncut]) if count(plan) == uncut else self._own(plan)
+        cuts, mesh = self._cut_mesh(own) if own else (0, None)
         if mesh is None:
             return ()
         log.info("the same history on a finer mesh of %d nodes, for the error of the mesh", len(mesh.points))
-        counters = Counters()
+        finer, counters = list[Values](), Counters()
         try:
-            for step, (plain, corrected) in zip(
-                steps[:uncut], self._history(mesh, steps[:uncut], counters), strict=False
-            ):
-                found.append(self._errors(quantities(step), plain, corrected))
+            finer.extend(self._finer(mesh, [step.time for step in own], counters))
         except StickslipError as error:
             log.info("no error of the mesh from there on: %s", error)
-        system.counters.error_solves += counters.volume_solves + counters.error_solves
-        return tuple(found)
+        self._stepper.system.counters.error_solves += counters.volume_solves + counters.error_solves
+        stiff = {c.name for c in self._stepper.system.contacts if not c.normal.at_quadrature}
+        return _errors(steps[:uncut], own[: len(finer)], finer, cuts, stiff)
 
-    def _errors(self, own: Values, plain: Values, corrected: Values) -> Errors:
-        """Errors of the numbers of one step of the run.
+    def _own(self, plan: Stretches) -> list[StepResult]:
+        """The history in fewer steps on the run's mesh, up to a step that would have to be cut; collective."""
+        log.info("the same history in %d steps, for the error of the mesh", count(plan))
+        found, stepper = list[StepResult](), self._stepper
+        state = stepper.start()
+        with stepper.chain.repeating(stepper.system):
+            for time in (time for stretch in plan for time in stretch):
+                try:
+                    accepted = stepper.reach(state, time, self._on_iteration)
+                except StepError as error:
+                    log.info("no error of the mesh from there on: %s", error)
+                    break
+                found.append(self._observe(accepted))
+                state = accepted.state
+        return found
 
-        Args:
-            plain, corrected: on the finer mesh, without bubbles and with them.
-        """
-        errors = dict[Quantity, ErrorParts]()
-        for key, value in own.items():
-            theirs = (plain if key.quantity in WITHOUT_BUBBLES else corrected).get(key)
-            if theirs is not None:
-                factor = EDGE if key.quantity in AREAS else FACTOR[self._cuts]
-                off = factor * np.abs(theirs - value)
-                errors[key] = ErrorParts(mesh=off, geometry=0.0 * off, converges=True, corrected=theirs)
-        for c in self._stepper.system.contacts:
-            key = Quantity("contacts", c.name, "max_pressure")
-            if plain[key] > (1 + GROWS) ** self._cuts * own[key]:
-                for quantity in ("max_pressure", "max_penetration") if c.normal.at_quadrature else ("max_pressure",):
-                    errors[Quantity("contacts", c.name, quantity)] = ErrorParts(converges=False)
-        return errors
-
-    def _history(
-        self, mesh: FlatMesh, steps: Sequence[StepResult], counters: Counters
-    ) -> Iterator[tuple[Values, Values]]:
-        """Numbers of each step on the finer mesh, without bubbles and with them; collective.
+    def _finer(self, mesh: FlatMesh, times: Sequence[float], counters: Counters) -> Iterator[Values]:
+        """Numbers of the history on the finer mesh at each time [s]; collective.
 
         Raises:
             StickslipError: the mesh cannot be prepared, or a step cannot be solved as a whole.
@@ -136,21 +146,20 @@ class NestedRun:
         stepper = self._prepared(mesh, counters)
         observe, follow = Observer.of(stepper), MeshCorrection(stepper, steps=BUBBLES)
         state = stepper.start()
-        for step in steps:
+        for time in times:
             with stepper.chain.repeating(stepper.system):
-                accepted = stepper.reach(state, step.time, self._on_iteration)
+                accepted = stepper.reach(state, time, self._on_iteration)
             refined = follow(accepted.stepper, accepted.substep_start, accepted.state, accepted.problem)
             if refined is None:
-                raise StepError(step.time, "contact could not be solved with bubbles", accepted.history, accepted)
+                raise StepError(time, "contact could not be solved with bubbles", accepted.history, accepted)
             start, before = accepted.start, accepted.substep_start
             bubbles = replace(
-                accepted,
-                state=refined,
-                start=start.refined or start,
-                substep_start=before.refined or before,
+                accepted, state=refined, start=start.refined or start, substep_start=before.refined or before
             )
+            plain, values = _numbers(observe, accepted), _numbers(observe, bubbles)
+            values |= {key: value for key, value in plain.items() if key.quantity in WITHOUT_BUBBLES}
             moved = follow.displacement_at(refined, observe.probes)
-            yield _numbers(observe, accepted, {}), _numbers(observe, bubbles, moved)
+            yield values | {Quantity("probes", name, "displacement"): value for name, value in moved.items()}
             state = replace(accepted.state, refined=refined)
 
     def _prepared(self, mesh: FlatMesh, counters: Counters) -> Stepper:
@@ -160,8 +169,8 @@ class NestedRun:
         system = assemble(problem, build_mesh(mesh, problem.request, self._stepper.system.mesh.comm), counters)
         return Stepper(system, MethodChain(system))
 
-    def _cut_mesh(self, steps: Sequence[StepResult]) -> FlatMesh | None:
-        """The finer mesh, the same on every rank; None: it would be too dear; collective."""
+    def _cut_mesh(self, steps: Sequence[StepResult]) -> tuple[int, FlatMesh | None]:
+        """How often cells are cut, and the finer mesh, on every rank; None: it would be too dear; collective."""
         system = self._stepper.system
         mesh, own = self._flat(), Size.of(system.problem, system.mesh, system.constraints, system.contacts)
         found: FlatMesh | None = None
@@ -177,15 +186,15 @@ class NestedRun:
                     own,
                     dofs=own.dofs * len(finer.points) // len(mesh.points),
                     contact_dofs=own.contact_dofs * _contact_nodes(system, finer) // _contact_nodes(system, mesh),
-                    steps=round(SOLVES * len(steps)),
+                    steps=SOLVES * len(steps),
                 )
                 if size.seconds["condensed"] <= most:
                     found = finer
                     break
             else:
                 log.info("no error of the mesh: it would take about %.0f s", size.seconds["condensed"])
-        found, self._cuts = system.mesh.comm.bcast((found, cuts))
-        return found
+        cuts, found = system.mesh.comm.bcast((cuts, found))
+        return cuts, found
 
     def _flat(self) -> FlatMesh | None:
         """The mesh of the run, on rank 0; collective."""
@@ -212,16 +221,61 @@ def _contact_nodes(system: System, mesh: FlatMesh) -> int:
     return len(np.unique(np.concatenate([mesh.sides[s].ravel() for p in pairs for s in (p.slave, p.master) if s])))
 
 
-def _numbers(observe: Observer, accepted: Accepted, moved: Mapping[str, Array]) -> Values:
-    """All numbers of a step on the finer mesh, areas with edges between nodes; collective.
-
-    Args:
-        moved: displacement (d,) [m] of each probe.
-    """
+def _numbers(observe: Observer, accepted: Accepted) -> Values:
+    """All numbers of a step on the finer mesh but those of probes, areas with edges between nodes; collective."""
     numbers = observe.numbers(accepted)
     values = quantities(numbers)
-    values |= {Quantity("probes", name, "displacement"): value for name, value in moved.items()}
-    for c in accepted.stepper.system.contacts:
-        areas = areas_of_order_2(c.surface, numbers.contacts[c.name], c.node_weights)
-        values |= {Quantity("contacts", c.name, key): area for key, area in areas.items()}
+    for name, contact in numbers.contacts.items():
+        side = next(c.surface for c in accepted.stepper.system.contacts if c.name == name)
+        areas = areas_of_order_2(side, contact, contact.weight)
+        values |= {Quantity("contacts", name, key): area for key, area in areas.items()}
     return values
+
+
+def thinned(times: Sequence[float], timeline: Timeline) -> Stretches:
+    """The times of a history [s] without every second one, until FEW are left or no more can be left out.
+
+    >>> from solvers.scene.timeline import Place
+    >>> line = Timeline({Place("supports", "top", "displacement", "x"): ((1.0, 0.0), (2.0, 1.0))}, end=2.0, count=24)
+    >>> [len(stretch) for stretch in thinned(line.times, line)]
+    [3, 3]
+    """
+    plan = stretches(times, timeline)
+    while count(plan) > FEW and (fewer := tuple(halved(stretch) for stretch in plan)) != plan:
+        plan = fewer
+    return plan
+
+
+def _errors(
+    steps: Sequence[StepResult], own: Sequence[StepResult], finer: Sequence[Values], cuts: int, stiff: Collection[str]
+) -> tuple[Errors, ...]:
+    """Errors of the numbers of all steps of a run.
+
+    Args:
+        steps: of the run.
+        own, finer: of a history in the same or in fewer steps, on the run's mesh and on a finer one.
+        cuts: how often cells of the finer one are cut.
+        stiff: contacts without compliance.
+    """
+    values = [quantities(step) for step in steps]
+    columns, times = Columns.of(values[0]), np.array([step.time for step in steps])
+    rows = [
+        columns.row({key: theirs.get(key, np.nan * value) - value for key, value in quantities(step).items()})
+        for step, theirs in zip(own, finer, strict=True)
+    ]
+    ends = np.array([step.time for step in own])
+    shape = len(ends), len(columns.row(values[0]))
+    errors = signed(Difference(ends, np.reshape(rows, shape), np.ones(len(ends))), times, columns)
+    found = list[Errors]()
+    for row, mine, at in zip(errors, values, np.searchsorted(ends, times), strict=True):
+        here = dict[Quantity, ErrorParts]()
+        for key, off in columns.values(row).items():
+            if off is not None:
+                size = (EDGE if key.quantity in AREAS else FACTOR[cuts]) * np.abs(off)
+                here[key] = ErrorParts(mesh=size, geometry=0.0 * size, converges=True, corrected=mine[key] - off)
+        if at < len(own):
+            keys = [Quantity("contacts", name, "max_pressure") for name in stiff]
+            most = {key: (1 + GROWS) ** cuts * own[at].contacts[key.name].max_pressure for key in keys}
+            here |= {key: ErrorParts(converges=False) for key in keys if finer[at][key] > most[key]}
+        found.append(here)
+    return tuple(found)

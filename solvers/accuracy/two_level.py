@@ -295,7 +295,7 @@ class _Substep:
         return self.bubbles.free(self._unbalanced(answer))
 
     def _unbalanced(self, answer: Answer) -> Vec:
-        """Forces that are out of balance at all nodes of the next order, those that supports hold included [N]; collective."""
+        """Forces out of balance at all nodes of the next order, those that supports hold included [N]; collective."""
         forces = self.bubbles.load(self.new.time) - self.bubbles.inner(answer.u, answer.x)
         self.rows.add(forces, -self._contact(answer.solution.p))
         return forces

@@ -40,7 +40,8 @@ class Places:
             steps: all its steps.
         """
         acted = [side for pair in problem.pairs.values() for side in (pair.slave, pair.master)]
-        acted += [each.boundary for each in (*problem.supports.values(), *problem.loads.values())]
+        acted += [support.boundary for support in problem.supports.values()]
+        acted += [load.boundary for load in problem.loads.values()]
         segments = dict[str, list[Array]]()
         for c in contacts:
             pair = problem.pairs[c.name]
