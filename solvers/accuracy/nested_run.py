@@ -8,12 +8,11 @@ New nodes of curved sides lie on circles: what sides of order 2 miss of these is
 the geometry is zero. A largest pressure that grows by more than GROWS with each cut has no limit and no error; with
 compliance it has one.
 
-Both histories have the same steps, so that the error of the time steps cancels. Steps of the finer mesh take about
-SLOWER times as long as the run's. So of a run of more than FEW steps every second one is left out, once or several
-times; the history of the rest is solved on the run's mesh too, and at times left out errors follow as in `time_steps`.
-Every turn of a value in time is kept: if more than ENOUGH steps and half of the run's are left, there is no error of
-the mesh. If the cost model of `auto` finds the finer mesh MOST times as dear as the run's, cells are cut once, with a
-larger FACTOR; if it is too dear even so, there is no error either. Nor is there from the first step on that was cut.
+Both histories have the same steps, so that the error of the time steps cancels. In fewer steps on both meshes the
+difference is another one: where contact edges wander, nodes stick or slip by the steps (share in [.7, 3] .3 to .7). A
+step of the finer mesh takes about four times as long as one of the run, its preparation one or two times. Where the
+cost model of `auto` finds that to be more than SOON and than MOST times the run, cells are cut once, with a larger
+FACTOR; if that is too dear as well, there is no error of the mesh. Nor is there from the first step on that was cut.
 
 SHARES
 
@@ -27,7 +26,7 @@ Scientific Computing (1983).
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +36,6 @@ from geometry.mesh.mesh import build_mesh
 from geometry.nested_mesh import FlatMesh
 from geometry.surfaces.surface import gather_surface
 from solvers.accuracy.areas import areas_of_order_2
-from solvers.accuracy.histories import Columns, Difference, Stretches, count, halved, signed, stretches
 from solvers.accuracy.iteration_errors import AREAS
 from solvers.accuracy.mesh_error import Values
 from solvers.accuracy.two_level import MeshCorrection
@@ -49,23 +47,19 @@ from solvers.results.numbers import quantities
 from solvers.results.observe import Observer
 from solvers.results.step_result import MeshData, StepResult
 from solvers.scene.settings import Solver
-from solvers.scene.timeline import Timeline
 from solvers.stepping.choice import Size
 from solvers.stepping.history import HistoryRow
 from solvers.stepping.method_chain import MethodChain
 from solvers.stepping.stepper import Accepted, StepError, Stepper
-from solvers.system.system import System, assemble
+from solvers.system.system import assemble
 
 log = logging.getLogger(__name__)
 FACTOR = {2: 1.3, 1: 1.6}  # stated error over difference, by the number of times that cells are cut
 EDGE = 1.5
-BUBBLES = 1  # steps of their iteration
 GROWS = 0.1
-FEW, ENOUGH = 8, 16
-SLOWER = 8.0
-MOST = 4.0
-SOON = 10.0  # [s] that it may take in any case
-SOLVES = 3  # problems of contact in a step: that of the step, and two with bubbles
+MOST, SOON = 3.0, 15.0  # times the run, and [s]
+OVERHEAD = 0.01  # [s] of a problem of contact, however small
+SOLVES = 3  # problems of contact in a step: that of the step, and that with bubbles, which is about twice as dear
 WITHOUT_BUBBLES = ("max_pressure", "max_penetration", "max_slip")
 
 
@@ -79,63 +73,53 @@ class NestedRun:
         return mesh.degree == 2 and mesh.dim == 2 and len(contacts) > 0 and stepper.chain.exact_laws
 
     def __init__(
-        self,
-        stepper: Stepper,
-        observer: Observer,
-        data: MeshData,
-        on_iteration: Callable[[HistoryRow], None] = lambda row: None,
+        self, stepper: Stepper, data: MeshData, on_iteration: Callable[[HistoryRow], None] = lambda row: None
     ) -> None:
         """
         Args:
-            stepper, observer: of the run.
+            stepper: of the run.
             data: its mesh.
             on_iteration: called after each iteration, on every rank.
         """
         self._stepper, self._data, self._on_iteration = stepper, data, on_iteration
-        self._observe = observer.without_errors()
 
     def __call__(self, steps: Sequence[StepResult]) -> tuple[Errors, ...]:
-        """Mesh and geometry of the errors of each step, None where they are not known; collective.
+        """Mesh and geometry of the errors of the first steps, up to one that fails or that the run has cut; collective.
 
         Args:
             steps: results at the requested times of a run from rest, without a gap.
         """
-        uncut = next((k for k, step in enumerate(steps) if step.substeps > 1), len(steps))
-        plan = thinned([step.time for step in steps[:uncut]], self._stepper.system.problem.timeline)
-        if count(plan) > max(ENOUGH, uncut / 2):
-            log.info(
-                "no error of the mesh: it would take about %.0f times the run's steps", SLOWER * count(plan) / uncut
-            )
-            return ()
-        own = list(steps[:uncut]) if count(plan) == uncut else self._own(plan)
-        cuts, mesh = self._cut_mesh(own) if own else (0, None)
+        whole = steps[: next((k for k, step in enumerate(steps) if step.substeps > 1), len(steps))]
+        cuts, mesh = self._cut_mesh(whole) if whole else (0, None)
         if mesh is None:
             return ()
         log.info("the same history on a finer mesh of %d nodes, for the error of the mesh", len(mesh.points))
-        finer, counters = list[Values](), Counters()
+        found, counters = list[Errors](), Counters()
         try:
-            finer.extend(self._finer(mesh, [step.time for step in own], counters))
+            for step, finer in zip(whole, self._finer(mesh, [step.time for step in whole], counters), strict=True):
+                found.append(self._errors(step, finer, cuts))
         except StickslipError as error:
             log.info("no error of the mesh from there on: %s", error)
         self._stepper.system.counters.error_solves += counters.volume_solves + counters.error_solves
-        stiff = {c.name for c in self._stepper.system.contacts if not c.normal.at_quadrature}
-        return _errors(steps[:uncut], own[: len(finer)], finer, cuts, stiff)
+        return tuple(found)
 
-    def _own(self, plan: Stretches) -> list[StepResult]:
-        """The history in fewer steps on the run's mesh, up to a step that would have to be cut; collective."""
-        log.info("the same history in %d steps, for the error of the mesh", count(plan))
-        found, stepper = list[StepResult](), self._stepper
-        state = stepper.start()
-        with stepper.chain.repeating(stepper.system):
-            for time in (time for stretch in plan for time in stretch):
-                try:
-                    accepted = stepper.reach(state, time, self._on_iteration)
-                except StepError as error:
-                    log.info("no error of the mesh from there on: %s", error)
-                    break
-                found.append(self._observe(accepted))
-                state = accepted.state
-        return found
+    def _errors(self, step: StepResult, finer: Values, cuts: int) -> Errors:
+        """Errors of the numbers of a step.
+
+        Args:
+            finer: what they are on the finer mesh.
+            cuts: how often its cells are cut.
+        """
+        errors = dict[Quantity, ErrorParts]()
+        for key, value in quantities(step).items():
+            if key in finer:
+                off = (EDGE if key.quantity in AREAS else FACTOR[cuts]) * np.abs(finer[key] - value)
+                errors[key] = ErrorParts(mesh=off, geometry=0.0 * off, converges=True, corrected=finer[key])
+        for c in self._stepper.system.contacts:
+            key, pressure = Quantity("contacts", c.name, "max_pressure"), step.contacts[c.name].max_pressure
+            if finer[key] > (1 + GROWS) ** cuts * pressure and not c.normal.at_quadrature:
+                errors[key] = ErrorParts(converges=False)
+        return errors
 
     def _finer(self, mesh: FlatMesh, times: Sequence[float], counters: Counters) -> Iterator[Values]:
         """Numbers of the history on the finer mesh at each time [s]; collective.
@@ -144,7 +128,7 @@ class NestedRun:
             StickslipError: the mesh cannot be prepared, or a step cannot be solved as a whole.
         """
         stepper = self._prepared(mesh, counters)
-        observe, follow = Observer.of(stepper), MeshCorrection(stepper, steps=BUBBLES)
+        observe, follow = Observer.of(stepper), MeshCorrection(stepper, quick=True)
         state = stepper.start()
         for time in times:
             with stepper.chain.repeating(stepper.system):
@@ -172,29 +156,12 @@ class NestedRun:
     def _cut_mesh(self, steps: Sequence[StepResult]) -> tuple[int, FlatMesh | None]:
         """How often cells are cut, and the finer mesh, on every rank; None: it would be too dear; collective."""
         system = self._stepper.system
-        mesh, own = self._flat(), Size.of(system.problem, system.mesh, system.constraints, system.contacts)
-        found: FlatMesh | None = None
-        cuts = 0
+        mesh, size = self._flat(), Size.of(system.problem, system.mesh, system.constraints, system.contacts)
+        found: tuple[int, FlatMesh | None] = 0, None
         if mesh is not None:
-            places = Places.of(system.problem, system.contacts, steps)
-            most = max(SOON, MOST * replace(own, steps=len(steps)).seconds["condensed"])
-            for cuts in FACTOR:
-                finer = mesh
-                for _ in range(cuts):
-                    finer = finer.cut(finer.touching(places.nodes(finer)))
-                size = replace(
-                    own,
-                    dofs=own.dofs * len(finer.points) // len(mesh.points),
-                    contact_dofs=own.contact_dofs * _contact_nodes(system, finer) // _contact_nodes(system, mesh),
-                    steps=SOLVES * len(steps),
-                )
-                if size.seconds["condensed"] <= most:
-                    found = finer
-                    break
-            else:
-                log.info("no error of the mesh: it would take about %.0f s", size.seconds["condensed"])
-        cuts, found = system.mesh.comm.bcast((cuts, found))
-        return cuts, found
+            found = _cut(mesh, Places.of(system.problem, system.contacts, steps), replace(size, steps=len(steps)))
+        found = system.mesh.comm.bcast(found)
+        return found
 
     def _flat(self) -> FlatMesh | None:
         """The mesh of the run, on rank 0; collective."""
@@ -215,10 +182,29 @@ class NestedRun:
         )
 
 
-def _contact_nodes(system: System, mesh: FlatMesh) -> int:
-    """Number of nodes of all contact sides."""
-    pairs = system.problem.pairs.values()
-    return len(np.unique(np.concatenate([mesh.sides[s].ravel() for p in pairs for s in (p.slave, p.master) if s])))
+def _cut(mesh: FlatMesh, places: Places, size: Size) -> tuple[int, FlatMesh | None]:
+    """How often the cells at some places are cut, and the mesh then; None: it would be too dear.
+
+    Args:
+        size: of the run.
+    """
+    most = max(SOON, MOST * _seconds(size))
+    for cuts in FACTOR:
+        finer = mesh
+        for _ in range(cuts):
+            finer = finer.cut(finer.touching(places.nodes(finer)))
+        contact_dofs = size.contact_dofs * places.contact_nodes(finer) // places.contact_nodes(mesh)
+        dofs, solves = size.dofs * len(finer.points) // len(mesh.points), SOLVES * size.steps
+        seconds = _seconds(replace(size, dofs=dofs, contact_dofs=contact_dofs, steps=solves))
+        if seconds <= most:
+            return cuts, finer
+    log.info("no error of the mesh: it would take about %.0f s", seconds)
+    return 0, None
+
+
+def _seconds(size: Size) -> float:
+    """What it would take [s], by the cost model of `auto`."""
+    return size.seconds["condensed"] + OVERHEAD * size.steps
 
 
 def _numbers(observe: Observer, accepted: Accepted) -> Values:
@@ -230,52 +216,3 @@ def _numbers(observe: Observer, accepted: Accepted) -> Values:
         areas = areas_of_order_2(side, contact, contact.weight)
         values |= {Quantity("contacts", name, key): area for key, area in areas.items()}
     return values
-
-
-def thinned(times: Sequence[float], timeline: Timeline) -> Stretches:
-    """The times of a history [s] without every second one, until FEW are left or no more can be left out.
-
-    >>> from solvers.scene.timeline import Place
-    >>> line = Timeline({Place("supports", "top", "displacement", "x"): ((1.0, 0.0), (2.0, 1.0))}, end=2.0, count=24)
-    >>> [len(stretch) for stretch in thinned(line.times, line)]
-    [3, 3]
-    """
-    plan = stretches(times, timeline)
-    while count(plan) > FEW and (fewer := tuple(halved(stretch) for stretch in plan)) != plan:
-        plan = fewer
-    return plan
-
-
-def _errors(
-    steps: Sequence[StepResult], own: Sequence[StepResult], finer: Sequence[Values], cuts: int, stiff: Collection[str]
-) -> tuple[Errors, ...]:
-    """Errors of the numbers of all steps of a run.
-
-    Args:
-        steps: of the run.
-        own, finer: of a history in the same or in fewer steps, on the run's mesh and on a finer one.
-        cuts: how often cells of the finer one are cut.
-        stiff: contacts without compliance.
-    """
-    values = [quantities(step) for step in steps]
-    columns, times = Columns.of(values[0]), np.array([step.time for step in steps])
-    rows = [
-        columns.row({key: theirs.get(key, np.nan * value) - value for key, value in quantities(step).items()})
-        for step, theirs in zip(own, finer, strict=True)
-    ]
-    ends = np.array([step.time for step in own])
-    shape = len(ends), len(columns.row(values[0]))
-    errors = signed(Difference(ends, np.reshape(rows, shape), np.ones(len(ends))), times, columns)
-    found = list[Errors]()
-    for row, mine, at in zip(errors, values, np.searchsorted(ends, times), strict=True):
-        here = dict[Quantity, ErrorParts]()
-        for key, off in columns.values(row).items():
-            if off is not None:
-                size = (EDGE if key.quantity in AREAS else FACTOR[cuts]) * np.abs(off)
-                here[key] = ErrorParts(mesh=size, geometry=0.0 * size, converges=True, corrected=mine[key] - off)
-        if at < len(own):
-            keys = [Quantity("contacts", name, "max_pressure") for name in stiff]
-            most = {key: (1 + GROWS) ** cuts * own[at].contacts[key.name].max_pressure for key in keys}
-            here |= {key: ErrorParts(converges=False) for key in keys if finer[at][key] > most[key]}
-        found.append(here)
-    return tuple(found)

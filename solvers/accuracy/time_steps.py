@@ -24,29 +24,19 @@ areas at the end would agree.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.accuracy.histories import (
-    Columns,
-    Difference,
-    Solved,
-    Stretches,
-    count,
-    doubled,
-    factor_at,
-    halved,
-    signed,
-    stretches,
-)
-from solvers.results.error_parts import ErrorParts, Errors
+from geometry.arrays import Array, Ints
+from solvers.results.error_parts import ErrorParts, Errors, Quantity, Value
 from solvers.results.numbers import ENERGIES, quantities
 from solvers.results.observe import Observer
 from solvers.results.step_result import StepResult
 from solvers.scene.problem import Problem
+from solvers.scene.timeline import CLOSE, Timeline
 from solvers.stepping.history import HistoryRow
 from solvers.stepping.stepper import StepError, Stepper
 
@@ -55,6 +45,65 @@ SLOW = 4.0  # times the differences of largest pressures, which converge slower 
 SAFETY = 1.25  # where two histories are compared alone; stated / true without it: .41 to 1.8, median 1.0
 OVERLAP = 1e-9  # relative to the bodies; a smaller initial interference is rounding
 SHORT = 1e-6  # of the first step: loads and motions of an infinitely short one do not count beside an interference
+Stretches = tuple[tuple[float, ...], ...]  # the times of a history [s]; each stretch ends where some value turns
+
+
+def stretches(times: Sequence[float], timeline: Timeline) -> Stretches:
+    """Times of a history [s] from one turn of a value to the next; no time that ends a stretch is ever left out.
+
+    >>> from solvers.scene.timeline import Place
+    >>> line = Timeline({Place("supports", "top", "displacement", "x"): ((1.0, 0.0), (2.0, 1.0))}, end=2.0, count=4)
+    >>> stretches(line.times, line)
+    ((0.5, 1.0), (1.5, 2.0))
+    """
+    turns, found, open_stretch = np.array([*timeline.turns, 0.0]), list[tuple[float, ...]](), list[float]()
+    for time in times:
+        open_stretch.append(time)
+        if np.abs(turns - time).min() <= CLOSE * timeline.end or time == times[-1]:
+            found.append(tuple(open_stretch))
+            open_stretch = []
+    return tuple(found)
+
+
+def halved(stretch: tuple[float, ...]) -> tuple[float, ...]:
+    """Every second time of a stretch, the last one among them; of an odd number the first three steps become one.
+
+    >>> halved((1.0, 2.0, 3.0, 4.0)), halved((1.0, 2.0, 3.0, 4.0, 5.0)), halved((1.0,))
+    ((2.0, 4.0), (3.0, 5.0), (1.0,))
+    """
+    kept = stretch[::-1][::2][::-1]
+    return kept[1:] if len(stretch) % 2 and len(stretch) > 1 else kept
+
+
+def doubled(history: Stretches, single: Sequence[bool]) -> Stretches:
+    """The history with its steps halved in stretches that are `single`; a step at t = 0 stays one.
+
+    >>> doubled(((1.0,), (1.5, 2.0)), [True, False])
+    ((0.5, 1.0), (1.5, 2.0))
+    """
+    starts = [0.0, *(stretch[-1] for stretch in history)]
+    return tuple(
+        (*((start + stretch[0]) / 2 for _ in range(alone and stretch[0] > start)), *stretch)
+        for start, stretch, alone in zip(starts, history, single, strict=False)
+    )
+
+
+class Solved(NamedTuple):
+    """A history as far as it was solved in whole steps."""
+
+    plan: Stretches
+    times: Array  # (n,) those that are also times of the run [s]
+    rows: Array  # (n, k) all numbers at these times, flat, see `_Columns`
+
+
+class Difference(NamedTuple):
+    """Of two histories, at the c times that both were solved at."""
+
+    times: Array  # (c,) [s]
+    rows: Array  # (c, k) the finer one minus the coarser one
+    factor: (
+        Array  # (c,) error of the run over that, by the sums of h² up to there; 0 before the first step that differs
+    )
 
 
 class Compared(NamedTuple):
@@ -63,6 +112,43 @@ class Compared(NamedTuple):
     half: Difference | None = None  # the run, and half of its steps
     quarter: Difference | None = None  # half, and a quarter
     single: Difference | None = None  # the steps that are alone between two turns halved, and whole
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """All numbers of a step as one row (k,)."""
+
+    keys: tuple[Quantity, ...]
+    sizes: tuple[int, ...]  # of each; 0: a number, not a vector
+
+    @classmethod
+    def of(cls, values: Mapping[Quantity, Value]) -> _Columns:
+        """Those of a step's numbers, see `quantities`."""
+        return cls(tuple(values), tuple(np.size(value) * (np.ndim(value) > 0) for value in values.values()))
+
+    @staticmethod
+    def row(values: Mapping[Quantity, Value]) -> Array:
+        """A step's numbers (k,)."""
+        return np.concatenate([np.atleast_1d(value) for value in values.values()])
+
+    def which(self, test: Callable[[Quantity], bool]) -> Ints:
+        """Columns of the quantities that pass a test."""
+        each = [key for key, size in zip(self.keys, self.sizes, strict=True) for _ in range(max(size, 1))]
+        return np.flatnonzero([test(key) for key in each])
+
+    def energy(self, name: str) -> int:
+        """The column of an energy."""
+        return int(self.which(lambda key: key == Quantity("energy", "", name))[0])
+
+    def errors(self, row: Array) -> Errors:
+        """A row of errors by quantity; one with a NaN is not computed."""
+        found, at = dict[Quantity, ErrorParts](), 0
+        for key, size in zip(self.keys, self.sizes, strict=True):
+            part = row[at : at + max(size, 1)]
+            at += len(part)
+            value = None if np.isnan(part).any() else part if size else float(part[0])
+            found[key] = ErrorParts(time_step=value)
+        return found
 
 
 class TimeStepErrors:
@@ -96,7 +182,7 @@ class TimeStepErrors:
         if not steps:
             return ()
         values = [quantities(step) for step in steps]
-        columns, times = Columns.of(values[0]), np.array([step.time for step in steps])
+        columns, times = _Columns.of(values[0]), np.array([step.time for step in steps])
         plan = stretches(times.tolist(), self._problem.timeline)
         run = Solved(plan, times, np.array([columns.row(each) for each in values]))
         with self._stepper.chain.repeating(self._stepper.system):
@@ -105,7 +191,7 @@ class TimeStepErrors:
         found = estimates(run, compared, columns, jump)
         cut = next((k for k, step in enumerate(steps) if step.substeps > 1), len(steps))
         found[cut:] = np.nan
-        return tuple({key: ErrorParts(time_step=part) for key, part in columns.values(row).items()} for row in found)
+        return tuple(columns.errors(row) for row in found)
 
     def _compare(self, run: Solved) -> Compared:
         """Solve the shorter histories, and the one with single steps halved, the others as in the shortest."""
@@ -118,14 +204,14 @@ class TimeStepErrors:
                 coarsest = shorter
         plan = doubled(coarsest.plan, [len(stretch) == 1 for stretch in run.plan])
         if plan != coarsest.plan:
-            worth = self._stepper.chain.stage.surface == "condensed" or count(plan) <= count(run.plan)
+            worth = self._stepper.chain.stage.surface == "condensed" or _count(plan) <= _count(run.plan)
             finer = self._solve(plan, run) if worth else Solved(plan, run.times[:0], run.rows[:0])
             found["single"] = difference(run, finer, coarsest)
         return Compared(**found)
 
     def _solve(self, plan: Stretches, run: Solved) -> Solved:
         """Solve a history from rest; keep the numbers at times of the run."""
-        log.info("the same history in %d steps, for the error of the time steps", count(plan))
+        log.info("the same history in %d steps, for the error of the time steps", _count(plan))
         state, times, rows = self._stepper.start(), list[float](), list[Array]()
         for time in (time for stretch in plan for time in stretch):
             try:
@@ -136,7 +222,7 @@ class TimeStepErrors:
             state = accepted.state
             if time in run.times:
                 times.append(time)
-                rows.append(Columns.row(quantities(self._observe(accepted))))
+                rows.append(_Columns.row(quantities(self._observe(accepted))))
         return Solved(plan, np.array(times), np.reshape(rows, (len(rows), run.rows.shape[1])))
 
     def _jump(self, steps: Sequence[StepResult]) -> float:
@@ -157,6 +243,11 @@ def remembers(problem: Problem) -> bool:
     """Whether a state depends on the path to it: there is friction, or pairs are searched again."""
     contacts = [pair.contact for pair in problem.pairs.values()]
     return any(c.sliding or (c.friction is not None and c.friction.resists()) for c in contacts)
+
+
+def _count(plan: Stretches) -> int:
+    """Number of steps."""
+    return sum(map(len, plan))
 
 
 def difference(run: Solved, finer: Solved, coarser: Solved) -> Difference:
@@ -181,7 +272,7 @@ def _squares(plan: Stretches, counted: Sequence[bool], times: Array) -> Array:
     return np.asarray(sums[np.searchsorted(ends, times)])
 
 
-def estimates(run: Solved, compared: Compared, columns: Columns, jump: float) -> Array:
+def estimates(run: Solved, compared: Compared, columns: _Columns, jump: float) -> Array:
     """Errors (n, k) of the numbers of the run at its times, >= 0; NaN: not known.
 
     Args:
@@ -190,11 +281,9 @@ def estimates(run: Solved, compared: Compared, columns: Columns, jump: float) ->
     """
     n, k = run.rows.shape
     half, quarter, single = (
-        np.zeros((n, k)) if each is None else signed(each, run.times, columns) for each in compared
+        np.zeros((n, k)) if each is None else _signed(each, run.times, columns) for each in compared
     )
-    third = (
-        np.zeros((n, 1), bool) if compared.quarter is None else (factor_at(compared.quarter, run.times) > 0)[:, None]
-    )
+    third = np.zeros((n, 1), bool) if compared.quarter is None else (_factor(compared.quarter, run.times) > 0)[:, None]
     found: Array = np.where(third, np.fmax(np.abs(half), np.abs(quarter)), SAFETY * np.abs(half)) + SAFETY * np.abs(
         single
     )
@@ -204,7 +293,32 @@ def estimates(run: Solved, compared: Compared, columns: Columns, jump: float) ->
     return found
 
 
-def _works(run: Solved, errors: Array, columns: Columns, jump: float) -> dict[str, Array]:
+def _factor(one: Difference, times: Array) -> Array:
+    """Factor of a difference (n,) at times of the run; NaN behind its last time."""
+    return np.asarray(np.append(one.factor, np.nan)[np.searchsorted(one.times, times)])
+
+
+def _signed(one: Difference, times: Array, columns: _Columns) -> Array:
+    """Error of the run (n, k) at its times by one comparison, positive where a number is too large; NaN behind it."""
+    after = np.searchsorted(one.times, times)
+    rows = np.vstack([np.zeros((1, one.rows.shape[1])), one.rows, np.full((1, one.rows.shape[1]), np.nan)])
+    ends = np.concatenate([[0.0], one.times, [np.inf]])
+    found, adding = rows[after + 1], columns.which(_adds_up)
+    length = ends[after + 1] - ends[after]
+    share = np.divide(times - ends[after], length, out=np.ones_like(times), where=length > 0)[:, None]
+    found[:, adding] = rows[after][:, adding] * (1 - share) + found[:, adding] * share
+    in_step = columns.which(lambda key: key.quantity == "dissipation")
+    since_rest = columns.which(lambda key: key.quantity == "dissipation_total")
+    found[:, in_step] = np.diff(found[:, since_rest], axis=0, prepend=0.0)
+    return np.asarray(-found * _factor(one, times)[:, None])
+
+
+def _adds_up(key: Quantity) -> bool:
+    """Whether a number is a sum over all steps."""
+    return key.kind == "energy" or key.quantity == "dissipation_total"
+
+
+def _works(run: Solved, errors: Array, columns: _Columns, jump: float) -> dict[str, Array]:
     """Errors (n,) of the works: with infinitely short steps, they are what is stored and dissipated.
 
     external = stored + contact and contact = compliance + dissipated + remainder hold at any step size, and the

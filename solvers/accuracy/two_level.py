@@ -66,16 +66,17 @@ class MeshCorrection:
         return system.mesh.degree == 1 and len(system.contacts) > 0 and stepper.chain.exact_laws
 
     def __init__(
-        self, stepper: Stepper, on_error: Callable[[float], None] = lambda seconds: None, steps: int = STEPS
+        self, stepper: Stepper, on_error: Callable[[float], None] = lambda seconds: None, quick: bool = False
     ) -> None:
         """Prepare the bubbles; collective.
 
         Args:
             stepper: whose history is followed.
             on_error: called with the seconds that it took.
-            steps: of Jacobi's iteration.
+            quick: one step of Jacobi's iteration, with the factor that is found in the first substep.
         """
-        self._on_error, self._steps = on_error, steps
+        self._on_error, self._quick = on_error, quick
+        self._factor = 0.0  # of a quick step, once it is known
         system, bubbles = stepper.system, Bubbles(stepper.system)
         self._bubbles, self.nodes = bubbles, bubbles.nodes
         names = {side for pair in system.problem.pairs.values() for side in (pair.slave, pair.master) if side}
@@ -137,12 +138,15 @@ class MeshCorrection:
         """
         x = self._bubbles.zero()
         found: Answer | None = step.solved()
+        if self._factor:
+            x.axpy(self._factor, self._bubbles.displacement(self._bubbles.relaxed(step.residual(step.solved()))))
+            return step.answer(x, step.new.p, nearer)
         if step.rows.closer.any():
             found = step.answer(x, step.new.p, near, same_history=True)
         if found is None:
             return None
         r, directions, changes = step.residual(found), list[Vec](), list[Vec]()
-        for _ in range(self._steps):
+        for _ in range(1 if self._quick else STEPS):
             z = self._bubbles.relaxed(r)
             tried = step.answer(x + self._bubbles.displacement(z), found.solution.p, near, same_history=True)
             if tried is None:
@@ -154,6 +158,7 @@ class MeshCorrection:
             for factor, direction, change in zip(factors, directions, changes, strict=True):
                 x.axpy(factor, self._bubbles.displacement(direction))
                 r.axpy(factor, change)
+            self._factor = factors[0] if self._quick else 0.0  # it depends on the mesh, hardly on the step
         return step.answer(x, found.solution.p, nearer)
 
     def _rows(self, stepper: Stepper) -> BubbleRows:

@@ -61,6 +61,10 @@ class Places:
             found.append(facets[_overlap(mesh.points[facets], segments)][:, :2].ravel())
         return np.unique(np.concatenate(found))
 
+    def contact_nodes(self, mesh: FlatMesh) -> int:
+        """Number of nodes of all contact sides."""
+        return len(np.unique(np.concatenate([mesh.sides[side].ravel() for side in self.segments])))
+
 
 def _changes(c: ContactRows, steps: Sequence[StepResult]) -> Iterator[tuple[Array, Array]]:
     """By step, the facets (f, 3, 2) [m] of the slave that the contact changes in, and where they lie on the other side.

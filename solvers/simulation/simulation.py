@@ -180,7 +180,7 @@ class Simulation:
             return ()
         began = clock.perf_counter()
         try:
-            return NestedRun(self.stepper, self.observer, self.data, on_iteration)(steps)
+            return NestedRun(self.stepper, self.data, on_iteration)(steps)
         finally:
             self.seconds.error += clock.perf_counter() - began
 

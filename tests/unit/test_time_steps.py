@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from solvers.accuracy.histories import doubled, halved, stretches
+from solvers.accuracy.time_steps import doubled, halved, stretches
 from solvers.methods import Solver
 from solvers.results.error_parts import PARTS, ErrorParts, Quantity
 from solvers.results.numbers import quantities
