@@ -29,6 +29,7 @@ EDGES = {  # corners of each edge and the node between them, in dolfinx's order 
 OPPOSITE = {"triangle": (), "quadrilateral": ([0, 3], [1, 2])}  # edges that are halved together
 GMSH = {"triangle": (9, (0, 1, 2, 5, 3, 4)), "quadrilateral": (10, (0, 1, 3, 2, 4, 6, 7, 5, 8))}  # type, order of nodes
 SAME = 1e-9  # distance of reference nodes; rounding
+DIGITS = 12  # of basis functions: there they are multiples of 1 / 64
 FLAT = 1e-9  # sagitta over length of a straight facet
 Halved = tuple[bool, ...]  # of each edge of a cell
 
@@ -180,7 +181,7 @@ def _parts(kind: str, halved: Halved) -> _Parts:
     at = np.einsum("nc,pcd->pnd", dx.reference_basis(kind, 1, old)[0], old[corners])
     near = np.linalg.norm(at[:, :, None] - old, axis=3) < SAME
     known = np.where(near.any(axis=2), near.argmax(axis=2), -1)
-    basis = dx.reference_basis(kind, 2, at.reshape(-1, 2))[0].reshape(*at.shape[:2], -1)
+    basis = dx.reference_basis(kind, 2, at.reshape(-1, 2))[0].round(DIGITS).reshape(*at.shape[:2], -1)
     on = {m: (a, b) for a, b, m in EDGES[kind]}
     return _Parts(basis, known, tuple(tuple(on.get(k) for k in range(len(old))) for _ in corners))
 

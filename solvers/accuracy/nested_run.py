@@ -14,7 +14,12 @@ step of the finer mesh takes about four times as long as one of the run, its pre
 cost model of `auto` finds that to be more than SOON and than MOST times the run, cells are cut once, with a larger
 FACTOR; if that is too dear as well, there is no error of the mesh. Nor is there from the first step on that was cut.
 
-SHARES
+Stated / true against order 2 on meshes three times finer, 18 plane and axisymmetric problems on three meshes each, 1
+to 24 steps, share in [.7, 3] (below .5): of 1652 errors above 1e-3 of the scale of their kind .98 (.01), of 3637 above
+1e-4 .97 (.015); forces and moments 1.00, energies 1.00, pressures .99, lengths .94, areas .94, dissipation .95. Only
+`shrink_fit`, whose errors are that small, is worse (1 of 5). Above 1e-3 without bubbles .99, but above 1e-4 .93, and
+.78 where bodies are large; with bubbles alone .53, and with all cells cut once .89. The difference removed, the number
+has a twelfth of the error.
 
 Not in 3D, where the edge of contact is a line along which many cells would be cut. A run's script has no such error:
 its history is not solved again.
