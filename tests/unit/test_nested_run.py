@@ -106,7 +106,7 @@ def test_cells_are_cut_at_edges_of_contact_and_corners() -> None:
     assert not away.any()  # on sides alone
 
 
-@pytest.mark.parametrize("name", ["sliding", "shaft", "foundation"])
+@pytest.mark.parametrize("name", ["sliding", "foundation", pytest.param("shaft", marks=pytest.mark.slow)])
 def test_it_follows_sliding_and_grids_and_compliance(name: str) -> None:
     simulation, steps = solved(name, "geometry.order=2", "steps.count=2")
     found = simulation.mesh_errors(steps)
