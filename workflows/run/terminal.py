@@ -240,7 +240,7 @@ def _stated(parts: Content) -> float | None:
     """The sum of the parts that are known, if those of the mesh are: they are seldom the least."""
     if parts.get("mesh") is None:
         return None
-    return sum(parts[name] for name in PARTS if parts.get(name) is not None)
+    return sum((float(parts[name]) for name in PARTS if parts.get(name) is not None), start=0.0)
 
 
 def _missing(parts: Content) -> list[str]:
