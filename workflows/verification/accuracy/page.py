@@ -129,6 +129,13 @@ def _lines(studies: Sequence[Study], command: str, picture: str) -> Iterator[str
     yield ""
     yield from table("problem", asked(studies), lambda case: case.problem)
     yield ""
+    yield "## By problem, order 2: the mesh"
+    yield ""
+    second = [case for case in cases if case.order == 2 and case.part == MESH]
+    yield from table("problem", second, lambda case: case.problem)
+    yield ""
+    yield "## Sizes"
+    yield ""
     yield "| problem | unknowns of order 1 | of the truth | seconds |"
     yield "|---|--:|--:|--:|"
     for study in studies:
