@@ -17,7 +17,7 @@ from geometry.errors import MachineError
 from shared.histories import SMALL
 from shared.synthetic import mesh_of, result_of
 from solvers.parallel.serialise import deserialise, serialise
-from solvers.simulation.checkpoint import APART, ROWS, UNBENT, Checkpoints
+from solvers.simulation.checkpoint import APART, FOR_RESULTS, ROWS, Checkpoints
 from solvers.simulation.simulation import Simulation, prepare
 from solvers.stepping.state import State
 from workflows.formats.own_files import mark
@@ -184,7 +184,7 @@ def test_every_field_of_the_state_is_put_back(marched: Simulation) -> None:
         refined=through_files(checkpoint.refined),
         surplus=through_files(checkpoint.surplus),
     )
-    assert set(stored.state) == {f.name for f in fields(State)} - {ROWS, UNBENT, *APART}
+    assert set(stored.state) == {f.name for f in fields(State)} - {ROWS, *FOR_RESULTS, *APART}
     other = prepare(marched.scene, reached=stored.reached)
     state, _ = Checkpoints(other.stepper).put_back(stored, None)
     assert state.refined is not None
