@@ -39,6 +39,7 @@ from solvers.stepping.stepper import Accepted
 
 FACTOR, OPPOSED = 1.6, 0.5
 BETWEEN, EDGE = 0.75, 0.2
+ROUNDING = 1e-14  # of the bodies' size: shorter slips are none
 EQUAL = 1e-6  # relative: both ends of a symmetric side, whoever rounds
 STRESS = 1.25
 SMALL = 0.15  # of the size of a stress's error: no component is known better than by that
@@ -66,15 +67,16 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
         share = bent / np.maximum(bent + flat, np.finfo(float).tiny)
         errors[key] = ErrorParts(mesh=whole * (1 - share), geometry=whole * share, converges=True)
     for c in accepted.stepper.system.contacts:
-        errors |= _without_limit(c, result.contacts[c.name])
+        errors |= _without_limit(c, result.contacts[c.name], ROUNDING * accepted.stepper.system.extent)
     errors |= {Quantity("probes", name, "stress"): ErrorParts(converges=False) for name in _at_corners(observe, result)}
     return corrected, errors
 
 
-def _without_limit(c: ContactRows, contact: ContactState) -> dict[Quantity, ErrorParts]:
+def _without_limit(c: ContactRows, contact: ContactState, rounding: float) -> dict[Quantity, ErrorParts]:
     """What is said in place of an error where the largest pressure of a contact grows without end.
 
-    With compliance it has a limit, which no mesh of that size comes near. The slip close by converges slowly as well.
+    With compliance it has a limit, which no mesh of that size comes near. The slip close by converges slowly as well,
+    if there is one above `rounding` [m].
     """
     if not grows(c.surface, contact.pressure):
         return {}
@@ -82,7 +84,7 @@ def _without_limit(c: ContactRows, contact: ContactState) -> dict[Quantity, Erro
     said = {"max_pressure": ErrorParts(converges=None if soft else False)}
     if soft:
         said["max_penetration"] = ErrorParts()
-    if (_largest(slip) & (peaks | (c.surface.neighbours() @ peaks.astype(float) > 0))).any():
+    if slip.max() > rounding and (_largest(slip) & (peaks | (c.surface.neighbours() @ peaks.astype(float) > 0))).any():
         said["max_slip"] = ErrorParts()
     return {Quantity("contacts", c.name, name): parts for name, parts in said.items()}
 
