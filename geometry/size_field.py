@@ -9,10 +9,10 @@ import numpy as np
 from geometry.arrays import Array, Ints
 from geometry.protocols import Gmsh
 
-REGULAR = {2: np.sqrt(3) / 4, 3: 1 / (6 * np.sqrt(2))}  # volume of a regular triangle or tetrahedron with edges of 1
+USUAL = {2: np.sqrt(3) / 4, 3: 0.2}  # mean volume of gmsh's cells for a size of 1; a regular tetrahedron's is .118
 LIST = {3: "ST", 4: "SS"}  # gmsh's names of list data on triangles and tetrahedra, by their corners
 SILENCED = ("Mesh.MeshSizeExtendFromBoundary", "Mesh.MeshSizeFromPoints", "Mesh.MeshSizeFromCurvature")
-LEAST, MOST = 0.25, 2.0  # factors by which a size may change from one mesh to the next
+LEAST, MOST = 0.125, 2.0  # factors by which a size may change from one mesh to the next
 TREND = 1.0  # power of the size with which the energy norm of the error of a cell falls, at order 1
 
 
@@ -46,7 +46,7 @@ class SizeField:
         """About how many cells the mesh will have."""
         d = self.points.shape[1]
         wanted = self.sizes[self.cells].mean(axis=1)
-        return float(np.sum(volumes(self.points, self.cells) / (REGULAR[d] * wanted**d)))
+        return float(np.sum(volumes(self.points, self.cells) / (USUAL[d] * wanted**d)))
 
 
 def volumes(points: Array, cells: Ints) -> Array:
@@ -66,7 +66,7 @@ def adapted(points: Array, cells: Ints, error: Array, factor: float) -> SizeFiel
         factor: of the error of all cells.
     """
     d, volume = points.shape[1], volumes(points, cells)
-    size = (volume / REGULAR[d]) ** (1 / d)
+    size = (volume / USUAL[d]) ** (1 / d)
     error = np.maximum(error, 1e-12 * error.max(initial=1e-300))
     power = 1 / (TREND + d / 2)
     share = 2 * TREND * power

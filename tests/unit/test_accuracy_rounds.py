@@ -1,5 +1,6 @@
 """Sizes from errors, the cheapest next round, and goals of the command line."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,10 @@ from geometry.errors import SceneError
 from geometry.size_field import SizeField, adapted, volumes
 from solvers.results.error_parts import ErrorParts, Quantity
 from solvers.simulation.simulation import Seconds, prepare
-from workflows.accuracy.level import AIM, Level, Move, next_move
-from workflows.accuracy.rounds import aiming, parsed
+from workflows.accuracy.level import AIM, ALIKE, FINEST, Level, Move, next_move
+from workflows.accuracy.rounds import Rounds, aiming, parsed
 from workflows.accuracy.standing import Standing, standings
+from workflows.run.watch import Watch
 from workflows.scene_file.read import read
 
 
@@ -72,10 +74,23 @@ def test_the_next_round_refines_what_is_off() -> None:
     assert both.finer < 1 < both.splits
 
 
-def test_where_no_round_is_enough_the_largest_step_is_taken() -> None:
-    found = next_move([goal(10.0, 0.0)], 2, 3)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_where_no_round_is_enough_errors_fall_by_almost_as_much_as_they_can(dim: int) -> None:
+    found = next_move([goal(10.0, 1e-4)], 2, dim)
     assert not found.enough
-    assert found.finer == 0.5
+    assert found.error(goal(10.0, 0.0)) <= ALIKE * FINEST[dim] ** 2 * 10.0
+    assert found.splits == 1  # more steps would lower nothing
+
+
+def test_a_contact_of_few_nodes_is_refined_whatever_its_errors(tmp_path: Path) -> None:
+    """Half a ball that touches with two of its nodes: the error that is stated there is a fraction of the true one."""
+    sets = ["geometry.mesh_size=0.2", "geometry.contact_mesh_size=0.2", "steps.count=1", "output.pictures=false"]
+    rounds = Rounds(aiming(read("half_ball", sets), ["pole.normal_force=40%"], None), lambda line: None)
+    rounds(tmp_path / "out", Watch())
+    first, second = (one.goals[0] for one in rounds.done)
+    assert first.reached < 0.03
+    assert second.met
+    assert second.reached > 3 * first.reached
 
 
 def test_the_price_grows_with_cells_and_steps() -> None:

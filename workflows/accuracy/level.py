@@ -6,17 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
+import numpy as np
+
 from geometry.size_field import SizeField
 from solvers.scene.scene import Scene, prefixed
 from solvers.simulation.simulation import Seconds
 from workflows.accuracy.standing import Standing
 
 AIM = 0.7  # of what is asked: estimates scatter from mesh to mesh
-FINER = {2: (1.0, 0.84, 0.7, 0.6, 0.5, 0.42, 0.35, 0.25), 3: (1.0, 0.84, 0.7, 0.6, 0.5)}  # energy errors, by dimension
+FINEST = {2: 0.25, 3: 0.5}  # least factor of the energy error in a round, by dimension: its trend holds no further
+FACTORS = 12  # of the energy error, tried from 1 down to the least
 SPLITS = (1, 2, 4, 8)  # of the time steps
 SOLVING = 1.3  # power of the number of cells with which solving grows
-SETUP = 10  # steps that take as long as mesh, assembly and preparation
+SETUP = 2  # steps that take as long as mesh, assembly and preparation; 1.4 to 3 with all errors, 2D and 3D
 RATE = 2.0  # with which errors of numbers fall, by that of the energy norm
+ALIKE = 1.3  # times the least error that a move can lead to: others up to there are as good, if they are cheaper
 ITERATION = 0.1  # of what is asked: more needs a smaller tolerance
 SMALLEST = 1e-12  # tolerance
 
@@ -67,8 +71,11 @@ class Move:
         return float(seconds.mesh * cells + solving * cells**SOLVING)
 
 
+COARSE = Move(0.5, 1, enough=False)  # where a contact is too coarse for its errors to be known
+
+
 def next_move(goals: Sequence[Standing], steps: int, dim: int) -> Move:
-    """The cheapest move that is expected to reach all goals; if none is, the one that lowers their errors most.
+    """The cheapest move that is expected to reach all goals; if none is, the cheapest of those that lower errors most.
 
     Args:
         steps: of the last round.
@@ -77,8 +84,8 @@ def next_move(goals: Sequence[Standing], steps: int, dim: int) -> Move:
     def off(move: Move) -> float:
         return max(move.error(goal) / goal.asked for goal in goals)
 
-    moves = [Move(finer, splits, False) for finer, splits in product(FINER[dim], SPLITS) if finer < 1 or splits > 1]
-    enough = [move for move in moves if off(move) <= AIM]
-    if enough:
-        return replace(min(enough, key=lambda move: move.work(steps, dim)), enough=True)
-    return min(moves, key=off)
+    factors = FINEST[dim] ** (np.arange(FACTORS) / (FACTORS - 1))
+    moves = [Move(float(f), splits, False) for f, splits in product(factors, SPLITS) if f < 1 or splits > 1]
+    least = max(AIM, ALIKE * min(map(off, moves)))
+    chosen = min((move for move in moves if off(move) <= least), key=lambda move: move.work(steps, dim))
+    return replace(chosen, enough=off(chosen) <= AIM)

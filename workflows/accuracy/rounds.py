@@ -25,7 +25,7 @@ from solvers.results.step_result import OPEN, StepResult
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Accuracy
 from solvers.simulation.simulation import Simulation
-from workflows.accuracy.level import ITERATION, SMALLEST, Level, Move, next_move
+from workflows.accuracy.level import COARSE, ITERATION, SMALLEST, Level, Move, next_move
 from workflows.accuracy.standing import Standing, percent, standings
 from workflows.run.collective import raise_together
 from workflows.run.result import Outcome, write_result
@@ -36,6 +36,8 @@ log = logging.getLogger(__name__)
 LOCAL = ("max_pressure", "contact_area", "stick_area", "slip_area", "max_slip")  # decided near the contact
 MOST = 12  # rounds
 ADAPTABLE = ("triangle", "tetrahedron")
+TOUCHING = {2: 4, 3: 9}  # nodes; with fewer nothing is known of a contact, its errors least of all
+RESOLVING = 3  # rounds at most that are there for that: a corner never touches with more
 
 
 @dataclass
@@ -128,20 +130,25 @@ class Rounds:
         self.done.append(here)
         if comm.rank == 0:
             self._say(f"round {len(self.done)}: {here}")
-        if self._met(here):
+        met, near = self._met(here), any(goal.name.endswith(LOCAL) and not goal.met for goal in goals)
+        if met and (len(self.done) > RESOLVING or _resolved(simulation, steps)):
             return True
-        move = next_move(goals, len(steps), self.scene.dim)
+        move = COARSE if met else next_move(goals, len(steps), self.scene.dim)
         price = comm.bcast(move.price(simulation.seconds, self.scene.dim))
         if len(self.done) == MOST or spent + price > self.scene.accuracy.budget:
             here.price = price if move.enough else None
             return True
-        self._next = self._refined(simulation, steps, move, goals)
+        self._next = self._refined(simulation, steps, move, goals, met or near)
         return False
 
     def _refined(
-        self, simulation: Simulation, steps: Sequence[StepResult], move: Move, goals: Sequence[Standing]
+        self, simulation: Simulation, steps: Sequence[StepResult], move: Move, goals: Sequence[Standing], near: bool
     ) -> Level:
-        """The level that a move leads to."""
+        """The level that a move leads to.
+
+        Args:
+            near: whether the mesh is refined around the contacts first.
+        """
         level, tolerance = self._level, self._level.tolerance or self.scene.solver.tolerance
         if any(goal.rest > ITERATION * goal.asked for goal in goals):
             tolerance = max(tolerance / 100, SMALLEST)
@@ -150,11 +157,9 @@ class Rounds:
             return level
         if simulation.mesh.domain.topology.cell_type.name not in ADAPTABLE:
             return replace(level, factor=level.factor * move.finer)
-        return replace(level, sizes=self._sizes(simulation, steps, move, goals))
+        return replace(level, sizes=self._sizes(simulation, steps, move, near))
 
-    def _sizes(
-        self, simulation: Simulation, steps: Sequence[StepResult], move: Move, goals: Sequence[Standing]
-    ) -> SizeField | None:
+    def _sizes(self, simulation: Simulation, steps: Sequence[StepResult], move: Move, near: bool) -> SizeField | None:
         """Sizes of the next mesh, on rank 0."""
         if simulation.mesh.comm.rank:
             return None
@@ -165,9 +170,16 @@ class Rounds:
             volume = volume * 2 * np.pi * middle[:, 0]
         modulus = np.array([problem.bodies[name].E for name in mesh.bodies])[mesh.body]
         error = self._error * np.sqrt(volume / modulus)
-        if any(goal.name.endswith(LOCAL) and not goal.met for goal in goals):
+        if near:
             error = error * _nearness(simulation, steps, middle)
         return adapted(mesh.points, mesh.cells, error, move.finer)
+
+
+def _resolved(simulation: Simulation, steps: Sequence[StepResult]) -> bool:
+    """Whether all contacts that touch do so with enough nodes; the same on every rank."""
+    states = [[step.contacts[c.name].status != OPEN for step in steps] for c in simulation.system.contacts]
+    touching = [int(np.any(closed, axis=0).sum()) for closed in states]
+    return all(count == 0 or count >= TOUCHING[simulation.scene.dim] for count in touching)
 
 
 def _nearness(simulation: Simulation, steps: Sequence[StepResult], points: Array) -> Array:
