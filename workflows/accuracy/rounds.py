@@ -2,7 +2,8 @@
 
 A round is a run like any other. Its results are kept if it reaches the goals, or if the next one would exceed the
 budget; else only what it shows of the errors is used: the mesh is refined where the energy norm of the error is large,
-around the contacts first if pressures or areas are asked for, and the steps are split.
+around the contacts first if pressures or areas are asked for, and the steps are split. What the next round needs is
+written down first, so that rounds that are stopped go on from there.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import logging
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,17 +20,25 @@ from scipy.spatial import cKDTree
 
 from geometry.arrays import Array
 from geometry.errors import SceneError
+from geometry.protocols import Comm
 from geometry.size_field import SizeField, adapted, volumes
 from solvers.results.error_parts import Errors
 from solvers.results.step_result import OPEN, StepResult
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Accuracy
 from solvers.simulation.simulation import Simulation
+from workflows.accuracy.kept import KeptRounds
 from workflows.accuracy.level import COARSE, ITERATION, SMALLEST, Level, Move, next_move
+from workflows.accuracy.round import Round
 from workflows.accuracy.standing import Standing, percent, standings
-from workflows.run.collective import raise_together
-from workflows.run.result import Outcome, write_result
-from workflows.run.run import run
+from workflows.formats.own_files import certify, is_certified
+from workflows.formats.regular import read_json
+from workflows.formats.steps import read_step, step_files
+from workflows.run.collective import from_rank_0, raise_together
+from workflows.run.folder import BEGUN, RESULT, place_of, work_of
+from workflows.run.result import Outcome, scene_hash, write_result
+from workflows.run.resume import FINISHED, run_of
+from workflows.run.run import begun_with, run
 from workflows.run.watch import Watch
 
 log = logging.getLogger(__name__)
@@ -38,28 +47,6 @@ MOST = 12  # rounds
 ADAPTABLE = ("triangle", "tetrahedron")
 TOUCHING = {2: 4, 3: 9}  # nodes; with fewer nothing is known of a contact, its errors least of all
 RESOLVING = 3  # rounds at most that are there for that: a corner never touches with more
-
-
-@dataclass
-class Round:
-    """A round: its level, and what it found."""
-
-    level: Level
-    goals: list[Standing] = field(default_factory=list)
-    unknowns: int = 0
-    steps: int = 0
-    seconds: float = 0.0
-    price: float | None = None  # [s] of the next one that is expected to reach the goals; None: not needed
-
-    def __str__(self) -> str:
-        goals = ", ".join(map(str, self.goals))
-        return f"{self.unknowns} unknowns, {self.steps} steps, {self.seconds:.1f} s: {goals}"
-
-    @property
-    def plain(self) -> dict[str, Any]:
-        """For result.json."""
-        goals = {goal.name: {"value": goal.value, "error": goal.reached, "asked": goal.asked} for goal in self.goals}
-        return {"unknowns": self.unknowns, "steps": self.steps, "seconds": self.seconds, "goals": goals}
 
 
 class Rounds:
@@ -76,6 +63,7 @@ class Rounds:
         self._error: Array = np.zeros(0)  # of the present round, by cell, largest of all steps; on rank 0
         self._next: Level | None = Level()
         self._level = Level()
+        self._kept: KeptRounds | None = None  # on rank 0
 
     def __call__(self, folder: str | Path, watch: Watch, resume: bool = False) -> tuple[Outcome, dict[str, Any]]:
         """Run until the goals are reached or the budget is spent; results as `run` leaves them; collective.
@@ -83,33 +71,84 @@ class Rounds:
         Args:
             folder: where the results stand at the end.
             watch: what is told while the rounds work.
-            resume: go on where an earlier one was stopped: its first rounds are solved again, they are the cheap ones.
+            resume: go on behind the rounds that earlier ones have finished there, and behind the last step of the one
+                that was stopped, or that the budget has ended.
 
         Raises:
-            SceneError: the error of a goal is not known.
+            SceneError: the error of a goal is not known; or earlier rounds were of another scene.
+            FolderError: without `resume`, rounds that were stopped would be lost.
         """
         from mpi4py import MPI
 
+        comm = MPI.COMM_WORLD
+        finished, going_on = from_rank_0(comm, lambda: self._take_up(Path(folder), resume))
+        if finished:
+            note = f"{folder}: the rounds are finished; nothing was changed"
+            return Outcome(finished["status"], note, Path(folder)), finished
+        self.done = comm.bcast(self.done)
+        level = comm.bcast(self._next and replace(self._next, sizes=None))
+        self._next = self._next if comm.rank == 0 else level
+        self._began -= sum(one.seconds for one in self.done)
         while self._next is not None:
             self._level, self._next = self._next, None
-            self._error = np.zeros(0)
-            seen = replace(watch, on_step=self._seeing(watch.on_step))
+            self._error, count = np.zeros(0), len(self.done)
+            seen = replace(watch, on_step=self._seeing(watch.on_step), on_resume=self._reading(folder, watch.on_resume))
             scene = self._level.scene(self.scene)
-            outcome, content = run(scene, folder, seen, keep=self._judge, sizes=self._level.sizes)
-        if outcome.status != "converged" or not self.done:
+            outcome, content = run(scene, folder, seen, going_on, keep=self._judge, sizes=self._level.sizes)
+            if going_on and len(self.done) == count and outcome.status in FINISHED:
+                self._next = self._level  # a crash came between its end and the verdict on it
+            going_on = False
+        if outcome.status == "interrupted":
+            return outcome, content
+        if outcome.status not in FINISHED or not self.done:
+            self._forget(comm)
             return outcome, content
         last = self.done[-1]
-        content = content | {"accuracy": {"met": self._met(last), "rounds": [one.plain for one in self.done]}}
-        raise_together(MPI.COMM_WORLD, lambda: write_result(outcome.folder, content))
-        if self._met(last):
+        accuracy = {"met": last.met, "rounds": [one.plain for one in self.done], "scene": _hash(self.scene)}
+        content = content | {"accuracy": accuracy}
+
+        def write() -> None:
+            write_result(outcome.folder, content)
+            certify(outcome.folder / RESULT)
+
+        raise_together(comm, write)
+        if last.met:
+            self._forget(comm)
+        if last.met or outcome.status == "doubtful":
             return outcome, content
         missed = max(last.goals, key=lambda goal: goal.reached / goal.asked)
         sentence = f"reached {percent(missed.reached)} of {missed.name}, {percent(missed.asked)} would take about "
         sentence += "longer than can be told" if last.price is None else f"{last.price:.0f} s"
+        sentence += "; --resume with a larger --budget goes on from here"
         return replace(outcome, status="inaccurate", sentence=sentence), content
 
-    def _met(self, one: Round) -> bool:
-        return all(goal.met for goal in one.goals)
+    def _take_up(self, folder: Path, resume: bool) -> tuple[dict[str, Any] | None, bool]:
+        """Finished rounds; content of result.json if all are; whether a round was stopped in its course; on rank 0."""
+        self._kept = KeptRounds(folder, self.scene)
+        if not resume:
+            self._kept.refuse_to_lose()
+            return None, False
+        found = self._kept.load()
+        place, work = place_of(folder), work_of(folder)
+        ended = read_json(place / RESULT)
+        if found is None:
+            told = ended.get("accuracy") or {}
+            whole = told.get("met") and told.get("scene") == _hash(self.scene) and is_certified(place / RESULT)
+            if whole:
+                return ended, False
+        else:
+            self.done, self._next = found
+            self._say(f"{len(self.done)} finished rounds are taken over")
+        return None, (work / BEGUN).is_file() or ended.get("status") == "interrupted"
+
+    def _forget(self, comm: Comm) -> None:
+        """Nothing is left to go on with; collective."""
+
+        def remove() -> None:
+            assert self._kept is not None
+            self._kept.remove()
+
+        raise_together(comm, remove)
 
     def _seeing(self, also: Callable[[StepResult], None]) -> Callable[[StepResult], None]:
         """Keep the errors of cells of each step, on rank 0, beside what else is told of it."""
@@ -120,26 +159,47 @@ class Rounds:
 
         return see
 
+    def _reading(self, folder: str | Path, also: Callable[[int, float], None]) -> Callable[[int, float], None]:
+        """Read the errors of cells of the steps that a round had solved when it was stopped, on rank 0."""
+
+        def read(done: int, time: float) -> None:
+            for path in step_files(work_of(Path(folder))).values():
+                error = read_step(path).stress_error
+                self._error = np.maximum(self._error, error) if len(self._error) else error
+            also(done, time)
+
+        return read
+
     def _judge(self, simulation: Simulation, steps: Sequence[StepResult], errors: Sequence[Errors]) -> bool:
         """Whether the results of this round are kept; if not, `_next` is the level of the next one; collective."""
         comm = simulation.mesh.comm
         spent = comm.bcast(clock.perf_counter() - self._began)
-        goals = standings(self.scene.accuracy.goals, steps[-1], errors[-1])
+        try:
+            goals = standings(self.scene.accuracy.goals, steps[-1], errors[-1])
+        except SceneError:
+            self._forget(comm)
+            raise
         here = Round(self._level, goals, simulation.system.constraints.free_total, len(steps))
         here.seconds = spent - sum(one.seconds for one in self.done)
         self.done.append(here)
         if comm.rank == 0:
             self._say(f"round {len(self.done)}: {here}")
-        met, near = self._met(here), any(goal.name.endswith(LOCAL) and not goal.met for goal in goals)
+        met, near = here.met, any(goal.name.endswith(LOCAL) and not goal.met for goal in goals)
         if met and (len(self.done) > RESOLVING or _resolved(simulation, steps)):
             return True
         move = COARSE if met else next_move(goals, len(steps), self.scene.dim)
         price = comm.bcast(move.price(simulation.seconds, self.scene.dim))
-        if len(self.done) == MOST or spent + price > self.scene.accuracy.budget:
-            here.price = price if move.enough else None
-            return True
-        self._next = self._refined(simulation, steps, move, goals, met or near)
-        return False
+        ends = len(self.done) >= MOST or spent + price > self.scene.accuracy.budget
+        here.price = price if ends and move.enough else None
+        level = self._refined(simulation, steps, move, goals, met or near)
+
+        def write() -> None:
+            assert self._kept is not None
+            self._kept.keep(self.done, level, run_of(begun_with(simulation)), ends)
+
+        raise_together(comm, write)
+        self._next = None if ends else level
+        return ends
 
     def _refined(
         self, simulation: Simulation, steps: Sequence[StepResult], move: Move, goals: Sequence[Standing], near: bool
@@ -173,6 +233,11 @@ class Rounds:
         if near:
             error = error * _nearness(simulation, steps, middle)
         return adapted(mesh.points, mesh.cells, error, move.finer)
+
+
+def _hash(scene: Scene) -> str:
+    """The same for a scene with the same goals, whatever the budget."""
+    return scene_hash(replace(scene, accuracy=Accuracy(goals=scene.accuracy.goals)))
 
 
 def _resolved(simulation: Simulation, steps: Sequence[StepResult]) -> bool:

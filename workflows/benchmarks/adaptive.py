@@ -54,9 +54,9 @@ PAGE = f"""# What adaptive rounds save
 whole from that mesh, in order 1 and 2, and from one that is graded towards the contact by hand. Of those the last run
 alone counts, on the coarsest mesh from which on the true error stays below what is asked, as if it had been known. Of
 the rounds all count, with their estimates of errors. s: CPU seconds, one thread. true: distance to order 2 on a far
-finer mesh; for the ball to that of the axisymmetric model. ~: beyond what was solved, by the trend of the finest {TREND}
-meshes. The ball is asked for 5 % and 1 %: a tenth of an error takes about 30 times the unknowns in 3D at order 1, so
-that .1 % of it would not fit into minutes.
+finer mesh; for the ball to that of the axisymmetric model. ~: beyond what was solved, by the trend of the finest
+{TREND} meshes. The ball is asked for 5 % and 1 %: a tenth of an error takes about 30 times the unknowns in 3D at order
+1, so that .1 % of it would not fit into minutes.
 """
 WAYS = ("one size, order 1", "one size, order 2", "graded by hand, order 1")
 

@@ -75,6 +75,8 @@ def run_command(
             "-o",
             str(folder),
             *(f"--set={word}" for word in override or ()),
+            *(f"--accuracy={word}" for word in accuracy or ()),
+            *([f"--budget={budget:g}"] if budget is not None else []),
             "--resume",
         ]
         how = f"; go on with: {shlex.join(again)}" if outcome.status == "interrupted" else ""
