@@ -34,6 +34,19 @@ class Crossing(NamedTuple):
     at: float  # of the way from the one to the other; negative: the edge lies before the node inside
 
 
+def scatter(side: Surface, contact: ContactState, weights: Array) -> dict[str, float]:
+    """How uncertain the place of the edges leaves areas [m^(d-1)]: that of the facets that they cross, as if by chance.
+
+    Arguments as in `areas_between_nodes`.
+    """
+    opened, sticks, slips = (contact.status == k for k in (OPEN, STICK, SLIP))
+    gap, slip = np.where(weights > 0, contact.gap, 0.0), np.linalg.norm(contact.slip_increment, axis=1)
+    touching = _squares(side, ~opened, gap)
+    sticking = _squares(side, sticks, slip, among=sticks | slips) + _squares(side, sticks, gap, among=sticks | opened)
+    squares = {"contact_area": touching, "stick_area": sticking, "slip_area": touching + sticking}
+    return {name: float(np.sqrt(square)) for name, square in squares.items()}
+
+
 def areas_between_nodes(side: Surface, contact: ContactState, weights: Array) -> dict[str, float]:
     """Areas of a contact [m^(d-1)] whose edges lie between nodes.
 
@@ -66,6 +79,12 @@ def beyond_nodes(side: Surface, inside: Bools, outside: Array, among: Bools | No
 def crossings(side: Surface, inside: Bools, outside: Array) -> list[Crossing]:
     """All crossings of a smooth edge; arguments as in `beyond_nodes`."""
     return [crossing for _, found in _crossed(side, inside, outside, None) for crossing in found]
+
+
+def _squares(side: Surface, inside: Bools, outside: Array, among: Bools | None = None) -> float:
+    """Sum of the squared areas of the simplices that an edge crosses."""
+    crossed = _crossed(side, inside, outside, among)
+    return float(sum((_size(side.points[nodes]) * _around(side, nodes)) ** 2 for nodes, _ in crossed))
 
 
 def _crossed(
@@ -107,10 +126,14 @@ def _slopes(side: Surface, chosen: Bools, level: Array, nodes: Ints) -> Array:
 def _part(side: Surface, nodes: Array, inside: Bools, found: list[Crossing]) -> float:
     """Area inside the edge of a simplex that it crosses, minus the shares of its nodes that are inside."""
     x, count = side.points[nodes], int(inside[nodes].sum())
-    weight = 2 * np.pi * float(x[:, 0].mean()) if side.axisymmetric else 1.0
     share = float(np.prod([crossing.at if count == 1 else 1 - crossing.at for crossing in found]))
     inner = share if count == 1 else 1 - share
-    return (inner - count / len(nodes)) * _size(x) * weight
+    return (inner - count / len(nodes)) * _size(x) * _around(side, nodes)
+
+
+def _around(side: Surface, nodes: Array) -> float:
+    """Factor on the size of a simplex: the way around the axis in axisymmetric models [m], else 1."""
+    return 2 * np.pi * float(side.points[nodes, 0].mean()) if side.axisymmetric else 1.0
 
 
 def _size(x: Array) -> float:

@@ -10,11 +10,12 @@ from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
 from geometry.mesh.nodes import Nodes
-from geometry.protocols import CompiledForm, Function, UflForm, Vec
+from geometry.protocols import CompiledForm, Function, Sparse, UflForm, Vec
 from solvers.effects import active
 from solvers.fem.forms import WeakForms
 from solvers.fem.supports import find_constraints
@@ -121,18 +122,10 @@ class Bubbles:
 
     def _at_corners(self, forces: Vec) -> Vec:
         """Forces on bubbles, at the nodes of the mesh between which they are; collective."""
-        mesh, corners = self.system.mesh, self._corners
-        shape, dofs = mesh.domain.topology.cell_type.name, dx.cell_dofs(self.space)
-        basis = dx.reference_basis(shape, 1, dx.reference_nodes(shape, 2))[0]
-        ends, share = (np.zeros((len(self.nodes.number), corners), kind) for kind in (np.int64, float))
-        for node, shares in enumerate(basis):
-            ends[dofs[:, node]], share[dofs[:, node]] = dofs[:, :corners], shares
-        own, total = forces.array_r.reshape(-1, mesh.dim), dx.fem.Function(self.space)
-        values = np.zeros((len(ends), mesh.dim))
-        np.add.at(values, ends[: len(own)], share[: len(own), :, None] * own[:, None])
-        total.x.array[:] = values.ravel()
+        own, d = forces.array_r, self.system.mesh.dim
+        total, found = dx.fem.Function(self.space), self.zero()
+        total.x.array[:] = (self._shares @ own.reshape(-1, d)).ravel()
         dx.add_to_owners(total)
-        found = self.zero()
         found.array[:] = total.x.array[: len(found.array)]
         return found
 
@@ -155,6 +148,20 @@ class Bubbles:
         copies = self._T.createVecRight()
         self._T.multTranspose(self._T * ones, copies)
         return np.maximum(copies.array_r, 1.0)
+
+    @cached_property
+    def _shares(self) -> Sparse:
+        """What each node of the mesh (rows, ghosts too) has of the own nodes' forces (columns), as between them."""
+        corners, dofs = self._corners, dx.cell_dofs(self.space)
+        shape = self.system.mesh.domain.topology.cell_type.name
+        basis = dx.reference_basis(shape, 1, dx.reference_nodes(shape, 2))[0]
+        own, every = len(self.zero().array) // self.system.mesh.dim, len(self.nodes.number)
+        ends, share = (np.zeros((every, corners), kind) for kind in (np.int64, float))
+        for node, values in enumerate(basis):
+            ends[dofs[:, node]], share[dofs[:, node]] = dofs[:, :corners], values
+        columns = np.repeat(np.arange(own), corners)
+        shares: Sparse = sparse.csr_matrix((share[:own].ravel(), (ends[:own].ravel(), columns)), shape=(every, own))
+        return shares
 
     @cached_property
     def _prescribed(self) -> Replicated:

@@ -19,7 +19,7 @@ from solvers.stepping.stepper import Accepted
 def with_errors(observe: Observer, accepted: Accepted, result: StepResult) -> StepResult:
     """The result of a step with the errors of its numbers, but for those of the time steps; collective."""
     found = quantities(result)
-    corrected, of_mesh = mesh_errors(observe, accepted, found)
+    corrected, of_mesh = mesh_errors(observe, accepted, result)
     of_iteration = iteration_errors(observe, accepted, found)
     exact_laws = accepted.stepper.chain.exact_laws
     errors = {}

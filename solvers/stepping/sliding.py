@@ -13,7 +13,7 @@ from solvers.stepping.state import State
 from solvers.stepping.update import flat_rows
 from solvers.system.system import System
 
-SLID_OFF = 0.5  # part of the smallest facet; if a point slides farther, the pairs are searched again
+SLID_OFF = 0.05  # part of the smallest facet; if a point slides farther, the pairs are searched again
 
 
 def relative_positions(system: System, state: State, names: Iterable[str]) -> dict[str, Array]:

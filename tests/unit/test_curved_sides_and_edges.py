@@ -1,6 +1,7 @@
 """Bulges of curved sides, edges of areas between nodes, and pressures that grow without end."""
 
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,9 +10,10 @@ from scipy.spatial import Delaunay
 
 from geometry.arrays import Array, Ints
 from geometry.surfaces.surface import Surface
-from solvers.accuracy.areas import beyond_nodes
+from solvers.accuracy.areas import beyond_nodes, scatter
 from solvers.accuracy.curved_sides import bulges
 from solvers.accuracy.peaks import grows
+from solvers.results.step_result import OPEN, SLIP, STICK
 
 
 def side(points: Array, facets: Ints, shape: str = "interval", degree: int = 1, axisymmetric: bool = False) -> Surface:
@@ -146,6 +148,45 @@ def test_only_powers_grow(pressure: Callable[[Array], Array], expected: bool) ->
     assert grows(line(x), pressure(x)) is expected
 
 
+@pytest.mark.parametrize(
+    ("pressure", "expected"),
+    [
+        ([1.16, 1.0, 0.99, 0.99, 0.99, 0.99], True),  # less than is asked for elsewhere
+        ([2.0, 1.0, 1.05, 1.0, 1.0, 1.0], True),  # it waves
+        ([1.0, 0.96, 0.93, 0.9, 0.87, 0.84], False),
+        ([1.0, 0.99, 0.95, 0.87, 0.7, 0.5], False),  # symmetric about the end
+        ([0.99, 1.16, 1.0, 0.99, 0.98, 0.98], False),  # beside the end
+    ],
+)
+def test_at_the_end_of_a_side_a_smaller_fall_is_enough(pressure: list[float], expected: bool) -> None:
+    assert grows(line(np.linspace(0, 1, 6)), np.array(pressure)) is expected
+
+
+@pytest.mark.parametrize("shape", ["triangle", "quadrilateral"])
+@pytest.mark.parametrize(("peak", "expected"), [((0, 0), True), ((0, 2), True), ((2, 2), False)])
+def test_ends_of_a_square_are_its_corners_and_edges(shape: str, peak: tuple[int, int], expected: bool) -> None:
+    x = np.arange(5)
+    points = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((5, 5))], axis=-1).reshape(-1, 3).astype(float)
+    a = (5 * x[:4, None] + x[:4]).ravel()
+    quads = np.stack([a, a + 1, a + 5, a + 6], axis=1)
+    facets = quads if shape == "quadrilateral" else np.concatenate([quads[:, [0, 1, 3]], quads[:, [0, 2, 3]]])
+    pressure = np.ones((5, 5))
+    pressure[peak] = 1.1
+    assert grows(side(points, facets, shape), pressure.ravel()) is expected
+
+
+@pytest.mark.parametrize("sticks", [3, 6])
+def test_areas_are_uncertain_by_the_facets_that_their_edges_cross(sticks: int) -> None:
+    x, zeros = np.linspace(0, 1, 11), np.zeros(11)
+    status = np.full(11, OPEN)
+    status[:6], status[:sticks] = SLIP, STICK
+    slip = np.maximum(x - (sticks - 0.5) / 10, 0)[:, None]
+    contact = SimpleNamespace(status=status, gap=np.maximum(x - 0.55, 0), slip_increment=np.c_[slip, zeros])
+    found = scatter(line(x), contact, line(x).node_weights())  # type: ignore[arg-type]
+    both = 0.1 * np.sqrt(2)
+    assert found == pytest.approx({"contact_area": 0.1, "stick_area": 0.1, "slip_area": both})
+
+
 def test_nothing_grows_without_pressure_or_on_few_nodes() -> None:
     assert not grows(line(np.linspace(0, 1, 26)), np.zeros(26))
-    assert not grows(line(np.linspace(0, 1, 3)), np.array([3.0, 1.0, 0.9]))
+    assert not grows(line(np.linspace(0, 1, 2)), np.array([3.0, 1.0]))

@@ -185,29 +185,32 @@ def cost_command(
 @app.command("verify")
 def verify_command(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME]...", help="cases; all if none is named; hard: the hard suite")
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="cases [all]; or the suite: hard, accuracy")
     ] = None,
     number: Annotated[int, typer.Option("--number", help="hard: number of variations")] = 2000,
     seed: Annotated[int, typer.Option("--seed", help="hard: of their order and random numbers")] = 0,
-    scenes: Annotated[
-        str, typer.Option("--scenes", metavar="NAME,NAME", help="hard: these ready scenes only [all]")
-    ] = "",
-    jobs: Annotated[int, typer.Option("--jobs", help="hard: number of processes")] = 1,
+    scenes: Annotated[str, typer.Option("--scenes", metavar="NAME,NAME", help="suites: these scenes only [all]")] = "",
+    jobs: Annotated[int, typer.Option("--jobs", help="suites: number of processes")] = 1,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="DIR", help="hard: write hard.md, .png, .jsonl there")
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="suites: write NAME.md, .png, .jsonl there")
     ] = None,
     again: Annotated[
         bool, typer.Option("--again", help="hard: of the run in DIR, judge again only what was not solved")
     ] = False,
 ) -> None:
-    """Compare computed figures with closed forms and published values, or (hard) scenes with their variations."""
+    """Compare figures with closed forms and published values; hard: solve variations; accuracy: judge stated errors."""
+    from workflows.commands.accuracy import accuracy
     from workflows.commands.hard import hard
     from workflows.commands.verify import verify
 
-    if "hard" in (names or []):
-        if names != ["hard"]:
-            raise SceneError("verify hard: takes no other name beside it")
-        passed = hard([name for name in scenes.split(",") if name], number, seed, jobs, output, again)
+    only = [name for name in scenes.split(",") if name]
+    for suite in ("hard", "accuracy"):
+        if suite in (names or []) and names != [suite]:
+            raise SceneError(f"verify {suite}: takes no other name beside it")
+    if names == ["hard"]:
+        passed = hard(only, number, seed, jobs, output, again)
+    elif names == ["accuracy"]:
+        passed = accuracy(only, jobs, output)
     else:
         passed = verify(names or [])
     if not passed:

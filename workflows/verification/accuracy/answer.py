@@ -69,7 +69,12 @@ class Answer:
 
 
 def solve(scene: Scene, errors: bool = True, sharp: bool = False) -> Answer:
-    """Solve all steps; without `errors` none are stated; `sharp`: of order 2 in 2D, edges of areas lie between nodes."""
+    """Solve all steps.
+
+    Args:
+        errors: whether they are estimated.
+        sharp: whether edges of areas lie between nodes; of order 2 in 2D.
+    """
     simulation = prepare(replace(scene, output=replace(scene.output, error=errors)))
     steps = tuple(simulation.steps())
     found = simulation.errors(steps) if errors else tuple({key: ErrorParts() for key in quantities(s)} for s in steps)
@@ -114,23 +119,26 @@ def _sharp_areas(simulation: Simulation, step: StepResult) -> dict[str, float]:
 
     By nodes alone, an area on the fine mesh would be known to no better than a fraction of its error on the others.
     """
-    found = {}
+    found = dict[str, float]()
     for c in simulation.system.contacts:
         halves = np.concatenate([c.surface.facets[:, [0, 2]], c.surface.facets[:, [2, 1]]])
         side = replace(c.surface, degree=1, facets=halves, outward=np.tile(c.surface.outward, 2))
-        faces = c.node_weights / c.surface.node_weights()  # share that faces the other side
-        areas = areas_between_nodes(side, step.contacts[c.name], faces * side.node_weights())
+        contact = step.contacts[c.name]
+        faces = contact.weight / c.surface.node_weights()  # share that faces the other side
+        areas = areas_between_nodes(side, contact, faces * side.node_weights())
         found |= {f"contacts.{c.name}.{key}": area for key, area in areas.items()}
     return found
 
 
 def _part(step: StepResult, errors: Errors, part: str) -> Iterator[tuple[str, float]]:
     """A part of the stated errors by name; nan where one of what it sums up is not stated."""
-    stated = {}
-    for key, value in quantities(step).items():
-        terms = [getattr(errors[key], word) for word in PARTS[part]]
-        stated[key] = np.nan * value if any(term is None for term in terms) else sum(terms[1:], start=terms[0])
-    return _numbers(stated)
+    return _numbers({key: _sum_of(errors[key], part, value) for key, value in quantities(step).items()})
+
+
+def _sum_of(error: ErrorParts, part: str, like: Value) -> Array:
+    terms: list[Value | None] = [getattr(error, word) for word in PARTS[part]]
+    all_terms = [np.broadcast_to(np.nan if term is None else term, np.shape(like)) for term in terms]
+    return np.asarray(np.sum(all_terms, axis=0))
 
 
 def _endless(step: StepResult, errors: Errors) -> Iterator[tuple[str, float]]:
@@ -157,7 +165,7 @@ def _scales(simulation: Simulation, steps: Sequence[StepResult], values: Column)
     found = {}
     for name, column in values.items():
         owner = name.split(".")[1]
-        size = {
+        size: dict[str, float | Array] = {
             "force": force,
             "moment": force * simulation.system.extent,
             "area": areas.get(owner, 0.0),

@@ -112,7 +112,7 @@ def compare(problem: str, order: int, mesh: float, part: str, run: Answer, truth
 
 
 def endless(pressures: Sequence[Array], sizes: Sequence[float]) -> Array:
-    """Whether largest pressures (n,) grow without end: on the last mesh as fast as before, by the logarithm of the size.
+    """Whether largest pressures (n,) grow without end: on the last mesh as fast as before, by logarithms of sizes.
 
     Args:
         pressures: (n,) on three or more meshes, each finer than the one before.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import pi
+from typing import Literal
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from workflows.verification.cases import (
 from workflows.verification.closed_forms import circular_drive as circle
 from workflows.verification.closed_forms import column as column_form
 from workflows.verification.closed_forms import sheared_column as sheared
+from workflows.verification.closed_forms.shrink_fit import JOINT
 
 MESHES = (2.25, 1.5, 1.0)  # times the mesh sizes of a problem's scene
 METHOD = "condensed-newton"
@@ -43,7 +45,7 @@ class Problem:
     exact: Values | None = None  # known values of the last step, in place of the truth's
     source: str = ""  # of the exact values
 
-    def meshed(self, order: int, factor: float) -> Scene:
+    def meshed(self, order: Literal[1, 2], factor: float) -> Scene:
         """The scene in an order, its mesh sizes times a factor."""
         scene = self.scene()
         assert isinstance(scene.geometry, Builder)
@@ -67,7 +69,7 @@ def _sheared() -> Scene:
         friction=Coulomb(mu=sheared_column.MU),
         path=sheared.TOP[:, None],
     )
-    return replace(drawn, geometry=replace(drawn.geometry, mesh_size=0.2))  # type: ignore[type-var]
+    return replace(drawn, geometry=replace(drawn.geometry, mesh_size=0.2))
 
 
 def _circle() -> Scene:
@@ -113,7 +115,7 @@ def _shrink_fit() -> Scene:
 
 def _fit() -> Values:
     p = shrink_fit.exact(shrink_fit.Press()).p
-    area = pi / 2 * shrink_fit.JOINT
+    area = pi / 2 * JOINT
     return {
         "contacts.joint.normal_force": p * area,
         "contacts.joint.max_pressure": p,

@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -26,8 +27,9 @@ from workflows.verification.accuracy.judge import Case, Endless, compare, endles
 from workflows.verification.accuracy.problems import MESHES, PROBLEMS, Problem
 
 MORE = 16  # times the steps
+ORDERS: tuple[Literal[1, 2], ...] = (1, 2)
 LOOSE = 1e-2  # tolerance of the loose iteration
-Key = tuple[int, float]  # order, and factor on the mesh sizes
+Key = tuple[Literal[1, 2], float]  # order, and factor on the mesh sizes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +77,7 @@ class Runs:
 def solved(problem: Problem) -> Runs:
     """Solve a problem on all its meshes."""
     times = np.array(problem.scene().requested_times())
-    keys = [(order, mesh) for order in (1, 2) for mesh in MESHES]
+    keys: list[Key] = [(order, mesh) for order in ORDERS for mesh in MESHES]
     fine = problem.meshed(2, problem.fine)
     loosely = dict[Key, Answer]()
     for key in (key for key in keys if key[1] == MESHES[0]):
