@@ -22,6 +22,7 @@ from geometry.arrays import Array
 from geometry.errors import SceneError
 from geometry.protocols import Comm
 from geometry.size_field import SizeField, adapted, volumes
+from geometry.user_files.user_file import UserFile
 from solvers.results.error_parts import Errors
 from solvers.results.step_result import OPEN, StepResult
 from solvers.scene.scene import Scene
@@ -64,6 +65,7 @@ class Rounds:
         self._next: Level | None = Level()
         self._level = Level()
         self._kept: KeptRounds | None = None  # on rank 0
+        self._stuck = ""  # why the mesh cannot be refined
 
     def __call__(self, folder: str | Path, watch: Watch, resume: bool = False) -> tuple[Outcome, dict[str, Any]]:
         """Run until the goals are reached or the budget is spent; results as `run` leaves them; collective.
@@ -120,6 +122,9 @@ class Rounds:
         sentence = f"reached {percent(missed.reached)} of {missed.name}, {percent(missed.asked)} would take about "
         sentence += "longer than can be told" if last.price is None else f"{last.price:.0f} s"
         sentence += "; --resume with a larger --budget goes on from here"
+        if self._stuck:
+            self._forget(comm)
+            sentence = f"reached {percent(missed.reached)} of {missed.name}; {self._stuck}"
         return replace(outcome, status="inaccurate", sentence=sentence), content
 
     def _take_up(self, folder: Path, resume: bool) -> tuple[dict[str, Any] | None, bool]:
@@ -191,11 +196,18 @@ class Rounds:
         price = comm.bcast(move.price(simulation.seconds, self.scene.dim))
         ends = len(self.done) >= MOST or spent + price > self.scene.accuracy.budget
         here.price = price if ends and move.enough else None
-        level = self._refined(simulation, steps, move, goals, met or near)
+        try:
+            level = self._refined(simulation, steps, move, goals, met or near)
+        except SceneError as error:
+            self._stuck = str(error)
+            return True
 
         def write() -> None:
             assert self._kept is not None
             self._kept.keep(self.done, level, run_of(begun_with(simulation)), ends)
+            shape = self.scene.geometry
+            if isinstance(shape, UserFile) and shape.own_mesh and level.sizes and not self._level.sizes and not ends:
+                self._say(f"{Path(shape.file).name}: its cells are cut; curved sides stay the facets that they are")
 
         raise_together(comm, write)
         self._next = None if ends else level
@@ -208,6 +220,9 @@ class Rounds:
 
         Args:
             near: whether the mesh is refined around the contacts first.
+
+        Raises:
+            SceneError: the mesh cannot be refined.
         """
         level, tolerance = self._level, self._level.tolerance or self.scene.solver.tolerance
         if any(goal.rest > ITERATION * goal.asked for goal in goals):
@@ -216,7 +231,10 @@ class Rounds:
         if move.finer == 1:
             return level
         if simulation.mesh.domain.topology.cell_type.name not in ADAPTABLE:
-            return replace(level, factor=level.factor * move.finer)
+            level = replace(level, factor=level.factor * move.finer)
+            level.scene(self.scene)
+            return level
+        self.scene.geometry.refuse_sizes(self.scene.request())
         return replace(level, sizes=self._sizes(simulation, steps, move, near))
 
     def _sizes(self, simulation: Simulation, steps: Sequence[StepResult], move: Move, near: bool) -> SizeField | None:
