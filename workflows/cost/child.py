@@ -21,7 +21,7 @@ from workflows.scene_file.read import from_dict
 
 def solve(scene: Scene) -> dict[str, Any]:
     """The fields of a `Run` that this process can measure itself."""
-    before, began = _forms(), clock.process_time()
+    before, began = forms(), clock.process_time()
     try:
         found = _figures(scene)
     except SolverError as error:
@@ -33,7 +33,7 @@ def solve(scene: Scene) -> dict[str, Any]:
         found = {"status": "out_of_memory" if "memory" in str(error) else "failed", "sentence": str(error)}
     except MemoryError:
         found = {"status": "out_of_memory", "sentence": "not enough memory"}
-    return found | {"memory": peak_memory(), "cpu": clock.process_time() - began, "compiled": _forms() != before}
+    return found | {"memory": peak_memory(), "cpu": clock.process_time() - began, "compiled": forms() != before}
 
 
 def _figures(scene: Scene) -> dict[str, Any]:
@@ -63,7 +63,7 @@ def peak_memory() -> float:
     return 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 
 
-def _forms() -> int:
+def forms() -> int:
     """Number of compiled forms in the cache."""
     return sum(1 for _ in form_cache().glob("*.so"))
 

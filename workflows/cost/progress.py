@@ -9,8 +9,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
+from workflows.cost.foresee import ASKED, Row
 from workflows.cost.run_record import Run
-from workflows.cost.sentence import percent, seconds
+from workflows.cost.sentence import duration, percent, seconds
 from workflows.cost.side_by_side import Line
 from workflows.cost.study import Study
 from workflows.run.terminal import console, print_table
@@ -90,6 +91,24 @@ class Teller:
                 mesh = ("", "") if k else (str(line.order), f"{line.h:.3g}")
                 table.add_row(*mesh, method, *_work(run), end_section=k + 1 == len(methods))
         print_table(table, console(160))
+
+
+def print_prices(rows: Sequence[Row]) -> None:
+    """About how long accuracies of numbers will take."""
+    out, table = console(120), Table()
+    for name in ("number", "about", "±, coarse", *(f"{100 * asked:g} %" for asked in ASKED)):
+        table.add_column(name, justify="left" if name == "number" else "right")
+    for row in rows:
+        prices = ["-" if each is None else f"{duration(each.seconds)}{'*' if each.far else ''}" for each in row.prices]
+        table.add_row(row.name, f"{row.value:.4g}", "-" if row.why_not else percent(row.error), *prices)
+    print_table(table, out)
+    for row in rows:
+        if row.why_not:
+            out.print(f"{row.name}: {row.why_not}", soft_wrap=True)
+    told = "On this machine, order 1, all cells refined alike and steps split, by the trend of coarse versions."
+    if any(each is not None and each.far for row in rows for each in row.prices):
+        told += " *: an extrapolation of more than two decades."
+    out.print(f"{told} run --accuracy refines where errors are large.", soft_wrap=True)
 
 
 def _work(run: Run | None) -> tuple[str, str]:

@@ -53,6 +53,20 @@ def seconds(value: float) -> str:
     return f"{value:.0f} s" if value >= 10 else f"{value:.1f} s" if value >= 1 else f"{value:.2g} s"
 
 
+def duration(value: float) -> str:
+    """A time that may be long [s], two digits, in a unit that fits it.
+
+    >>> duration(0.5), duration(900.0), duration(86400.0 * 45), duration(1e12)
+    ('0.5 s', '15 min', '45 days', '32000 years')
+    """
+    for unit, size, most in (("min", 60.0, 120.0), ("h", 3600.0, 48.0), ("days", 86400.0, 730.0)):
+        if value < 600.0:
+            return seconds(value)
+        if value / size < most:
+            return f"{float(f'{value / size:.2g}'):.0f} {unit}"
+    return f"{float(f'{value / 31557600.0:.2g}'):.0f} years"
+
+
 def percent(value: float) -> str:
     """A share in per cent, two digits.
 
