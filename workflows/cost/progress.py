@@ -65,7 +65,18 @@ class Teller:
         if self.quiet or not studies:
             return
         table = Table()
-        for name in ("quantity", "value", "sure to", "because", "orders", "1 % [s]", ".1 % [s]", ".01 % [s]", "best"):
+        for name in (
+            "quantity",
+            "value",
+            "sure to",
+            "because",
+            "time steps",
+            "orders",
+            "1 % [s]",
+            ".1 % [s]",
+            ".01 % [s]",
+            "best",
+        ):
             table.add_column(name, justify="left" if name in ("quantity", "because", "orders") else "right")
         for study in studies:
             truth, best = study.truth, study.most_exact
@@ -74,7 +85,7 @@ class Teller:
             sure = percent(truth.uncertainty) if truth.converges else "-"
             because = truth.source if truth.converges else "one mesh only" if truth.meshes < 2 else "does not settle"
             table.add_row(
-                truth.name, f"{truth.value:.6g}", sure, because, _orders(study), *shown,
+                truth.name, f"{truth.value:.6g}", sure, because, _of_steps(study), _orders(study), *shown,
                 percent(study.sure[best.rung]) if best else "-",
             )  # fmt: skip
         print_table(table, console(160))
@@ -116,6 +127,12 @@ def _work(run: Run | None) -> tuple[str, str]:
     if run is None:
         return "-", "-"
     return (f"{run.seconds:.2g}", str(run.volume_solves)) if run.converged else (run.status.replace("_", " "), "-")
+
+
+def _of_steps(study: Study) -> str:
+    """Error that the time steps leave, where it was measured."""
+    known = not study.truth.exact and any(study.truth.name in run.time_steps for run in study.runs)
+    return percent(study.time_step) if known and study.time_step else "0 %" if known else "-"
 
 
 def _orders(study: Study) -> str:

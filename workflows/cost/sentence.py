@@ -89,6 +89,8 @@ def _changes(run: Run, following: Run) -> str:
 
 def _least(study: Study, best: Run) -> str:
     """The smallest error, and what limits it."""
+    if study.time_step > study.truth.uncertainty and study.time_step > study.worst[best.rung]:
+        return f"the time steps alone leave {percent(study.time_step)}, it takes more of them (steps.count)"
     if study.worst[best.rung] <= study.truth.uncertainty:
         return f"the reference itself is sure to {percent(study.truth.uncertainty)} only"
     return f"the best is {percent(study.sure[best.rung])} for {seconds(best.seconds)} with {choice(best, study)}"
