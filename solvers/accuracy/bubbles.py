@@ -20,6 +20,7 @@ from solvers.effects import active
 from solvers.fem.forms import WeakForms
 from solvers.fem.supports import find_constraints
 from solvers.parallel.replicated import Replicated
+from solvers.results.recovered_stress import InCell
 from solvers.scene.problem import Problem
 from solvers.system.contact_interface import components
 from solvers.system.system import System
@@ -88,15 +89,27 @@ class Bubbles:
         Args:
             places: cell, and basis (k,) of order 1 at the point, on the rank that owns it; None elsewhere.
         """
+        shape = self.system.mesh.domain.topology.cell_type.name
+        return {
+            name: dx.reference_basis(shape, 2, point.local[None])[0][0] @ point.displacement
+            for name, point in self.in_cells(u, x, places).items()
+        }
+
+    def in_cells(self, u: Vec, x: Vec, places: Mapping[str, tuple[int, Array] | None]) -> dict[str, InCell]:
+        """u + x [m] in the cells that points are in, by name, on every rank; collective.
+
+        Cells are numbered as in the gmsh model. Arguments as in `displacement_at`.
+        """
         self._add_up(u, x)
         mesh, dofs = self.system.mesh, dx.cell_dofs(self.space)
         shape, values = mesh.domain.topology.cell_type.name, self._whole.x.array.reshape(-1, mesh.dim)
-        corners, own = dx.reference_nodes(shape, 1), dict[str, Array]()
+        corners, own = dx.reference_nodes(shape, 1), dict[str, InCell]()
         for name, place in places.items():
             if place is not None:
                 cell, basis = place
-                own[name] = dx.reference_basis(shape, 2, (basis @ corners)[None])[0][0] @ values[dofs[cell]]
-        return {name: value for offers in mesh.comm.allgather(own) for name, value in offers.items()}
+                number = int(mesh.domain.topology.original_cell_index[cell])
+                own[name] = InCell(number, basis @ corners, values[dofs[cell]])
+        return {name: point for offers in mesh.comm.allgather(own) for name, point in offers.items()}
 
     def _add_up(self, u: Vec, x: Vec) -> None:
         """Set `_whole` to u + x, ghosts included; collective."""

@@ -7,6 +7,14 @@ the difference to areas whose edges lie between nodes, and EDGE times the facets
 largest slip of the nodes that touch is compared with that up to the same edge. A largest pressure that grows without
 end as the mesh is refined has no error, see `peaks`, nor have the penetration that it causes and the slip beside it.
 
+The stress at a probe, which is that at the midpoint of its cell, is compared with the mean of the stress with bubbles
+at the point and of the recovered stress there of their nodes; stated is STRESS times the difference. Stated / true
+against order 2 on meshes four times finer, at 40 to 60 random points of a scene, by component, in [.5, 3]: triangles
+.91 to .98, quadrilaterals .78 to .94, hexahedra and tetrahedra .75 to .85; of the size of the tensor .98 to 1, .83 to
+.97 and .9 to 1. The mean has .1 to .3 of the error, in 3D .3 to .5. Each alone is worse somewhere: bubbles on regular
+triangles (.82), recovery in hexahedra (.6). Where the stress grows without end it has no error; along an edge in 3D
+that is not seen.
+
 The four factors are fitted to 25 problems on three meshes each, by `stickslip verify accuracy`.
 """
 
@@ -16,19 +24,23 @@ from dataclasses import replace
 
 import numpy as np
 
+from geometry.arrays import Array
 from solvers.accuracy.areas import areas_between_nodes, crossings, scatter
-from solvers.accuracy.peaks import grows
+from solvers.accuracy.peaks import grows, grows_in
 from solvers.accuracy.two_level import MeshCorrection
 from solvers.contact.rows import ContactRows
 from solvers.results.error_parts import ErrorParts, Quantity, Value
 from solvers.results.numbers import quantities
 from solvers.results.observe import Observer
 from solvers.results.step_result import OPEN, ContactState, StepResult
+from solvers.scene.quantities import STRESSES
 from solvers.stepping.state import State
 from solvers.stepping.stepper import Accepted
 
 FACTOR, OPPOSED = 1.6, 0.5
 BETWEEN, EDGE = 0.75, 0.2
+STRESS = 1.25
+SMALL = 0.15  # of the size of a stress's error: no component is known better than by that
 Values = dict[Quantity, Value]
 
 
@@ -37,8 +49,8 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
     refined, found = accepted.state.refined, quantities(result)
     if refined is None:
         return {}, {}
-    corrected = _numbers(observe, accepted, refined)
-    straight = corrected if refined.unbent is None else _numbers(observe, accepted, refined.unbent)
+    corrected = _numbers(observe, accepted, refined, result)
+    straight = corrected if refined.unbent is None else _numbers(observe, accepted, refined.unbent, result)
     errors, chances = dict[Quantity, ErrorParts](), dict[Quantity, float]()
     for c in accepted.stepper.system.contacts:
         own = scatter(c.surface, result.contacts[c.name], c.node_weights)
@@ -46,12 +58,15 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
     for key, value in corrected.items():
         bent, flat = np.abs(value - straight[key]), np.abs(straight[key] - found[key])
         whole = FACTOR * np.maximum(np.abs(value - found[key]), OPPOSED * (bent + flat))
+        if key.quantity == "stress":
+            whole = STRESS / FACTOR * _of_stress(np.asarray(whole))
         if key in chances:
             whole = BETWEEN * np.abs(value - found[key]) + EDGE * chances[key]
         share = bent / np.maximum(bent + flat, np.finfo(float).tiny)
         errors[key] = ErrorParts(mesh=whole * (1 - share), geometry=whole * share, converges=True)
     for c in accepted.stepper.system.contacts:
         errors |= _without_limit(c, result.contacts[c.name])
+    errors |= {Quantity("probes", name, "stress"): ErrorParts(converges=False) for name in _at_corners(observe, result)}
     return corrected, errors
 
 
@@ -72,8 +87,13 @@ def _without_limit(c: ContactRows, contact: ContactState) -> dict[Quantity, Erro
     return {Quantity("contacts", c.name, name): parts for name, parts in said.items()}
 
 
-def _numbers(observe: Observer, accepted: Accepted, state: State) -> Values:
-    """Numbers of another state at the end of the same step."""
+def _of_stress(error: Array) -> Array:
+    """Components of a difference of stresses that happen to be small have a part of its size; zeros stay."""
+    return np.where(error == 0, 0.0, np.maximum(error, SMALL * float(np.linalg.norm(error))))
+
+
+def _numbers(observe: Observer, accepted: Accepted, state: State, result: StepResult) -> Values:
+    """Numbers of another state at the end of the same step, whose result is known; collective."""
     start, before = accepted.start, accepted.substep_start
     same = replace(accepted, state=state, start=start.refined or start, substep_start=before.refined or before)
     numbers = observe.numbers(same)
@@ -82,6 +102,8 @@ def _numbers(observe: Observer, accepted: Accepted, state: State) -> Values:
     if observe.probes and isinstance(companion, MeshCorrection):
         moved = companion.displacement_at(state, observe.probes)
         values |= {Quantity("probes", name, "displacement"): value for name, value in moved.items()}
+        better = _stress(observe, companion, state, result)
+        values |= {Quantity("probes", name, "stress"): value for name, value in better.items()}
     for c in accepted.stepper.system.contacts:
         contact = numbers.contacts[c.name]
         areas = areas_between_nodes(c.surface, contact, c.node_weights)
@@ -90,6 +112,40 @@ def _numbers(observe: Observer, accepted: Accepted, state: State) -> Values:
         if not c.normal.at_quadrature:  # only compliance penetrates, else that is what an iteration left
             values[Quantity("contacts", c.name, "max_penetration")] = 0.0
     return values
+
+
+def _stress(observe: Observer, companion: MeshCorrection, state: State, result: StepResult) -> dict[str, Array]:
+    """Stress (6,) [Pa] at the probes of a state with bubbles, on every rank; collective.
+
+    The mean of that of the displacement of order 2 and of the recovered one of the nodes alone: where the one is off,
+    at the ends of cells or at the surface, the other one is not. Reported is that of order 1 at the cell's midpoint.
+    """
+    if observe.recovered is None:
+        return {}
+    system, recovered = observe.stepper.system, observe.recovered
+    points = companion.in_cells(state, observe.probes)
+    nodes = observe.by_node(state.u.array.reshape(-1, system.mesh.dim))
+    found = dict[str, Array]()
+    if system.mesh.comm.rank == 0:
+        smooth, order_2 = recovered.smooth_at(nodes, points), recovered.of_order_2(points)
+        for name, cell in recovered.at_midpoints(result.displacement, points).items():
+            reported = np.array([result.probes[name].stress[ij] for ij in STRESSES.values()])
+            found[name] = reported + (smooth[name] + order_2[name]) / 2 - cell
+    return dict(system.mesh.comm.bcast(found))
+
+
+def _at_corners(observe: Observer, result: StepResult) -> list[str]:
+    """Probes where the stress grows without end, on every rank; collective."""
+    mesh, recovered = observe.stepper.system.mesh, observe.recovered
+    if recovered is None or not observe.probes:
+        return []
+    numbers = mesh.domain.topology.original_cell_index
+    own = {name: int(numbers[place[0]]) for name, place in observe.probes.items() if place is not None}
+    cells = {name: cell for offers in mesh.comm.allgather(own) for name, cell in offers.items()}
+    found = list[str]()
+    if mesh.comm.rank == 0:
+        found = [name for name, cell in cells.items() if grows_in(recovered.mesh.cells, result.stress, cell)]
+    return list(mesh.comm.bcast(found))
 
 
 def _largest_slip(c: ContactRows, contact: ContactState) -> float:

@@ -1,5 +1,5 @@
-"""Whether a largest pressure has a limit, or grows without end as the mesh is refined: at a corner, at the end of a
-punch.
+"""Whether a largest pressure, or a stress in a cell, has a limit, or grows without end as the mesh is refined: at a
+corner, at the end of a punch.
 
 Such a pressure falls off like a negative power of the distance: by much to the nearest nodes, by far less to those
 behind, or it waves there. Where it is smooth, or falls to zero at the edge of contact, the fall grows with the distance
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.arrays import Array
+from geometry.arrays import Array, Ints
 from geometry.surfaces.surface import Surface
 
 STEEP = (
@@ -36,6 +36,26 @@ def grows(side: Surface, pressure: Array) -> bool:
     first, second = -np.diff(rings)
     steep = END if _ends(side, peak) else STEEP
     return bool(rings[-1] > 0 and first > steep * rings[0] and first > CONVEX * abs(second))
+
+
+def grows_in(cells: Ints, stress: Array, cell: int) -> bool:
+    """Whether the stress in a cell, or close by, grows without end.
+
+    Args:
+        cells: (n, k) nodes of the cells.
+        stress: (n, 3, 3) [Pa].
+        cell: number of the cell.
+    """
+    size, nodes, seen = np.linalg.norm(stress, axis=(1, 2)), cells[cell], np.zeros(len(cells), bool)
+    rings = list[float]()
+    for _ in range(3):
+        ring = np.isin(cells, nodes).any(axis=1) & ~seen
+        if not ring.any():
+            return False
+        rings.append(float(size[ring].max()))
+        nodes, seen = cells[ring].ravel(), seen | ring
+    first, second = -np.diff(rings)
+    return bool(first > STEEP * rings[0] and first > CONVEX * abs(second))
 
 
 def _ends(side: Surface, node: int) -> bool:

@@ -31,6 +31,7 @@ from solvers.interface.problem import SurfaceProblem
 from solvers.methods.method import Solve
 from solvers.newton.solution import Solution, Status, ignore
 from solvers.parallel.replicated import Replicated
+from solvers.results.recovered_stress import InCell
 from solvers.stepping.sliding import carried_over
 from solvers.stepping.state import State
 from solvers.stepping.stepper import Stepper
@@ -95,6 +96,11 @@ class MeshCorrection:
         """Displacement (d,) [m] of a state with bubbles at points, see `Bubbles.displacement_at`; collective."""
         assert state.surplus is not None
         return self._bubbles.displacement_at(state.u, state.surplus, places)
+
+    def in_cells(self, state: State, places: Mapping[str, tuple[int, Array] | None]) -> dict[str, InCell]:
+        """The same in the cells that the points are in, see `Bubbles.in_cells`; collective."""
+        assert state.surplus is not None
+        return self._bubbles.in_cells(state.u, state.surplus, places)
 
     def vector(self) -> Vec:
         """No bubbles."""

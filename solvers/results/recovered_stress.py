@@ -10,9 +10,10 @@ Source: Zienkiewicz & Zhu, Int. J. Numer. Methods Engrg. 24 (1987).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,18 +36,26 @@ class MeshError:
     stress: Array  # (cells,) error of the stress [Pa]: that of one component which would have the same energy
 
 
+class InCell(NamedTuple):
+    """A point in a cell, and a displacement of order 2 there."""
+
+    cell: int
+    local: Array  # (d,) coordinates on the reference cell
+    displacement: Array  # (k, d) of the cell's nodes of order 2 [m]
+
+
 class RecoveredStress:
     """The estimate for the steps of one mesh, made once; in the order of the gmsh model, on rank 0."""
 
     def __init__(self, problem: Problem, mesh: MeshData) -> None:
         """Nothing is computed yet."""
-        self._mesh, self._axisymmetric = mesh, problem.model == "axisymmetric"
+        self.mesh, self._axisymmetric = mesh, problem.model == "axisymmetric"
         self._plane_stress = problem.model == "plane stress"
         self._bodies = [problem.bodies[name] for name in mesh.bodies]
 
     def __call__(self, displacement: Array) -> MeshError:
         """The estimate for a displacement of the nodes (nodes, d) [m]."""
-        size, error = 0.0, np.zeros(len(self._mesh.cells))
+        size, error = 0.0, np.zeros(len(self.mesh.cells))
         for body, parts in zip(self._bodies, self._parts, strict=True):
             smooth = self._smooth(body, parts, displacement)
             for part in parts:
@@ -59,9 +68,42 @@ class RecoveredStress:
                 error[part.cells] = np.sqrt(body.E * energy / part.inside.volume.sum(axis=0))
         return MeshError(size=float(np.sqrt(size)), stress=error)
 
+    def smooth_at(self, displacement: Array, points: Mapping[str, InCell]) -> dict[str, Array]:
+        """sigma* (6,) [Pa] without initial strains at points, for a displacement of the nodes (nodes, d) [m]."""
+        smooth, found = dict[int, Array](), dict[str, Array]()
+        for name, point in points.items():
+            index = int(self.mesh.body[point.cell])
+            if index not in smooth:
+                smooth[index] = self._smooth(self._bodies[index], self._parts[index], displacement)
+            basis = dx.reference_basis(self.mesh.shape, self._degree, point.local[None])[0][0]
+            found[name] = smooth[index][:, self.mesh.cells[point.cell]] @ basis
+        return found
+
+    def at_midpoints(self, displacement: Array, points: Mapping[str, InCell]) -> dict[str, Array]:
+        """Stress (6,) [Pa] without initial strains at the midpoints of the cells that points are in."""
+        middle = dx.reference_nodes(self.mesh.shape, 1).mean(axis=0)
+        nodes = {name: self.mesh.cells[point.cell] for name, point in points.items()}
+        return {
+            name: self._at(point._replace(local=middle), displacement[nodes[name]]) for name, point in points.items()
+        }
+
+    def of_order_2(self, points: Mapping[str, InCell]) -> dict[str, Array]:
+        """Stress (6,) [Pa] without initial strains of the displacements of order 2 at points."""
+        return {name: self._at(point, point.displacement) for name, point in points.items()}
+
+    def _at(self, point: InCell, displacement: Array) -> Array:
+        """Stress (6,) [Pa] at a point, for a displacement (k, d) of the nodes of its cell, of any order."""
+        shape, nodes = self.mesh.shape, self.mesh.cells[point.cell][None]
+        own = self._places(nodes, point.local[None], np.ones(1))
+        degree = dx.degree_of(shape, len(displacement))
+        basis, slope = dx.reference_basis(shape, degree, point.local[None])
+        body = self._bodies[int(self.mesh.body[point.cell])]
+        places = replace(own, basis=basis, slope=slope)
+        return self._stress(body, places, np.arange(len(displacement))[:, None], displacement)[:, 0, 0]
+
     def _smooth(self, body: Material, parts: Sequence[_Part], displacement: Array) -> Array:
         """sigma* (6, nodes) [Pa] of one body: means at its nodes, weighted by volume."""
-        total, size = np.zeros((6, len(self._mesh.points))), np.zeros(len(self._mesh.points))
+        total, size = np.zeros((6, len(self.mesh.points))), np.zeros(len(self.mesh.points))
         for part in parts:
             stress = self._stress(body, part.mean, part.nodes, displacement)
             weight = np.broadcast_to(part.inside.volume.sum(axis=0), part.nodes.shape)
@@ -101,22 +143,21 @@ class RecoveredStress:
     @cached_property
     def _degree(self) -> int:
         """Polynomial degree of the cells."""
-        nodes = self._mesh.cells.shape[1]
-        return next(k for k in RAISED if len(dx.reference_nodes(self._mesh.shape, k)) == nodes)
+        return dx.degree_of(self.mesh.shape, self.mesh.cells.shape[1])
 
     @cached_property
     def _rule(self) -> tuple[Array, Array]:
-        return dx.reference_rule(self._mesh.shape, 2 * self._degree)
+        return dx.reference_rule(self.mesh.shape, 2 * self._degree)
 
     @cached_property
     def _basis(self) -> Array:
         """At the quadrature points (q, n)."""
-        return dx.reference_basis(self._mesh.shape, self._degree, self._rule[0])[0]
+        return dx.reference_basis(self.mesh.shape, self._degree, self._rule[0])[0]
 
     @cached_property
     def _parts(self) -> list[list[_Part]]:
         """The cells of each body, some at a time."""
-        mesh, (points, weights) = self._mesh, self._rule
+        mesh, (points, weights) = self.mesh, self._rule
         at = dx.reference_nodes(mesh.shape, self._degree)
         # of linear cells the stress is best at their midpoint, of others it is taken at each node
         at = at.mean(axis=0, keepdims=True) if self._degree == 1 else at
@@ -138,8 +179,8 @@ class RecoveredStress:
         return found
 
     def _places(self, nodes: Ints, points: Array, weights: Array) -> _Places:
-        basis, slope = dx.reference_basis(self._mesh.shape, self._degree, points)
-        x = self._mesh.points[nodes]
+        basis, slope = dx.reference_basis(self.mesh.shape, self._degree, points)
+        x = self.mesh.points[nodes]
         jacobian = np.tensordot(slope, x, (2, 1)).transpose(1, 2, 3, 0)  # (q, c, i, k)
         radius = basis @ x[..., 0].T
         around = 2 * np.pi * radius if self._axisymmetric else 1.0

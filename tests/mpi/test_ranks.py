@@ -20,13 +20,13 @@ SCENES = {
     "block": ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"],
     "cube": ["geometry.mesh_size=0.25"],
     "foundation": ["geometry.mesh_size=0.2"],
-    "half_ball": ["geometry.order=2", "geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.1"],
-    "axisymmetric": ["geometry.mesh_size=0.2", "geometry.contact_mesh_size=0.02"],
+    "half_ball": ["geometry.order=2", "geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.1", "steps.count=2"],
+    "axisymmetric": ["geometry.mesh_size=0.2", "geometry.contact_mesh_size=0.02", "steps.count=4"],
     "two_blocks": ["geometry.mesh_size=0.25", "geometry.lower_mesh_size=0.3", "geometry.contact_mesh_size=0.12"],
     "cylinders": ["geometry.mesh_size=2.0", "geometry.lower_mesh_size=2.7", "geometry.contact_mesh_size=0.12"],
     "arch": ["geometry.mesh_size=0.4"],
     "sliding": ["geometry.mesh_size=0.25", "geometry.lower_mesh_size=0.2"],
-    "half_space": ["geometry.mesh_size=5.0", "geometry.contact_mesh_size=0.1"],
+    "half_space": ["geometry.mesh_size=5.0", "geometry.contact_mesh_size=0.1", "steps.count=4"],
 }
 ALWAYS = ["solver.tolerance=1e-11", "output.pictures=false"]
 SAME = 1e-9  # two decades above the tolerance: the answer's condition comes on top

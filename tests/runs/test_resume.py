@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from shared.command import Call, result
-from shared.histories import LEARNS, SMALL, Stop, assert_same, names_in, rows
+from shared.histories import LEARNS, PUSHED, SMALL, Stop, assert_same, names_in, rows
 from solvers.interface.problem import SurfaceProblem
 from solvers.methods.condensed_newton import CondensedNewton
 from solvers.methods.surface_uzawa import LearningIteration
@@ -33,7 +33,7 @@ from workflows.scene_file.read import READY, from_dict, read
 
 CUBE = ["geometry.mesh_size=0.34", "output.pictures=false", "steps.count=4"]
 SLIDING = ["geometry.mesh_size=0.25", "geometry.lower_mesh_size=0.2", "output.pictures=false", "steps.end=1.5"]
-CUT = ["geometry.mesh_size=0.25", "geometry.contact_mesh_size=0.04", "output.pictures=false", "steps.count=5"]
+CUT = ["geometry.mesh_size=0.25", "geometry.contact_mesh_size=0.04", "output.pictures=false", *PUSHED, "steps.count=5"]
 HYSTERESIS = ["geometry.mesh_size=0.1", "steps.end=5", "steps.count=5", "output.pictures=false"]
 HISTORIES = {
     "hysteresis": ("hysteresis", HYSTERESIS),

@@ -29,6 +29,9 @@ def sets(*overrides: str) -> list[str]:
     return [f"--set={word}" for word in (*overrides, "output.pictures=false")]
 
 
+BALL = sets("geometry.order=1", "geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.06", "steps.count=2")
+
+
 def warned(call: Call, folder: Path, *words: str) -> list[str]:
     """Warnings in result.json of a run that ends with exit code 0; the terminal and the log say the same."""
     code, _, err = call("run", *words, "-o", "out")
@@ -109,7 +112,7 @@ MISUSE = {
         "contacts.pole: only 4 points touch, on 1 whole facets",
     ),
     "a peak of the mesh": (
-        ["half_ball", *sets("geometry.contact_mesh_size=0.06")],
+        ["half_ball", *BALL],
         "contacts.pole: the maximum pressure stands 12% above",
     ),
     "order 1 on a curved side": (
@@ -117,7 +120,7 @@ MISUSE = {
         "contacts.fit: flat facets cut up to",
     ),
     "elements that lock": (
-        ["half_ball", *sets("geometry.contact_mesh_size=0.06", "bodies.ball.nu=0.49")],
+        ["half_ball", *BALL, *sets("bodies.ball.nu=0.49")],
         "the mean stress jumps between cells by",
     ),
 }  # fmt: skip

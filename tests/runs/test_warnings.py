@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from shared.command import COARSE, Spoken
+from shared.histories import PUSHED
 from solvers.simulation.plan import warnings
 from workflows.scene_file.read import read
 
@@ -54,6 +55,7 @@ def test_displacements_that_are_not_small_are_doubted(call: Call, folder: Path) 
 def test_steps_that_leave_a_large_error_are_doubted(call: Call, folder: Path) -> None:
     """The number of steps that is asked for keeps what it promises."""
     coarse = ["--set=geometry.mesh_size=0.3", "--set=geometry.contact_mesh_size=0.02", "--set=geometry.order=1"]
+    coarse += [f"--set={word}" for word in (*PUSHED, "steps.count=10")]
     words = ["run", "half_disc", *coarse, "--set=output.pictures=false"]
     code, _, err = call(*words, "-o", "few")
     assert code == 0

@@ -19,6 +19,10 @@ from workflows.formats.serialised import BYTES, TEXT, from_arrays
 
 SMALL = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "output.pictures=false", "steps.count=6"]
 LEARNS = ["solver.method=surface-uzawa", "solver.surface=matrix-free"]
+PUSHED = [  # of half_disc: as many steps to push as to press
+    "supports.top.displacement={x=[[0, 0], [1, 0], [2, 0.006]], y=[[0, 0], [1, -0.03]]}",
+    "steps.end=2",
+]
 FOUR = [*SMALL, "steps.count=4"]
 RUN_FOUR = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in FOUR)]
 EXCEPTED = {

@@ -12,7 +12,7 @@ from geometry.arrays import Array, Ints
 from geometry.surfaces.surface import Surface
 from solvers.accuracy.areas import beyond_nodes, scatter
 from solvers.accuracy.curved_sides import bulges
-from solvers.accuracy.peaks import grows
+from solvers.accuracy.peaks import grows, grows_in
 from solvers.results.step_result import OPEN, SLIP, STICK
 
 
@@ -190,3 +190,16 @@ def test_areas_are_uncertain_by_the_facets_that_their_edges_cross(sticks: int) -
 def test_nothing_grows_without_pressure_or_on_few_nodes() -> None:
     assert not grows(line(np.linspace(0, 1, 26)), np.zeros(26))
     assert not grows(line(np.linspace(0, 1, 2)), np.array([3.0, 1.0]))
+
+
+@pytest.mark.parametrize(("power", "endless"), [(-0.5, True), (-0.3, True), (1.0, False), (0.0, False)])
+def test_a_stress_grows_without_end_at_a_singular_point_alone(power: float, endless: bool) -> None:
+    """A field r^power around a corner of the square, in cells of one size."""
+    n = 8
+    numbers = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    cells = np.stack([numbers[:-1, :-1], numbers[:-1, 1:], numbers[1:, :-1], numbers[1:, 1:]], axis=-1).reshape(-1, 4)
+    middle = np.stack(np.meshgrid(*[np.arange(n) + 0.5] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    stress = np.linalg.norm(middle, axis=1)[:, None, None] ** power * np.eye(3)
+    assert grows_in(cells, stress, 0) is endless
+    assert not grows_in(cells, stress, n * n // 2 + n // 2)
+    assert not grows_in(cells[:1], stress[:1], 0)  # nothing is beside it

@@ -19,14 +19,15 @@ from scipy.integrate import trapezoid
 import stickslip
 from geometry.arrays import Array
 from geometry.errors import MachineError
+from solvers.results.error_parts import PARTS, ErrorParts, Quantity
 from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
 from solvers.stepping.state import Energy
 from workflows.pictures.body_picture import _outline, displacement_scale
 from workflows.pictures.contact_curves import walk
 from workflows.pictures.contact_maps import dual_cells, view_of
-from workflows.pictures.draw import draw, draw_course
+from workflows.pictures.draw import _said, draw, draw_course
 from workflows.pictures.focus import focus
-from workflows.pictures.history_picture import draw_history, most, panels_of
+from workflows.pictures.history_picture import draw_history, errors_of, most, panels_of
 from workflows.pictures.loops import Panel, _draw, draw_loops, driving, from_rest, largest, sliding
 from workflows.pictures.render import View, grid_of
 from workflows.pictures.sheet import Sheet
@@ -114,7 +115,7 @@ def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
         energy=Energy(0.0, 0.0, 0.0, 0.0, np.zeros(1)),
         iteration_error=0.0,
         mesh_error=0.0,
-        stress_error=np.zeros(len(stress)),
+        stress_error=np.abs(stress[:, d - 1, d - 1]) * size / 10,
         law_error=0.0,
         p=np.zeros(0),
         w=np.zeros(0),
@@ -150,10 +151,26 @@ def colours(path: Path) -> int:
 def test_pictures_show_a_pressed_block(tmp_path: Path, shape: str) -> None:
     mesh, open_before = block(shape), pyplot.get_fignums()
     drawn = draw(tmp_path, mesh, pressed(mesh), "A block")
-    assert [path.name for path in drawn] == ["deformed.png", "contact_base.png"]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["contact_base.png", "deformed.png"]
+    assert [path.name for path in drawn] == ["deformed.png", "stress_error.png", "contact_base.png"]
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in drawn}
     assert all(colours(path) > 100 for path in drawn)
     assert pyplot.get_fignums() == open_before
+
+
+def test_numbers_of_a_contact_are_drawn_with_their_errors() -> None:
+    contact = dataclasses.replace(
+        pressed(block("triangle")).contacts["base"], normal_force=0.24296, stick_area=1.0, max_pressure=0.18
+    )
+    parts = dict.fromkeys(PARTS, 0.0)
+    errors = {
+        Quantity("contacts", "base", "normal_force"): ErrorParts(**parts | {"mesh": 2e-4}),
+        Quantity("contacts", "base", "max_pressure"): ErrorParts(converges=False),
+    }
+    said = _said("base", contact, errors, per_metre=True)
+    assert said["normal force"] == "0.2430 ± 0.0002 N/m"
+    assert said["largest pressure"] == "0.18 Pa (grows)"
+    assert said["sticks on"] == "1 m"  # no error is known
+    assert _said("base", contact, {}, per_metre=False)["sticks on"] == "1 m²"
 
 
 @pytest.mark.parametrize("bound", [0.3, np.inf])
@@ -204,9 +221,10 @@ def test_slim_bodies_many_contacts_and_no_contact(tmp_path: Path) -> None:
     contact, surface = step.contacts["base"], mesh.surfaces["base"]
     two = dataclasses.replace(mesh, surfaces={"a": surface, "b": surface})
     drawn = draw(tmp_path, two, dataclasses.replace(step, contacts={"a": contact, "b": contact}), "two")
-    assert [path.name for path in drawn] == ["deformed.png", "contact_a.png", "contact_b.png"]
+    assert [path.name for path in drawn] == ["deformed.png", "stress_error.png", "contact_a.png", "contact_b.png"]
     free = dataclasses.replace(mesh, surfaces={})
-    assert len(draw(tmp_path, free, dataclasses.replace(step, contacts={}), "free")) == 1
+    unjudged = dataclasses.replace(step, contacts={}, stress_error=np.zeros(0))
+    assert [path.name for path in draw(tmp_path, free, unjudged, "free")] == ["deformed.png"]
 
 
 def test_curved_surfaces_are_drawn_from_the_front_right(tmp_path: Path) -> None:
@@ -415,6 +433,14 @@ def test_a_history_is_drawn(tmp_path: Path) -> None:
     found = np.argwhere(np.abs(loops - late).max(axis=-1) < 0.05)[:, 1]
     assert (found < 0.6 * loops.shape[1]).any()
     assert [label for label, _ in panels_of(scene, columns)] == ["motion [m]", "contact force [N/m]", "energy [J/m]"]
+    assert not errors_of(scene, columns)
+    known = columns | {"base.normal_force.error": columns["time"], "energy.stored.error": np.nan * columns["time"]}
+    assert list(errors_of(scene, known)) == [("contact force [N/m]", "base, normal")]
+    (tmp_path / "known").mkdir()
+    draw_history(tmp_path / "known", scene, known, "to and fro")
+    plain, shaded = (imread(tmp_path / path / "history.png")[..., :3] for path in ("", "known"))
+    assert plain.shape == shaded.shape
+    assert not np.array_equal(plain, shaded)
     full = dataclasses.replace(scene, model="axisymmetric")
     assert [label for label, _ in panels_of(full, columns)] == ["motion [m]", "contact force [N]", "energy [J]"]
 

@@ -85,19 +85,23 @@ def test_jacobi_takes_the_diagonal_blocks_of_the_stiffness(
     assert_allclose(found[between], blocks[between], atol=slack * np.abs(blocks).max())
 
 
-@pytest.mark.parametrize("model", ["plane strain", "axisymmetric", "3d"])
+@pytest.mark.parametrize("model", ["plane strain", "plane stress", "axisymmetric", "3d"])
 def test_a_linear_field_has_no_error(model: str, scene_of: SceneOf, estimating: SimulationOf) -> None:
     flat = model != "3d"
     held: dict[str, Any] = {"top": {"boundary": "block.top", "displacement": {"y" if flat else "z": -0.1}}}
     contact = {"surface": "block.bottom", "against": "foundation", "normal": {"law": "unilateral"}}
-    scene = scene_of(dim=2 if flat else 3, model=model, contacts={"base": contact}, supports=held)
     if model != "axisymmetric":  # held in one point alone against sliding: free to widen
         corner = [0.0, 1.0] if flat else [0.0, 0.0, 1.0]
         held["corner"] = {"point": corner, "displacement": {"x": 0.0} if flat else {"x": 0.0, "y": 0.0}}
         if not flat:
             held["other"] = {"point": [2.0, 0.0, 1.0], "displacement": {"y": 0.0}}
-        scene = scene_of(dim=2 if flat else 3, model=model, contacts={"base": contact}, supports=held)
+    tables = {"contacts": {"base": contact}, "supports": held, "probes": {"inside": {"point": [0.9, 0.3, 0.4]}}}
+    tables["probes"]["inside"]["point"] = [0.9, 0.3] if flat else [0.9, 0.3, 0.4]
+    tables["thermal"] = {"block": {"expansion": 1e-3, "temperature": 20.0}}  # no part of the stress
+    scene = scene_of(dim=2 if flat else 3, model=model, **tables)
     (step,) = estimating(scene).steps()
+    assert_allclose(step.errors["probes.inside.stress"].mesh, 0.0, atol=1e-10 * np.abs(step.von_mises).max())
+    assert_allclose(step.errors["probes.inside.displacement"].mesh, 0.0, atol=1e-11)
     force = step.contacts["base"].normal_force
     assert step.errors["contacts.base.normal_force"].mesh == pytest.approx(0.0, abs=1e-10 * force)
     assert step.errors["contacts.base.max_pressure"].mesh == pytest.approx(0.0, abs=1e-9 * force)
@@ -114,6 +118,7 @@ def numbers(step: StepResult) -> dict[str, Any]:
     return {str(key): value for key, value in quantities(step).items()}
 
 
+FOUR = ["steps.count=4"]
 COARSE_AND_FINE = [
     ("block", [], ["geometry.mesh_size=0.025", "geometry.contact_mesh_size=0.0125"]),
     (
@@ -122,7 +127,7 @@ COARSE_AND_FINE = [
         ["geometry.mesh_size=0.04", "geometry.lower_mesh_size=0.05", "geometry.contact_mesh_size=0.01"],
     ),
     ("shrink_fit", [], ["geometry.mesh_size=0.1", "geometry.inner_mesh_size=0.075"]),
-    ("half_space", [], ["geometry.contact_mesh_size=0.01"]),
+    ("half_space", FOUR, ["geometry.contact_mesh_size=0.01", *FOUR]),
     ("cube", ["geometry.mesh_size=0.25"], ["geometry.mesh_size=0.125"]),
 ]
 NUMBERS = ("normal_force", "tangential_force", "dissipation_total")
@@ -159,8 +164,39 @@ def test_probes_have_the_error_of_their_displacement() -> None:
     assert (held < 1e-12).all()
 
 
+def test_probes_have_the_error_of_their_stress() -> None:
+    """Reported is the stress at the midpoint of the cell; the true one is that at the point."""
+    points = [[1.3, 0.7], [3.1, 0.4], [0.6, 1.5], [2.2, 1.1], [2.6, 0.02], [3.6, 0.9]]
+    sets = [f"probes.p{k}.point={point}" for k, point in enumerate(points)]
+    coarse = ["geometry.mesh_size=0.2", "geometry.contact_mesh_size=0.1"]
+    fine = ["geometry.order=2", "geometry.mesh_size=0.04", "geometry.contact_mesh_size=0.03"]
+    step, truth = last("block", *coarse, *sets), last("block", *fine, *sets)
+    ratios = []
+    for k in range(len(points)):
+        exact = numbers(truth)[f"probes.p{k}.stress"]
+        true = np.abs(numbers(step)[f"probes.p{k}.stress"] - exact)
+        parts, corrected = step.errors[f"probes.p{k}.stress"], step.corrected[f"probes.p{k}.stress"]
+        stated = parts.mesh + parts.geometry
+        assert (stated[4:] == 0).all()  # shear out of the plane is zero
+        assert stated[:4].min() > 0.1 * stated.max()  # whatever single components happen to be
+        assert np.linalg.norm(corrected - exact) < 0.6 * np.linalg.norm(true)
+        ratios += [np.linalg.norm(stated) / np.linalg.norm(true)]
+    assert min(ratios) > 0.7
+    assert max(ratios) < 3
+
+
+def test_a_stress_without_limit_has_no_error() -> None:
+    step = last("block", "probes.inside.point=[2.0, 0.4]")
+    corner, inside = (step.errors[f"probes.{name}.stress"] for name in ("corner", "inside"))
+    assert corner.converges is False  # the support ends there
+    assert corner.mesh is None
+    assert inside.converges
+    assert step.errors["probes.corner.displacement"].converges
+
+
 def test_areas_have_an_error_below_the_size_of_a_facet() -> None:
-    step, fine = last("half_space"), last("half_space", "geometry.order=2", "geometry.contact_mesh_size=0.005")
+    step = last("half_space", *FOUR)
+    fine = last("half_space", "geometry.order=2", "geometry.contact_mesh_size=0.005", *FOUR)
     for key in ("contact_area", "stick_area"):
         true = abs(getattr(step.contacts["track"], key) - getattr(fine.contacts["track"], key))
         assert true <= step.errors[f"contacts.track.{key}"].mesh + 0.005
@@ -168,7 +204,7 @@ def test_areas_have_an_error_below_the_size_of_a_facet() -> None:
 
 
 def test_a_pressure_without_limit_has_no_error() -> None:
-    corner, smooth = last("block"), last("half_space")
+    corner, smooth = last("block"), last("half_space", *FOUR)
     assert corner.errors["contacts.base.max_pressure"].converges is False
     assert corner.errors["contacts.base.max_pressure"].mesh is None
     assert corner.errors["contacts.base.normal_force"].converges
@@ -178,7 +214,7 @@ def test_a_pressure_without_limit_has_no_error() -> None:
 @pytest.mark.parametrize("name", ["block", "foundation", "axisymmetric"])
 def test_with_many_iterations_energy_is_in_balance(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(two_level, "STEPS", 25)
-    simulation = prepare(read(name, ["geometry.order=1"]))
+    simulation = prepare(read(name, ["geometry.order=1", "steps.count=4"]))
     step = next(simulation.steps())  # later ones begin with another slip than the bubbles are found for
     assert simulation.stepper.reported is not None
     refined = simulation.stepper.reported.state.refined
@@ -191,7 +227,7 @@ def test_with_many_iterations_energy_is_in_balance(name: str, monkeypatch: pytes
 
 @pytest.mark.parametrize("name", ["sliding", "half_space", "stack", "fretting"])
 def test_it_follows_sliding_and_driven_and_floating_bodies(name: str) -> None:
-    sets = ["geometry.order=1", "steps.count=2"] if name == "fretting" else []
+    sets = ["geometry.order=1", "steps.count=2"] if name == "fretting" else FOUR if name == "half_space" else []
     step = last(name, *sets)
     contact = next(iter(step.contacts))
     assert 0 < step.errors[f"contacts.{contact}.tangential_force"].mesh < 0.2 * step.contacts[contact].normal_force

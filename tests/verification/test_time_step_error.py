@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from shared.histories import PUSHED
 from solvers.results.error_parts import Quantity
 from solvers.results.numbers import quantities
 from solvers.scene.settings import Steps
@@ -13,8 +14,11 @@ from workflows.scene_file.read import read
 
 SIZES = ["geometry.order=1", "geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.01"]
 CASES = {
-    "half_disc": ("half_disc", SIZES),  # pressed in 5 steps, pushed in 5: the first three of each become one
-    "axisymmetric": ("axisymmetric", SIZES),  # 4 steps: dissipation is 1.7 times too large
+    "half_disc": (
+        "half_disc",
+        [*SIZES, *PUSHED, "steps.count=10"],
+    ),  # 5 steps and 5: the first three of each become one
+    "axisymmetric": ("axisymmetric", [*SIZES, "steps.count=4"]),  # dissipation is 1.7 times too large
     "hysteresis": ("hysteresis", ["geometry.mesh_size=0.1", "steps.end=6", "steps.count=12"]),  # 2, 2, 4, 4 steps
     "alone": ("hysteresis", ["geometry.mesh_size=0.1", "steps.end=6", "steps.count=3"]),  # one step between two turns
 }

@@ -92,6 +92,7 @@ WEIGHT = (
     "bodies.block.density=1e-3",
     "gravity={ acceleration = [[[0, 0], [1, 0], [2, 1.0]], 0.0, [[0, 0], [1, -9.81]]] }",
 )
+LINEAR = ("geometry.order=1",)
 CASES = (
     *(Case("block", scale) for scale in (1.6, 0.5, 0.16)),
     *(Case("two_blocks", scale) for scale in (1.5, 0.45, 0.14)),
@@ -99,8 +100,8 @@ CASES = (
     *(Case("cube", scale) for scale in (1.15, 0.53, 0.32)),
     *(Case("cube", scale, ("geometry.order=2",), "cube, order 2") for scale in (1.15, 0.75)),
     *(Case("cube", scale, WEIGHT, "cube, floats", free=("top",)) for scale in (0.53, 0.4)),
-    *(Case("half_ball", scale) for scale in (2.0, 0.9, 0.5, 0.28)),
-    *(Case("spheres", scale) for scale in (2.0, 1.0, 0.6)),
+    *(Case("half_ball", scale, LINEAR) for scale in (1.5, 0.675, 0.375, 0.21)),
+    *(Case("spheres", scale, LINEAR) for scale in (1.5, 0.75, 0.45)),
     Case("two_blocks", 0.45, label="two_blocks, tied", tied=True),
     Case("two_blocks", 1.0, BARS[3:], "two_blocks, 1 floats", free=("top",)),
     Case("two_blocks", 1.0, BARS[:3], "bars, held"),

@@ -1,20 +1,20 @@
-"""deformed.png: the deformed bodies, coloured by von Mises stress."""
+"""deformed.png and stress_error.png: the deformed bodies, coloured by von Mises stress, and by its error."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.colors import Normalize
+from matplotlib.colors import LogNorm, Normalize
 
 from geometry.arrays import Array
 from solvers.results.step_result import OPEN, MeshData, StepResult
 from workflows.formats.steps import StoredStep, three
 from workflows.pictures.render import SHADED, View, grid_of, render
-from workflows.pictures.sheet import COLOURS, DPI, Sheet, show_image, span
+from workflows.pictures.sheet import COLOURS, DPI, LINE, Sheet, decades, show_image, span
 
 VISIBLE = (0.02, 0.2)  # relative to the size of the bodies: displacements in this range are drawn to scale
 DRAWN = 0.08  # others are scaled so that the largest is about this fraction of the size
@@ -24,19 +24,41 @@ EDGES: dict[str, Any] = {"color": "#222222", "line_width": 2.5}
 GHOST: dict[str, Any] = {"color": "#8c8c8c", "line_width": 2.0}
 
 
+class Coloured(NamedTuple):
+    """What the cells are coloured by."""
+
+    values: Array  # (cells,)
+    norm: Normalize
+    label: str
+
+
 def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str) -> Path:
-    """Draw deformed.png, with the outline of the undeformed bodies in grey."""
+    """Draw deformed.png: von Mises stress, with the outline of the undeformed bodies in grey."""
+    coloured = Coloured(result.von_mises, span(result.von_mises), "von Mises stress [Pa]")
+    return _draw(folder / "deformed.png", mesh, result, title, coloured)
+
+
+def draw_error(folder: Path, mesh: MeshData, result: StepResult, title: str) -> Path:
+    """Draw stress_error.png: what the mesh leaves in the stress of each cell, on a logarithmic scale."""
+    error = result.stress_error
+    coloured = Coloured(error, decades(error), "error of the stress, by the mesh [Pa]")
+    said = f"the mesh leaves {100 * result.mesh_error:.2g} % of the displacement, in the energy norm"
+    return _draw(folder / "stress_error.png", mesh, result, title, coloured, said)
+
+
+def _draw(path: Path, mesh: MeshData, result: StepResult, title: str, coloured: Coloured, more: str = "") -> Path:
+    """Draw the deformed bodies in the colours; `more` is added to the caption."""
     solid = mesh.points.shape[1] == 3
     scale = displacement_scale(mesh, result)
-    moved, norm = three(mesh.points + scale * result.displacement), span(result.von_mises)
-    add = body_on_stage(mesh, moved, result.von_mises, norm)
+    moved, norm = three(mesh.points + scale * result.displacement), coloured.norm
+    add = body_on_stage(mesh, moved, coloured.values, norm)
     both = np.vstack([three(mesh.points), moved])
     view = View.isometric(both) if solid else View.facing(both)
     width, height = (6.0, 6.0 / view.aspect) if view.aspect > 1.3 else (4.6 * view.aspect, 4.6)
     beside = view.aspect <= 1.6
     left = 0.25 if solid else 0.8
     foot = (0.2 if solid else 0.55) + (0.0 if beside else 0.75)
-    sheet = Sheet(max(4.5, left + width + (1.3 if beside else 0.4)), foot + height + 0.75)
+    sheet = Sheet(max(4.5, left + width + (1.3 if beside else 0.4)), foot + height + 0.75 + LINE * bool(more))
     show_image(
         sheet.axes(left, foot, width, height),
         view,
@@ -44,25 +66,24 @@ def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str) -> P
         None if solid else ("x", "y"),
     )
     bar = (left + width + 0.2, foot + 0.1 * height, 0.15, 0.8 * height) if beside else (left, 0.5, width, 0.13)
-    sheet.colour_bar(
-        sheet.axes(*bar), norm, "von Mises stress [Pa]", orientation="vertical" if beside else "horizontal"
-    )
+    sheet.colour_bar(sheet.axes(*bar), norm, coloured.label, orientation="vertical" if beside else "horizontal")
     drawn = "true displacement" if scale == 1 else f"displacement × {plain(scale)}"
-    sheet.head(title, f"t = {result.time:g} s, {drawn}; grey: undeformed", left)
-    return sheet.save(folder / "deformed.png")
+    caption = f"t = {result.time:g} s, {drawn}; grey: undeformed"
+    sheet.head(title, "\n".join(filter(None, (caption, more))), left)
+    return sheet.save(path)
 
 
-def body_on_stage(mesh: MeshData, moved: Array, von_mises: Array, norm: Normalize) -> Callable[[Any], None]:
+def body_on_stage(mesh: MeshData, moved: Array, values: Array, norm: Normalize) -> Callable[[Any], None]:
     """A function that adds the bodies to a stage, deformed, with grey outlines of the undeformed bodies.
 
     Args:
         moved: places of the nodes as drawn (n, 3) [m].
-        von_mises: (cells,) [Pa].
+        values: (cells,) [Pa].
         norm: range of the colours [Pa].
     """
     solid = mesh.points.shape[1] == 3
     before = grid_of(mesh.points, mesh.cells, mesh.shape)
-    before.cell_data["von_mises"] = von_mises
+    before.cell_data["values"] = np.maximum(values, float(norm.vmin or 0.0)) if isinstance(norm, LogNorm) else values
     before.point_data["moved"] = moved
     if solid:  # only the surface is visible
         before = before.extract_surface()
@@ -72,9 +93,10 @@ def body_on_stage(mesh: MeshData, moved: Array, von_mises: Array, norm: Normaliz
     def add(stage: Any) -> None:
         stage.add_mesh(
             after,
-            scalars="von_mises",
+            scalars="values",
             cmap=COLOURS,
             clim=(norm.vmin, norm.vmax),
+            log_scale=isinstance(norm, LogNorm),
             **(SHADED if solid else {"lighting": False}),
             show_edges=len(mesh.cells) <= FEW_CELLS,
             edge_color="#333333",

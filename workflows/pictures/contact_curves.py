@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from geometry.arrays import AnyArray, Array, Bools, Ints
 from solvers.results.step_result import OPEN, ContactState
 from workflows.pictures.focus import focus
-from workflows.pictures.sheet import PALE, STATUS_COLOURS, Sheet, frame
+from workflows.pictures.sheet import LINE, PALE, STATUS_COLOURS, Sheet, frame
 
 PRESSURE, TANGENTIAL = "#1b1b1b", "#b2182b"
 
@@ -36,7 +36,7 @@ def draw_line(folder: Path, name: str, points: Array, facets: Ints, contact: Con
     tangential = np.einsum("ki,ki->k", contact.traction[line.nodes], line.tangents)
     magnitude = np.linalg.norm(contact.traction[line.nodes], axis=1)
     bound = np.where(np.isfinite(contact.bound), contact.bound, np.nan)[line.nodes]
-    sheet = Sheet(7.0, 4.0)
+    sheet = Sheet(7.0, 4.0 + LINE)
     axes = sheet.axes(0.85, 0.87, 5.85, 2.23)
     axes.axhline(0.0, color=PALE, linewidth=0.6)
     style = {"markersize": 2.5, "marker": "o"} if len(line.nodes) <= 120 else {}
@@ -73,8 +73,8 @@ def draw_line(folder: Path, name: str, points: Array, facets: Ints, contact: Con
     shown = line.place[focus(line.place[:, None], contact.status[line.nodes] != OPEN)]
     margin = 0.01 * (float(np.ptp(shown)) or 1.0)
     axes.set_xlim(shown.min() - margin, shown.max() + margin)
-    title, caption = head.split("\n")
-    sheet.head(title, f"{caption}, contact {name}", 0.85)
+    title, caption, numbers = head.split("\n")
+    sheet.head(title, f"{caption}\n{numbers}", 0.85)
     return sheet.save(folder / f"contact_{name}.png")
 
 

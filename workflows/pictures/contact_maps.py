@@ -15,7 +15,7 @@ from solvers.results.step_result import OPEN, ContactState
 from workflows.formats.shapes import corner_cells
 from workflows.pictures.focus import focus
 from workflows.pictures.render import SHADED, View, grid_of, render
-from workflows.pictures.sheet import COLOURS, DPI, STATUS_COLOURS, Sheet, show_image, span
+from workflows.pictures.sheet import COLOURS, DPI, LINE, STATUS_COLOURS, Sheet, show_image, span
 
 ARROWS = 250  # approximate largest number of arrows
 LONGEST = 0.12  # length of the longest arrow, relative to the size of the surface
@@ -64,7 +64,7 @@ def draw_surface(folder: Path, name: str, surface: Surface, contact: ContactStat
 
     width, height = (3.6, 3.6 / view.aspect) if view.aspect > 1 else (3.6 * view.aspect, 3.6)
     left, foot, gap = (0.75, 1.25, 0.75) if flat else (0.3, 0.95, 0.4)
-    sheet = Sheet(left + max(2 * width + gap, 5.0) + 0.3, foot + height + 0.75)
+    sheet = Sheet(left + max(2 * width + gap, 5.0) + 0.3, foot + height + 0.75 + LINE)
     first = sheet.axes(left, foot, width, height)
     second = sheet.axes(left + width + gap, foot, width, height)
     show_image(first, view, render(view, round(width * DPI), add_pressure), labels)
@@ -72,8 +72,8 @@ def draw_surface(folder: Path, name: str, surface: Surface, contact: ContactStat
     sheet.colour_bar(sheet.axes(left, 0.5, width, 0.12), norm, "pressure [Pa]", orientation="horizontal")
     sheet.status_legend(second, loc="upper center", bbox_to_anchor=(0.5, -(foot - 0.75) / height), borderpad=0)
     arrow_text = f"; arrows: tangential traction, longest {longest:.3g} Pa" if arrows is not None else ""
-    title, caption = head.split("\n")
-    sheet.head(title, f"{caption}, contact {name}{arrow_text}", left)
+    title, caption, numbers = head.split("\n")
+    sheet.head(title, f"{caption}{arrow_text}\n{numbers}", left)
     return sheet.save(folder / f"contact_{name}.png")
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from solvers.results.step_result import MeshData, StepResult
+from solvers.results.error_parts import Errors, Quantity
+from solvers.results.step_result import ContactState, MeshData, StepResult
 from solvers.scene.scene import Scene
 from workflows.formats.aside import make_folder
+from workflows.formats.plus_minus import MISSING, with_error
 from workflows.formats.steps_csv import read_steps_table
-from workflows.pictures.body_picture import draw_body
+from workflows.pictures.body_picture import draw_body, draw_error
 from workflows.pictures.contact_curves import draw_line
 from workflows.pictures.contact_maps import draw_surface
 from workflows.pictures.history_picture import draw_history
@@ -17,18 +19,41 @@ from workflows.pictures.loops import draw_loops
 HISTORY = 3  # smallest number of steps for pictures over time
 
 
-def draw(folder: Path, mesh: MeshData, result: StepResult, title: str) -> list[Path]:
-    """Draw deformed.png and one contact_NAME.png for each contact; returns their paths. Rank 0 only.
+def draw(
+    folder: Path,
+    mesh: MeshData,
+    result: StepResult,
+    title: str,
+    *,
+    errors: Errors | None = None,
+    per_metre: bool = False,
+) -> list[Path]:
+    """Draw deformed.png, stress_error.png if the error was estimated, and one contact_NAME.png for each contact.
+
+    Rank 0 only.
+
+    Args:
+        errors: of the numbers of the step; None: not estimated.
+        per_metre: whether resultants are those of a metre of thickness.
+
+    Returns:
+        The paths of the pictures.
 
     Raises:
         MachineError: the disk is full.
     """
     make_folder(folder)
     title = " ".join(title.split())
-    head = f"{title}\nt = {result.time:g} s"
     drawn = [draw_body(folder, mesh, result, title)]
+    if len(result.stress_error):
+        drawn.append(draw_error(folder, mesh, result, title))
     for name, contact in result.contacts.items():
         surface = mesh.surfaces[name]
+        said = _said(name, contact, errors or {}, per_metre)
+        peak, resultants = said.pop("largest pressure"), ", ".join(f"{what} {number}" for what, number in said.items())
+        if any(MISSING in number for number in said.values()) or MISSING in peak:
+            resultants += f"; {MISSING} a part of the error is not known"
+        head = f"{title}\nt = {result.time:g} s, contact {name}, largest pressure {peak}\n{resultants}"
         if mesh.points.shape[1] == 3:
             drawn.append(draw_surface(folder, name, surface, contact, head))
         else:
@@ -47,3 +72,16 @@ def draw_course(folder: Path, scene: Scene) -> list[Path]:
         return []
     loops = draw_loops(folder, scene, columns, title)
     return [draw_history(folder, scene, columns, title), *([loops] if loops else [])]
+
+
+def _said(name: str, contact: ContactState, errors: Errors, per_metre: bool) -> dict[str, str]:
+    """Numbers of a contact with their errors, in words."""
+    force, area = ("N/m", "m") if per_metre else ("N", "m²")
+    rubs = bool(contact.bound.any())
+    words = {"max_pressure": ("largest pressure", "Pa"), "normal_force": ("normal force", force)}
+    words |= {"tangential_force": ("tangential force", force)} if rubs else {}
+    words |= {"stick_area": ("sticks on", area)} if rubs else {"contact_area": ("touches on", area)}
+    return {
+        word: with_error(getattr(contact, key), errors.get(Quantity("contacts", name, key)), unit)
+        for key, (word, unit) in words.items()
+    }

@@ -30,6 +30,14 @@ PANELS = {  # by what is prescribed
     "friction": "friction bound [Pa]",
     "acceleration": "gravity [m/s²]",
 }
+ENERGIES = {  # by label
+    "external work": "external",
+    "elastic energy": "stored",
+    "contact work": "contact",
+    # the difference between dissipated energy and contact work shows whether the steps are small enough
+    "dissipated (end of step)": "dissipated",
+}
+BAND = 0.25  # opacity
 Curves = dict[str, Array]
 
 
@@ -43,7 +51,7 @@ def draw_history(folder: Path, scene: Scene, columns: Columns, title: str) -> Pa
         MachineError: the disk is full.
     """
     steps = from_rest(columns)
-    everything = list(panels_of(scene, steps))
+    everything, errors = list(panels_of(scene, steps)), errors_of(scene, steps)
     cut = f"; of many curves the {MOST} largest" if any(len(curves) > MOST for _, curves in everything) else ""
     panels = [(label, most(curves)) for label, curves in everything]
     panels = [(label, curves) for label, curves in panels if curves]
@@ -57,6 +65,8 @@ def draw_history(folder: Path, scene: Scene, columns: Columns, title: str) -> Pa
         marked = {"marker": "o", "markersize": 2.0} if len(steps["time"]) <= FEW else {}
         for (name, values), colour in zip(curves.items(), CURVES, strict=False):
             axes.plot(steps["time"], values, color=colour, linewidth=1.3, label=name, **marked)
+            if (error := errors.get((label, name))) is not None:
+                axes.fill_between(steps["time"], values - error, values + error, color=colour, alpha=BAND, linewidth=0)
         _legend(axes)
     if scene.contacts:
         _areas(_below(sheet, next(place), drawn, f"contact area [{area(scene)}]"), scene, steps)
@@ -66,7 +76,8 @@ def draw_history(folder: Path, scene: Scene, columns: Columns, title: str) -> Pa
         axes.tick_params(labelbottom=axes is drawn[-1])
     sheet.figure.align_ylabels(drawn)
     drawn[-1].set_xlabel("time [s]", fontsize=9, color=INK)
-    sheet.head(title, f"{len(columns['time'])} steps; forces on contacts act on the slave side{cut}", LEFT)
+    shaded = "; shaded: ± error" if errors else ""
+    sheet.head(title, f"{len(columns['time'])} steps; forces on contacts act on the slave side{cut}{shaded}", LEFT)
     return sheet.save(folder / "history.png")
 
 
@@ -87,11 +98,23 @@ def panels_of(scene: Scene, steps: Columns) -> Iterator[tuple[str, Curves]]:
         found[f"{name}, normal"] = steps[f"{name}.normal_force"]
         for axis in "xyz"[: scene.dim] if contact.friction is not None else "":
             found[f"{name}, tangential {axis}"] = steps[f"{name}.tangential_force.{axis}"]
-    yield f"contact force [{force}]", found
-    energies = {"external work": "external", "elastic energy": "stored", "contact work": "contact"}
-    # the difference between dissipated energy and contact work shows whether the steps are small enough
-    energies["dissipated (end of step)"] = "dissipated"
-    yield f"energy [{per_metre(scene, 'J')}]", {label: steps[f"energy.{key}"] for label, key in energies.items()}
+    force_panel, energy_panel = _results(scene)
+    yield force_panel, found
+    yield energy_panel, {label: steps[f"energy.{key}"] for label, key in ENERGIES.items()}
+
+
+def _results(scene: Scene) -> tuple[str, str]:
+    """Labels of the panels of contact forces and energies."""
+    return f"contact force [{per_metre(scene, 'N')}]", f"energy [{per_metre(scene, 'J')}]"
+
+
+def errors_of(scene: Scene, steps: Columns) -> dict[tuple[str, str], Array]:
+    """Total errors of normal forces and energies, by panel and curve; those that are not known are left out."""
+    contact, energy = _results(scene)
+    columns = {(contact, f"{name}, normal"): f"{name}.normal_force" for name in scene.contacts}
+    columns |= {(energy, label): f"energy.{key}" for label, key in ENERGIES.items()}
+    found = {label: steps.get(f"{key}.error", np.array([np.nan])) for label, key in columns.items()}
+    return {label: error for label, error in found.items() if np.isfinite(error).any()}
 
 
 def _panel_of_effect(scene: Scene, place: Place) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
@@ -22,6 +22,8 @@ from workflows.pictures.render import Image, View
 
 DPI = 200
 TITLE = (11.0, 8.0)  # font size [pt] of a title of one line, and of two lines
+LINE = 0.15  # from one line of a caption to the next [inch]
+DECADES = 3  # of a logarithmic range of colours, at most
 LETTERS = 17  # letters per inch in a title that is shrunk to fit
 INK, PALE = "#222222", "#666666"
 COLOURS = "viridis"
@@ -52,27 +54,35 @@ class Sheet:
         return self.figure.text(x / self.width, y / self.height, text, **look)
 
     def head(self, title: str, caption: str, left: float) -> None:
-        """Title in one line, or smaller in two lines, and a caption below it; left: margin [inch]."""
-        canvas: Any = self.canvas
+        """Title in one line, or smaller in two lines, and lines of a caption below it; left: margin [inch]."""
         room = self.width - left - 0.1
         lines = wrap(title, int(room * LETTERS), max_lines=2, placeholder="…")
         place, size = (0.34, TITLE[1]) if len(lines) > 1 else (0.28, TITLE[0])
         look = {"fontsize": size, "fontweight": "bold", "linespacing": 1.15}
-        text = self.write(left, self.height - place, "\n".join(lines), **look)
+        self._shrink(self.write(left, self.height - place, "\n".join(lines), **look), room)
+        for index, line in enumerate(caption.split("\n")):
+            self._shrink(self.write(left, self.height - 0.48 - index * LINE, line, color=PALE), room)
+
+    def _shrink(self, text: Any, room: float) -> None:
+        """Make a text that is wider than the room [inch] as small as it needs to be."""
+        canvas: Any = self.canvas
         wide = text.get_window_extent(canvas.get_renderer()).width / self.dpi
-        text.set_fontsize(size * room / max(wide, room))
-        self.write(left, self.height - 0.48, caption, color=PALE)
+        text.set_fontsize(text.get_fontsize() * room / max(wide, room))
 
     def colour_bar(self, axes: Any, norm: Normalize, label: str, orientation: str) -> None:
         """Colour bar that fills the axes; orientation: horizontal or vertical."""
         mappable = ScalarMappable(norm, COLOURS)
-        bar: Any = self.figure.colorbar(mappable, cax=axes, orientation=orientation, format=number_format())
+        logarithmic = isinstance(norm, LogNorm)
+        form: dict[str, Any] = {} if logarithmic else {"format": number_format()}
+        bar: Any = self.figure.colorbar(mappable, cax=axes, orientation=orientation, **form)
         bar.ax.tick_params(labelsize=8, color=PALE, labelcolor=INK)
         bar.ax.xaxis.get_offset_text().set_fontsize(8)
         bar.ax.yaxis.get_offset_text().set_fontsize(8)
         bar.outline.set_linewidth(0.5)
-        bar.locator = _ticks(5)
-        bar.update_ticks()
+        bar.ax.tick_params(which="minor", color=PALE)
+        if not logarithmic:
+            bar.locator = _ticks(5)
+            bar.update_ticks()
         bar.set_label(label, fontsize=9, color=INK)
 
     def status_legend(self, axes: Any, **options: Any) -> None:
@@ -155,3 +165,10 @@ def _triad(axes: Any, view: View) -> None:
         tip = np.array([view.right[i], view.up[i]])
         inset.annotate("", tip, (0, 0), arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 0.9, "mutation_scale": 6})
         inset.text(*(1.28 * tip), name, fontsize=8, ha="center", va="center", color=INK)
+
+
+def decades(values: Array) -> LogNorm:
+    """Range of colours from the smallest value to the largest, one to `DECADES` powers of ten; up to 1 if all are 0."""
+    high = float(values.max(initial=0.0)) or 1.0
+    low = float(np.clip(values.min(initial=high), high / 10**DECADES, high / 10))
+    return LogNorm(low, high)

@@ -154,13 +154,15 @@ def _several_solutions(steps: Sequence[StepResult], unit: str) -> Iterator[str]:
 def large_time_errors(problem: Problem, steps: Sequence[StepResult], errors: Sequence[Errors]) -> Iterator[str]:
     """A warning of the largest error that the time steps leave: in a dissipation at the end, or an area at some step.
 
-    That of an area is relative to the area that touches.
+    That of an area is relative to the largest area that touches at any step: of a contact that begins at a point, a
+    node more or less is a large part.
     """
     found = [(0.0, "")]  # relative error, and where
+    touching = {name: max((step.contacts[name].contact_area for step in steps), default=0.0) for name in problem.pairs}
     for step, its in zip(steps, errors, strict=False):
         work = abs(step.energy.external) + step.energy.stored
         for name, contact in step.contacts.items():
-            numbers = {f"{area} area": (f"{area}_area", contact.contact_area) for area in ("contact", "stick", "slip")}
+            numbers = {f"{area} area": (f"{area}_area", touching[name]) for area in ("contact", "stick", "slip")}
             if step is steps[-1] and contact.dissipation_total > max(MINOR * step.energy.dissipated, ROUNDED * work):
                 numbers["dissipation"] = "dissipation_total", contact.dissipation_total
             for what, (key, scale) in numbers.items():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Iterable
 from types import TracebackType
@@ -17,15 +16,13 @@ from solvers.results.step_result import StepResult
 from solvers.simulation.plan import warnings
 from solvers.simulation.simulation import Simulation
 from solvers.stepping.history import HistoryRow
+from workflows.formats.plus_minus import MISSING, plus_minus
 from workflows.run.mesh_report import ContactReport, MeshReport
 from workflows.run.result import Outcome
 from workflows.run.watch import Watch
 from workflows.writers.writer import registered
 
 Content = dict[str, Any]
-MISSING = "*"  # behind a stated error that lacks a part
-DIGITS = 1e-6  # of a number: a smaller error is not shown
-MOST_PLACES = 6  # behind the point
 
 
 class Reporter:
@@ -211,7 +208,7 @@ def _contacts(content: Content) -> Table:
 
 
 def _with_error(numbers: Content, key: str) -> str:
-    """A number with its error, as many digits as that leaves.
+    """A number with its error.
 
     >>> known = {"mesh": 0.0001, "geometry": 0.0, "time_step": 0.0001, "converges": True}
     >>> _with_error({"force": 0.242957, "error": {"force": {**known, "total": 0.0002}}}, "force")
@@ -223,24 +220,15 @@ def _with_error(numbers: Content, key: str) -> str:
     >>> _with_error({"force": 0.242957, "error": None}, "force")
     '0.24296'
     """
-    value, parts = numbers[key], (numbers["error"] or {}).get(key, {})
-    if parts.get("converges") is False:
-        return f"{value:.2g} (grows)"
-    error, star = _stated(parts), MISSING if _missing(parts) else ""
-    if error is None or not error > DIGITS * abs(value):
-        return f"{value:.5g}"
-    last = math.floor(math.log10(float(f"{error:.0e}")))  # place of its only digit
-    if 0 < -last <= MOST_PLACES:
-        return f"{value:.{-last}f} ± {error:.{-last}f}{star}"
-    places = max(math.floor(math.log10(abs(value))) - last, 0) if value else 0
-    return f"{value:.{places}e} ± {error:.0e}{star}" if value else f"0 ± {error:.0e}{star}"
+    parts = (numbers["error"] or {}).get(key, {})
+    return plus_minus(numbers[key], _stated(parts), parts.get("converges"), bool(_missing(parts)))
 
 
 def _stated(parts: Content) -> float | None:
     """The sum of the parts that are known, if those of the mesh are: they are seldom the least."""
     if parts.get("mesh") is None:
         return None
-    return sum(parts[name] for name in PARTS if parts.get(name) is not None)
+    return sum((float(parts[name]) for name in PARTS if parts.get(name) is not None), start=0.0)
 
 
 def _missing(parts: Content) -> list[str]:

@@ -32,7 +32,15 @@ class Pictures(Writer):
             with _drawing("pictures"):
                 from workflows.pictures.draw import draw, draw_course
 
-                draw(self.job.folder, self.job.mesh, ended.steps[-1], self.job.scene.title)
+                scene, errors = self.job.scene, ended.errors[-1] if ended.errors else None
+                draw(
+                    self.job.folder,
+                    self.job.mesh,
+                    ended.steps[-1],
+                    scene.title,
+                    errors=errors,
+                    per_metre=scene.model.startswith("plane"),
+                )
                 draw_course(self.job.folder, self.job.scene)
 
 

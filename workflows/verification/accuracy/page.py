@@ -118,7 +118,7 @@ def _lines(studies: Sequence[Study], command: str, picture: str) -> Iterator[str
     yield ""
     yield from table("part, order", cases, lambda case: f"{case.part}, order {case.order}")
     yield ""
-    yield "Of order 2 the error of the mesh is not stated, nor is a total; nor is any error of a probe's mesh."
+    yield "Of order 2 the error of the mesh is not stated, nor is a total."
     yield ""
     yield "## By kind of quantity, order 1"
     yield ""

@@ -32,6 +32,7 @@ from workflows.verification.closed_forms.shrink_fit import JOINT
 
 MESHES = (2.25, 1.5, 1.0)  # times the mesh sizes of a problem's scene
 METHOD = "condensed-newton"
+PUSHED = "supports.top.displacement={x=[[0, 0], [1, 0], [2, 0.006]], y=[[0, 0], [1, -0.03]]}"
 Values = Mapping[str, float]  # by the name of a number
 
 
@@ -148,9 +149,12 @@ PROBLEMS: Mapping[str, Problem] = {
     "block": Problem(scene=ready("block")),
     "two_blocks": Problem(scene=ready("two_blocks")),
     "cube": Problem(scene=ready("cube", "geometry.mesh_size=0.16666666666666666"), long=False),
-    "half_space": Problem(scene=ready("half_space")),
-    "half_disc": Problem(scene=ready("half_disc", "steps.count=6")),
-    "half_ball": Problem(scene=ready("half_ball", "geometry.contact_mesh_size=0.04"), long=False),
+    "half_space": Problem(scene=ready("half_space", "steps.count=4")),
+    "half_disc": Problem(scene=ready("half_disc", PUSHED, "steps.end=2.0", "steps.count=6")),
+    "half_ball": Problem(
+        scene=ready("half_ball", "geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.04", "steps.count=2"),
+        long=False,
+    ),
     "fretting": Problem(scene=ready("fretting", "steps.end=6.0", "steps.count=6")),
     "shaft": Problem(scene=ready("shaft")),
     "sliding": Problem(scene=ready("sliding", "geometry.mesh_size=0.05", "geometry.lower_mesh_size=0.04")),

@@ -1,0 +1,49 @@
+"""A number with its error, as people read it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from solvers.results.error_parts import PARTS, ErrorParts
+
+DIGITS = 1e-6  # of a number: a smaller error is not shown
+MOST_PLACES = 6  # behind the point
+MISSING = "*"  # behind a stated error that lacks a part
+
+
+def plus_minus(value: float, error: float | None, converges: bool | None = None, incomplete: bool = False) -> str:
+    """A number and its error, with as many digits as that leaves.
+
+    Args:
+        error: in the unit of the number; None: not known.
+        converges: whether the number has a limit on ever finer meshes; None: not known.
+        incomplete: whether the error lacks a part.
+
+    >>> plus_minus(0.242957, 0.0002), plus_minus(0.242957, None, False), plus_minus(0.242957, None)
+    ('0.2430 ± 0.0002', '0.24 (grows)', '0.24296')
+    """
+    if converges is False:
+        return f"{value:.2g} (grows)"
+    if error is None or not error > DIGITS * abs(value):
+        return f"{value:.5g}"
+    star = MISSING if incomplete else ""
+    last = math.floor(math.log10(float(f"{error:.0e}")))  # place of its only digit
+    if 0 < -last <= MOST_PLACES:
+        return f"{value:.{-last}f} ± {error:.{-last}f}{star}"
+    places = max(math.floor(math.log10(abs(value))) - last, 0) if value else 0
+    return f"{value:.{places}e} ± {error:.0e}{star}" if value else f"0 ± {error:.0e}{star}"
+
+
+def with_error(value: float, parts: ErrorParts | None, unit: str) -> str:
+    """The same with its unit, and the sum of the known parts of its error, if that of the mesh is among them.
+
+    >>> with_error(0.242957, ErrorParts(converges=False), "Pa"), with_error(0.242957, ErrorParts(mesh=1e-4), "Pa")
+    ('0.24 Pa (grows)', '0.2430 ± 0.0001* Pa')
+    """
+    parts = parts or ErrorParts()
+    known = [float(np.asarray(part)) for part in (getattr(parts, name) for name in PARTS) if part is not None]
+    stated = None if parts.mesh is None else sum(known)
+    number, grows, rest = plus_minus(value, stated, parts.converges, parts.total is None).partition(" (")
+    return f"{number} {unit}{grows}{rest}"
