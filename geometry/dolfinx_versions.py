@@ -149,13 +149,13 @@ def cell_nodes(domain: DolfinxMesh) -> Ints:
 
 
 def degree(space: FunctionSpace) -> int:
-    """Polynomial degree of a Lagrange space: 1 or 2."""
+    """Polynomial degree of a Lagrange space: 1, 2 or 3."""
     return degree_of(space.mesh.topology.cell_type.name, cell_dofs(space).shape[1])
 
 
 def degree_of(shape: str, nodes: int) -> int:
-    """Polynomial degree of a Lagrange cell with so many nodes: 1 or 2."""
-    return next(k for k in (1, 2) if len(reference_nodes(shape, k)) == nodes)
+    """Polynomial degree of a Lagrange cell with so many nodes: 1, 2 or 3."""
+    return next(k for k in (1, 2, 3) if len(reference_nodes(shape, k)) == nodes)
 
 
 def facet_dofs(space: FunctionSpace, local_facet: int) -> Ints:

@@ -28,26 +28,27 @@ class Nodes:
 
     @staticmethod
     def of(mesh: Mesh, space: FunctionSpace) -> Nodes:
-        """Nodes of a Lagrange space of the mesh's own degree, or of degree 2 on straight cells.
+        """Nodes of a Lagrange space of the mesh's own degree, or of the next one.
 
-        A node between those of the mesh gets a number beyond theirs: that of the pair of corners it is half way
-        between, of several pairs the least.
+        A node that is none of the mesh gets a number beyond those, of a pair of nodes of the mesh around it, see
+        `_pair`: the same in all cells that have it.
         """
         domain, index_map = space.mesh, space.dofmap.index_map
         count = index_map.size_local + index_map.num_ghosts
         x, dofs = domain.geometry.x[:, : domain.geometry.dim], dx.cell_dofs(space)
         number, points = np.empty(count, np.int64), np.empty((count, x.shape[1]))
         of_cells, inputs = dx.cell_nodes(domain), np.asarray(domain.geometry.input_global_indices, np.int64)
-        corners = inputs[of_cells]
-        total = len(mesh.parts)
-        for k, weights in enumerate(dx.reference_basis(*_lattice(mesh, dx.degree(space)))[0]):
-            between = np.flatnonzero(weights > SMALL)
-            points[dofs[:, k]] = x[of_cells[:, between]].mean(axis=1)
-            if len(between) == 1:
-                number[dofs[:, k]] = corners[:, between[0]]
+        of_mesh, total = inputs[of_cells], len(mesh.parts)
+        shape = domain.topology.cell_type.name
+        at = dx.reference_nodes(shape, dx.degree(space))
+        for k, weights in enumerate(dx.reference_basis(shape, mesh.degree, at)[0]):
+            same = np.flatnonzero(weights > 1 - SMALL)
+            points[dofs[:, k]] = np.einsum("n,cnd->cd", weights, x[of_cells])
+            if len(same):
+                number[dofs[:, k]], points[dofs[:, k]] = of_mesh[:, same[0]], x[of_cells[:, same[0]]]
                 continue
-            ends = np.sort(corners[:, _opposite(between)], axis=2)
-            number[dofs[:, k]] = (total * (1 + ends[:, :, 0]) + ends[:, :, 1]).min(axis=1)
+            pair = _pair(shape, mesh.degree, at[k], of_mesh)
+            number[dofs[:, k]] = (total * (1 + pair[:, :, 0]) + pair[:, :, 1]).min(axis=1)
         return Nodes(
             owned=index_map.size_local,
             offset=index_map.local_range[0],
@@ -59,12 +60,26 @@ class Nodes:
         )
 
 
-def _lattice(mesh: Mesh, degree: int) -> tuple[str, int, Array]:
-    """Cell shape, degree of the mesh, and reference nodes of a space of `degree`."""
-    shape = mesh.domain.topology.cell_type.name
-    return shape, mesh.degree, dx.reference_nodes(shape, degree)
+def _pair(shape: str, degree: int, point: Array, nodes: Ints) -> Ints:
+    """Pairs (c, p, 2) of nodes of each cell that tell a point (k,) of the reference cell from all others.
 
+    The point lies on an edge, in a face or inside the cell. On straight cells it is half way between its corners: pairs
+    of corners that lie opposite each other. On curved cells it is the nearest corner and the node in the middle of the
+    edge, face or cell, or where there is none, the first two nodes between its corners.
 
-def _opposite(corners: Ints) -> Ints:
-    """Pairs (m, 2) of the corners of an edge, a quadrilateral or a hexahedron that lie opposite each other."""
-    return np.asarray(np.stack([corners, corners[::-1]], axis=1)[: len(corners) // 2])
+    Args:
+        nodes: (c, n) of the cells, in the mesh's numbers.
+    """
+    corners = np.flatnonzero(dx.reference_basis(shape, 1, point[None])[0][0] > SMALL)
+    if degree == 1:
+        opposite = np.stack([corners, corners[::-1]], axis=1)[: len(corners) // 2]
+        return np.asarray(np.sort(nodes[:, opposite], axis=2))
+    lattice = dx.reference_nodes(shape, degree)
+    off = np.linalg.norm(lattice - lattice[corners].mean(axis=0), axis=1)
+    if off.min() < SMALL:
+        near = corners[np.argmin(np.linalg.norm(lattice[corners] - point, axis=1))]
+        return np.asarray(nodes[:, None, [near, np.argmin(off)]])
+    others = np.setdiff1d(np.arange(len(lattice)), corners)
+    inside = dx.reference_basis(shape, 1, lattice[others])[0] > SMALL  # the corners that each is between
+    between = others[~np.delete(inside, corners, axis=1).any(axis=1)]
+    return np.asarray(np.sort(nodes[:, between], axis=1)[:, None, :2])

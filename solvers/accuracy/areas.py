@@ -9,6 +9,7 @@ Source: of the power K. L. Johnson, Contact Mechanics (1985), sections 4.2 and 7
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -61,6 +62,17 @@ def areas_between_nodes(side: Surface, contact: ContactState, weights: Array) ->
     sticking = float(weights[sticks].sum()) + beyond_nodes(side, sticks, slip, among=sticks | slips)
     sticking += beyond_nodes(side, sticks, gap, among=sticks | opened)
     return {"contact_area": touching, "stick_area": sticking, "slip_area": touching - sticking}
+
+
+def areas_of_order_2(side: Surface, contact: ContactState, weights: Array) -> dict[str, float]:
+    """The same of a side of order 2 in 2D, whose nodes are taken as those of facets half as long.
+
+    Args:
+        weights: (n,) of order 2.
+    """
+    halves = np.concatenate([side.facets[:, [0, 2]], side.facets[:, [2, 1]]])
+    straight = replace(side, degree=1, facets=halves, outward=np.tile(side.outward, 2))
+    return areas_between_nodes(straight, contact, weights / side.node_weights() * straight.node_weights())
 
 
 def beyond_nodes(side: Surface, inside: Bools, outside: Array, among: Bools | None = None) -> float:

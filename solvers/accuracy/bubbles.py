@@ -1,7 +1,8 @@
-"""Order 2 on the mesh of order 1: displacements that vanish at its nodes, and the forces that they cause.
+"""The next order on the same mesh: displacements that vanish at the corners of cells, and the forces that they cause.
 
 The space of order 2 is the space of order 1 plus bubbles: the basis functions of the nodes between those of the mesh.
-Only vectors are assembled, no matrix.
+The space of order 3 is the sum of that of order 2 and the bubbles of order 3: the basis functions of all its nodes but
+the corners; some displacements are in both, and either may have them. Only vectors are assembled, no matrix.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from scipy import sparse
 
 from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
+from geometry.mesh.mesh import Mesh
 from geometry.mesh.nodes import Nodes
 from geometry.protocols import CompiledForm, Function, Sparse, UflForm, Vec
 from solvers.effects import active
@@ -27,18 +29,18 @@ from solvers.system.system import System
 
 
 class Bubbles:
-    """The bubbles x of a system of order 1, as displacements of all nodes of order 2, zero at those of the mesh.
+    """The bubbles x of a system, as displacements of all nodes of the next order, zero at the corners of cells.
 
-    Vectors of displacements and forces run over all dofs of order 2, those called `free` over the free ones.
+    Vectors of displacements and forces run over all dofs of that order, those called `free` over the free ones.
     """
 
     def __init__(self, system: System) -> None:
         """Compile the forms, and find which bubbles supports hold; collective."""
         problem, mesh = system.problem, system.mesh
         self.system = system
-        self.space = dx.vector_space(mesh.domain, 2)
+        self.space = dx.vector_space(mesh.domain, mesh.degree + 1)
         self.nodes = Nodes.of(mesh, self.space)
-        exact = None if mesh.axisymmetric else 2 if mesh.simplicial else 4  # straight cells: gradients are linear
+        exact = _quadrature(mesh)
         weak = WeakForms(problem, mesh, self.space, system.counters, exact)
         coarse = WeakForms(problem, mesh, system.space, system.counters, exact)
         self.constraints = find_constraints(problem, mesh, self.space, self.nodes)
@@ -79,7 +81,7 @@ class Bubbles:
         return total
 
     def inner(self, u: Vec, x: Vec) -> Vec:
-        """Inner forces a(u + x, .) [N] of a displacement u of order 1 and bubbles x; collective."""
+        """Inner forces a(u + x, .) [N] of a displacement u of the mesh and bubbles x; collective."""
         self._add_up(u, x)
         return _assembled(self._inner)
 
@@ -87,11 +89,11 @@ class Bubbles:
         """u + x (d,) [m] at points, by name, on every rank; collective.
 
         Args:
-            places: cell, and basis (k,) of order 1 at the point, on the rank that owns it; None elsewhere.
+            places: cell, and basis (k,) of the mesh at the point, on the rank that owns it; None elsewhere.
         """
         shape = self.system.mesh.domain.topology.cell_type.name
         return {
-            name: dx.reference_basis(shape, 2, point.local[None])[0][0] @ point.displacement
+            name: dx.reference_basis(shape, self.system.mesh.degree + 1, point.local[None])[0][0] @ point.displacement
             for name, point in self.in_cells(u, x, places).items()
         }
 
@@ -103,12 +105,12 @@ class Bubbles:
         self._add_up(u, x)
         mesh, dofs = self.system.mesh, dx.cell_dofs(self.space)
         shape, values = mesh.domain.topology.cell_type.name, self._whole.x.array.reshape(-1, mesh.dim)
-        corners, own = dx.reference_nodes(shape, 1), dict[str, InCell]()
+        nodes, own = dx.reference_nodes(shape, mesh.degree), dict[str, InCell]()
         for name, place in places.items():
             if place is not None:
                 cell, basis = place
                 number = int(mesh.domain.topology.original_cell_index[cell])
-                own[name] = InCell(number, basis @ corners, values[dofs[cell]])
+                own[name] = InCell(number, basis @ nodes, values[dofs[cell]])
         return {name: point for offers in mesh.comm.allgather(own) for name, point in offers.items()}
 
     def _add_up(self, u: Vec, x: Vec) -> None:
@@ -119,7 +121,7 @@ class Bubbles:
         self._whole.x.scatter_forward()
 
     def reactions(self, forces: Vec) -> dict[str, tuple[Array, Array]]:
-        """Force (d,) [N] and moment about the origin [N m] that each support exerts; collective.
+        """Force (d,) [N] and moment about the origin [N m] that each support exerts on a mesh of order 1; collective.
 
         Where two supports meet, a node of order 2 has a smaller share of what the other one carries than of order 1.
 
@@ -134,7 +136,7 @@ class Bubbles:
         return self.constraints.reactions(self._prescribed.read(held).reshape(-1, self.system.mesh.dim))
 
     def _at_corners(self, forces: Vec) -> Vec:
-        """Forces on bubbles, at the nodes of the mesh between which they are; collective."""
+        """Forces on bubbles of order 2, at the nodes of the mesh between which they are; collective."""
         own, d = forces.array_r, self.system.mesh.dim
         total, found = dx.fem.Function(self.space), self.zero()
         total.x.array[:] = (self._shares @ own.reshape(-1, d)).ravel()
@@ -143,7 +145,7 @@ class Bubbles:
         return found
 
     def pull(self, x: Vec) -> Vec:
-        """Inner forces a(x, .) [N] of bubbles on the dofs of order 1; collective."""
+        """Inner forces a(x, .) [N] of bubbles on the dofs of the mesh; collective."""
         _fill(self._alone, x)
         return _assembled(self._pull)
 
@@ -196,12 +198,12 @@ class Bubbles:
         """
         system, mesh = self.system, self.system.mesh
         shape, d = mesh.domain.topology.cell_type.name, mesh.dim
-        points, weights = dx.reference_rule(shape, 4)
-        slope, basis = dx.reference_basis(shape, 2, points)[1], dx.reference_basis(shape, 2, points)[0]
+        points, weights = dx.reference_rule(shape, 2 * (mesh.degree + 1))
+        basis, slope = dx.reference_basis(shape, mesh.degree + 1, points)
         products = np.einsum("aqn,bqn,q->nab", slope, slope, weights)
         squares = np.einsum("qn,qn,q->n", basis, basis, weights)
         x = mesh.domain.geometry.x[:, :d][dx.cell_nodes(mesh.domain)]
-        middle, gradient = dx.reference_basis(shape, 1, dx.midpoint(mesh.domain))
+        middle, gradient = dx.reference_basis(shape, mesh.degree, dx.midpoint(mesh.domain))
         jacobian = np.einsum("an,cni->cia", gradient[:, 0], x)
         inverse, volume = np.linalg.inv(jacobian), np.abs(np.linalg.det(jacobian))
         radius = x[:, :, 0] @ middle[0]
@@ -234,6 +236,16 @@ class Bubbles:
             dx.add_to_owners(total)
             blocks[:, i] = total.x.array.reshape(-1, d)[: self.nodes.owned]
         return blocks
+
+
+def _quadrature(mesh: Mesh) -> int | None:
+    """Degree of the quadrature on cells, exact on straight ones; None: as UFL estimates it.
+
+    With order 2 it is that of the run's own stiffness on triangles, so that what the run has balanced is in balance.
+    """
+    if mesh.degree == 1:
+        return None if mesh.axisymmetric else 2 if mesh.simplicial else 4
+    return 2 * (mesh.degree + (not mesh.simplicial)) + mesh.axisymmetric
 
 
 def _inner_forces(problem: Problem, weak: WeakForms, u: Function) -> list[UflForm]:

@@ -1,4 +1,4 @@
-"""All errors of the numbers of a run: of each step when it is solved, of the time steps at the end."""
+"""All errors of the numbers of a run: of each step when it is solved; at the end of the time steps, and of order 2."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from solvers.stepping.stepper import Accepted
 
 
 def with_errors(observe: Observer, accepted: Accepted, result: StepResult) -> StepResult:
-    """The result of a step with the errors of its numbers, but for those of the time steps; collective."""
+    """The result of a step with the errors of its numbers, but for those that are found at the end; collective."""
     found = quantities(result)
     corrected, of_mesh = mesh_errors(observe, accepted, result)
     of_iteration = iteration_errors(observe, accepted, found)
@@ -32,14 +32,17 @@ def with_errors(observe: Observer, accepted: Accepted, result: StepResult) -> St
     return replace(result, corrected={str(key): value for key, value in corrected.items()}, errors=errors)
 
 
-def joined(steps: Sequence[StepResult], of_time: Sequence[Errors]) -> tuple[Errors, ...]:
+def joined(steps: Sequence[StepResult], *found_later: Sequence[Errors]) -> tuple[Errors, ...]:
     """All errors of the numbers of each step.
 
     Args:
-        of_time: those of the time steps, for as many steps as they are known for.
+        found_later: those that are found at the end of a run, each for as many steps as they are known for.
     """
     found = []
-    for step, times in zip(steps, [*of_time, *({} for _ in steps[len(of_time) :])], strict=True):
+    for k, step in enumerate(steps):
+        later = [errors[k] for errors in found_later if k < len(errors)]
         own = {key: step.errors.get(str(key), ErrorParts()) for key in quantities(step)}
-        found.append({key: parts.joined(times.get(key, ErrorParts())) for key, parts in own.items()})
+        for errors in later:
+            own = {key: parts.joined(errors.get(key, ErrorParts())) for key, parts in own.items()}
+        found.append(own)
     return tuple(found)

@@ -1,6 +1,7 @@
 """Error of the mesh of every quantity: the same steps once more with bubbles, contact solved again.
 
-After each solved substep of order 1, bubbles x (order 2 on the same mesh) are found by Jacobi's iteration, made better
+After each solved substep of order 1, bubbles x (order 2 on the same mesh; after one of order 2 those of order 3, see
+`nested_run`) are found by Jacobi's iteration, made better
 by a least-squares combination of its few steps (nonlinear GMRES). Each step asks the bodies and the contact for their
 answer to bubbles: bubbles pull at the nodes of the mesh and shift the surface, and contact and friction are solved
 again, with the slip history of the steps with bubbles. The mesh error of a quantity follows from its difference with
@@ -18,7 +19,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.linalg import spsolve
 
+from geometry import dolfinx_versions as dx
 from geometry.arrays import Array
 from geometry.protocols import Sparse, Vec
 from geometry.surfaces.surface import Surface, gather_surface
@@ -50,7 +53,7 @@ class Answer:
     x: Vec  # the bubbles
     problem: SurfaceProblem
     solution: Solution
-    u: Vec  # displacement of order 1 [m]
+    u: Vec  # displacement of the mesh [m]
     u_strained: Vec
 
 
@@ -63,14 +66,18 @@ class MeshCorrection:
         system = stepper.system
         return system.mesh.degree == 1 and len(system.contacts) > 0 and stepper.chain.exact_laws
 
-    def __init__(self, stepper: Stepper, on_error: Callable[[float], None] = lambda seconds: None) -> None:
+    def __init__(
+        self, stepper: Stepper, on_error: Callable[[float], None] = lambda seconds: None, quick: bool = False
+    ) -> None:
         """Prepare the bubbles; collective.
 
         Args:
             stepper: whose history is followed.
             on_error: called with the seconds that it took.
+            quick: one step of Jacobi's iteration, with the factor that is found in the first substep.
         """
-        self._on_error = on_error
+        self._on_error, self._quick = on_error, quick
+        self._factor = 0.0  # of a quick step, once it is known
         system, bubbles = stepper.system, Bubbles(stepper.system)
         self._bubbles, self.nodes = bubbles, bubbles.nodes
         names = {side for pair in system.problem.pairs.values() for side in (pair.slave, pair.master) if side}
@@ -125,7 +132,7 @@ class MeshCorrection:
             if last is None:
                 return None
             state = step.state(last)
-            if rows.closer.any():
+            if stepper.system.mesh.degree == 1 and rows.closer.any():
                 straight = step.answer(last.x, last.solution.p, solve, straight=True)
                 state = replace(state, unbent=None if straight is None else step.state(straight))
             return state
@@ -138,12 +145,15 @@ class MeshCorrection:
         """
         x, exact = self._bubbles.zero(), step.stepper.surface.exact
         found: Answer | None = step.solved()
+        if self._factor:
+            x.axpy(self._factor, self._bubbles.displacement(self._bubbles.relaxed(step.residual(step.solved()))))
+            return step.answer(x, step.new.p, solve)
         if exact and step.rows.closer.any():
             found = step.answer(x, step.new.p, solve, same_history=True)
         if found is None:
             return None
         r, directions, changes = step.residual(found), list[Vec](), list[Vec]()
-        for _ in range(STEPS):
+        for _ in range(1 if self._quick else STEPS):
             z = self._bubbles.relaxed(r)
             moved = self._bubbles.displacement(z)
             if exact:
@@ -159,6 +169,7 @@ class MeshCorrection:
             for factor, direction, change in zip(factors, directions, changes, strict=True):
                 x.axpy(factor, self._bubbles.displacement(direction))
                 r.axpy(factor, change)
+            self._factor = factors[0] if self._quick else 0.0  # it depends on the mesh, hardly on the step
         return step.answer(x, found.solution.p, solve)
 
     def _rows(self, stepper: Stepper) -> BubbleRows:
@@ -181,7 +192,8 @@ class BubbleRows:
         closer = []
         for c in system.contacts:
             pair = system.problem.pairs[c.name]
-            slave, master = sides[pair.slave], sides[pair.master] if pair.master else None
+            slave = _as(c.surface, sides[pair.slave])
+            master = _as(c.master, sides[pair.master]) if c.master and pair.master else None
             n, t, relative, nearer = _rows_of(c, slave, master)
             straight = [(c.surface, slave)] + ([(c.master, master)] if c.master and master else [])
             bulging = np.concatenate([bulges(*side) for side in straight])
@@ -211,13 +223,23 @@ class BubbleRows:
         return [relative @ part for relative, part in zip(self.relative, parts, strict=True)]
 
 
+def _as(side: Surface, finer: Surface) -> Surface:
+    """The finer side with its facets in the order of the other one; the ends of both are the same nodes."""
+    corners = len(dx.reference_nodes(side.shape, 1))
+    own, others = (np.sort(s.input[s.facets[:, :corners]], axis=1) for s in (side, finer))
+    order = np.empty(len(own), np.int64)
+    order[np.lexsort(own.T[::-1])] = np.lexsort(others.T[::-1])
+    return replace(finer, facets=finer.facets[order], outward=finer.outward[order])
+
+
 def _rows_of(c: ContactRows, slave: Surface, master: Surface | None) -> tuple[Sparse, Sparse, Sparse, Array]:
     """Rows of N for the bubbles of one contact, normal and tangential; relative displacement at slave nodes; and by
     how much the mean of a rigid obstacle's distance is smaller than that at the points of the normal rows (m_n,) [m].
     """
-    degree = c.degree if c.normal.at_quadrature else 2 * (1 + (slave.shape != "interval")) + 1
+    order = c.surface.degree
+    degree = c.degree if c.normal.at_quadrature else 2 * order * (1 + (slave.shape != "interval")) + 1
     assert c.quadrature is not None
-    points = c.quadrature(max(degree, 3 + slave.axisymmetric))
+    points = c.quadrature(max(degree, 2 * order + 1 + slave.axisymmetric))
     at_points = relative_to(points.own, slave, points.other, master)
     each = np.divide(1.0, c.node_weights, out=np.zeros_like(c.node_weights), where=c.node_weights > 0)
     relative = (sparse.diags(each) @ points.psi @ at_points).tocsr()
@@ -230,7 +252,7 @@ def _rows_of(c: ContactRows, slave: Surface, master: Surface | None) -> tuple[Sp
     else:
         mean = sparse.diags(1 / c.W_n) @ c.psi.T
         n = along(mean @ relative, c.normals[:, None])
-        at_nodes = points.own.basis(c.surface) @ c.node_distance
+        at_nodes = points.own.basis(c.surface) @ spsolve(c.surface.transform.tocsc(), c.node_distance)
         nearer = mean @ (each * (points.psi @ (at_nodes - points.gap))) if master is None else np.zeros(len(c.W_n))
     if not len(c.W_t):
         return n, sparse.csr_matrix((0, n.shape[1])), relative, nearer
@@ -289,7 +311,7 @@ class _Substep:
         return self.bubbles.free(self._unbalanced(answer))
 
     def _unbalanced(self, answer: Answer) -> Vec:
-        """Forces that are out of balance at all nodes of order 2, those that supports hold included [N]; collective."""
+        """Forces out of balance at all nodes of the next order, those that supports hold included [N]; collective."""
         forces = self.bubbles.load(self.new.time) - self.bubbles.inner(answer.u, answer.x)
         self.rows.add(forces, -self._contact(answer.solution.p))
         return forces
@@ -339,7 +361,7 @@ class _Substep:
             found,
             surplus=x,
             surplus_motion=motion,
-            reactions=bubbles.reactions(-self._unbalanced(answer)),
+            reactions=bubbles.reactions(-self._unbalanced(answer)) if system.mesh.degree == 1 else None,
             peak=max(old.peak, found.energy.stored),
         )
 

@@ -40,6 +40,7 @@ class ErrorParts:
     iteration: Value | None = None  # of what iterations left
     linear_solver: Value | None = None  # of iterative volume solves
     converges: bool | None = None  # whether the number has a limit on ever finer meshes; None: not known
+    corrected: Value | None = None  # the number with most of the mesh's error removed, where that is found at the end
 
     @property
     def total(self) -> Value | None:
@@ -54,5 +55,5 @@ class ErrorParts:
         return ErrorParts(**mine | {name: part for name, part in theirs.items() if part is not None})
 
 
-PARTS = tuple(f.name for f in fields(ErrorParts) if f.name != "converges")
+PARTS = tuple(f.name for f in fields(ErrorParts) if f.name not in ("converges", "corrected"))
 Errors = Mapping[Quantity, ErrorParts]  # of one step

@@ -10,6 +10,7 @@ from geometry.mesh.mesh import Mesh, build_mesh
 from geometry.protocols import Comm
 from geometry.size_field import SizeField
 from solvers.accuracy.errors import joined, with_errors
+from solvers.accuracy.nested_run import NestedRun
 from solvers.accuracy.time_steps import TimeStepErrors
 from solvers.accuracy.two_level import MeshCorrection
 from solvers.parallel.counters import Counters
@@ -132,12 +133,12 @@ class Simulation:
     def errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
     ) -> tuple[Errors, ...]:
-        """Errors of every number by their parts, see `time_step_errors`; collective.
+        """Errors of every number by their parts, see `time_step_errors` and `mesh_errors`; collective.
 
         Returns:
             For each step its numbers' errors; a part that is not known is None.
         """
-        return joined(steps, self.time_step_errors(steps, on_iteration))
+        return joined(steps, self.time_step_errors(steps, on_iteration), self.mesh_errors(steps, on_iteration))
 
     def time_step_errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
@@ -157,6 +158,29 @@ class Simulation:
         began = clock.perf_counter()
         try:
             return TimeStepErrors(self.stepper, self.observer, on_iteration)(steps)
+        finally:
+            self.seconds.error += clock.perf_counter() - began
+
+    def mesh_errors(
+        self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
+    ) -> tuple[Errors, ...]:
+        """Error of the mesh of every number of a run of order 2 in the plane, from the same history on a finer mesh.
+
+        Call it after the last step; the history is solved now, in `seconds.error`. With order 1 the results of `steps`
+        have that error already, and nothing is solved; collective.
+
+        Args:
+            steps: results of `steps`, all from the first on.
+            on_iteration: as in `steps`, for the iterations on the finer mesh.
+
+        Returns:
+            For each step its numbers' errors, in `mesh` and `geometry`, for as many steps as they are known for.
+        """
+        if not NestedRun.works_for(self.stepper):
+            return ()
+        began = clock.perf_counter()
+        try:
+            return NestedRun(self.stepper, self.data, on_iteration)(steps)
         finally:
             self.seconds.error += clock.perf_counter() - began
 

@@ -128,7 +128,9 @@ class State:
     control: StepControl = StepControl()
     correction: Correction | None = None  # exact solution of the same steps minus this one; None: zero
     law_error: float = 0.0  # error of the method's approximate contact laws, summed since t = 0 [J^(1/2)]
-    surplus: Vec | None = None  # displacement added to u, in the space of order 2 [m]; of a state with bubbles only
+    surplus: Vec | None = (
+        None  # displacement added to u, in the space of the next order [m]; of a state with bubbles only
+    )
     surplus_motion: Mapping[str, Array] | None = None  # (n, d) relative motion by it at the nodes of each contact [m]
     reactions: Mapping[str, tuple[Array, Array]] | None = None  # of each support with bubbles: force [N], moment [N m]
     unbent: State | None = None  # the same with straight sides, of a state with bubbles whose sides bulge

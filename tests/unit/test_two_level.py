@@ -256,7 +256,7 @@ def test_it_changes_neither_the_answer_nor_its_price() -> None:
 
 
 @pytest.mark.parametrize("sets", ["geometry.order=2", "solver.method=regularised"])
-def test_order_2_and_approximate_laws_have_no_mesh_error(sets: str) -> None:
+def test_steps_of_order_2_and_of_approximate_laws_have_no_mesh_error(sets: str) -> None:
     step = last("block", sets)
     parts = step.errors["contacts.base.normal_force"]
     assert parts.mesh is None

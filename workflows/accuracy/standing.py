@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.errors import SceneError
-from solvers.results.error_parts import ErrorParts, Errors, Quantity, Value
+from solvers.results.error_parts import PARTS, ErrorParts, Errors, Quantity, Value
 from solvers.results.numbers import quantities
 from solvers.results.quantities import SINGULAR, values
 from solvers.results.step_result import StepResult
@@ -74,7 +74,7 @@ def standings(goals: Mapping[str, float], step: StepResult, errors: Errors) -> l
             raise SceneError(f"accuracy.goals.{name}: its error by {missing} is not known for this scene")
         if value == 0:
             raise SceneError(f"accuracy.goals.{name}: is 0 at the end, so a relative error says nothing of it")
-        share = {part: _at(getattr(parts, part), axis) / abs(value) for part in vars(parts) if part != "converges"}
+        share = {part: _at(getattr(parts, part), axis) / abs(value) for part in PARTS}
         rest = share["law"] + share["iteration"] + share["linear_solver"]
         found.append(Standing(name, asked, value, share["mesh"] + share["geometry"], share["time_step"], rest))
     return found

@@ -144,7 +144,7 @@ def _step(step: StepResult, errors: Errors | None, audit: Audit | None) -> dict[
     def error(kind: str, name: str = "") -> dict[str, Any]:
         """By quantity; null: not estimated."""
         found = {
-            key.quantity: _parts(parts) | {"corrected": _plain(step.corrected.get(str(key)))}
+            key.quantity: _parts(parts) | {"corrected": _plain(step.corrected.get(str(key), parts.corrected))}
             for key, parts in (errors or {}).items()
             if key[:2] == (kind, name)
         }

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from geometry.arrays import Array
-from solvers.accuracy.areas import areas_between_nodes
+from solvers.accuracy.areas import areas_of_order_2
 from solvers.results.error_parts import ErrorParts, Errors, Quantity, Value
 from solvers.results.numbers import quantities
 from solvers.results.step_result import StepResult
@@ -121,11 +121,8 @@ def _sharp_areas(simulation: Simulation, step: StepResult) -> dict[str, float]:
     """
     found = dict[str, float]()
     for c in simulation.system.contacts:
-        halves = np.concatenate([c.surface.facets[:, [0, 2]], c.surface.facets[:, [2, 1]]])
-        side = replace(c.surface, degree=1, facets=halves, outward=np.tile(c.surface.outward, 2))
         contact = step.contacts[c.name]
-        faces = contact.weight / c.surface.node_weights()  # share that faces the other side
-        areas = areas_between_nodes(side, contact, faces * side.node_weights())
+        areas = areas_of_order_2(c.surface, contact, contact.weight)
         found |= {f"contacts.{c.name}.{key}": area for key, area in areas.items()}
     return found
 
