@@ -11,7 +11,7 @@ from geometry.errors import SceneError
 from geometry.size_field import SizeField, adapted, volumes
 from solvers.results.error_parts import ErrorParts, Quantity
 from solvers.simulation.simulation import Seconds, prepare
-from workflows.accuracy.level import AIM, ALIKE, FINEST, Level, Move, next_move
+from workflows.accuracy.level import AIM, ALIKE, FINEST, GAIN, Level, Move, next_move
 from workflows.accuracy.rounds import Rounds, aiming, parsed
 from workflows.accuracy.standing import Standing, standings
 from workflows.run.watch import Watch
@@ -93,16 +93,41 @@ def test_a_contact_of_few_nodes_is_refined_whatever_its_errors(tmp_path: Path) -
     assert second.reached > 3 * first.reached
 
 
+def test_order_2_comes_where_a_finer_mesh_of_order_1_would_be_dearer() -> None:
+    far = next_move([goal(1.0, 0.0)], 2, 2, (1, 2))
+    assert (far.order, far.raises) == (2, True)
+    assert far.error(goal(1.0, 0.0)) == pytest.approx(far.finer**2 / GAIN)
+    near = next_move([goal(0.011, 0.0)], 2, 2, (1, 2))
+    assert (near.order, near.raises) == (1, False)
+    later = next_move([goal(0.02, 0.0)], 2, 2, (2,))
+    assert (later.order, later.raises) == (2, False)
+    assert later.cells(2) == pytest.approx(1 / later.finer)  # the energy error falls as h²
+
+
+def test_rounds_of_order_2_that_are_in_vain_give_way_to_order_1(tmp_path: Path) -> None:
+    """Block of Raous: the energy of the error sits at a held corner, which the friction force hardly feels."""
+    sets = ["geometry.mesh_size=0.005", "output.pictures=false", "steps.count=2"]
+    rounds = Rounds(aiming(read("raous", sets), ["base.tangential_force=0.1%"], None), lambda line: None)
+    outcome, content = rounds(tmp_path / "out", Watch())
+    orders = [one.level.order for one in rounds.done]
+    assert orders[:2] == [1, 2]
+    assert orders[-1] == 1
+    assert outcome.status == "converged"
+    assert content["accuracy"]["rounds"][-1]["order"] == orders[-1]
+    exact = 1.4054e6  # converged figure of an independent program
+    assert abs(content["steps"][-1]["contacts"]["base"]["tangential_force"] / exact - 1) < 0.0015
+
+
 def test_the_price_grows_with_cells_and_steps() -> None:
-    cheap, fine, long = (Move(*move, True).price(SECONDS, 2) for move in ((1.0, 1), (0.5, 1), (1.0, 8)))
+    cheap, fine, long = (Move(*move, enough=True).price(SECONDS, 2) for move in ((1.0, 1), (0.5, 1), (1.0, 8)))
     assert cheap == pytest.approx(1.5)
     assert fine > 4 * cheap
     assert cheap < long < 3.7
 
 
 def test_long_histories_make_steps_dear() -> None:
-    assert Move(1.0, 2, True).work(2, 2) < Move(0.84, 1, True).work(2, 2)
-    assert Move(1.0, 2, True).work(100, 2) > Move(0.84, 1, True).work(100, 2)
+    assert Move(1.0, 2).work(2, 2) < Move(0.84, 1).work(2, 2)
+    assert Move(1.0, 2).work(100, 2) > Move(0.84, 1).work(100, 2)
 
 
 def test_a_level_changes_mesh_steps_and_tolerance_only() -> None:

@@ -22,7 +22,8 @@ class Round:
 
     def __str__(self) -> str:
         goals = ", ".join(map(str, self.goals))
-        return f"{self.unknowns} unknowns, {self.steps} steps, {self.seconds:.1f} s: {goals}"
+        order = "order 2, " if self.level.order == 2 else ""
+        return f"{order}{self.unknowns} unknowns, {self.steps} steps, {self.seconds:.1f} s: {goals}"
 
     @property
     def met(self) -> bool:
@@ -33,4 +34,5 @@ class Round:
     def plain(self) -> dict[str, Any]:
         """For result.json."""
         goals = {goal.name: {"value": goal.value, "error": goal.reached, "asked": goal.asked} for goal in self.goals}
-        return {"unknowns": self.unknowns, "steps": self.steps, "seconds": self.seconds, "goals": goals}
+        told = {"order": self.level.order, "unknowns": self.unknowns, "steps": self.steps, "seconds": self.seconds}
+        return told | {"goals": goals}

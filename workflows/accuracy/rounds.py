@@ -13,7 +13,7 @@ import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,13 +23,14 @@ from geometry.errors import SceneError
 from geometry.protocols import Comm
 from geometry.size_field import SizeField, adapted, volumes
 from geometry.user_files.user_file import UserFile
+from solvers.accuracy.two_level import MeshCorrection
 from solvers.results.error_parts import Errors
 from solvers.results.step_result import OPEN, StepResult
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Accuracy
 from solvers.simulation.simulation import Simulation
 from workflows.accuracy.kept import KeptRounds
-from workflows.accuracy.level import COARSE, ITERATION, SMALLEST, Level, Move, next_move
+from workflows.accuracy.level import ITERATION, SMALLEST, Level, Move, next_move
 from workflows.accuracy.round import Round
 from workflows.accuracy.standing import Standing, percent, standings
 from workflows.formats.own_files import certify, is_certified
@@ -44,6 +45,7 @@ from workflows.run.watch import Watch
 
 log = logging.getLogger(__name__)
 LOCAL = ("max_pressure", "contact_area", "stick_area", "slip_area", "max_slip")  # decided near the contact
+COARSE = Move(0.5, 1)  # where a contact is too coarse for its errors to be known
 MOST = 12  # rounds
 ADAPTABLE = ("triangle", "tetrahedron")
 TOUCHING = {2: 4, 3: 9}  # nodes; with fewer nothing is known of a contact, its errors least of all
@@ -182,6 +184,9 @@ class Rounds:
         try:
             goals = standings(self.scene.accuracy.goals, steps[-1], errors[-1])
         except SceneError:
+            if self._level.order == 2:
+                self._next = _lowered(self._level)
+                return False
             self._forget(comm)
             raise
         here = Round(self._level, goals, simulation.system.constraints.free_total, len(steps))
@@ -192,12 +197,15 @@ class Rounds:
         met, near = here.met, any(goal.name.endswith(LOCAL) and not goal.met for goal in goals)
         if met and (len(self.done) > RESOLVING or _resolved(simulation, steps)):
             return True
-        move = COARSE if met else next_move(goals, len(steps), self.scene.dim)
+        orders = self._orders(simulation)
+        move = replace(COARSE, order=orders[0]) if met else next_move(goals, len(steps), self.scene.dim, orders)
         price = comm.bcast(move.price(simulation.seconds, self.scene.dim))
         ends = len(self.done) >= MOST or spent + price > self.scene.accuracy.budget
         here.price = price if ends and move.enough else None
         try:
             level = self._refined(simulation, steps, move, goals, met or near)
+            if _in_vain(self.done):
+                level = _lowered(level)
         except SceneError as error:
             self._stuck = str(error)
             return True
@@ -227,8 +235,8 @@ class Rounds:
         level, tolerance = self._level, self._level.tolerance or self.scene.solver.tolerance
         if any(goal.rest > ITERATION * goal.asked for goal in goals):
             tolerance = max(tolerance / 100, SMALLEST)
-        level = replace(level, splits=level.splits * move.splits, tolerance=tolerance)
-        if move.finer == 1:
+        level = replace(level, order=move.order, splits=level.splits * move.splits, tolerance=tolerance)
+        if move.finer == 1 and not move.raises:
             return level
         if simulation.mesh.domain.topology.cell_type.name not in ADAPTABLE:
             level = replace(level, factor=level.factor * move.finer)
@@ -242,15 +250,37 @@ class Rounds:
         if simulation.mesh.comm.rank:
             return None
         mesh, problem = simulation.data, simulation.problem
-        volume = volumes(mesh.points, mesh.cells)
-        middle = mesh.points[mesh.cells].mean(axis=1)
+        cells = mesh.cells[:, : self.scene.dim + 1]  # corners
+        volume = volumes(mesh.points, cells)
+        middle = mesh.points[cells].mean(axis=1)
         if problem.model == "axisymmetric":
             volume = volume * 2 * np.pi * middle[:, 0]
         modulus = np.array([problem.bodies[name].E for name in mesh.bodies])[mesh.body]
         error = self._error * np.sqrt(volume / modulus)
         if near:
             error = error * _nearness(simulation, steps, middle)
-        return adapted(mesh.points, mesh.cells, error, move.finer)
+        used, place = np.unique(cells, return_inverse=True)
+        return adapted(mesh.points[used], place.reshape(cells.shape), error, move.finer, move.order)
+
+    def _orders(self, simulation: Simulation) -> Sequence[Literal[1, 2]]:
+        """The order of this round, and 2 where the next one may have it: in the plane its errors are known too."""
+        shape, level = self.scene.geometry, self._level
+        straight = isinstance(shape, UserFile) and shape.own_mesh  # cells are cut without their curved sides
+        may = self.scene.dim == 2 and level.highest == 2 and MeshCorrection.works_for(simulation.stepper)
+        return (level.order, 2) if level.order == 1 and may and not straight else (level.order,)
+
+
+def _in_vain(done: Sequence[Round]) -> bool:
+    """Whether the last round, of order 2 like the one before, has not come closer to its goals."""
+    last = [one for one in done[-2:] if one.level.order == 2]
+    off = [max(goal.reached / goal.asked for goal in one.goals) for one in last]
+    return len(off) == 2 and off[1] > off[0]
+
+
+def _lowered(level: Level) -> Level:
+    """The level of order 1 with about as many unknowns, where order 2 is of no use, or its error is not known."""
+    sizes = level.sizes and replace(level.sizes, sizes=level.sizes.sizes / 2)
+    return replace(level, order=1, highest=1, sizes=sizes, factor=level.factor if sizes else level.factor / 2)
 
 
 def _hash(scene: Scene) -> str:
