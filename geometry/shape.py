@@ -72,6 +72,13 @@ class Shape:
         """
         raise NotImplementedError
 
+    def refuse_sizes(self, request: Request) -> None:
+        """Refuse cells of given sizes, see `Request.sizes`, where they cannot be made; by default they can.
+
+        Raises:
+            SceneError: why not.
+        """
+
     def cell_count(self, request: Request) -> float:
         """About how many cells the mesh will have; 0 if the mesh sizes are not the scene's."""
         raise NotImplementedError

@@ -9,11 +9,10 @@ import numpy as np
 from geometry.arrays import Array, Ints
 from geometry.protocols import Gmsh
 
-REGULAR = {2: np.sqrt(3) / 4, 3: 1 / (6 * np.sqrt(2))}  # volume of a regular triangle or tetrahedron with edges of 1
+USUAL = {2: np.sqrt(3) / 4, 3: 0.2}  # mean volume of gmsh's cells for a size of 1; a regular tetrahedron's is .118
 LIST = {3: "ST", 4: "SS"}  # gmsh's names of list data on triangles and tetrahedra, by their corners
 SILENCED = ("Mesh.MeshSizeExtendFromBoundary", "Mesh.MeshSizeFromPoints", "Mesh.MeshSizeFromCurvature")
-LEAST, MOST = 0.25, 2.0  # factors by which a size may change from one mesh to the next
-TREND = 1.0  # power of the size with which the energy norm of the error of a cell falls, at order 1
+LEAST, MOST = 0.125, 2.0  # factors by which a size may change from one mesh to the next
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +45,7 @@ class SizeField:
         """About how many cells the mesh will have."""
         d = self.points.shape[1]
         wanted = self.sizes[self.cells].mean(axis=1)
-        return float(np.sum(volumes(self.points, self.cells) / (REGULAR[d] * wanted**d)))
+        return float(np.sum(volumes(self.points, self.cells) / (USUAL[d] * wanted**d)))
 
 
 def volumes(points: Array, cells: Ints) -> Array:
@@ -55,21 +54,22 @@ def volumes(points: Array, cells: Ints) -> Array:
     return np.asarray(np.abs(np.linalg.det(sides)) / {2: 2, 3: 6}[points.shape[1]])
 
 
-def adapted(points: Array, cells: Ints, error: Array, factor: float) -> SizeField:
+def adapted(points: Array, cells: Ints, error: Array, factor: float, order: int = 1) -> SizeField:
     """Sizes with which all cells have the same error, and all of it together is `factor` times what it was.
 
-    A cell's error falls with the power TREND of its size: of all sizes with that sum, these need the fewest cells.
+    A cell's error falls with the power `order` of its size: of all sizes with that sum, these need the fewest cells.
 
     Args:
         points, cells: triangles or tetrahedra of the present mesh.
         error: (c,) of each cell, in the energy norm; its square adds up.
         factor: of the error of all cells.
+        order: of the next mesh.
     """
     d, volume = points.shape[1], volumes(points, cells)
-    size = (volume / REGULAR[d]) ** (1 / d)
+    size = (volume / USUAL[d]) ** (1 / d)
     error = np.maximum(error, 1e-12 * error.max(initial=1e-300))
-    power = 1 / (TREND + d / 2)
-    share = 2 * TREND * power
+    power = 1 / (order + d / 2)
+    share = 2 * order * power
     level = (factor**2 * np.sum(error**2) / np.sum(error ** (2 - share))) ** (1 / share)
     wanted = size * np.clip((level / error) ** power, LEAST, MOST)
     # a node takes the mean of its cells, in the logarithm

@@ -17,6 +17,7 @@ from geometry.keys import Key, Noun
 from geometry.mesh.sizes import filled, refined_near
 from geometry.protocols import Gmsh
 from geometry.shape import Model, Request, Shape
+from geometry.user_files.cut_cells import cut_to_sizes
 from geometry.user_files.geo_script import parameter_names
 from geometry.user_files.meshing import MeshOptions
 from geometry.user_files.open_file import KINDS, Parameter, kind_of
@@ -150,26 +151,38 @@ class UserFile(Noun, Shape):
 
     def refined(self, factor: float) -> Self:
         size, fine = self.mesh_size, self.contact_mesh_size
-        own = "a .msh file has its own mesh" if kind_of(Path(self.file)) == "msh" else "missing; name one, in metres"
+        own = "a .msh file has its own mesh" if self.own_mesh else "missing; name one, in metres"
         if size is None:
             raise SceneError(f"mesh_size: there is none to refine, {own}")
         return replace(self, mesh_size=factor * size, contact_mesh_size=None if fine is None else factor * fine)
 
+    @property
+    def own_mesh(self) -> bool:
+        """Whether the file is a mesh; its cells can be cut, and that is all."""
+        return kind_of(Path(self.file)) == "msh"
+
+    def refuse_sizes(self, request: Request) -> None:
+        if self.own_mesh and request.periodic:
+            raise SceneError("periodic: a .msh file has its own mesh, and cells that are cut would match no more")
+
     def put(self, gmsh: Gmsh, request: Request) -> float:
         unit = self.unit
+        sizes = request.sizes and request.sizes.in_units_of(unit)
         options = MeshOptions(
             size=None if self.mesh_size is None else self.mesh_size / unit,
             fine_size=None if self.contact_mesh_size is None else self.contact_mesh_size / unit,
             fine_sides=request.contact_sides,
             periodic=request.periodic,
-            order=self.order,
-            sizes=request.sizes and request.sizes.in_units_of(unit),
+            order=1 if self.own_mesh and sizes else self.order,
+            sizes=None if self.own_mesh else sizes,
         )
         mesh = ask(self.question(request.dim, options))
         assert isinstance(mesh, RawMesh)
         name = Path(self.file).name
         if _digest_of(self.file) != self.digest():
             raise GeometryError(f"{name}: has changed since the scene was read; read the scene again")
+        if self.own_mesh and sizes is not None:
+            mesh = cut_to_sizes(mesh, sizes)
         mesh.put(gmsh)
         return unit
 

@@ -8,7 +8,9 @@ from typing import Any
 
 import pytest
 
+from geometry.mesh.msh_file import write_msh
 from shared.ranks import STICKSLIP
+from workflows.scene_file.read import READY, read
 
 COARSE = ["--set=geometry.mesh_size=0.5", "--set=geometry.contact_mesh_size=0.5", "--set=output.pictures=false"]
 
@@ -72,3 +74,22 @@ def test_grids_are_refined_as_a_whole(tmp_path: Path) -> None:
     code, said = stickslip("cube", *words, "-o", str(tmp_path / "out"))
     assert code == 0, said
     assert result(tmp_path / "out")["accuracy"]["rounds"][-1]["unknowns"] > 200
+
+
+@pytest.mark.parametrize("cells", ["simplex", "tensor"])
+def test_the_cells_of_a_mesh_of_ones_own_are_cut(cells: str, tmp_path: Path) -> None:
+    scene = read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5", f"geometry.cells={cells!r}"])
+    write_msh(scene.geometry, scene.request(), tmp_path / "mine.msh")
+    text = (READY / "block.toml").read_text()
+    head, _, rest = text.partition("[geometry]")
+    (tmp_path / "mine.toml").write_text(f'{head}[geometry]\nfile = "mine.msh"\n{rest[rest.index("[bodies") :]}')
+    words = ["--accuracy=base.normal_force=0.2%", "--set=output.pictures=false", "-o", str(tmp_path / "out")]
+    code, said = stickslip(str(tmp_path / "mine.toml"), *words)
+    if cells == "tensor":
+        assert code == 3
+        assert "of base.normal_force; geometry.mesh_size: there is none to refine, a .msh file has its own mesh" in said
+        return
+    assert code == 0, said
+    assert "mine.msh: its cells are cut; curved sides stay the facets that they are" in said
+    force = result(tmp_path / "out")["steps"][-1]["contacts"]["base"]["normal_force"]
+    assert 0.2428 * 0.996 < force < 0.2428 * 1.004  # order 2, h = .0125

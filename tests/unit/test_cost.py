@@ -211,11 +211,39 @@ def test_the_front_is_what_a_search_over_all_pairs_finds() -> None:
 
 def test_a_lucky_crossing_is_no_accuracy() -> None:
     """A coarse mesh that hits the truth, while finer ones miss it by 3 %, has not earned its error."""
-    rungs = [Rung(1, "newton", level, TIGHT) for level in range(3)]
-    runs = [made_up(r, v, seconds=s) for r, v, s in zip(rungs, (2.0, 2.06, 2.01), (1.0, 2.0, 4.0), strict=True)]
+    rungs = [Rung(1, "newton", level, TIGHT) for level in range(4)]
+    found = zip(rungs, (2.0, 2.06, 2.01, 2.01), (1.0, 2.0, 4.0, 8.0), strict=True)
+    runs = [made_up(r, v, seconds=s) for r, v, s in found]
     study = study_of(runs, Exact(values={"base.max_pressure": 2.0}))
     assert study.sturdy[rungs[0]] == pytest.approx(0.03)
-    assert study.cheapest(0.01) == runs[2]
+    assert study.sturdy[rungs[2]] == pytest.approx(0.015)  # h²: half of what the mesh before has
+    assert study.cheapest(0.01) == runs[3]
+
+
+@pytest.mark.parametrize("crossing", [2, 3, 4])
+def test_the_next_digit_is_not_reached_where_the_error_changes_its_sign(crossing: int) -> None:
+    """4 h - 4 h² at order 1 passes through zero, on the finest mesh or before it."""
+    rungs = [Rung(1, "newton", level, TIGHT) for level in range(-4, crossing + 1)]
+    zero = rungs[-1].factor if crossing < 4 else rungs[-2].factor
+    runs = [made_up(r, 2 * (1 + 0.02 * (r.factor - r.factor**2 / zero)), seconds=r.factor**-2) for r in rungs]
+    lucky = next(run for run in runs if run.rung.factor == zero)
+    study = study_of(runs, Exact(values={"base.max_pressure": 2.0}))
+    assert study.errors[lucky.rung] < 1e-12
+    assert study.sure[lucky.rung] > 0.001
+    assert study.cheapest(1e-3) is None
+
+
+def test_what_the_time_steps_leave_is_part_of_the_error() -> None:
+    runs = converging(2, levels=range(-4, 8))
+    measured = [replace(run, time_steps={"base.max_pressure": 0.1}) if run.rung.level == 0 else run for run in runs]
+    whole, without = study_of(measured), study_of(runs)
+    assert whole.time_step == pytest.approx(0.05, rel=1e-3)
+    finest = runs[-1].rung
+    assert whole.sure[finest] == pytest.approx(without.sure[finest] + whole.time_step)
+    assert whole.cheapest(0.01) is None
+    assert without.cheapest(0.01) is not None
+    assert "the time steps alone leave 5 %, it takes more of them (steps.count)" in sentence(whole)
+    assert study_of(measured, Exact(values={"base.max_pressure": 2.0})).time_step == 0  # errors have it in them
 
 
 # --- the sentence
@@ -253,6 +281,17 @@ def test_a_child_tells_how_it_ended(
     found = child.solve(scene_of())
     assert found["status"] == status
     assert str(error) in found["sentence"]
+
+
+def test_a_child_measures_the_time_steps_beside_its_seconds() -> None:
+    sizes = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5", "output.error=false"]
+    plain, measured = (child.solve(read("block", sizes), time_steps=each) for each in (False, True))
+    assert plain["time_steps"] == {}
+    name = "base.dissipation_total"
+    assert 0.05 < measured["time_steps"][name] / measured["quantities"][name] < 1.0  # one step of slip
+    assert measured["quantities"] == plain["quantities"]
+    assert measured["phases"]["error"] == 0.0
+    assert measured["volume_solves"] == plain["volume_solves"]
 
 
 def test_the_sentence_names_the_cheapest_run_of_each_digit() -> None:

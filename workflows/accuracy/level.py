@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Literal
+
+import numpy as np
 
 from geometry.size_field import SizeField
 from solvers.scene.scene import Scene, prefixed
@@ -12,11 +15,15 @@ from solvers.simulation.simulation import Seconds
 from workflows.accuracy.standing import Standing
 
 AIM = 0.7  # of what is asked: estimates scatter from mesh to mesh
-FINER = {2: (1.0, 0.84, 0.7, 0.6, 0.5, 0.42, 0.35, 0.25), 3: (1.0, 0.84, 0.7, 0.6, 0.5)}  # energy errors, by dimension
+FINEST = {2: 0.25, 3: 0.5}  # least factor of the energy error in a round, by dimension: its trend holds no further
+FACTORS = 12  # of the energy error, tried from 1 down to the least
 SPLITS = (1, 2, 4, 8)  # of the time steps
 SOLVING = 1.3  # power of the number of cells with which solving grows
-SETUP = 10  # steps that take as long as mesh, assembly and preparation
+UNKNOWNS = 4  # of order 2 for each of order 1 on the same mesh, in the plane
+GAIN = 7.0  # factor by which order 2 has smaller errors on the same mesh: 7 (`raous`), 11 (`cattaneo`), 24 (`punch`)
+SETUP = 2  # steps that take as long as mesh, assembly and preparation; 1.4 to 3 with all errors, 2D and 3D
 RATE = 2.0  # with which errors of numbers fall, by that of the energy norm
+ALIKE = 1.3  # times the least error that a move can lead to: others up to there are as good, if they are cheaper
 ITERATION = 0.1  # of what is asked: more needs a smaller tolerance
 SMALLEST = 1e-12  # tolerance
 
@@ -25,16 +32,18 @@ SMALLEST = 1e-12  # tolerance
 class Level:
     """What a round is solved with."""
 
+    order: Literal[1, 2] = 1
+    highest: Literal[1, 2] = 2  # order to which it may go, in the plane
     factor: float = 1.0  # of the scene's mesh sizes
     sizes: SizeField | None = None  # instead of them; on rank 0
     splits: int = 1  # time steps for each of the scene
     tolerance: float | None = None  # None: that of the scene
 
     def scene(self, scene: Scene) -> Scene:
-        """The scene of the round, of order 1: of that the errors are known."""
+        """The scene of the round."""
         with prefixed("geometry"):
             geometry = scene.geometry if self.factor == 1 else scene.geometry.refined(self.factor)
-            geometry = replace(geometry, order=1)
+            geometry = replace(geometry, order=self.order)
         steps = replace(scene.steps, count=scene.steps.count * self.splits)
         solver = scene.solver if self.tolerance is None else replace(scene.solver, tolerance=self.tolerance)
         return replace(scene, geometry=geometry, steps=steps, solver=solver)
@@ -44,13 +53,20 @@ class Level:
 class Move:
     """From one round to the next."""
 
-    finer: float  # factor of the error in the energy norm
+    finer: float  # factor of the error in the energy norm, beside what the order changes
     splits: int  # factor of the number of time steps
-    enough: bool  # whether it is expected to reach all goals
+    enough: bool = False  # whether it is expected to reach all goals
+    order: Literal[1, 2] = 1  # of the next round
+    raises: bool = False  # whether the last one had a lower order
 
     def error(self, goal: Standing) -> float:
         """What it is expected to leave of a goal's error."""
-        return float(goal.mesh * self.finer**RATE + goal.time_step / self.splits + goal.rest)
+        gain = GAIN if self.raises else 1.0
+        return float(goal.mesh / gain * self.finer**RATE + goal.time_step / self.splits + goal.rest)
+
+    def cells(self, dim: int) -> float:
+        """Factor of the number of cells; of unknowns, where the order changes."""
+        return float(self.finer ** (-dim / self.order) * (UNKNOWNS if self.raises else 1))
 
     def work(self, steps: int, dim: int) -> float:
         """What it costs, in a unit that no clock decides: the same moves are taken on every machine.
@@ -58,27 +74,30 @@ class Move:
         Args:
             steps: of the last round.
         """
-        return float(self.finer ** (-dim * SOLVING) * (SETUP + steps * self.splits))
+        return float(self.cells(dim) ** SOLVING * (SETUP + steps * self.splits))
 
     def price(self, seconds: Seconds, dim: int) -> float:
         """About how long it takes [s], after what the last round took."""
-        cells = self.finer**-dim
+        cells = self.cells(dim)
         solving = seconds.assemble + seconds.prepare + (seconds.iterate + seconds.error) * self.splits
         return float(seconds.mesh * cells + solving * cells**SOLVING)
 
 
-def next_move(goals: Sequence[Standing], steps: int, dim: int) -> Move:
-    """The cheapest move that is expected to reach all goals; if none is, the one that lowers their errors most.
+def next_move(goals: Sequence[Standing], steps: int, dim: int, orders: Sequence[Literal[1, 2]] = (1,)) -> Move:
+    """The cheapest move that is expected to reach all goals; if none is, the cheapest of those that lower errors most.
 
     Args:
         steps: of the last round.
+        orders: of the last round, and those above it that the next one may have.
     """
 
     def off(move: Move) -> float:
         return max(move.error(goal) / goal.asked for goal in goals)
 
-    moves = [Move(finer, splits, False) for finer, splits in product(FINER[dim], SPLITS) if finer < 1 or splits > 1]
-    enough = [move for move in moves if off(move) <= AIM]
-    if enough:
-        return replace(min(enough, key=lambda move: move.work(steps, dim)), enough=True)
-    return min(moves, key=off)
+    factors = FINEST[dim] ** (np.arange(FACTORS) / (FACTORS - 1))
+    options = product(orders, factors, SPLITS)
+    moves = [Move(float(f), splits, order=order, raises=order > orders[0]) for order, f, splits in options]
+    moves = [move for move in moves if move.finer < 1 or move.splits > 1 or move.raises]
+    least = max(AIM, ALIKE * min(map(off, moves)))
+    chosen = min((move for move in moves if off(move) <= least), key=lambda move: move.work(steps, dim))
+    return replace(chosen, enough=off(chosen) <= AIM)

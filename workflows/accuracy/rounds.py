@@ -2,7 +2,8 @@
 
 A round is a run like any other. Its results are kept if it reaches the goals, or if the next one would exceed the
 budget; else only what it shows of the errors is used: the mesh is refined where the energy norm of the error is large,
-around the contacts first if pressures or areas are asked for, and the steps are split.
+around the contacts first if pressures or areas are asked for, and the steps are split. What the next round needs is
+written down first, so that rounds that are stopped go on from there.
 """
 
 from __future__ import annotations
@@ -10,54 +11,45 @@ from __future__ import annotations
 import logging
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from geometry.arrays import Array
 from geometry.errors import SceneError
+from geometry.protocols import Comm
 from geometry.size_field import SizeField, adapted, volumes
+from geometry.user_files.user_file import UserFile
+from solvers.accuracy.two_level import MeshCorrection
 from solvers.results.error_parts import Errors
 from solvers.results.step_result import OPEN, StepResult
 from solvers.scene.scene import Scene
 from solvers.scene.settings import Accuracy
 from solvers.simulation.simulation import Simulation
+from workflows.accuracy.kept import KeptRounds
 from workflows.accuracy.level import ITERATION, SMALLEST, Level, Move, next_move
+from workflows.accuracy.round import Round
 from workflows.accuracy.standing import Standing, percent, standings
-from workflows.run.collective import raise_together
-from workflows.run.result import Outcome, write_result
-from workflows.run.run import run
+from workflows.formats.own_files import certify, is_certified
+from workflows.formats.regular import read_json
+from workflows.formats.steps import read_step, step_files
+from workflows.run.collective import from_rank_0, raise_together
+from workflows.run.folder import BEGUN, RESULT, place_of, work_of
+from workflows.run.result import Outcome, scene_hash, write_result
+from workflows.run.resume import FINISHED, run_of
+from workflows.run.run import begun_with, run
 from workflows.run.watch import Watch
 
 log = logging.getLogger(__name__)
 LOCAL = ("max_pressure", "contact_area", "stick_area", "slip_area", "max_slip")  # decided near the contact
+COARSE = Move(0.5, 1)  # where a contact is too coarse for its errors to be known
 MOST = 12  # rounds
 ADAPTABLE = ("triangle", "tetrahedron")
-
-
-@dataclass
-class Round:
-    """A round: its level, and what it found."""
-
-    level: Level
-    goals: list[Standing] = field(default_factory=list)
-    unknowns: int = 0
-    steps: int = 0
-    seconds: float = 0.0
-    price: float | None = None  # [s] of the next one that is expected to reach the goals; None: not needed
-
-    def __str__(self) -> str:
-        goals = ", ".join(map(str, self.goals))
-        return f"{self.unknowns} unknowns, {self.steps} steps, {self.seconds:.1f} s: {goals}"
-
-    @property
-    def plain(self) -> dict[str, Any]:
-        """For result.json."""
-        goals = {goal.name: {"value": goal.value, "error": goal.reached, "asked": goal.asked} for goal in self.goals}
-        return {"unknowns": self.unknowns, "steps": self.steps, "seconds": self.seconds, "goals": goals}
+TOUCHING = {2: 4, 3: 9}  # nodes; with fewer nothing is known of a contact, its errors least of all
+RESOLVING = 3  # rounds at most that are there for that: a corner never touches with more
 
 
 class Rounds:
@@ -74,6 +66,8 @@ class Rounds:
         self._error: Array = np.zeros(0)  # of the present round, by cell, largest of all steps; on rank 0
         self._next: Level | None = Level()
         self._level = Level()
+        self._kept: KeptRounds | None = None  # on rank 0
+        self._stuck = ""  # why the mesh cannot be refined
 
     def __call__(self, folder: str | Path, watch: Watch, resume: bool = False) -> tuple[Outcome, dict[str, Any]]:
         """Run until the goals are reached or the budget is spent; results as `run` leaves them; collective.
@@ -81,33 +75,87 @@ class Rounds:
         Args:
             folder: where the results stand at the end.
             watch: what is told while the rounds work.
-            resume: go on where an earlier one was stopped: its first rounds are solved again, they are the cheap ones.
+            resume: go on behind the rounds that earlier ones have finished there, and behind the last step of the one
+                that was stopped, or that the budget has ended.
 
         Raises:
-            SceneError: the error of a goal is not known.
+            SceneError: the error of a goal is not known; or earlier rounds were of another scene.
+            FolderError: without `resume`, rounds that were stopped would be lost.
         """
         from mpi4py import MPI
 
+        comm = MPI.COMM_WORLD
+        finished, going_on = from_rank_0(comm, lambda: self._take_up(Path(folder), resume))
+        if finished:
+            note = f"{folder}: the rounds are finished; nothing was changed"
+            return Outcome(finished["status"], note, Path(folder)), finished
+        self.done = comm.bcast(self.done)
+        level = comm.bcast(self._next and replace(self._next, sizes=None))
+        self._next = self._next if comm.rank == 0 else level
+        self._began -= sum(one.seconds for one in self.done)
         while self._next is not None:
             self._level, self._next = self._next, None
-            self._error = np.zeros(0)
-            seen = replace(watch, on_step=self._seeing(watch.on_step))
+            self._error, count = np.zeros(0), len(self.done)
+            seen = replace(watch, on_step=self._seeing(watch.on_step), on_resume=self._reading(folder, watch.on_resume))
             scene = self._level.scene(self.scene)
-            outcome, content = run(scene, folder, seen, keep=self._judge, sizes=self._level.sizes)
-        if outcome.status != "converged" or not self.done:
+            outcome, content = run(scene, folder, seen, going_on, keep=self._judge, sizes=self._level.sizes)
+            if going_on and len(self.done) == count and outcome.status in FINISHED:
+                self._next = self._level  # a crash came between its end and the verdict on it
+            going_on = False
+        if outcome.status == "interrupted":
+            return outcome, content
+        if outcome.status not in FINISHED or not self.done:
+            self._forget(comm)
             return outcome, content
         last = self.done[-1]
-        content = content | {"accuracy": {"met": self._met(last), "rounds": [one.plain for one in self.done]}}
-        raise_together(MPI.COMM_WORLD, lambda: write_result(outcome.folder, content))
-        if self._met(last):
+        accuracy = {"met": last.met, "rounds": [one.plain for one in self.done], "scene": _hash(self.scene)}
+        content = content | {"accuracy": accuracy}
+
+        def write() -> None:
+            write_result(outcome.folder, content)
+            certify(outcome.folder / RESULT)
+
+        raise_together(comm, write)
+        if last.met:
+            self._forget(comm)
+        if last.met or outcome.status == "doubtful":
             return outcome, content
         missed = max(last.goals, key=lambda goal: goal.reached / goal.asked)
         sentence = f"reached {percent(missed.reached)} of {missed.name}, {percent(missed.asked)} would take about "
         sentence += "longer than can be told" if last.price is None else f"{last.price:.0f} s"
+        sentence += "; --resume with a larger --budget goes on from here"
+        if self._stuck:
+            self._forget(comm)
+            sentence = f"reached {percent(missed.reached)} of {missed.name}; {self._stuck}"
         return replace(outcome, status="inaccurate", sentence=sentence), content
 
-    def _met(self, one: Round) -> bool:
-        return all(goal.met for goal in one.goals)
+    def _take_up(self, folder: Path, resume: bool) -> tuple[dict[str, Any] | None, bool]:
+        """Finished rounds; content of result.json if all are; whether a round was stopped in its course; on rank 0."""
+        self._kept = KeptRounds(folder, self.scene)
+        if not resume:
+            self._kept.refuse_to_lose()
+            return None, False
+        found = self._kept.load()
+        place, work = place_of(folder), work_of(folder)
+        ended = read_json(place / RESULT)
+        if found is None:
+            told = ended.get("accuracy") or {}
+            whole = told.get("met") and told.get("scene") == _hash(self.scene) and is_certified(place / RESULT)
+            if whole:
+                return ended, False
+        else:
+            self.done, self._next = found
+            self._say(f"{len(self.done)} finished rounds are taken over")
+        return None, (work / BEGUN).is_file() or ended.get("status") == "interrupted"
+
+    def _forget(self, comm: Comm) -> None:
+        """Nothing is left to go on with; collective."""
+
+        def remove() -> None:
+            assert self._kept is not None
+            self._kept.remove()
+
+        raise_together(comm, remove)
 
     def _seeing(self, also: Callable[[StepResult], None]) -> Callable[[StepResult], None]:
         """Keep the errors of cells of each step, on rank 0, beside what else is told of it."""
@@ -118,56 +166,133 @@ class Rounds:
 
         return see
 
+    def _reading(self, folder: str | Path, also: Callable[[int, float], None]) -> Callable[[int, float], None]:
+        """Read the errors of cells of the steps that a round had solved when it was stopped, on rank 0."""
+
+        def read(done: int, time: float) -> None:
+            for path in step_files(work_of(Path(folder))).values():
+                error = read_step(path).stress_error
+                self._error = np.maximum(self._error, error) if len(self._error) else error
+            also(done, time)
+
+        return read
+
     def _judge(self, simulation: Simulation, steps: Sequence[StepResult], errors: Sequence[Errors]) -> bool:
         """Whether the results of this round are kept; if not, `_next` is the level of the next one; collective."""
         comm = simulation.mesh.comm
         spent = comm.bcast(clock.perf_counter() - self._began)
-        goals = standings(self.scene.accuracy.goals, steps[-1], errors[-1])
+        try:
+            goals = standings(self.scene.accuracy.goals, steps[-1], errors[-1])
+        except SceneError:
+            if self._level.order == 2:
+                self._next = _lowered(self._level)
+                return False
+            self._forget(comm)
+            raise
         here = Round(self._level, goals, simulation.system.constraints.free_total, len(steps))
         here.seconds = spent - sum(one.seconds for one in self.done)
         self.done.append(here)
         if comm.rank == 0:
             self._say(f"round {len(self.done)}: {here}")
-        if self._met(here):
+        met, near = here.met, any(goal.name.endswith(LOCAL) and not goal.met for goal in goals)
+        if met and (len(self.done) > RESOLVING or _resolved(simulation, steps)):
             return True
-        move = next_move(goals, len(steps), self.scene.dim)
+        orders = self._orders(simulation)
+        move = replace(COARSE, order=orders[0]) if met else next_move(goals, len(steps), self.scene.dim, orders)
         price = comm.bcast(move.price(simulation.seconds, self.scene.dim))
-        if len(self.done) == MOST or spent + price > self.scene.accuracy.budget:
-            here.price = price if move.enough else None
+        ends = len(self.done) >= MOST or spent + price > self.scene.accuracy.budget
+        here.price = price if ends and move.enough else None
+        try:
+            level = self._refined(simulation, steps, move, goals, met or near)
+            if _in_vain(self.done):
+                level = _lowered(level)
+        except SceneError as error:
+            self._stuck = str(error)
             return True
-        self._next = self._refined(simulation, steps, move, goals)
-        return False
+
+        def write() -> None:
+            assert self._kept is not None
+            self._kept.keep(self.done, level, run_of(begun_with(simulation)), ends)
+            shape = self.scene.geometry
+            if isinstance(shape, UserFile) and shape.own_mesh and level.sizes and not self._level.sizes and not ends:
+                self._say(f"{Path(shape.file).name}: its cells are cut; curved sides stay the facets that they are")
+
+        raise_together(comm, write)
+        self._next = None if ends else level
+        return ends
 
     def _refined(
-        self, simulation: Simulation, steps: Sequence[StepResult], move: Move, goals: Sequence[Standing]
+        self, simulation: Simulation, steps: Sequence[StepResult], move: Move, goals: Sequence[Standing], near: bool
     ) -> Level:
-        """The level that a move leads to."""
+        """The level that a move leads to.
+
+        Args:
+            near: whether the mesh is refined around the contacts first.
+
+        Raises:
+            SceneError: the mesh cannot be refined.
+        """
         level, tolerance = self._level, self._level.tolerance or self.scene.solver.tolerance
         if any(goal.rest > ITERATION * goal.asked for goal in goals):
             tolerance = max(tolerance / 100, SMALLEST)
-        level = replace(level, splits=level.splits * move.splits, tolerance=tolerance)
-        if move.finer == 1:
+        level = replace(level, order=move.order, splits=level.splits * move.splits, tolerance=tolerance)
+        if move.finer == 1 and not move.raises:
             return level
         if simulation.mesh.domain.topology.cell_type.name not in ADAPTABLE:
-            return replace(level, factor=level.factor * move.finer)
-        return replace(level, sizes=self._sizes(simulation, steps, move, goals))
+            level = replace(level, factor=level.factor * move.finer)
+            level.scene(self.scene)
+            return level
+        self.scene.geometry.refuse_sizes(self.scene.request())
+        return replace(level, sizes=self._sizes(simulation, steps, move, near))
 
-    def _sizes(
-        self, simulation: Simulation, steps: Sequence[StepResult], move: Move, goals: Sequence[Standing]
-    ) -> SizeField | None:
+    def _sizes(self, simulation: Simulation, steps: Sequence[StepResult], move: Move, near: bool) -> SizeField | None:
         """Sizes of the next mesh, on rank 0."""
         if simulation.mesh.comm.rank:
             return None
         mesh, problem = simulation.data, simulation.problem
-        volume = volumes(mesh.points, mesh.cells)
-        middle = mesh.points[mesh.cells].mean(axis=1)
+        cells = mesh.cells[:, : self.scene.dim + 1]  # corners
+        volume = volumes(mesh.points, cells)
+        middle = mesh.points[cells].mean(axis=1)
         if problem.model == "axisymmetric":
             volume = volume * 2 * np.pi * middle[:, 0]
         modulus = np.array([problem.bodies[name].E for name in mesh.bodies])[mesh.body]
         error = self._error * np.sqrt(volume / modulus)
-        if any(goal.name.endswith(LOCAL) and not goal.met for goal in goals):
+        if near:
             error = error * _nearness(simulation, steps, middle)
-        return adapted(mesh.points, mesh.cells, error, move.finer)
+        used, place = np.unique(cells, return_inverse=True)
+        return adapted(mesh.points[used], place.reshape(cells.shape), error, move.finer, move.order)
+
+    def _orders(self, simulation: Simulation) -> Sequence[Literal[1, 2]]:
+        """The order of this round, and 2 where the next one may have it: in the plane its errors are known too."""
+        shape, level = self.scene.geometry, self._level
+        straight = isinstance(shape, UserFile) and shape.own_mesh  # cells are cut without their curved sides
+        may = self.scene.dim == 2 and level.highest == 2 and MeshCorrection.works_for(simulation.stepper)
+        return (level.order, 2) if level.order == 1 and may and not straight else (level.order,)
+
+
+def _in_vain(done: Sequence[Round]) -> bool:
+    """Whether the last round, of order 2 like the one before, has not come closer to its goals."""
+    last = [one for one in done[-2:] if one.level.order == 2]
+    off = [max(goal.reached / goal.asked for goal in one.goals) for one in last]
+    return len(off) == 2 and off[1] > off[0]
+
+
+def _lowered(level: Level) -> Level:
+    """The level of order 1 with about as many unknowns, where order 2 is of no use, or its error is not known."""
+    sizes = level.sizes and replace(level.sizes, sizes=level.sizes.sizes / 2)
+    return replace(level, order=1, highest=1, sizes=sizes, factor=level.factor if sizes else level.factor / 2)
+
+
+def _hash(scene: Scene) -> str:
+    """The same for a scene with the same goals, whatever the budget."""
+    return scene_hash(replace(scene, accuracy=Accuracy(goals=scene.accuracy.goals)))
+
+
+def _resolved(simulation: Simulation, steps: Sequence[StepResult]) -> bool:
+    """Whether all contacts that touch do so with enough nodes; the same on every rank."""
+    states = [[step.contacts[c.name].status != OPEN for step in steps] for c in simulation.system.contacts]
+    touching = [int(np.any(closed, axis=0).sum()) for closed in states]
+    return all(count == 0 or count >= TOUCHING[simulation.scene.dim] for count in touching)
 
 
 def _nearness(simulation: Simulation, steps: Sequence[StepResult], points: Array) -> Array:

@@ -56,7 +56,7 @@ def standings(goals: Mapping[str, float], step: StepResult, errors: Errors) -> l
     Raises:
         SceneError: the error of one is not known, or it has none.
     """
-    flat = {name: (key, axis) for key, value in quantities(step).items() for name, axis in _names(key, value)}
+    flat = {name: (key, axis) for key, value in quantities(step).items() for name, axis in names_of(key, value)}
     numbers = values(step)
     found = []
     for name, asked in goals.items():
@@ -80,7 +80,7 @@ def standings(goals: Mapping[str, float], step: StepResult, errors: Errors) -> l
     return found
 
 
-def _names(key: Quantity, value: Value) -> Sequence[tuple[str, int | None]]:
+def names_of(key: Quantity, value: Value) -> Sequence[tuple[str, int | None]]:
     """Names of a number as `values` has them, and the component that each is."""
     kind, name, quantity = key
     whole = ".".join(filter(None, (f"{SINGULAR[kind]}{name}", quantity)))

@@ -1,1 +1,1 @@
-"""Timed runs: contact search, long histories, the price of every method, discrete problems beside Siconos."""
+"""Timed runs: search, long histories, the price of every method, adaptive rounds, discrete problems beside Siconos."""

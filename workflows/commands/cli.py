@@ -75,6 +75,8 @@ def run_command(
             "-o",
             str(folder),
             *(f"--set={word}" for word in override or ()),
+            *(f"--accuracy={word}" for word in accuracy or ()),
+            *([f"--budget={budget:g}"] if budget is not None else []),
             "--resume",
         ]
         how = f"; go on with: {shlex.join(again)}" if outcome.status == "interrupted" else ""
@@ -87,9 +89,10 @@ def plan_command(
     scene: SceneArgument,
     override: SetOption = None,
     mesh: Annotated[bool, typer.Option("--mesh", help="mesh it too, and count")] = False,
+    cost: Annotated[bool, typer.Option("--cost", help="tell what 10, 1, .1 % of its numbers will take")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="for scripts")] = False,
 ) -> None:
-    """Say which effects a scene switches on, and why, without solving."""
+    """Say which effects a scene switches on, and why, without solving; with --cost from coarse versions of it."""
     from solvers.simulation.plan import make_plan, warnings
     from workflows.run.terminal import print_plan
     from workflows.scene_file.read import named, read
@@ -113,8 +116,19 @@ def plan_command(
             announce(loaded)
         with named(scene):
             content["mesh"] = count(loaded)
-    if speaks():
-        typer.echo(json.dumps(content, indent=1, ensure_ascii=False)) if as_json else print_plan(content)
+    if speaks() and not as_json:
+        print_plan(content)
+    if cost:
+        from workflows.cost.foresee import foresee
+        from workflows.cost.progress import print_prices
+
+        with named(scene):
+            foreseen = foresee(loaded)
+        content["cost"] = [asdict(row) for row in foreseen]
+        if speaks() and not as_json:
+            print_prices(foreseen)
+    if speaks() and as_json:
+        typer.echo(json.dumps(content, indent=1, ensure_ascii=False))
 
 
 @app.command("mesh")

@@ -5,25 +5,34 @@ from __future__ import annotations
 import json
 import sys
 import time as clock
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from geometry.dolfinx_versions import form_cache
 from geometry.errors import GeometryError, MachineError, SceneError, SolverError
 from geometry.user_files.child import end_with
 from solvers.results.quantities import values
+from solvers.results.step_result import StepResult
 from solvers.scene.scene import Scene
-from solvers.simulation.simulation import prepare
+from solvers.simulation.simulation import Simulation, prepare
 from solvers.stepping.stepper import NoEquilibriumError
+from workflows.accuracy.standing import names_of
 from workflows.formats.aside import write_aside
 from workflows.scene_file.read import from_dict
 
 
-def solve(scene: Scene) -> dict[str, Any]:
-    """The fields of a `Run` that this process can measure itself."""
-    before, began = _forms(), clock.process_time()
+def solve(scene: Scene, time_steps: bool = False) -> dict[str, Any]:
+    """The fields of a `Run` that this process can measure itself.
+
+    Args:
+        time_steps: whether the errors of the time steps are measured too, beside its seconds.
+    """
+    before, began = forms(), clock.process_time()
     try:
-        found = _figures(scene)
+        found = _figures(scene, time_steps)
     except SolverError as error:
         status = "no_equilibrium" if isinstance(error, NoEquilibriumError) else "not_converged"
         found = {"status": status, "sentence": str(error)}
@@ -33,20 +42,24 @@ def solve(scene: Scene) -> dict[str, Any]:
         found = {"status": "out_of_memory" if "memory" in str(error) else "failed", "sentence": str(error)}
     except MemoryError:
         found = {"status": "out_of_memory", "sentence": "not enough memory"}
-    return found | {"memory": peak_memory(), "cpu": clock.process_time() - began, "compiled": _forms() != before}
+    measured = {"memory": peak_memory(), "cpu": clock.process_time() - began, "compiled": forms() != before}
+    return measured | found
 
 
-def _figures(scene: Scene) -> dict[str, Any]:
+def _figures(scene: Scene, time_steps: bool) -> dict[str, Any]:
+    began = clock.process_time()
     simulation = prepare(scene)
-    residuals, law_errors, last = [0.0], [0.0], None
-    for last in simulation.steps():
-        residuals.append(last.residual)
-        law_errors.append(last.law_error)
-    assert last is not None
-    counters, seconds = simulation.counters, simulation.seconds
-    return {
+    residuals, law_errors, steps = [0.0], [0.0], list[StepResult]()
+    for step in simulation.steps():
+        residuals.append(step.residual)
+        law_errors.append(step.law_error)
+        steps = [*(one.without_fields() for one in steps), step]
+    last, counters = steps[-1], simulation.counters
+    found = {
         "status": "converged",
-        "phases": vars(seconds),
+        "cpu": clock.process_time() - began,
+        "memory": peak_memory(),
+        "phases": dict(vars(simulation.seconds)),
         "dofs": simulation.system.constraints.free_total,
         "contact_points": sum(len(c.W_n) for c in simulation.system.contacts),
         "volume_solves": counters.volume_solves,
@@ -55,6 +68,15 @@ def _figures(scene: Scene) -> dict[str, Any]:
         "law_error": max(law_errors),
         "quantities": values(last),
     }
+    return found | {"time_steps": dict(_of_time_steps(simulation, steps)) if time_steps else {}}
+
+
+def _of_time_steps(simulation: Simulation, steps: Sequence[StepResult]) -> Iterator[tuple[str, float]]:
+    """Errors of the time steps at the last step, in the unit of each number; of those that are known."""
+    for key, parts in simulation.time_step_errors(steps)[-1].items():
+        if parts.time_step is not None:
+            for name, axis in names_of(key, parts.time_step):
+                yield name, float(np.asarray(parts.time_step)[() if axis is None else axis])
 
 
 def peak_memory() -> float:
@@ -63,16 +85,16 @@ def peak_memory() -> float:
     return 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 
 
-def _forms() -> int:
+def forms() -> int:
     """Number of compiled forms in the cache."""
     return sum(1 for _ in form_cache().glob("*.so"))
 
 
 def main() -> None:
-    """`python -m workflows.cost.child SCENE.json ANSWER.json PARENT`, PARENT being a process number."""
+    """`python -m workflows.cost.child SCENE.json ANSWER.json PARENT [time-steps]`, PARENT being a process number."""
     end_with(int(sys.argv[3]))
     task, answer = map(Path, sys.argv[1:3])
-    found = solve(from_dict(json.loads(task.read_text(encoding="utf-8"))))
+    found = solve(from_dict(json.loads(task.read_text(encoding="utf-8"))), "time-steps" in sys.argv[4:])
     write_aside(answer, json.dumps(found).encode())
 
 

@@ -51,6 +51,8 @@ def _once(scene: Scene, rung: Rung, seconds: float, stop: Stop) -> Run | None:
         task, answer, errors = (Path(place) / name for name in ("scene.json", "answer.json", "errors"))
         task.write_text(json.dumps(to_dict(mine)), encoding="utf-8")
         words = [sys.executable, "-P", "-m", "workflows.cost.child", str(task), str(answer), str(os.getpid())]
+        if rung.level <= 0 and rung.tolerance == scene.solver.tolerance:  # they depend little on the mesh
+            words.append("time-steps")
         with errors.open("wb") as said:  # a new session, so that only the parent receives Ctrl-C
             process = subprocess.Popen(
                 words, env={**os.environ, **ONE_THREAD}, stdout=said, stderr=said, start_new_session=True

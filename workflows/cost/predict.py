@@ -15,7 +15,7 @@ START = 2.0  # seconds in which a process starts and compiles nothing
 ANOTHER = 1.5  # assumed factor on the time of the same mesh with another method or a lower order
 
 
-def power_law(values: Mapping[int, float], at: int, least: float, most: float) -> float:
+def power_law(values: Mapping[int, float], at: float, least: float, most: float) -> float:
     """The value at a level, by a power of the cell size between `least` and `most` through the finest of all.
 
     A single value gives no power: the least one is taken, because the coarsest mesh is all overhead.

@@ -9,8 +9,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
+from workflows.cost.foresee import ASKED, Row
 from workflows.cost.run_record import Run
-from workflows.cost.sentence import percent, seconds
+from workflows.cost.sentence import duration, percent, seconds
 from workflows.cost.side_by_side import Line
 from workflows.cost.study import Study
 from workflows.run.terminal import console, print_table
@@ -64,7 +65,18 @@ class Teller:
         if self.quiet or not studies:
             return
         table = Table()
-        for name in ("quantity", "value", "sure to", "because", "orders", "1 % [s]", ".1 % [s]", ".01 % [s]", "best"):
+        for name in (
+            "quantity",
+            "value",
+            "sure to",
+            "because",
+            "time steps",
+            "orders",
+            "1 % [s]",
+            ".1 % [s]",
+            ".01 % [s]",
+            "best",
+        ):
             table.add_column(name, justify="left" if name in ("quantity", "because", "orders") else "right")
         for study in studies:
             truth, best = study.truth, study.most_exact
@@ -73,7 +85,7 @@ class Teller:
             sure = percent(truth.uncertainty) if truth.converges else "-"
             because = truth.source if truth.converges else "one mesh only" if truth.meshes < 2 else "does not settle"
             table.add_row(
-                truth.name, f"{truth.value:.6g}", sure, because, _orders(study), *shown,
+                truth.name, f"{truth.value:.6g}", sure, because, _of_steps(study), _orders(study), *shown,
                 percent(study.sure[best.rung]) if best else "-",
             )  # fmt: skip
         print_table(table, console(160))
@@ -92,11 +104,35 @@ class Teller:
         print_table(table, console(160))
 
 
+def print_prices(rows: Sequence[Row]) -> None:
+    """About how long accuracies of numbers will take."""
+    out, table = console(120), Table()
+    for name in ("number", "about", "±, coarse", *(f"{100 * asked:g} %" for asked in ASKED)):
+        table.add_column(name, justify="left" if name == "number" else "right")
+    for row in rows:
+        prices = ["-" if each is None else f"{duration(each.seconds)}{'*' if each.far else ''}" for each in row.prices]
+        table.add_row(row.name, f"{row.value:.4g}", "-" if row.why_not else percent(row.error), *prices)
+    print_table(table, out)
+    for row in rows:
+        if row.why_not:
+            out.print(f"{row.name}: {row.why_not}", soft_wrap=True)
+    told = "On this machine, order 1, all cells refined alike and steps split, by the trend of coarse versions."
+    if any(each is not None and each.far for row in rows for each in row.prices):
+        told += " *: an extrapolation of more than two decades."
+    out.print(f"{told} run --accuracy refines where errors are large.", soft_wrap=True)
+
+
 def _work(run: Run | None) -> tuple[str, str]:
     """Seconds and volume solves."""
     if run is None:
         return "-", "-"
     return (f"{run.seconds:.2g}", str(run.volume_solves)) if run.converged else (run.status.replace("_", " "), "-")
+
+
+def _of_steps(study: Study) -> str:
+    """Error that the time steps leave, where it was measured."""
+    known = not study.truth.exact and any(study.truth.name in run.time_steps for run in study.runs)
+    return percent(study.time_step) if known and study.time_step else "0 %" if known else "-"
 
 
 def _orders(study: Study) -> str:

@@ -35,6 +35,7 @@ class Run:
     law_error: float | None = None  # what the method's approximation of the laws leaves, relative, energy norm
     compiled: bool = False  # forms were compiled during the run: its seconds do not count
     quantities: Mapping[str, float] = field(default_factory=dict)
+    time_steps: Mapping[str, float] = field(default_factory=dict)  # errors of the time steps; empty: not measured
 
     @property
     def converged(self) -> bool:

@@ -53,6 +53,20 @@ def seconds(value: float) -> str:
     return f"{value:.0f} s" if value >= 10 else f"{value:.1f} s" if value >= 1 else f"{value:.2g} s"
 
 
+def duration(value: float) -> str:
+    """A time that may be long [s], two digits, in a unit that fits it.
+
+    >>> duration(0.5), duration(900.0), duration(86400.0 * 45), duration(1e12)
+    ('0.5 s', '15 min', '45 days', '32000 years')
+    """
+    for unit, size, most in (("min", 60.0, 120.0), ("h", 3600.0, 48.0), ("days", 86400.0, 730.0)):
+        if value < 600.0:
+            return seconds(value)
+        if value / size < most:
+            return f"{float(f'{value / size:.2g}'):.0f} {unit}"
+    return f"{float(f'{value / 31557600.0:.2g}'):.0f} years"
+
+
 def percent(value: float) -> str:
     """A share in per cent, two digits.
 
@@ -75,6 +89,8 @@ def _changes(run: Run, following: Run) -> str:
 
 def _least(study: Study, best: Run) -> str:
     """The smallest error, and what limits it."""
+    if study.time_step > study.truth.uncertainty and study.time_step > study.worst[best.rung]:
+        return f"the time steps alone leave {percent(study.time_step)}, it takes more of them (steps.count)"
     if study.worst[best.rung] <= study.truth.uncertainty:
         return f"the reference itself is sure to {percent(study.truth.uncertainty)} only"
     return f"the best is {percent(study.sure[best.rung])} for {seconds(best.seconds)} with {choice(best, study)}"

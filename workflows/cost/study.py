@@ -9,10 +9,11 @@ from functools import cached_property
 from workflows.cost.limit import rate_of
 from workflows.cost.pareto import front
 from workflows.cost.run_record import Run
-from workflows.cost.rung import Rung
+from workflows.cost.rung import RATIO, Rung
 from workflows.cost.truth import Truth
 
 LEAST = 1e-16  # smallest error, so that an exact answer has a logarithm
+SPAN = 2  # levels: the error of a mesh that is still coarser says nothing of the trend
 
 
 @dataclass(frozen=True)
@@ -35,25 +36,40 @@ class Study:
 
     @cached_property
     def worst(self) -> Mapping[Rung, float]:
-        """Largest error of a run and of all finer or tighter ones of its chain: a lucky crossing is no accuracy."""
+        """Largest error of a run and of all finer or tighter ones of its chain, not below the trend of coarser ones.
+
+        An error that changes its sign is small by luck on some mesh. Finer ones show that; for the finest it is that
+        from the next coarser meshes no error falls faster than with the power 2 order.
+        """
         return {
             a: max(
-                error
+                error * _at_best(a, b)
                 for b, error in self.errors.items()
-                if b.chain == a.chain and b.level >= a.level and b.tolerance <= a.tolerance
+                if b.chain == a.chain and b.tolerance <= a.tolerance and b.level >= a.level - SPAN
             )
             for a in self.errors
         }
 
     @cached_property
+    def time_step(self) -> float:
+        """Relative error that the time steps leave, as the finest mesh shows on which it was measured.
+
+        0 where the truth is exact: errors have it in them.
+        """
+        measured = [run for run in self.runs if self.truth.name in run.time_steps and not self.truth.exact]
+        finest = max((run.rung.level for run in measured), default=0)
+        each = [run.time_steps[self.truth.name] for run in measured if run.rung.level == finest]
+        return max(each, default=0.0) / self.truth.scale
+
+    @cached_property
     def sturdy(self) -> Mapping[Rung, float]:
-        """The worst error, not below the uncertainty."""
-        return {rung: max(self.truth.uncertainty, error) for rung, error in self.worst.items()}
+        """The worst error, not below the uncertainty and what the time steps leave."""
+        return {rung: max(self.truth.uncertainty, self.time_step, error) for rung, error in self.worst.items()}
 
     @cached_property
     def sure(self) -> Mapping[Rung, float]:
-        """Upper bound of the error: the worst error plus the uncertainty of the reference."""
-        return {rung: error + self.truth.uncertainty for rung, error in self.worst.items()}
+        """Upper bound of the error: the worst error, the uncertainty of the reference, and that of the time steps."""
+        return {rung: error + self.truth.uncertainty + self.time_step for rung, error in self.worst.items()}
 
     @cached_property
     def timed(self) -> tuple[Run, ...]:
@@ -88,3 +104,8 @@ class Study:
     def _rate(self, runs: Sequence[Run]) -> float | None:
         used = [run for run in runs if run.rung.tolerance == self.tolerance and self.known(run.rung)]
         return rate_of([run.h for run in used], [self.errors[run.rung] for run in used])
+
+
+def _at_best(rung: Rung, other: Rung) -> float:
+    """What the error of another mesh of the chain is multiplied by to be one that this rung may have at best."""
+    return RATIO ** (-2 * rung.order * max(rung.level - other.level, 0))

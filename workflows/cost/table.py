@@ -99,6 +99,7 @@ def _quantity(study: Study) -> dict[str, Any]:
         "observed_orders": [
             {"order": order, "method": method, "rate": rate} for (order, method), rate in study.rates.items()
         ],
+        "time_step": study.time_step,
         "front": [run.rung.name for run in study.front],
         "sentence": sentence(study),
     }

@@ -26,6 +26,7 @@ class Truth:
     converges: bool = True
     meshes: int = 2  # number of meshes it rests on; one alone proves nothing
     warning: str = ""  # how the runs contradict it, in words
+    exact: bool = False  # given by the scene, not by the runs
 
 
 def truth_of(name: str, runs: Sequence[Run], exact: Exact, tolerance: float) -> Truth | None:
@@ -38,7 +39,7 @@ def truth_of(name: str, runs: Sequence[Run], exact: Exact, tolerance: float) -> 
         if not scale:
             return None
         warning = _against(name, value, exact.accuracy * scale, runs, tolerance)
-        return Truth(name, value, max(exact.accuracy, NOISE * tolerance), source, scale, warning=warning)
+        return Truth(name, value, max(exact.accuracy, NOISE * tolerance), source, scale, warning=warning, exact=True)
     if not any(found):
         return None
     sure, meshes = _limits(name, runs, tolerance)

@@ -295,7 +295,7 @@ def _solve(
         system = simulation.system
         report = report_mesh(scene, simulation.mesh, system.nodes.total, system.contacts)
         begun: dict[str, Any] = {}  # on rank 0
-        raise_together(comm, lambda: begun.update(_begun(simulation)))
+        raise_together(comm, lambda: begun.update(begun_with(simulation)))
         work = work_of(place)
         outputs = Outputs(Job(folder=work, scene=scene, mesh=simulation.data, comm=comm, simulation=simulation))
         raise_together(comm, lambda: _open(results[0], begun, earlier))
@@ -326,8 +326,8 @@ def _solve(
     return outcome, content
 
 
-def _begun(simulation: Simulation) -> dict[str, Any]:
-    """What the run is begun with; its mesh is on rank 0 alone."""
+def begun_with(simulation: Simulation) -> dict[str, Any]:
+    """What a run of the simulation is begun with; its mesh is on rank 0 alone."""
     scene, mesh = identity(simulation.scene, DECIDES_NOTHING), mesh_checksum(simulation.data)
     return {"scene": scene, "mesh": mesh} | VERSIONS
 

@@ -1,0 +1,37 @@
+"""`stickslip plan SCENE --cost`: prices in a table and in JSON."""
+
+import json
+
+import pytest
+
+import workflows.cost.foresee
+from shared.command import Call
+
+SMALL = ["--set=geometry.mesh_size=0.4", "--set=geometry.contact_mesh_size=0.2"]
+
+
+@pytest.fixture(autouse=True)
+def one_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    limited = workflows.cost.foresee.coarse_versions
+    monkeypatch.setattr(workflows.cost.foresee, "coarse_versions", lambda scene, _: limited(scene, 1.0))
+
+
+def test_prices_are_told(call: Call) -> None:
+    code, out, err = call("plan", "block", *SMALL, "--cost")
+    assert code == 0, err
+    assert "base.dissipation_total" in out
+    assert "base.max_pressure: grows without end" in out
+    assert "by the trend of coarse versions" in out
+    code, out, err = call("plan", "block", *SMALL, "--cost", "--json")
+    assert code == 0, err
+    rows = {row["name"]: row for row in json.loads(out)["cost"]}
+    first, *_, last = rows["base.normal_force"]["prices"]
+    assert (first["asked"], last["asked"]) == (0.1, 0.001)
+    assert first["factor"] > last["factor"]
+    assert rows["base.normal_force"]["value"] == pytest.approx(0.243, rel=0.05)
+
+
+def test_a_scene_without_a_mesh_size_is_refused(call: Call) -> None:
+    code, _, err = call("plan", "block", "--cost", "--set=contacts={}")
+    assert code == 2
+    assert err.count("\n") == 1
