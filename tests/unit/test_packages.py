@@ -22,4 +22,6 @@ def test_every_package_of_pypi_is_pinned_with_a_hash() -> None:
     lines = [line for line in text.splitlines() if line and not line.startswith("#")]
     assert len(lines) > 40
     for line in lines:
-        assert re.fullmatch(r'[a-z0-9-]+==[\w.]+(; python_version [<>=]+ "3.12")?( +--hash=sha256:[0-9a-f]{64})+', line), line
+        assert re.fullmatch(
+            r'[a-z0-9-]+==[\w.]+(; python_version [<>=]+ "3.12")?( +--hash=sha256:[0-9a-f]{64})+', line
+        ), line
