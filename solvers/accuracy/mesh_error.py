@@ -87,6 +87,8 @@ def _numbers(observe: Observer, accepted: Accepted, state: State) -> Values:
         areas = areas_between_nodes(c.surface, contact, c.node_weights)
         values |= {Quantity("contacts", c.name, key): area for key, area in areas.items()}
         values[Quantity("contacts", c.name, "max_slip")] = _largest_slip(c, contact)
+        if not c.normal.at_quadrature:  # only compliance penetrates, else that is what an iteration left
+            values[Quantity("contacts", c.name, "max_penetration")] = 0.0
     return values
 
 

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from solvers.results.error_parts import PARTS
 from solvers.results.step_result import StepResult
 from solvers.simulation.plan import warnings
 from solvers.simulation.simulation import Simulation
@@ -22,6 +23,7 @@ from workflows.run.watch import Watch
 from workflows.writers.writer import registered
 
 Content = dict[str, Any]
+MISSING = "*"  # behind a stated error that lacks a part
 DIGITS = 1e-6  # of a number: a smaller error is not shown
 MOST_PLACES = 6  # behind the point
 
@@ -107,6 +109,8 @@ class Reporter:
         out.print(content["scene"]["title"])
         if content["steps"]:
             print_table(_contacts(content), out)
+            if lacking := _incomplete(content):
+                out.print(f"{MISSING} without the error of the {listed(lacking)}, which is not known: see README")
         else:
             out.print("no step was solved")
         seconds, counters, audit = content["seconds"], content["counters"], content["audit"]
@@ -209,24 +213,46 @@ def _contacts(content: Content) -> Table:
 def _with_error(numbers: Content, key: str) -> str:
     """A number with its error, as many digits as that leaves.
 
-    >>> _with_error({"force": 0.242957, "error": {"force": {"total": 0.0002, "converges": True}}}, "force")
+    >>> known = {"mesh": 0.0001, "geometry": 0.0, "time_step": 0.0001, "converges": True}
+    >>> _with_error({"force": 0.242957, "error": {"force": {**known, "total": 0.0002}}}, "force")
     '0.2430 ± 0.0002'
-    >>> _with_error({"force": 0.242957, "error": {"force": {"total": None, "converges": False}}}, "force")
+    >>> _with_error({"force": 0.242957, "error": {"force": {**known, "time_step": None, "total": None}}}, "force")
+    '0.2430 ± 0.0001*'
+    >>> _with_error({"force": 0.242957, "error": {"force": {**known, "converges": False}}}, "force")
     '0.24 (grows)'
     >>> _with_error({"force": 0.242957, "error": None}, "force")
     '0.24296'
     """
-    value, parts = numbers[key], (numbers["error"] or {}).get(key, {"total": None, "converges": None})
-    if parts["converges"] is False:
+    value, parts = numbers[key], (numbers["error"] or {}).get(key, {})
+    if parts.get("converges") is False:
         return f"{value:.2g} (grows)"
-    error = parts["total"]
+    error, star = _stated(parts), MISSING if _missing(parts) else ""
     if error is None or not error > DIGITS * abs(value):
         return f"{value:.5g}"
     last = math.floor(math.log10(float(f"{error:.0e}")))  # place of its only digit
     if 0 < -last <= MOST_PLACES:
-        return f"{value:.{-last}f} ± {error:.{-last}f}"
+        return f"{value:.{-last}f} ± {error:.{-last}f}{star}"
     places = max(math.floor(math.log10(abs(value))) - last, 0) if value else 0
-    return f"{value:.{places}e} ± {error:.0e}" if value else f"0 ± {error:.0e}"
+    return f"{value:.{places}e} ± {error:.0e}{star}" if value else f"0 ± {error:.0e}{star}"
+
+
+def _stated(parts: Content) -> float | None:
+    """The sum of the parts that are known, if those of the mesh are: they are seldom the least."""
+    if parts.get("mesh") is None:
+        return None
+    return sum(parts[name] for name in PARTS if parts.get(name) is not None)
+
+
+def _missing(parts: Content) -> list[str]:
+    """Parts that a number with a stated error lacks."""
+    return [] if parts.get("mesh") is None else [name for name in PARTS if name in parts and parts[name] is None]
+
+
+def _incomplete(content: Content) -> list[str]:
+    """Parts that some stated error of a contact lacks."""
+    contacts = [c for step in content["steps"] for c in (step["contacts"] or {}).values()]
+    lacking = {name for c in contacts for parts in (c["error"] or {}).values() for name in _missing(parts)}
+    return [name.replace("_", " ") for name in PARTS if name in lacking]
 
 
 def print_plan(content: Content) -> None:
