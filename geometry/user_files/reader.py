@@ -58,9 +58,10 @@ class Question:
 
 
 # What an answer is made of. A child that a file has taken over could write any pickle, and a pickle can call anything.
-KINDS = (Outline, Facets, RawMesh, np.ndarray, np.dtype)
-MAKERS = (np.zeros(0).__reduce__()[0], np.float64().__reduce__()[0])  # of arrays and scalars; numpy's versions move them
-ANSWER = {(part.__module__, part.__name__): part for part in (*KINDS, *MAKERS)}
+# The last two make arrays and scalars: numpy's versions have them in different places.
+PARTS: list[Any] = [Outline, Facets, RawMesh, np.ndarray, np.dtype]
+PARTS += [np.zeros(0).__reduce__()[0], np.float64().__reduce__()[0]]
+ANSWER = {(part.__module__, part.__name__): part for part in PARTS}
 
 
 class AnswerReader(pickle.Unpickler):
