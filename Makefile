@@ -25,6 +25,9 @@ export OPENBLAS_NUM_THREADS := 1
 export OMPI_MCA_hwloc_base_binding_policy := none
 export OMPI_MCA_mpi_yield_when_idle := 1
 export OMPI_MCA_rmaps_base_oversubscribe := 1
+# the same for Open MPI 5
+export PRTE_MCA_hwloc_default_binding_policy := none
+export PRTE_MCA_rmaps_default_mapping_policy := :oversubscribe
 # nothing but .venv and Debian decides what `import geometry` finds
 export PYTHONNOUSERSITE := 1
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
@@ -45,7 +48,7 @@ $(STAMP): packages.txt requirements.txt pyproject.toml Makefile $(if $(BROKEN)$(
 	@fail() { echo "make install: $$*" >&2; exit 1; }
 	missing='$(strip $(MISSING))'
 	if [ -n "$$missing" ]; then
-	    command -v apt-get >/dev/null || fail "needs Debian 12; there is no apt-get here to install: $$missing"
+	    command -v apt-get >/dev/null || fail "needs Debian 12 or 13, or a relative; there is no apt-get here to install: $$missing"
 	    if [ "$$(id -u)" = 0 ]; then root=(env)
 	    elif command -v sudo >/dev/null; then root=(sudo env)
 	    else fail "neither root nor sudo; ask an administrator for: apt-get install --no-install-recommends $$missing"
@@ -55,8 +58,8 @@ $(STAMP): packages.txt requirements.txt pyproject.toml Makefile $(if $(BROKEN)$(
 	    "$${apt[@]}" update || true  # one source out of reach need not matter: the next line decides
 	    "$${apt[@]}" install -y --no-install-recommends $$missing
 	fi
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' ||
-	    fail "needs Debian 12: the pinned packages are for Python 3.11, and $(PYTHON) is $$($(PYTHON) -V)"
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 13)))' ||
+	    fail "the pinned packages are for Python 3.11 (Debian 12) and 3.13 (Debian 13), and $(PYTHON) is $$($(PYTHON) -V)"
 	rm -f $@
 	if [ -n '$(BROKEN)' ]; then
 	    rm -rf .venv

@@ -145,7 +145,7 @@ def cell_dofs(space: FunctionSpace) -> Ints:
 
 def cell_nodes(domain: DolfinxMesh) -> Ints:
     """Rows (cells, k) of `domain.geometry.x`: each cell's k geometry nodes."""
-    return _rows(domain.geometry.dofmap)
+    return _rows(domain.geometry.dofmaps[0] if VERSION >= (0, 11) else domain.geometry.dofmap)
 
 
 def degree(space: FunctionSpace) -> int:

@@ -58,10 +58,10 @@ class Question:
 
 
 # What an answer is made of. A child that a file has taken over could write any pickle, and a pickle can call anything.
-ANSWER = {(kind.__module__, kind.__name__): kind for kind in (Outline, Facets, RawMesh, np.ndarray, np.dtype)} | {
-    ("numpy.core.multiarray", "_reconstruct"): np.core.multiarray._reconstruct,  # type: ignore[attr-defined]
-    ("numpy.core.multiarray", "scalar"): np.core.multiarray.scalar,  # type: ignore[attr-defined]
-}
+# The last two make arrays and scalars: numpy's versions have them in different places.
+PARTS: list[Any] = [Outline, Facets, RawMesh, np.ndarray, np.dtype]
+PARTS += [np.zeros(0).__reduce__()[0], np.float64().__reduce__()[0]]
+ANSWER = {(part.__module__, part.__name__): part for part in PARTS}
 
 
 class AnswerReader(pickle.Unpickler):

@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from itertools import permutations
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -27,7 +28,16 @@ from geometry.user_files.reader import Question, ask
 
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "km": 1e3, "in": 0.0254, "ft": 0.3048}
 PACKAGES = {Path("/usr/share/doc/gmsh-doc"): "gmsh-doc"}  # Debian packages with files that ready scenes use
+RENAMED = ("demos", "examples")  # gmsh-doc's folder in Debian 12 and 13
 WITH_PARAMETERS = ("geo", "py")  # kinds of file
+
+
+def installed(path: Path) -> Path:
+    """The path itself, or where the other version of its Debian package has that file."""
+    if not any(place in path.parents for place in PACKAGES) or path.exists():
+        return path
+    others = (Path(*(new if part == old else part for part in path.parts)) for old, new in permutations(RENAMED))
+    return next((other for other in others if other.exists()), path)
 
 
 @dataclass(frozen=True, kw_only=True)

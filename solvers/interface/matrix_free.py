@@ -18,10 +18,10 @@ from solvers.linear.conjugate_gradients import (
     ResidualCriterion,
     StoppingCriterion,
 )
-from solvers.linear.multigrid import boomeramg
+from solvers.linear.multigrid import multigrid
 from solvers.parallel.replicated import Replicated
 from solvers.parallel.serialise import Own, Plain
-from solvers.system.floating_modes import FloatingMotions
+from solvers.system.floating_modes import FloatingMotions, near_nullspace
 from solvers.system.system import System
 
 APART = 12  # search directions stored while an error is estimated
@@ -44,7 +44,7 @@ class IterativeVolume:
         diagonal = self.contact.read(K.getDiagonal())
         self.stiffness = float(diagonal.mean()) if len(diagonal) else 1.0
         self.tolerance = system.problem.solver.tolerance
-        self._multigrid = boomeramg(self._bedded(K), "volume_")
+        self._multigrid = multigrid(self._bedded(K), lambda: near_nullspace(system), "volume_")
         self._cg = ConjugateGradients(K, self._precondition, self.counters)
 
     def remember(self, most: int) -> None:

@@ -16,7 +16,7 @@ from solvers.linear.inner_solver import InnerSolver
 from solvers.linear.petsc_options import PetscOptions
 from solvers.parallel.replicated import Replicated
 from solvers.parallel.serialise import Plain
-from solvers.system.floating_modes import FloatingMotions
+from solvers.system.floating_modes import FloatingMotions, near_nullspace
 from solvers.system.system import System
 
 PREFIX = "block_fieldsplit_u_"  # of PETSc's options: that of the split u of the block system
@@ -27,16 +27,22 @@ class SparseVolume:
 
     def __init__(self, system: System) -> None:
         """Take K_B over; collective."""
-        self.counters, self.K = system.counters, system.K_B
+        self._system, self.counters, self.K = system, system.counters, system.K_B
         self.contact = Replicated(self.K.createVecRight(), system.interface.dofs)
         self.floating = FloatingMotions(system, self.contact, system.interface.rigid_modes)
         self.iterative = False  # inner solves by conjugate gradients with multigrid; set before the first solve
         self.options: PetscOptions | None = None  # of the user; likewise
 
+    def motions(self) -> Array:
+        """This rank's part (owned, k) of the rigid modes of all bodies together."""
+        return near_nullspace(self._system)
+
     @cached_property
     def solver(self) -> InnerSolver:
         """Of K_B, or of floating bodies on springs; set up at the first access."""
-        return InnerSolver(self._held, PREFIX, self.counters, iterative=self.iterative, options=self.options)
+        return InnerSolver(
+            self._held, PREFIX, self.counters, iterative=self.iterative, motions=self.motions, options=self.options
+        )
 
     @cached_property
     def _held(self) -> Mat:

@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from petsc4py import PETSc
 
+from geometry.arrays import Array
 from geometry.errors import SolverError
 from geometry.protocols import KSP, Mat, Vec
-from solvers.linear.multigrid import boomeramg
+from solvers.linear.multigrid import multigrid
 from solvers.linear.petsc_options import PetscOptions
 from solvers.parallel.counters import Counters
 
@@ -55,6 +56,7 @@ class InnerSolver:
         counters: Counters,
         *,
         iterative: bool,
+        motions: Callable[[], Array],
         options: PetscOptions | None = None,
     ) -> None:
         """
@@ -63,9 +65,10 @@ class InnerSolver:
             prefix: of the options, ends with an underscore.
             counters: counts factorisations, volume solves and iterations.
             iterative: conjugate gradients with multigrid, in place of a factor.
+            motions: this rank's part (owned, k) of the rigid modes, for multigrid.
             options: of the user.
         """
-        self.prefix, self.counters, self.iterative = prefix, counters, iterative
+        self.prefix, self.counters, self.iterative, self._motions = prefix, counters, iterative, motions
         self.options = options or PetscOptions("", prefix)
         self.renew(V)
 
@@ -90,7 +93,7 @@ class InnerSolver:
 
     def _set_up(self, ksp: KSP) -> None:
         if self.iterative:
-            ksp.setPC(boomeramg(self.V, self.prefix))
+            ksp.setPC(multigrid(self.V, self._motions, self.prefix))
             ksp.setType("cg")
         else:
             ksp.setType("preonly")

@@ -6,7 +6,7 @@ GAMG 2.2 s and 19 of 0.055 s: it pays only after four such solves, and for order
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from petsc4py import PETSc
@@ -14,6 +14,7 @@ from petsc4py import PETSc
 from geometry.arrays import Array
 from geometry.protocols import PC, Mat
 
+HYPRE: bool = PETSc.Sys.hasExternalPackage("hypre")  # PyPI's wheels of dolfinx come without
 BOOMERAMG: Mapping[str, str | int] = {
     "type": "boomeramg",
     "boomeramg_coarsen_type": "HMIS",
@@ -25,6 +26,11 @@ BOOMERAMG: Mapping[str, str | int] = {
 }
 STRONG = {2: 0.25, 3: 0.7}  # threshold of strong couplings, by dimension
 GAMG: Mapping[str, str | int] = {"ksp_max_it": 1}  # of the smoother: more, but cheaper, iterations
+
+
+def multigrid(K: Mat, motions: Callable[[], Array], prefix: str) -> PC:
+    """BoomerAMG where PETSc has hypre, else GAMG; arguments as theirs; collective."""
+    return boomeramg(K, prefix) if HYPRE else gamg(K, motions(), prefix)
 
 
 def boomeramg(K: Mat, prefix: str) -> PC:

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 from geometry.protocols import KSP, Mat, Vec
 from solvers.interface.factorised import METIS
-from solvers.linear.multigrid import boomeramg, gamg
+from solvers.linear.multigrid import HYPRE, boomeramg, gamg
 from solvers.system.floating_modes import near_nullspace
 from solvers.system.system import System
 
@@ -75,7 +75,7 @@ def linear_reference(system: System, only: str = "") -> LinearReference:
     }
     if only:
         return LinearReference.of({only: _timed(K, f, solvers[only])})
-    found = {name: _timed(K, f, solvers[name]) for name in ("cg+boomeramg", "cg+gamg")}
+    found = {name: _timed(K, f, solvers[name]) for name in ("cg+boomeramg", "cg+gamg")[not HYPRE :]}
     best = min(timing.seconds for timing in found.values())
     predicted = QUADRATIC * K.size[0] ** 2 / K.comm.size if system.mesh.dim == 3 else 0.0
     if predicted > HOPELESS * best:

@@ -18,7 +18,7 @@ from geometry.errors import FolderError, GeometryError, SceneError, nearest, req
 from geometry.keys import parse
 from geometry.shape import Model
 from geometry.user_files.open_file import kind_of
-from geometry.user_files.user_file import WITH_PARAMETERS, UserFile
+from geometry.user_files.user_file import WITH_PARAMETERS, UserFile, installed
 from solvers.effects import EFFECTS
 from solvers.methods import Solver
 from solvers.scene.scene import Scene
@@ -164,7 +164,7 @@ def _geometry(table: Any, folder: Path) -> tuple[Any, Any]:
     if "builder" in table:
         raise SceneError("geometry: has both builder and file; keep one of the two")
     known = {f.name for f in fields(UserFile)}
-    path = folder / str(table["file"])
+    path = installed(folder / str(table["file"]))
     free = {key: value for key, value in table.items() if key not in known}
     if kind_of(path) in WITH_PARAMETERS and isinstance(table.get("parameters", {}), Mapping):
         table = {key: value for key, value in table.items() if key in known}
