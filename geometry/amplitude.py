@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from geometry.errors import require
+from stickslip.geometry.errors import require
 
 ROUNDING = 1e-9  # of the largest rate: by so much the pieces of a straight line differ
 Amplitude = float | tuple[tuple[float, float], ...]

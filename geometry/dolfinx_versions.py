@@ -12,7 +12,7 @@ from functools import reduce
 from pathlib import Path
 from typing import Any
 
-from geometry.form_cache import TURN, find_cache, patient
+from stickslip.geometry.form_cache import TURN, find_cache, patient
 
 CACHE, CACHE_NOTE = find_cache()  # the note is empty where all is as usual
 try:
@@ -32,8 +32,8 @@ import numpy as np
 import ufl
 from dolfinx import cpp, fem, mesh
 
-from geometry.arrays import Array, Ints
-from geometry.protocols import (
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.protocols import (
     Comm,
     CompiledForm,
     DolfinxMesh,

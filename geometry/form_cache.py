@@ -17,7 +17,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import MachineError
+from stickslip.geometry.errors import MachineError
 
 LOCK = ".lock"
 TURN, TURNS = 10, 60  # [s] to wait for another process between two looks for left-overs, and how often

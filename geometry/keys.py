@@ -31,7 +31,7 @@ from pydantic import Discriminator, TypeAdapter, ValidationError
 from pydantic_core import core_schema
 from typing_extensions import TypedDict
 
-from geometry.errors import SceneError, nearest, shortened
+from stickslip.geometry.errors import SceneError, nearest, shortened
 
 _TABLE, _OPTIONAL = cast(Any, TypedDict), cast(Any, NotRequired)  # of keys that are known at run time only
 EXPECTED = {  # pydantic speaks of JSON; a user wrote TOML

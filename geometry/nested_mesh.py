@@ -16,11 +16,11 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import cKDTree
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Bools, Ints
-from geometry.protocols import Gmsh
-from geometry.shape import Request, Shape
-from geometry.user_files.raw_mesh import RawMesh
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.shape import Request, Shape
+from stickslip.geometry.user_files.raw_mesh import RawMesh
 
 EDGES = {  # corners of each edge and the node between them, in dolfinx's order of a cell of order 2
     "triangle": ((1, 2, 3), (0, 2, 4), (0, 1, 5)),

@@ -8,7 +8,7 @@ from typing import Any, Protocol, Self, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.arrays import AnyArray, Array, Ints
+from stickslip.geometry.arrays import AnyArray, Array, Ints
 
 T = TypeVar("T")
 Int32s = NDArray[np.int32]  # numbers as PETSc, dolfinx and scipy store them

@@ -8,10 +8,10 @@ from typing import Any, Literal, Self, cast
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import require
-from geometry.protocols import Gmsh
-from geometry.size_field import SizeField
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import require
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.size_field import SizeField
 
 MOST_CELLS = 50_000_000
 BYTES, SECONDS = 1500, 1e-4  # of a cell in gmsh and dolfinx, measured: 600 to 1600 bytes, 8 to 100 microseconds

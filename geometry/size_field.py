@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.arrays import Array, Ints
-from geometry.protocols import Gmsh
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.protocols import Gmsh
 
 USUAL = {2: np.sqrt(3) / 4, 3: 0.2}  # mean volume of gmsh's cells for a size of 1; a regular tetrahedron's is .118
 LIST = {3: "ST", 4: "SS"}  # gmsh's names of list data on triangles and tetrahedra, by their corners

@@ -8,12 +8,12 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from geometry.builders.assembly import BodyRow, Part
-from geometry.builders.block import Block
-from geometry.builders.sector import Sector, directions
-from geometry.errors import require
-from geometry.keys import Key
-from geometry.shape import Model
+from stickslip.geometry.builders.assembly import BodyRow, Part
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.sector import Sector, directions
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.shape import Model
 
 
 @dataclass(frozen=True, kw_only=True)

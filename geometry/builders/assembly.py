@@ -9,15 +9,15 @@ from typing import Annotated, ClassVar, Literal, Self, TypedDict
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.builders.builder import Builder
-from geometry.errors import SceneError, require
-from geometry.keys import Key
-from geometry.mesh.mesh import mesh_shape
-from geometry.protocols import Gmsh
-from geometry.shape import Model, Request
-from geometry.user_files.parts import Parts, find_parts
-from geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders.builder import Builder
+from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.mesh.mesh import mesh_shape
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.shape import Model, Request
+from stickslip.geometry.user_files.parts import Parts, find_parts
+from stickslip.geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
 
 MOST_BODIES = 1000
 Turn = Sequence[Sequence[float]]  # orthogonal matrix (d, d)

@@ -7,12 +7,12 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from geometry.builders import sides
-from geometry.builders.cuboid import Cuboid, grid
-from geometry.keys import Key
-from geometry.mesh.sizes import filled, graded, graded_count, grow, refined_near
-from geometry.protocols import Gmsh
-from geometry.shape import Request
+from stickslip.geometry.builders import sides
+from stickslip.geometry.builders.cuboid import Cuboid, grid
+from stickslip.geometry.keys import Key
+from stickslip.geometry.mesh.sizes import filled, graded, graded_count, grow, refined_near
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.shape import Request
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,11 +7,11 @@ from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 
-from geometry.errors import require
-from geometry.keys import Choice, Key
-from geometry.mesh.sizes import filled
-from geometry.protocols import Gmsh
-from geometry.shape import Request, Shape
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Choice, Key
+from stickslip.geometry.mesh.sizes import filled
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.shape import Request, Shape
 
 
 @dataclass(frozen=True, kw_only=True)

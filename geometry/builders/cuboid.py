@@ -8,13 +8,13 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.builders import sides
-from geometry.builders.builder import Builder
-from geometry.errors import SceneError, require
-from geometry.keys import Key
-from geometry.protocols import Gmsh
-from geometry.shape import Model
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders import sides
+from stickslip.geometry.builders.builder import Builder
+from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.shape import Model
 
 
 @dataclass(frozen=True, kw_only=True)

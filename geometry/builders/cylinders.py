@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
-from geometry.builders import sides
-from geometry.builders.assembly import Part
-from geometry.builders.half_disc import HalfDisc
-from geometry.builders.pair import Domes
-from geometry.keys import Key
-from geometry.shape import Model
+from stickslip.geometry.builders import sides
+from stickslip.geometry.builders.assembly import Part
+from stickslip.geometry.builders.half_disc import HalfDisc
+from stickslip.geometry.builders.pair import Domes
+from stickslip.geometry.keys import Key
+from stickslip.geometry.shape import Model
 
 UPSIDE_DOWN = ((1.0, 0.0), (0.0, -1.0))
 

@@ -7,12 +7,12 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from geometry.builders.builder import Builder
-from geometry.errors import require
-from geometry.keys import Key
-from geometry.mesh.sizes import SIMPLICES, beyond, cells_around, grow, norm
-from geometry.protocols import Gmsh
-from geometry.shape import Model, Request
+from stickslip.geometry.builders.builder import Builder
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.mesh.sizes import SIMPLICES, beyond, cells_around, grow, norm
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.shape import Model, Request
 
 
 @dataclass(frozen=True, kw_only=True)

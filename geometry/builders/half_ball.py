@@ -8,13 +8,13 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.builders import sides
-from geometry.builders.dome import Dome
-from geometry.errors import SceneError
-from geometry.keys import Key
-from geometry.protocols import Gmsh
-from geometry.shape import Model, Request
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders import sides
+from stickslip.geometry.builders.dome import Dome
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.keys import Key
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.shape import Model, Request
 
 PLANES = {"x_plane": 0, "y_plane": 1}  # sides of a quarter -> axis of the normal
 SYMMETRY = "quarter: x, y >= 0 only, with sides x_plane and y_plane"

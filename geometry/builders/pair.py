@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from geometry.builders.assembly import Assembly, CellKeys
-from geometry.errors import require
-from geometry.keys import Key
+from stickslip.geometry.builders.assembly import Assembly, CellKeys
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
 
 
 @dataclass(frozen=True, kw_only=True)

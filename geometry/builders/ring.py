@@ -8,15 +8,15 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.builders import sides
-from geometry.builders.builder import Builder
-from geometry.builders.cuboid import transfinite
-from geometry.errors import SceneError, require
-from geometry.keys import Key
-from geometry.mesh.sizes import graded, graded_count
-from geometry.protocols import Gmsh
-from geometry.shape import Model, Request
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders import sides
+from stickslip.geometry.builders.builder import Builder
+from stickslip.geometry.builders.cuboid import transfinite
+from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.mesh.sizes import graded, graded_count
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.shape import Model, Request
 
 ANGLE = "in degrees: 360, or 90: a quarter with sides x_axis and y_axis"
 RADIAL = {"x_axis": 1, "y_axis": 0}  # sides of a quarter -> axis of the normal

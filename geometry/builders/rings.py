@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
-from geometry.builders.assembly import Assembly, CellKeys, Part
-from geometry.builders.ring import ANGLE, Ring
-from geometry.errors import require
-from geometry.keys import Key
-from geometry.shape import Model
+from stickslip.geometry.builders.assembly import Assembly, CellKeys, Part
+from stickslip.geometry.builders.ring import ANGLE, Ring
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.shape import Model
 
 
 @dataclass(frozen=True, kw_only=True)

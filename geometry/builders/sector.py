@@ -8,15 +8,15 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.builders import sides
-from geometry.builders.builder import Builder
-from geometry.builders.cuboid import transfinite
-from geometry.builders.ring import draw_sectors
-from geometry.errors import require
-from geometry.keys import Key
-from geometry.protocols import Gmsh
-from geometry.shape import Model, Request
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders import sides
+from stickslip.geometry.builders.builder import Builder
+from stickslip.geometry.builders.cuboid import transfinite
+from stickslip.geometry.builders.ring import draw_sectors
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.shape import Model, Request
 
 
 @dataclass(frozen=True, kw_only=True)

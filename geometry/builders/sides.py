@@ -7,10 +7,10 @@ from itertools import product
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import GeometryError, require
-from geometry.protocols import Gmsh
-from geometry.shape import Model
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import GeometryError, require
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.shape import Model
 
 Flat = tuple[int, float]  # a plane across an axis: axis of the normal, position along it
 SYMMETRIC = "true: the half x >= 0 only, with a side `axis`; axisymmetric models need it"

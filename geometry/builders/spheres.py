@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
-from geometry.builders.assembly import Part
-from geometry.builders.half_ball import SYMMETRY, HalfBall
-from geometry.builders.pair import Domes
-from geometry.keys import Key
-from geometry.shape import Model
+from stickslip.geometry.builders.assembly import Part
+from stickslip.geometry.builders.half_ball import SYMMETRY, HalfBall
+from stickslip.geometry.builders.pair import Domes
+from stickslip.geometry.keys import Key
+from stickslip.geometry.shape import Model
 
 HALF_TURN = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, -1.0))  # about the line x = y: a quarter stays in x, y >= 0
 

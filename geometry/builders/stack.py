@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
-from geometry.builders.assembly import BodyRow, Part
-from geometry.builders.block import Block
-from geometry.keys import Key
+from stickslip.geometry.builders.assembly import BodyRow, Part
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.keys import Key
 
 
 @dataclass(frozen=True, kw_only=True)

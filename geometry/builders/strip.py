@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from math import prod
 from typing import Annotated, ClassVar, Literal, Self
 
-from geometry.builders.cuboid import Cuboid, grid
-from geometry.errors import SceneError, require
-from geometry.keys import Key
-from geometry.protocols import Gmsh
-from geometry.shape import Request
+from stickslip.geometry.builders.cuboid import Cuboid, grid
+from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.shape import Request
 
 
 @dataclass(frozen=True, kw_only=True)

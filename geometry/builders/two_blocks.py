@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
-from geometry.builders.assembly import Part
-from geometry.builders.block import Block
-from geometry.builders.pair import Pair
-from geometry.keys import Key
+from stickslip.geometry.builders.assembly import Part
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.pair import Pair
+from stickslip.geometry.keys import Key
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,14 +8,14 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.builders import sides
-from geometry.builders.builder import Builder
-from geometry.builders.cuboid import transfinite
-from geometry.errors import SceneError, require
-from geometry.keys import Key
-from geometry.mesh.sizes import graded, graded_count
-from geometry.shape import Model, Request
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders import sides
+from stickslip.geometry.builders.builder import Builder
+from stickslip.geometry.builders.cuboid import transfinite
+from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.mesh.sizes import graded, graded_count
+from stickslip.geometry.shape import Model, Request
 
 SIDES = ("left", "right", "bottom", "top")
 

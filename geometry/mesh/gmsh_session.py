@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from geometry.protocols import Gmsh
+from stickslip.geometry.protocols import Gmsh
 
 
 @contextmanager

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
-from geometry.errors import GeometryError
-from geometry.protocols import DolfinxMesh
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import GeometryError
+from stickslip.geometry.protocols import DolfinxMesh
 
 CHUNK = 20_000  # cells at a time
 

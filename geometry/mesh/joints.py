@@ -14,8 +14,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from geometry.arrays import Array, Ints
-from geometry.protocols import Gmsh
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.protocols import Gmsh
 
 STRAIGHT = 1e-6  # breadth over length below which points count as lying on a line
 

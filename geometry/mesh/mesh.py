@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Ints
-from geometry.errors import GeometryError, InputError, MachineError, SceneError, StickslipError
-from geometry.memory import available
-from geometry.mesh.gmsh_session import gmsh_session, own_interrupt
-from geometry.mesh.jacobian import refuse_inverted_cells
-from geometry.mesh.joints import Joints, find_parts
-from geometry.protocols import Comm, DolfinxMesh, Gmsh, MeshTags
-from geometry.shape import Request, Shape
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.errors import GeometryError, InputError, MachineError, SceneError, StickslipError
+from stickslip.geometry.memory import available
+from stickslip.geometry.mesh.gmsh_session import gmsh_session, own_interrupt
+from stickslip.geometry.mesh.jacobian import refuse_inverted_cells
+from stickslip.geometry.mesh.joints import Joints, find_parts
+from stickslip.geometry.protocols import Comm, DolfinxMesh, Gmsh, MeshTags
+from stickslip.geometry.shape import Request, Shape
 
 
 @dataclass(frozen=True)

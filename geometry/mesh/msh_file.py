@@ -6,10 +6,10 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from geometry.errors import MachineError
-from geometry.mesh.gmsh_session import gmsh_session, own_interrupt
-from geometry.mesh.mesh import mesh_shape
-from geometry.shape import Request, Shape
+from stickslip.geometry.errors import MachineError
+from stickslip.geometry.mesh.gmsh_session import gmsh_session, own_interrupt
+from stickslip.geometry.mesh.mesh import mesh_shape
+from stickslip.geometry.shape import Request, Shape
 
 
 def write_msh(shape: Shape, request: Request, path: Path) -> None:

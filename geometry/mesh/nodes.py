@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Ints
-from geometry.mesh.mesh import Mesh
-from geometry.protocols import FunctionSpace
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.mesh.mesh import Mesh
+from stickslip.geometry.protocols import FunctionSpace
 
 SMALL = 1e-9  # of a basis function: less is rounding
 

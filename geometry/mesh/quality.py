@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.mesh.mesh import Mesh
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.mesh.mesh import Mesh
 
 CHUNK = 20_000  # cells at a time
 IDEAL = {  # edges of the ideal cell from its first corner, as columns

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import trapezoid
 from scipy.optimize import brentq
 
-from geometry.protocols import Gmsh
+from stickslip.geometry.protocols import Gmsh
 
 GROWTH = 0.3  # of the cell size per distance from the contact
 SIMPLICES = {2: 2.3, 3: 8.0}  # of edge length 1 in a unit square and cube; gmsh's meshes have about so many

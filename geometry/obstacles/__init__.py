@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 
-from geometry.obstacles.obstacle import Obstacle
+from stickslip.geometry.obstacles.obstacle import Obstacle
 
 for _module in pkgutil.iter_modules(__path__):
     importlib.import_module(f"{__name__}.{_module.name}")

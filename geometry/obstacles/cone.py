@@ -8,12 +8,12 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import SceneError, require
-from geometry.keys import Key
-from geometry.obstacles.obstacle import Obstacle
-from geometry.obstacles.rotation import unit
-from geometry.shape import Model
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.obstacles.obstacle import Obstacle
+from stickslip.geometry.obstacles.rotation import unit
+from stickslip.geometry.shape import Model
 
 TINY = 1e-300  # [m²] under a root: where the rest of it is zero its slope is zero too, a number
 

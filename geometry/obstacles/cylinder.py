@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
-from geometry.errors import require
-from geometry.keys import Key
-from geometry.obstacles.obstacle import Obstacle
-from geometry.obstacles.rotation import unit
-from geometry.obstacles.round import Round
-from geometry.shape import Model
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.obstacles.obstacle import Obstacle
+from stickslip.geometry.obstacles.rotation import unit
+from stickslip.geometry.obstacles.round import Round
+from stickslip.geometry.shape import Model
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,12 +8,12 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from geometry.amplitude import Amplitude, check
-from geometry.arrays import Array
-from geometry.errors import SceneError, require
-from geometry.keys import Choice, Key
-from geometry.obstacles.rotation import Rotation
-from geometry.shape import Model
+from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.keys import Choice, Key
+from stickslip.geometry.obstacles.rotation import Rotation
+from stickslip.geometry.shape import Model
 
 Axis = Literal["x", "y", "z"]
 AXES: tuple[Axis, ...] = ("x", "y", "z")

@@ -8,11 +8,11 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import require
-from geometry.keys import Key
-from geometry.obstacles.obstacle import Obstacle
-from geometry.obstacles.rotation import unit
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.obstacles.obstacle import Obstacle
+from stickslip.geometry.obstacles.rotation import unit
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import numpy as np
 
-from geometry.amplitude import Amplitude, check
-from geometry.arrays import Array
-from geometry.errors import require
-from geometry.keys import Key, Noun
+from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key, Noun
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import require
-from geometry.keys import Key
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.spatial import cKDTree
 
-from geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import Array, Ints
 
 BLOCK = 2000  # balls at a time: bounds the memory
 SAMPLES = 64  # balls that cover the path of one ball to its reach, at most

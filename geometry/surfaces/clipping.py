@@ -14,11 +14,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Ints
-from geometry.surfaces.bounding_balls import candidate_pairs
-from geometry.surfaces.facet_map import locate
-from geometry.surfaces.surface import Surface
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.surfaces.bounding_balls import candidate_pairs
+from stickslip.geometry.surfaces.facet_map import locate
+from stickslip.geometry.surfaces.surface import Surface
 
 SLIVER = 1e-15  # triangles with a smaller determinant are dropped; 1 for the reference triangle
 GENERIC = (1.0, 0.6180339887)  # direction in reference coordinates to which no edge of a regular mesh is normal

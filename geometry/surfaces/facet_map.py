@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Ints
-from geometry.surfaces.surface import Surface
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.surfaces.surface import Surface
 
 TOLERANCE = 1e-14  # of a Newton step, relative to the facet's size, plus rounding of the coordinates
 MAX_IT = 25

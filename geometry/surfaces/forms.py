@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
-from geometry.protocols import Sparse
-from geometry.surfaces.surface import Surface
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.surfaces.surface import Surface
 
 
 def surface_stiffness(surface: Surface) -> Sparse:

@@ -12,12 +12,12 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Bools, Ints
-from geometry.surfaces.clipping import triangles
-from geometry.surfaces.facet_map import locate, place
-from geometry.surfaces.segments import segments
-from geometry.surfaces.surface import Surface
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.surfaces.clipping import triangles
+from stickslip.geometry.surfaces.facet_map import locate, place
+from stickslip.geometry.surfaces.segments import segments
+from stickslip.geometry.surfaces.surface import Surface
 
 TOLERANCE = 1e-14  # in reference coordinates
 EDGE = 1e-9  # relative to a cell: a centre on the edge of a cell is covered by it

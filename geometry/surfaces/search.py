@@ -14,10 +14,10 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Bools, Ints
-from geometry.protocols import Sparse
-from geometry.surfaces.surface import Surface
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.surfaces.surface import Surface
 
 EDGE = 1e-8  # a facet is enlarged by this much, in reference coordinates: no line passes between two neighbours
 MAX_IT = 12

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Ints
-from geometry.surfaces.bounding_balls import candidate_pairs
-from geometry.surfaces.facet_map import place
-from geometry.surfaces.surface import Surface
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.surfaces.bounding_balls import candidate_pairs
+from stickslip.geometry.surfaces.facet_map import place
+from stickslip.geometry.surfaces.surface import Surface
 
 BULGE = 1.2  # a curved facet lies within this multiple of the ball around its nodes
 MAX_IT = 60

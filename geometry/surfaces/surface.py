@@ -12,11 +12,11 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Bools, Ints
-from geometry.mesh.mesh import Mesh
-from geometry.mesh.nodes import Nodes
-from geometry.protocols import FunctionSpace, Sparse
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.mesh.mesh import Mesh
+from stickslip.geometry.mesh.nodes import Nodes
+from stickslip.geometry.protocols import FunctionSpace, Sparse
 
 CREASE = 40.0  # [degrees] neighbouring facets of a smooth side differ by less, those at an intended edge by more
 TIE = 1e-9  # areas whose relative difference is less are equal

@@ -15,9 +15,9 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from geometry.arrays import Array, Bools, Ints
-from geometry.size_field import USUAL, SizeField, volumes
-from geometry.user_files.raw_mesh import RawMesh
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.size_field import USUAL, SizeField, volumes
+from stickslip.geometry.user_files.raw_mesh import RawMesh
 
 SIMPLEX = {2: 2, 4: 3}  # gmsh's element types, and their dimension
 NEAREST = 0.5  # of the power of 2 by which cutting a cell changes its size: within that it is as asked

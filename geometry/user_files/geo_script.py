@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from geometry.errors import GeometryError
+from stickslip.geometry.errors import GeometryError
 
 READS = ("Include", "Merge", "MergeWithBoundingBox", "ShapeFromFile")
 LONGEST = 2**26  # bytes of a script that are looked at

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import GeometryError
-from geometry.protocols import Gmsh
-from geometry.size_field import SizeField
-from geometry.user_files.open_file import raise_gmsh_error
-from geometry.user_files.parts import Parts
-from geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import GeometryError
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.size_field import SizeField
+from stickslip.geometry.user_files.open_file import raise_gmsh_error
+from stickslip.geometry.user_files.parts import Parts
+from stickslip.geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
 
 GROWTH = 0.3  # of the cell size per distance from a contact side
 

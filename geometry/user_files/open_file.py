@@ -9,9 +9,9 @@ import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
-from geometry.errors import GeometryError, shortened
-from geometry.protocols import Gmsh
-from geometry.user_files.geo_script import refuse_open_end
+from stickslip.geometry.errors import GeometryError, shortened
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.user_files.geo_script import refuse_open_end
 
 Parameter = bool | int | float | str
 KINDS = {".geo": "geo", ".step": "cad", ".stp": "cad", ".brep": "cad", ".msh": "msh", ".py": "py"}

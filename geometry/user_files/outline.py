@@ -7,11 +7,11 @@ from itertools import product
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import GeometryError
-from geometry.protocols import Gmsh
-from geometry.user_files.parts import FACET_WORD, Parts, nodes_at
-from geometry.user_files.raw_mesh import CORNERS, TYPES, RawMesh, read_raw_mesh
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import GeometryError
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.user_files.parts import FACET_WORD, Parts, nodes_at
+from stickslip.geometry.user_files.raw_mesh import CORNERS, TYPES, RawMesh, read_raw_mesh
 
 COARSE = 8  # cells along the box's diagonal, for sampling and drawing
 ROUND = 16  # cells on a full circle

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import Array, Ints
-from geometry.errors import GeometryError, nearest
-from geometry.protocols import Gmsh
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.errors import GeometryError, nearest
+from stickslip.geometry.protocols import Gmsh
 
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 SIDE = re.compile(r"([a-z][a-z0-9_]*)\.[a-z][a-z0-9_]*")

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import Array, Ints
-from geometry.errors import GeometryError
-from geometry.protocols import Gmsh
-from geometry.user_files.parts import CELL_WORD, Parts
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.errors import GeometryError
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.user_files.parts import CELL_WORD, Parts
 
 # gmsh's element types: 2 triangle, 3 quadrilateral, 4 tetrahedron, 5 hexahedron; 9 to 12 the same of order 2
 TYPES = {2: 1, 3: 1, 4: 2, 5: 3, 9: 8, 10: 8, 11: 9, 12: 10}  # cell -> facet

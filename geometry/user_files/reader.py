@@ -20,17 +20,17 @@ from typing import Any
 
 import numpy as np
 
-from geometry.errors import GeometryError, MachineError, StickslipError, shortened
-from geometry.memory import available, ended_for_memory, is_full
-from geometry.mesh.gmsh_session import gmsh_session
-from geometry.protocols import Gmsh
-from geometry.user_files.child import Ended, end_with, run_child
-from geometry.user_files.containment import contain
-from geometry.user_files.meshing import MeshOptions, mesh_parts
-from geometry.user_files.open_file import Parameter, kind_of, open_file, unpacked
-from geometry.user_files.outline import Facets, Outline, read_outline
-from geometry.user_files.parts import Parts, Selection, find_parts
-from geometry.user_files.raw_mesh import RawMesh
+from stickslip.geometry.errors import GeometryError, MachineError, StickslipError, shortened
+from stickslip.geometry.memory import available, ended_for_memory, is_full
+from stickslip.geometry.mesh.gmsh_session import gmsh_session
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.user_files.child import Ended, end_with, run_child
+from stickslip.geometry.user_files.containment import contain
+from stickslip.geometry.user_files.meshing import MeshOptions, mesh_parts
+from stickslip.geometry.user_files.open_file import Parameter, kind_of, open_file, unpacked
+from stickslip.geometry.user_files.outline import Facets, Outline, read_outline
+from stickslip.geometry.user_files.parts import Parts, Selection, find_parts
+from stickslip.geometry.user_files.raw_mesh import RawMesh
 
 log = logging.getLogger(__name__)
 READING_TIME, MESHING_TIME = 50.0, 3600.0  # [s] limits for an outline and for a mesh, unless the scene has its own
@@ -87,7 +87,7 @@ def ask(question: Question) -> Outline | RawMesh:
         asked.write_bytes(pickle.dumps(question))
         before = ended_for_memory()
         ended = run_child(
-            "geometry.user_files.reader",
+            "stickslip.geometry.user_files.reader",
             [str(asked), str(answered)],
             Path(folder) if question.contained else None,
             limit,
@@ -169,7 +169,7 @@ def read_parts(gmsh: Gmsh, question: Question) -> Parts:
 
 
 def main() -> None:
-    """`python -m geometry.user_files.reader QUESTION ANSWER PARENT`: two pickles, and a process number."""
+    """`python -m stickslip.geometry.user_files.reader QUESTION ANSWER PARENT`: two pickles, and a process number."""
     end_with(int(sys.argv[3]))
     asked, answered = (Path(word) for word in sys.argv[1:3])
     question: Question = pickle.loads(asked.read_bytes())  # the parent's  # nosec B301

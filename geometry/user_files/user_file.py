@@ -12,19 +12,19 @@ from typing import Annotated, Literal, Self
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import GeometryError, SceneError, nearest, require
-from geometry.keys import Key, Noun
-from geometry.mesh.sizes import filled, refined_near
-from geometry.protocols import Gmsh
-from geometry.shape import Model, Request, Shape
-from geometry.user_files.cut_cells import cut_to_sizes
-from geometry.user_files.geo_script import parameter_names
-from geometry.user_files.meshing import MeshOptions
-from geometry.user_files.open_file import KINDS, Parameter, kind_of
-from geometry.user_files.outline import Outline
-from geometry.user_files.raw_mesh import RawMesh
-from geometry.user_files.reader import Question, ask
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import GeometryError, SceneError, nearest, require
+from stickslip.geometry.keys import Key, Noun
+from stickslip.geometry.mesh.sizes import filled, refined_near
+from stickslip.geometry.protocols import Gmsh
+from stickslip.geometry.shape import Model, Request, Shape
+from stickslip.geometry.user_files.cut_cells import cut_to_sizes
+from stickslip.geometry.user_files.geo_script import parameter_names
+from stickslip.geometry.user_files.meshing import MeshOptions
+from stickslip.geometry.user_files.open_file import KINDS, Parameter, kind_of
+from stickslip.geometry.user_files.outline import Outline
+from stickslip.geometry.user_files.raw_mesh import RawMesh
+from stickslip.geometry.user_files.reader import Question, ask
 
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "km": 1e3, "in": 0.0254, "ft": 0.3048}
 PACKAGES = {Path("/usr/share/doc/gmsh-doc"): "gmsh-doc"}  # Debian packages with files that ready scenes use

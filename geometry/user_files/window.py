@@ -10,14 +10,14 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from geometry.errors import MachineError, StickslipError
-from geometry.mesh.gmsh_session import gmsh_session
-from geometry.shape import Request, Shape
-from geometry.user_files.child import child_environment
-from geometry.user_files.containment import restrict_files
-from geometry.user_files.open_file import unpacked
-from geometry.user_files.reader import gmsh_options, read_parts
-from geometry.user_files.user_file import UserFile
+from stickslip.geometry.errors import MachineError, StickslipError
+from stickslip.geometry.mesh.gmsh_session import gmsh_session
+from stickslip.geometry.shape import Request, Shape
+from stickslip.geometry.user_files.child import child_environment
+from stickslip.geometry.user_files.containment import restrict_files
+from stickslip.geometry.user_files.open_file import unpacked
+from stickslip.geometry.user_files.reader import gmsh_options, read_parts
+from stickslip.geometry.user_files.user_file import UserFile
 
 NO_WINDOW = 3  # exit code of the child
 
@@ -34,7 +34,7 @@ def open_window(shape: Shape, request: Request) -> None:
     with tempfile.TemporaryDirectory(prefix="stickslip-") as folder:
         pickled = Path(folder) / "pickled"
         pickled.write_bytes(pickle.dumps((shape, request)))
-        words = [sys.executable, "-P", "-m", "geometry.user_files.window", str(pickled)]
+        words = [sys.executable, "-P", "-m", "stickslip.geometry.user_files.window", str(pickled)]
         done = subprocess.run(words, env=child_environment(), capture_output=True, check=False)
     if done.returncode == NO_WINDOW:
         raise MachineError("--gui: this gmsh was built without its window (FLTK); try --list")
@@ -43,7 +43,7 @@ def open_window(shape: Shape, request: Request) -> None:
 
 
 def main() -> int:
-    """`python -m geometry.user_files.window FILE`, a pickled pair of shape and request; returns the exit code."""
+    """`python -m stickslip.geometry.user_files.window FILE`, a pickled pair of shape and request; returns the exit code."""
     shape, request = pickle.loads(Path(sys.argv[1]).read_bytes())  # the parent's  # nosec B301
     question = shape.question(request.dim) if isinstance(shape, UserFile) else None
     if question and question.contained:

@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from geometry.arrays import Array, Bools, Ints
-from geometry.surfaces.surface import Surface
-from solvers.results.step_result import OPEN, SLIP, STICK, ContactState
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, ContactState
 
 POWER = 2 / 3
 BEFORE = -0.5  # of a facet in 2D: a node touches as soon as its surroundings do, on average

@@ -13,19 +13,19 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
-from geometry.mesh.mesh import Mesh
-from geometry.mesh.nodes import Nodes
-from geometry.protocols import CompiledForm, Function, Sparse, UflForm, Vec
-from solvers.effects import active
-from solvers.fem.forms import WeakForms
-from solvers.fem.supports import find_constraints
-from solvers.parallel.replicated import Replicated
-from solvers.results.recovered_stress import InCell
-from solvers.scene.problem import Problem
-from solvers.system.contact_interface import components
-from solvers.system.system import System
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.mesh.mesh import Mesh
+from stickslip.geometry.mesh.nodes import Nodes
+from stickslip.geometry.protocols import CompiledForm, Function, Sparse, UflForm, Vec
+from stickslip.solvers.effects import active
+from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.fem.supports import find_constraints
+from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.results.recovered_stress import InCell
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.system.contact_interface import components
+from stickslip.solvers.system.system import System
 
 
 class Bubbles:

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
-from geometry.surfaces.surface import CREASE, Surface
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.surfaces.surface import CREASE, Surface
 
 BETWEEN = 1e-9  # of a basis function: less is rounding
 

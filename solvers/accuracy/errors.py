@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from solvers.accuracy.iteration_errors import iteration_errors
-from solvers.accuracy.mesh_error import mesh_errors
-from solvers.results.error_parts import ErrorParts, Errors
-from solvers.results.numbers import quantities
-from solvers.results.observe import Observer
-from solvers.results.step_result import StepResult
-from solvers.stepping.stepper import Accepted
+from stickslip.solvers.accuracy.iteration_errors import iteration_errors
+from stickslip.solvers.accuracy.mesh_error import mesh_errors
+from stickslip.solvers.results.error_parts import ErrorParts, Errors
+from stickslip.solvers.results.numbers import quantities
+from stickslip.solvers.results.observe import Observer
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.stepping.stepper import Accepted
 
 
 def with_errors(observe: Observer, accepted: Accepted, result: StepResult) -> StepResult:

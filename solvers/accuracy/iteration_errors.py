@@ -12,11 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from solvers.accuracy.mesh_error import Values
-from solvers.results.error_parts import ErrorParts, Quantity, Value
-from solvers.results.numbers import quantities
-from solvers.results.observe import LINEAR, Observer
-from solvers.stepping.stepper import Accepted
+from stickslip.solvers.accuracy.mesh_error import Values
+from stickslip.solvers.results.error_parts import ErrorParts, Quantity, Value
+from stickslip.solvers.results.numbers import quantities
+from stickslip.solvers.results.observe import LINEAR, Observer
+from stickslip.solvers.stepping.stepper import Accepted
 
 ROUNDING = 1e-15  # of the largest number of its kind
 FORCES = ("force", "normal_force", "tangential_force")

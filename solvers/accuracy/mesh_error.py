@@ -24,18 +24,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from geometry.arrays import Array, Bools
-from solvers.accuracy.areas import areas_between_nodes, crossings, scatter
-from solvers.accuracy.peaks import grows, grows_in
-from solvers.accuracy.two_level import MeshCorrection
-from solvers.contact.rows import ContactRows
-from solvers.results.error_parts import ErrorParts, Quantity, Value
-from solvers.results.numbers import quantities
-from solvers.results.observe import Observer
-from solvers.results.step_result import OPEN, ContactState, StepResult
-from solvers.scene.quantities import STRESSES
-from solvers.stepping.state import State
-from solvers.stepping.stepper import Accepted
+from stickslip.geometry.arrays import Array, Bools
+from stickslip.solvers.accuracy.areas import areas_between_nodes, crossings, scatter
+from stickslip.solvers.accuracy.peaks import grows, grows_in
+from stickslip.solvers.accuracy.two_level import MeshCorrection
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.results.error_parts import ErrorParts, Quantity, Value
+from stickslip.solvers.results.numbers import quantities
+from stickslip.solvers.results.observe import Observer
+from stickslip.solvers.results.step_result import OPEN, ContactState, StepResult
+from stickslip.solvers.scene.quantities import STRESSES
+from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.stepper import Accepted
 
 FACTOR, OPPOSED = 1.6, 0.5
 BETWEEN, EDGE = 0.75, 0.2

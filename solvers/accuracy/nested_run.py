@@ -36,27 +36,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from geometry.errors import StickslipError
-from geometry.mesh.mesh import build_mesh
-from geometry.nested_mesh import FlatMesh
-from geometry.surfaces.surface import gather_surface
-from solvers.accuracy.areas import areas_of_order_2
-from solvers.accuracy.iteration_errors import AREAS
-from solvers.accuracy.mesh_error import Values
-from solvers.accuracy.two_level import MeshCorrection
-from solvers.accuracy.where_to_refine import Places
-from solvers.parallel.counters import Counters
-from solvers.parallel.gather import nodes_of
-from solvers.results.error_parts import ErrorParts, Errors, Quantity
-from solvers.results.numbers import quantities
-from solvers.results.observe import Observer
-from solvers.results.step_result import MeshData, StepResult
-from solvers.scene.settings import Solver
-from solvers.stepping.choice import Size
-from solvers.stepping.history import HistoryRow
-from solvers.stepping.method_chain import MethodChain
-from solvers.stepping.stepper import Accepted, StepError, Stepper
-from solvers.system.system import assemble
+from stickslip.geometry.errors import StickslipError
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.nested_mesh import FlatMesh
+from stickslip.geometry.surfaces.surface import gather_surface
+from stickslip.solvers.accuracy.areas import areas_of_order_2
+from stickslip.solvers.accuracy.iteration_errors import AREAS
+from stickslip.solvers.accuracy.mesh_error import Values
+from stickslip.solvers.accuracy.two_level import MeshCorrection
+from stickslip.solvers.accuracy.where_to_refine import Places
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.gather import nodes_of
+from stickslip.solvers.results.error_parts import ErrorParts, Errors, Quantity
+from stickslip.solvers.results.numbers import quantities
+from stickslip.solvers.results.observe import Observer
+from stickslip.solvers.results.step_result import MeshData, StepResult
+from stickslip.solvers.scene.settings import Solver
+from stickslip.solvers.stepping.choice import Size
+from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.solvers.stepping.method_chain import MethodChain
+from stickslip.solvers.stepping.stepper import Accepted, StepError, Stepper
+from stickslip.solvers.system.system import assemble
 
 log = logging.getLogger(__name__)
 FACTOR = {2: 1.3, 1: 1.6}  # stated error over difference, by the number of times that cells are cut

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.arrays import Array, Ints
-from geometry.surfaces.surface import Surface
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.surfaces.surface import Surface
 
 STEEP = (
     0.15  # part by which the nearest nodes have less; smooth pressures that were tried: .10 at most on shipped meshes

@@ -30,15 +30,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from geometry.arrays import Array, Ints
-from solvers.results.error_parts import ErrorParts, Errors, Quantity, Value
-from solvers.results.numbers import ENERGIES, quantities
-from solvers.results.observe import Observer
-from solvers.results.step_result import StepResult
-from solvers.scene.problem import Problem
-from solvers.scene.timeline import CLOSE, Timeline
-from solvers.stepping.history import HistoryRow
-from solvers.stepping.stepper import StepError, Stepper
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.solvers.results.error_parts import ErrorParts, Errors, Quantity, Value
+from stickslip.solvers.results.numbers import ENERGIES, quantities
+from stickslip.solvers.results.observe import Observer
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.timeline import CLOSE, Timeline
+from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.solvers.stepping.stepper import StepError, Stepper
 
 log = logging.getLogger(__name__)
 SLOW = 4.0  # times the differences of largest pressures, which converge slower than with the first power of the step
@@ -51,7 +51,7 @@ Stretches = tuple[tuple[float, ...], ...]  # the times of a history [s]; each st
 def stretches(times: Sequence[float], timeline: Timeline) -> Stretches:
     """Times of a history [s] from one turn of a value to the next; no time that ends a stretch is ever left out.
 
-    >>> from solvers.scene.timeline import Place
+    >>> from stickslip.solvers.scene.timeline import Place
     >>> line = Timeline({Place("supports", "top", "displacement", "x"): ((1.0, 0.0), (2.0, 1.0))}, end=2.0, count=4)
     >>> stretches(line.times, line)
     ((0.5, 1.0), (1.5, 2.0))

@@ -21,25 +21,25 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
-from geometry.protocols import Sparse, Vec
-from geometry.surfaces.surface import Surface, gather_surface
-from solvers.accuracy.bubbles import Bubbles
-from solvers.accuracy.curved_sides import bulges
-from solvers.contact.build import along
-from solvers.contact.coupling import relative_to
-from solvers.contact.rows import ContactRows
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods.method import Solve
-from solvers.newton.solution import Solution, Status, ignore
-from solvers.parallel.replicated import Replicated
-from solvers.results.recovered_stress import InCell
-from solvers.stepping.sliding import carried_over
-from solvers.stepping.state import State
-from solvers.stepping.stepper import Stepper
-from solvers.stepping.update import Surplus, displacement, new_state
-from solvers.system.contact_interface import components
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Sparse, Vec
+from stickslip.geometry.surfaces.surface import Surface, gather_surface
+from stickslip.solvers.accuracy.bubbles import Bubbles
+from stickslip.solvers.accuracy.curved_sides import bulges
+from stickslip.solvers.contact.build import along
+from stickslip.solvers.contact.coupling import relative_to
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.method import Solve
+from stickslip.solvers.newton.solution import Solution, Status, ignore
+from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.results.recovered_stress import InCell
+from stickslip.solvers.stepping.sliding import carried_over
+from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.stepper import Stepper
+from stickslip.solvers.stepping.update import Surplus, displacement, new_state
+from stickslip.solvers.system.contact_interface import components
 
 NEARER = 0.3  # factor by which an iterative method makes the residual of contact smaller
 ROUGH = 1e-2  # tolerance of a displacement that is recovered by an iterative volume solve, in energy norm

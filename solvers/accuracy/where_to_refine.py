@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import Array, Bools, Ints
-from geometry.nested_mesh import FlatMesh
-from geometry.surfaces.surface import CREASE
-from solvers.contact.rows import ContactRows
-from solvers.results.step_result import StepResult
-from solvers.scene.problem import Problem
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.nested_mesh import FlatMesh
+from stickslip.geometry.surfaces.surface import CREASE
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.problem import Problem
 
 TOUCHING = 0.999  # of half the lengths of two segments; midpoints that are nearer belong to segments that overlap
 DIGITS = 9  # of coordinates over the size of a side, in which segments of several steps are the same

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import eigvalsh
 
-from geometry.arrays import Array
+from stickslip.geometry.arrays import Array
 
 TAIL = 20  # last iterations, over which the asymptotic factor is measured
 NOTHING = 1e-10  # of the first error: less is rounding

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from geometry.arrays import Array, Ints
-from geometry.protocols import Sparse
-from solvers.methods.contact_element import ContactElements, held_from
-from solvers.stepping.stepper import Accepted
-from solvers.system.system import System
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.methods.contact_element import ContactElements, held_from
+from stickslip.solvers.stepping.stepper import Accepted
+from stickslip.solvers.system.system import System
 
 
 @dataclass(frozen=True, kw_only=True)

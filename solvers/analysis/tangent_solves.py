@@ -12,10 +12,10 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, onenormest
 
-from geometry.arrays import Array
-from geometry.errors import MachineError
-from geometry.protocols import KSP, Mat, Sparse, Vec
-from solvers.interface.factorised import METIS
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import MachineError
+from stickslip.geometry.protocols import KSP, Mat, Sparse, Vec
+from stickslip.solvers.interface.factorised import METIS
 
 
 def dropped_fill(A: Sparse, relaxation: float) -> Array:

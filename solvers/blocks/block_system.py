@@ -7,16 +7,16 @@ from functools import cached_property
 import numpy as np
 from petsc4py import PETSc
 
-from geometry.arrays import Array, Ints
-from geometry.protocols import Mat, Sparse, Vec
-from solvers.blocks.contact_matrices import Multipliers, assemble_B, assemble_C
-from solvers.blocks.inner_problem import InnerProblem
-from solvers.blocks.nest import nested
-from solvers.contact.admissible_set import AdmissibleSet
-from solvers.interface.problem import SurfaceProblem
-from solvers.interface.sparse import SparseSurface
-from solvers.linear.inner_solver import Allowed
-from solvers.system.system import System
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.protocols import Mat, Sparse, Vec
+from stickslip.solvers.blocks.contact_matrices import Multipliers, assemble_B, assemble_C
+from stickslip.solvers.blocks.inner_problem import InnerProblem
+from stickslip.solvers.blocks.nest import nested
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.sparse import SparseSurface
+from stickslip.solvers.linear.inner_solver import Allowed
+from stickslip.solvers.system.system import System
 
 
 class BlockSystem:

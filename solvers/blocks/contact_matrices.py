@@ -12,15 +12,15 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Ints
-from geometry.protocols import Mat, Sparse, Vec
-from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
-from solvers.interface.flexibility import DelassusOperator
-from solvers.parallel.distribute import distributed
-from solvers.parallel.replicated import Replicated
-from solvers.system.nodal_contact import NodalContact, traction_fields
-from solvers.system.system import System
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.protocols import Mat, Sparse, Vec
+from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
+from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.parallel.distribute import distributed
+from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.system.nodal_contact import NodalContact, traction_fields
+from stickslip.solvers.system.system import System
 
 
 @dataclass(frozen=True)

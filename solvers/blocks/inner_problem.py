@@ -13,19 +13,19 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
-from geometry.arrays import Array
-from geometry.errors import SolverError
-from geometry.protocols import Mat, Vec
-from solvers.contact.admissible_set import ContactBlock
-from solvers.fem.contact_forms import ComplianceForms
-from solvers.fem.point_laws import PointLaw
-from solvers.interface.problem import SurfaceProblem
-from solvers.interface.sparse import PREFIX, SparseSurface
-from solvers.laws.compliance import Compliance
-from solvers.linear.inner_solver import NOISE, Allowed, InnerSolver
-from solvers.parallel.distribute import distributed
-from solvers.system.nodal_contact import FormOfPart, relative_to_obstacle
-from solvers.system.system import System
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SolverError
+from stickslip.geometry.protocols import Mat, Vec
+from stickslip.solvers.contact.admissible_set import ContactBlock
+from stickslip.solvers.fem.contact_forms import ComplianceForms
+from stickslip.solvers.fem.point_laws import PointLaw
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.sparse import PREFIX, SparseSurface
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.linear.inner_solver import NOISE, Allowed, InnerSolver
+from stickslip.solvers.parallel.distribute import distributed
+from stickslip.solvers.system.nodal_contact import FormOfPart, relative_to_obstacle
+from stickslip.solvers.system.system import System
 
 NEWTON_STEPS = 100
 HALVINGS = 30

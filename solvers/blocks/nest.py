@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
-from geometry.protocols import KSP, Mat, Vec
-from solvers.linear.inner_solver import direct, mumps_options
-from solvers.linear.petsc_options import PetscOptions
+from stickslip.geometry.protocols import KSP, Mat, Vec
+from stickslip.solvers.linear.inner_solver import direct, mumps_options
+from stickslip.solvers.linear.petsc_options import PetscOptions
 
 RTOL = 1e-12  # relative residual at which an iterative solve of the nest stops
 PREFIX = "block_"  # of PETSc's options; solver.petsc_options are without it

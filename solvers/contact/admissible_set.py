@@ -12,9 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.arrays import Array, Bools
-from geometry.protocols import Sparse
-from solvers.contact.rows import ContactRows
+from stickslip.geometry.arrays import Array, Bools
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.contact.rows import ContactRows
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from geometry.arrays import Array, Bools, Ints
-from geometry.errors import SceneError
-from geometry.protocols import Sparse
-from geometry.surfaces.surface import Surface
-from solvers.contact.coupling import Coupling
-from solvers.contact.rows import ContactRows
-from solvers.fem.constraints import Constraints
-from solvers.scene.contact import Contact
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.contact.coupling import Coupling
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.fem.constraints import Constraints
+from stickslip.solvers.scene.contact import Contact
 
 SMALL = 1e-6  # sine of the angle below which directions count as parallel
 DIGITS = 9  # to which components are rounded, so that among equal ones the first is the least

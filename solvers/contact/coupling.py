@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Bools, Ints
-from geometry.protocols import Sparse
-from geometry.surfaces.surface import Surface
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.surfaces.surface import Surface
 
 
 @dataclass(frozen=True)

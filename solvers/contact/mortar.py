@@ -13,13 +13,13 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Bools, Ints
-from geometry.protocols import Sparse
-from geometry.surfaces.overlap import Overlap, overlap
-from geometry.surfaces.surface import Surface
-from solvers.contact.build import DIGITS, distribute_to_neighbours
-from solvers.contact.coupling import Coupling, On, Points, midway_normals, relative_to
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.surfaces.overlap import Overlap, overlap
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.contact.build import DIGITS, distribute_to_neighbours
+from stickslip.solvers.contact.coupling import Coupling, On, Points, midway_normals, relative_to
 
 DUAL = 1e-3  # of a facet's weights: psi whose duality is off by more is replaced by a constant
 SLIVER = 1e-9  # of a facet, or of a node's weight: less counts as not covered

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Bools
-from geometry.surfaces.search import pair
-from geometry.surfaces.surface import Surface
-from solvers.contact.coupling import Coupling, On, Points, midway_normals
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Bools
+from stickslip.geometry.surfaces.search import pair
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.contact.coupling import Coupling, On, Points, midway_normals
 
 
 def nodal_coupling(slave: Surface, master: Surface, reach: float) -> Coupling:

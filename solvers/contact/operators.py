@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from geometry.surfaces.surface import Surface
-from solvers.contact.coupling import Coupling
-from solvers.contact.mortar import mortar_coupling
-from solvers.contact.node_to_facet import nodal_coupling
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.contact.coupling import Coupling
+from stickslip.solvers.contact.mortar import mortar_coupling
+from stickslip.solvers.contact.node_to_facet import nodal_coupling
 
 Operator = Callable[[Surface, Surface, float], Coupling]  # slave, master, reach [m]: farthest gap looked across
 

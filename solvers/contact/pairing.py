@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import SceneError
-from geometry.surfaces.surface import Surface
-from solvers.contact.build import build_rows
-from solvers.contact.operators import OPERATORS
-from solvers.contact.rigid_obstacle import rigid_coupling
-from solvers.contact.rows import ContactRows
-from solvers.fem.constraints import Constraints
-from solvers.scene.problem import Problem
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.contact.build import build_rows
+from stickslip.solvers.contact.operators import OPERATORS
+from stickslip.solvers.contact.rigid_obstacle import rigid_coupling
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.fem.constraints import Constraints
+from stickslip.solvers.scene.problem import Problem
 
 REACH = 0.2  # of the sides' extent: as far as contact is searched for where the scene does not say
 SLACK = 1 + 1e-6  # a gap may be as wide as the reach to rounding

@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
-from geometry.errors import SceneError
-from geometry.obstacles import Obstacle
-from geometry.surfaces.surface import Surface
-from solvers.contact.coupling import Coupling, On, Points
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.obstacles import Obstacle
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.contact.coupling import Coupling, On, Points
 
 UNIT = 1e-6  # by which a normal may be longer or shorter than 1
 

@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.arrays import Array, Bools, Ints
-from geometry.protocols import Sparse
-from geometry.surfaces.surface import Surface
-from solvers.contact.coupling import Points
-from solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.contact.coupling import Points
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 
 
 @dataclass(frozen=True, kw_only=True)

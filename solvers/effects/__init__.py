@@ -8,8 +8,8 @@ from __future__ import annotations
 import importlib
 import pkgutil
 
-from solvers.effects.effect import Effect
-from solvers.scene.problem import Problem
+from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.scene.problem import Problem
 
 _ORDER = ("contact", "unilateral", "compliance", "bilateral", "friction")  # the others follow by name
 _modules = [importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__)]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import get_args, get_type_hints
 
-from solvers.effects.effect import Effect
-from solvers.laws import FrictionLaw, NormalLaw
-from solvers.scene.scene import Scene
+from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.laws import FrictionLaw, NormalLaw
+from stickslip.solvers.scene.scene import Scene
 
 
 class _Contact(Effect):

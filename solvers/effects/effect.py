@@ -9,12 +9,12 @@ from abc import ABC
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
-from geometry.protocols import UflExpr, UflForm
-from solvers.fem.forms import WeakForms
-from solvers.fem.terms import InitialStrain, LoadTerm
-from solvers.scene.problem import Problem
-from solvers.scene.scene import Scene
-from solvers.scene.timeline import Timeline
+from stickslip.geometry.protocols import UflExpr, UflForm
+from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.fem.terms import InitialStrain, LoadTerm
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.timeline import Timeline
 
 
 class Effect(ABC):
@@ -44,7 +44,7 @@ class Effect(ABC):
         """Forms, linear in u and in `weak.v`, symmetric and positive, that are added to a(u, v).
 
         They enter the stiffness matrix, the stored energy and the audit's inner forces. They do not count as supports:
-        a scene with a body that no support holds is refused. UFL is `geometry.dolfinx_versions.ufl`.
+        a scene with a body that no support holds is refused. UFL is `stickslip.geometry.dolfinx_versions.ufl`.
 
         Args:
             u: trial function, or a displacement Function [m].

@@ -6,15 +6,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
-from geometry.amplitude import Amplitude, check
-from geometry.errors import SceneError, require
-from geometry.keys import Key
-from solvers.effects.effect import Effect
-from solvers.fem.forms import WeakForms
-from solvers.fem.terms import LoadTerm
-from solvers.scene.problem import Problem
-from solvers.scene.scene import EffectTable, Scene
-from solvers.scene.timeline import Place
+from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.keys import Key
+from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.fem.terms import LoadTerm
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.scene import EffectTable, Scene
+from stickslip.solvers.scene.timeline import Place
 
 
 @dataclass(frozen=True, kw_only=True)

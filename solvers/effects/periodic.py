@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
-from geometry.errors import require
-from geometry.keys import Key
-from solvers.effects.effect import Effect
-from solvers.scene.scene import EffectTable, Scene
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.scene.scene import EffectTable, Scene
 
 
 @dataclass(frozen=True, kw_only=True)

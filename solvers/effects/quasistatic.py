@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from solvers.effects.effect import Effect
-from solvers.scene.scene import Scene
+from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.scene.scene import Scene
 
 
 class _Quasistatic(Effect):

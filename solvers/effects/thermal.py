@@ -8,14 +8,14 @@ from typing import Annotated
 
 import numpy as np
 
-from geometry.amplitude import Amplitude, check
-from geometry.errors import SceneError, nearest
-from geometry.keys import Key
-from solvers.effects.effect import Effect
-from solvers.fem.terms import InitialStrain
-from solvers.scene.problem import Problem
-from solvers.scene.scene import EffectTable, Scene
-from solvers.scene.timeline import Place
+from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.errors import SceneError, nearest
+from stickslip.geometry.keys import Key
+from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.fem.terms import InitialStrain
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.scene import EffectTable, Scene
+from stickslip.solvers.scene.timeline import Place
 
 
 @dataclass(frozen=True, kw_only=True)

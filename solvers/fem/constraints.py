@@ -15,11 +15,11 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.linalg import null_space
 
-from geometry.arrays import Array, Bools, Ints, cross
-from geometry.errors import SceneError
-from geometry.mesh.nodes import Nodes
-from geometry.protocols import Comm, Mat
-from solvers.scene.timeline import Course, Drive
+from stickslip.geometry.arrays import Array, Bools, Ints, cross
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.mesh.nodes import Nodes
+from stickslip.geometry.protocols import Comm, Mat
+from stickslip.solvers.scene.timeline import Course, Drive
 
 AXES = {"x": 0, "y": 1, "z": 2}
 AXIS = "axis of symmetry"

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.dolfinx_versions import ufl
-from geometry.protocols import Function, Measure, UflExpr, UflForm
-from geometry.surfaces.surface import FACET_OF
-from solvers.fem.forms import WeakForms
-from solvers.laws.compliance import Compliance
-from solvers.scene.contact import Contact
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.dolfinx_versions import ufl
+from stickslip.geometry.protocols import Function, Measure, UflExpr, UflForm
+from stickslip.geometry.surfaces.surface import FACET_OF
+from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.scene.contact import Contact
 
 
 @dataclass(frozen=True)

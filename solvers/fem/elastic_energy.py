@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.dolfinx_versions import ufl
-from geometry.protocols import Function, UflExpr, UflForm
-from solvers.fem.forms import WeakForms
+from stickslip.geometry.dolfinx_versions import ufl
+from stickslip.geometry.protocols import Function, UflExpr, UflForm
+from stickslip.solvers.fem.forms import WeakForms
 
 
 def forces_of_energy(weak: WeakForms, u: Function) -> UflForm:

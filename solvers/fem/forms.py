@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
-from geometry.dolfinx_versions import ufl
-from geometry.mesh.mesh import Mesh
-from geometry.protocols import CompiledForm, Constant, FunctionSpace, Measure, UflExpr, UflForm
-from solvers.fem.terms import InitialStrain, LoadTerm
-from solvers.laws.compliance import Compliance
-from solvers.parallel.counters import Counters
-from solvers.scene.contact import Contact
-from solvers.scene.material import Material
-from solvers.scene.problem import Problem
-from solvers.scene.timeline import Place
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.dolfinx_versions import ufl
+from stickslip.geometry.mesh.mesh import Mesh
+from stickslip.geometry.protocols import CompiledForm, Constant, FunctionSpace, Measure, UflExpr, UflForm
+from stickslip.solvers.fem.terms import InitialStrain, LoadTerm
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.timeline import Place
 
 Field = Callable[..., tuple[Any, ...]]  # from coordinates to components, by arithmetic operators only
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
-from geometry.dolfinx_versions import ufl
-from solvers.fem.forms import compliant_pressure
-from solvers.laws.compliance import Compliance
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.dolfinx_versions import ufl
+from stickslip.solvers.fem.forms import compliant_pressure
+from stickslip.solvers.laws.compliance import Compliance
 
 
 class PointLaw:

@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import null_space
 
-from geometry.arrays import Array, Ints
-from geometry.mesh.joints import Joints
-from solvers.fem.constraints import Constraints
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.mesh.joints import Joints
+from stickslip.solvers.fem.constraints import Constraints
 
 
 def rigid_names(dim: int, axisymmetric: bool) -> list[str]:

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from geometry import dolfinx_versions as dx
-from geometry.dolfinx_versions import ufl
-from geometry.protocols import Constant, Function, UflForm
-from solvers.fem.contact_forms import NodalRule
-from solvers.fem.forms import WeakForms, compliant_pressure
-from solvers.laws.compliance import Compliance
-from solvers.laws.friction import Coulomb, Tresca
-from solvers.scene.contact import Contact
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.dolfinx_versions import ufl
+from stickslip.geometry.protocols import Constant, Function, UflForm
+from stickslip.solvers.fem.contact_forms import NodalRule
+from stickslip.solvers.fem.forms import WeakForms, compliant_pressure
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.friction import Coulomb, Tresca
+from stickslip.solvers.scene.contact import Contact
 
 
 @dataclass(frozen=True)

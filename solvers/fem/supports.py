@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from geometry.arrays import Array, Ints
-from geometry.errors import GeometryError, SceneError
-from geometry.mesh.mesh import Mesh
-from geometry.mesh.nodes import Nodes
-from geometry.protocols import FunctionSpace
-from geometry.surfaces.surface import gather_surface
-from solvers.fem.constraints import AXES, AXIS, Constraints, Row
-from solvers.scene.problem import Problem
-from solvers.scene.timeline import Course, Place
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.errors import GeometryError, SceneError
+from stickslip.geometry.mesh.mesh import Mesh
+from stickslip.geometry.mesh.nodes import Nodes
+from stickslip.geometry.protocols import FunctionSpace
+from stickslip.geometry.surfaces.surface import gather_surface
+from stickslip.solvers.fem.constraints import AXES, AXIS, Constraints, Row
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.timeline import Course, Place
 
 
 def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) -> Constraints:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from geometry.arrays import Array
-from geometry.protocols import UflForm
-from solvers.scene.timeline import Drive
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import UflForm
+from stickslip.solvers.scene.timeline import Drive
 
 
 @dataclass(frozen=True, kw_only=True)

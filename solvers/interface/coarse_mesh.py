@@ -13,17 +13,17 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
 
-from geometry.arrays import Array
-from geometry.errors import StickslipError
-from geometry.mesh.mesh import build_mesh
-from geometry.protocols import Sparse
-from geometry.surfaces.forms import lumped_mass
-from geometry.surfaces.search import pair
-from geometry.surfaces.surface import Surface
-from solvers.interface.prepare import prepare_surface, prepare_volume
-from solvers.parallel.counters import Counters
-from solvers.system.sides import contact_sides
-from solvers.system.system import System, assemble
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import StickslipError
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.surfaces.forms import lumped_mass
+from stickslip.geometry.surfaces.search import pair
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.interface.prepare import prepare_surface, prepare_volume
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.system.sides import contact_sides
+from stickslip.solvers.system.system import System, assemble
 
 DOFS = 2500  # approximate number of dofs of the coarse mesh
 COARSER = 2.0  # least ratio of edge lengths

@@ -16,16 +16,16 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from geometry.arrays import Array, Bools
-from geometry.protocols import Sparse, Vec
-from geometry.surfaces.surface import Surface
-from solvers.contact.admissible_set import AdmissibleSet
-from solvers.contact.rows import ContactRows
-from solvers.interface.flexibility import DelassusOperator, Load
-from solvers.interface.problem import SurfaceProblem
-from solvers.laws.coulomb_by_point import CoulombByPoint
-from solvers.laws.unilateral import Unilateral
-from solvers.parallel.counters import Counters
+from stickslip.geometry.arrays import Array, Bools
+from stickslip.geometry.protocols import Sparse, Vec
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.interface.flexibility import DelassusOperator, Load
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
+from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.parallel.counters import Counters
 
 LARGEST = 2000  # rows of a part whose rank is computed: a second
 SMALL = 1e-8  # relative: eigenvalues below count as zero

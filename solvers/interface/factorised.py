@@ -11,12 +11,12 @@ import ctypes
 import numpy as np
 from petsc4py import PETSc
 
-from geometry.arrays import Array, Ints
-from geometry.errors import MachineError, SceneError
-from geometry.protocols import KSP, Mat, Vec
-from solvers.linear.petsc_library import call, petsc_library
-from solvers.parallel.counters import Counters
-from solvers.parallel.replicated import Replicated
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.errors import MachineError, SceneError
+from stickslip.geometry.protocols import KSP, Mat, Vec
+from stickslip.solvers.linear.petsc_library import call, petsc_library
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.replicated import Replicated
 
 BLOCK = 128  # right-hand sides solved together
 WORKSPACE = (20, 100, 400)  # percent of memory that MUMPS adds to its own estimate, tried one after the other

@@ -14,10 +14,10 @@ from typing import TypeVar
 import numpy as np
 from petsc4py import PETSc
 
-from geometry.arrays import Array
-from geometry.protocols import Mat, Sparse, Vec
-from solvers.parallel.counters import Counters
-from solvers.parallel.serialise import Plain
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Mat, Sparse, Vec
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.serialise import Plain
 
 T = TypeVar("T")
 

@@ -9,10 +9,10 @@ import numpy as np
 from scipy import sparse
 from scipy.optimize import OptimizeResult, linprog
 
-from geometry.arrays import Array, Bools
-from geometry.protocols import Sparse
-from solvers.contact.admissible_set import ContactBlock
-from solvers.interface.problem import SurfaceProblem
+from stickslip.geometry.arrays import Array, Bools
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.contact.admissible_set import ContactBlock
+from stickslip.solvers.interface.problem import SurfaceProblem
 
 SIDES = 32  # of the polygons that replace the disc of friction: the outer one is larger by 0.5 %
 STEEP = 1e3  # largest ratio of tangential to normal traction where any pressure holds any traction (stick)

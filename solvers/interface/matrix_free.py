@@ -8,21 +8,21 @@ from contextlib import contextmanager
 import numpy as np
 from mpi4py import MPI
 
-from geometry.arrays import Array
-from geometry.protocols import Mat, Sparse, Vec
-from solvers.interface.flexibility import DelassusOperator, Load, T
-from solvers.linear.conjugate_gradients import (
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Mat, Sparse, Vec
+from stickslip.solvers.interface.flexibility import DelassusOperator, Load, T
+from stickslip.solvers.linear.conjugate_gradients import (
     ConjugateGradients,
     ContactErrorCriterion,
     EnergyErrorCriterion,
     ResidualCriterion,
     StoppingCriterion,
 )
-from solvers.linear.multigrid import multigrid
-from solvers.parallel.replicated import Replicated
-from solvers.parallel.serialise import Own, Plain
-from solvers.system.floating_modes import FloatingMotions, near_nullspace
-from solvers.system.system import System
+from stickslip.solvers.linear.multigrid import multigrid
+from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.parallel.serialise import Own, Plain
+from stickslip.solvers.system.floating_modes import FloatingMotions, near_nullspace
+from stickslip.solvers.system.system import System
 
 APART = 12  # search directions stored while an error is estimated
 SOFT = 1e-2  # of the stiffness of a contact dof: springs under floating bodies, in the multigrid matrix alone

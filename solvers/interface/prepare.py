@@ -13,15 +13,15 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import block_diag
 
-from geometry.arrays import Array
-from geometry.protocols import Sparse
-from solvers.contact.rows import ContactRows
-from solvers.interface.factorised import FactorisedVolume
-from solvers.interface.flexibility import DelassusOperator
-from solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.interface.sparse import SparseSurface, SparseVolume
-from solvers.system.system import System
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.interface.factorised import FactorisedVolume
+from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.interface.sparse import SparseSurface, SparseVolume
+from stickslip.solvers.system.system import System
 
 Form = Literal["condensed", "matrix-free", "sparse"]  # of the bodies
 Volume = FactorisedVolume | IterativeVolume | SparseVolume

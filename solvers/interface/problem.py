@@ -10,9 +10,9 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.contact.admissible_set import AdmissibleSet
-from solvers.interface.flexibility import DelassusOperator, Load
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.interface.flexibility import DelassusOperator, Load
 
 ROUNDING = 1e-12  # of the largest motion: normal motion below that counts as zero
 PART = 1e-2  # of the distance from a compliant law that counts as defect

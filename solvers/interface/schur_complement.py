@@ -14,12 +14,12 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
 from scipy.sparse.linalg import splu
 
-from geometry.arrays import Array, Bools, Ints
-from geometry.protocols import Sparse, Vec
-from solvers.interface.factorised import FactorisedVolume
-from solvers.interface.flexibility import DelassusOperator, Load
-from solvers.linear.memoised_map import MemoisedMap
-from solvers.parallel.serialise import Plain
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.protocols import Sparse, Vec
+from stickslip.solvers.interface.factorised import FactorisedVolume
+from stickslip.solvers.interface.flexibility import DelassusOperator, Load
+from stickslip.solvers.linear.memoised_map import MemoisedMap
+from stickslip.solvers.parallel.serialise import Plain
 
 CholeskyFactor = tuple[Array, bool]  # as scipy.linalg.cho_factor returns it
 SINGULAR = 1e-8  # smallest pivot of N, relative to its largest, below which the rows do not determine every dof

@@ -9,15 +9,15 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.protocols import Mat, Sparse, Vec
-from solvers.interface.flexibility import DelassusOperator, Load, T
-from solvers.linear.inner_solver import InnerSolver
-from solvers.linear.petsc_options import PetscOptions
-from solvers.parallel.replicated import Replicated
-from solvers.parallel.serialise import Plain
-from solvers.system.floating_modes import FloatingMotions, near_nullspace
-from solvers.system.system import System
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Mat, Sparse, Vec
+from stickslip.solvers.interface.flexibility import DelassusOperator, Load, T
+from stickslip.solvers.linear.inner_solver import InnerSolver
+from stickslip.solvers.linear.petsc_options import PetscOptions
+from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.parallel.serialise import Plain
+from stickslip.solvers.system.floating_modes import FloatingMotions, near_nullspace
+from stickslip.solvers.system.system import System
 
 PREFIX = "block_fieldsplit_u_"  # of PETSc's options: that of the split u of the block system
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 
-from solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 
 for _module in pkgutil.iter_modules(__path__):
     importlib.import_module(f"{__name__}.{_module.name}")

@@ -7,9 +7,9 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.keys import Key
-from solvers.laws.law import NormalLaw
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.keys import Key
+from stickslip.solvers.laws.law import NormalLaw
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,11 +7,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import require
-from geometry.keys import Key
-from geometry.protocols import Sparse
-from solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +37,7 @@ class CappedCoulomb(FrictionLaw):
         """min(mu p_n, s_max), (m_t,) [Pa].
 
         >>> from scipy import sparse
-        >>> from solvers.laws.unilateral import Unilateral
+        >>> from stickslip.solvers.laws.unilateral import Unilateral
         >>> law, one = CappedCoulomb(mu=0.5, s_max=2.0), sparse.identity(3, format="csr")
         >>> law.limit(np.array([-1.0, 2.0, 10.0]), one, Unilateral(), 1.0, 1.0)
         array([0., 1., 2.])

@@ -7,10 +7,10 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import require
-from geometry.keys import Key
-from solvers.laws.law import NormalLaw
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.solvers.laws.law import NormalLaw
 
 NEWTON_STEPS = 200  # never reached, as a test shows: Newton's method converges quadratically from the right
 

@@ -8,12 +8,12 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from geometry.amplitude import Amplitude, check, value_at
-from geometry.arrays import Array
-from geometry.errors import require
-from geometry.keys import Key
-from geometry.protocols import Sparse
-from solvers.laws.law import FrictionLaw, NormalLaw, touching
+from stickslip.geometry.amplitude import Amplitude, check, value_at
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw, touching
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,11 +9,11 @@ from typing import Annotated, ClassVar
 import numpy as np
 from scipy import sparse
 
-from geometry.amplitude import Amplitude
-from geometry.arrays import Array, Bools
-from geometry.errors import require
-from geometry.keys import Choice, Key
-from geometry.protocols import Sparse
+from stickslip.geometry.amplitude import Amplitude
+from stickslip.geometry.arrays import Array, Bools
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Choice, Key
+from stickslip.geometry.protocols import Sparse
 
 
 class NormalLaw(Choice):

@@ -7,11 +7,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import require
-from geometry.keys import Key
-from geometry.protocols import Sparse
-from solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,9 +9,9 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
-from geometry.arrays import Array
-from geometry.errors import MachineError
-from geometry.protocols import PC, Sparse
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import MachineError
+from stickslip.geometry.protocols import PC, Sparse
 
 CHOLMOD = any(PETSc.Sys.hasExternalPackage(name) for name in ("cholmod", "suitesparse"))  # its name differs by version
 SOLVER = "cholmod" if CHOLMOD else "mumps"  # PyPI's wheels of dolfinx come without

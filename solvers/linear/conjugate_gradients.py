@@ -15,11 +15,11 @@ from typing import Protocol
 import numpy as np
 from mpi4py import MPI
 
-from geometry.arrays import Array, Ints
-from geometry.errors import SolverError
-from geometry.protocols import Comm, Mat, Vec
-from solvers.parallel.counters import Counters
-from solvers.parallel.serialise import Own, Plain
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.errors import SolverError
+from stickslip.geometry.protocols import Comm, Mat, Vec
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.serialise import Own, Plain
 
 MOST = 40  # directions; of 80, the last are rounding for slender bodies. Each costs two vectors, two products a step
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from geometry.arrays import Array
+from stickslip.geometry.arrays import Array
 
 TOLERANCE = 1e-3  # relative change of the Rayleigh quotient, four iterations in a row, at which it stops
 MOST = 60  # iterations

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from geometry.arrays import Array
+from stickslip.geometry.arrays import Array
 
 
 def gmres(

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from geometry.arrays import Array
-from geometry.errors import MachineError
-from geometry.protocols import Sparse
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import MachineError
+from stickslip.geometry.protocols import Sparse
 
 FIRST_SHIFT = 1e-3  # of the diagonal, after a pivot that is not positive
 SHIFTS = 12  # each twice the one before

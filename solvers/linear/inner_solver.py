@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from petsc4py import PETSc
 
-from geometry.arrays import Array
-from geometry.errors import SolverError
-from geometry.protocols import KSP, Mat, Vec
-from solvers.linear.multigrid import multigrid
-from solvers.linear.petsc_options import PetscOptions
-from solvers.parallel.counters import Counters
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SolverError
+from stickslip.geometry.protocols import KSP, Mat, Vec
+from stickslip.solvers.linear.multigrid import multigrid
+from stickslip.solvers.linear.petsc_options import PetscOptions
+from stickslip.solvers.parallel.counters import Counters
 
 MUMPS: Mapping[str, str] = {"icntl_7": "5", "icntl_14": "200"}  # ordering by METIS, and percent of memory for pivots
 FACTORS = ("lu", "cholesky")

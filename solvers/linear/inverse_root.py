@@ -6,9 +6,9 @@ import numpy as np
 from scipy import sparse
 from scipy.special import ellipj, ellipkm1
 
-from geometry.arrays import Array
-from geometry.protocols import Sparse
-from solvers.linear.cholesky import SparseCholesky
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.linear.cholesky import SparseCholesky
 
 
 def poles(low: float, high: float, count: int) -> tuple[Array, Array]:

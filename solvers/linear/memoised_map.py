@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.protocols import Vec
-from solvers.parallel.serialise import Own, Plain
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.parallel.serialise import Own, Plain
 
 KEPT = 8  # vectors; loads that turn steadily through more directions gain nothing from it
 ROUNDING = 1e-13  # remainder of a vector that lies in the span, relative to the vector

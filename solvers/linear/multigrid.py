@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from petsc4py import PETSc
 
-from geometry.arrays import Array
-from geometry.protocols import PC, Mat
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import PC, Mat
 
 HYPRE: bool = PETSc.Sys.hasExternalPackage("hypre")  # PyPI's wheels of dolfinx come without
 BOOMERAMG: Mapping[str, str | int] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable
 
-from geometry.errors import MachineError
+from stickslip.geometry.errors import MachineError
 
 
 def petsc_library() -> ctypes.CDLL:

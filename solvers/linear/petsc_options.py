@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 from petsc4py import PETSc
 
-from geometry.errors import SceneError
-from solvers.linear.petsc_library import option_used
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.linear.petsc_library import option_used
 
 EXAMPLE = "write for example -fieldsplit_u_ksp_type cg -fieldsplit_u_pc_type gamg"
 

@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from dataclasses import field, fields, make_dataclass
 from typing import Any
 
-from geometry.errors import nearest, require
-from solvers.methods.method import Method, keys_of
-from solvers.scene import settings
+from stickslip.geometry.errors import nearest, require
+from stickslip.solvers.methods.method import Method, keys_of
+from stickslip.solvers.scene import settings
 
 _modules = [importlib.import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__)]
 _found: set[type[Method]] = {

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from solvers.methods.applicability import Applicability
-from solvers.methods.method import Method, Ready, Setup
+from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.method import Method, Ready, Setup
 
 
 @dataclass(frozen=True, kw_only=True)
 class Auto(Method):
-    """Name of the chain that `solvers.stepping.choice` builds from the TURNS of all methods; it has no solver."""
+    """Name of the chain that `stickslip.solvers.stepping.choice` builds from the TURNS of all methods; it has no solver."""
 
     NAME: ClassVar = "auto"
     WHEN: ClassVar = (

@@ -14,29 +14,29 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.keys import Key
-from geometry.protocols import Vec
-from solvers.blocks.block_system import BlockSystem
-from solvers.blocks.nest import PREFIX, SPLITS
-from solvers.interface.flexibility import DelassusOperator
-from solvers.interface.prepare import uncondensed
-from solvers.interface.problem import SurfaceProblem
-from solvers.linear.eigenvalues import largest_eigenvalue, smallest_eigenvalue
-from solvers.linear.petsc_options import PetscOptions
-from solvers.methods.applicability import Applicability
-from solvers.methods.gram_uzawa import GramKeys
-from solvers.methods.inner_tolerance import InnerKeys
-from solvers.methods.method import Before, Method, Ready, Refusal, Setup, Solve
-from solvers.methods.outer_iteration import FixedStep, Outer, Solved, projected
-from solvers.metrics.dense import DenseMetric, inverse_root
-from solvers.metrics.gram import GramMetric
-from solvers.newton.nested_system import NestedSystem
-from solvers.newton.semismooth import SemismoothNewton
-from solvers.newton.solution import Convergence, OnStep, Solution, Status, ignore
-from solvers.newton.surface_model import nearest_in_cone
-from solvers.parallel.serialise import Plain
-from solvers.scene.problem import Problem
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.keys import Key
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.blocks.block_system import BlockSystem
+from stickslip.solvers.blocks.nest import PREFIX, SPLITS
+from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.interface.prepare import uncondensed
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.linear.eigenvalues import largest_eigenvalue, smallest_eigenvalue
+from stickslip.solvers.linear.petsc_options import PetscOptions
+from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.gram_uzawa import GramKeys
+from stickslip.solvers.methods.inner_tolerance import InnerKeys
+from stickslip.solvers.methods.method import Before, Method, Ready, Refusal, Setup, Solve
+from stickslip.solvers.methods.outer_iteration import FixedStep, Outer, Solved, projected
+from stickslip.solvers.metrics.dense import DenseMetric, inverse_root
+from stickslip.solvers.metrics.gram import GramMetric
+from stickslip.solvers.newton.nested_system import NestedSystem
+from stickslip.solvers.newton.semismooth import SemismoothNewton
+from stickslip.solvers.newton.solution import Convergence, OnStep, Solution, Status, ignore
+from stickslip.solvers.newton.surface_model import nearest_in_cone
+from stickslip.solvers.parallel.serialise import Plain
+from stickslip.solvers.scene.problem import Problem
 
 log = logging.getLogger(__name__)
 ENOUGH = 8  # iterations of which the second half tells a rate

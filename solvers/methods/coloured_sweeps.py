@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from geometry.arrays import Array, Ints
-from geometry.protocols import Sparse
-from solvers.contact.admissible_set import project_disc
-from solvers.interface.discrete import DiscreteProblem
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods.method import SameEveryStep
-from solvers.methods.sweeps import sweep_until_solved
-from solvers.newton.solution import OnStep, Solution, ignore
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.contact.admissible_set import project_disc
+from stickslip.solvers.interface.discrete import DiscreteProblem
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.method import SameEveryStep
+from stickslip.solvers.methods.sweeps import sweep_until_solved
+from stickslip.solvers.newton.solution import OnStep, Solution, ignore
 
 STALL_WINDOW = 20000  # sweeps in which the smallest residual must halve; plateaus of 2000 were seen
 CLOSE, FEW = 10, 5  # the residual is measured after each of the first CLOSE sweeps, then after every FEW

@@ -10,14 +10,14 @@ from scipy import sparse
 from scipy.linalg import cho_solve
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from geometry.arrays import Array, Ints
-from geometry.errors import SolverError
-from solvers.contact.admissible_set import ContactBlock
-from solvers.interface.problem import SurfaceProblem
-from solvers.interface.schur_complement import CholeskyFactor, CondensedSurface
-from solvers.laws.compliance import Compliance
-from solvers.linear.inner_solver import Allowed
-from solvers.metrics.dense import DenseMetric, inverse_root
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.errors import SolverError
+from stickslip.solvers.contact.admissible_set import ContactBlock
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.schur_complement import CholeskyFactor, CondensedSurface
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.linear.inner_solver import Allowed
+from stickslip.solvers.metrics.dense import DenseMetric, inverse_root
 
 NEWTON_STEPS = 100
 HALVINGS = 30

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from geometry.arrays import Array
-from solvers.interface.discrete import GivenSurface
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods.applicability import Applicability
-from solvers.methods.method import Solve, Stateless, Turn
-from solvers.methods.proximal_points import ProximalPoints
-from solvers.newton import condensed_system, given_system
-from solvers.newton.semismooth import SemismoothNewton
-from solvers.newton.solution import OnStep, Solution, ignore
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.discrete import GivenSurface
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.method import Solve, Stateless, Turn
+from stickslip.solvers.methods.proximal_points import ProximalPoints
+from stickslip.solvers.newton import condensed_system, given_system
+from stickslip.solvers.newton.semismooth import SemismoothNewton
+from stickslip.solvers.newton.solution import OnStep, Solution, ignore
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,14 +26,14 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from geometry.arrays import Array, Ints
-from geometry.protocols import Sparse
-from geometry.surfaces.surface import Surface
-from solvers.contact.admissible_set import ContactBlock
-from solvers.contact.rows import ContactRows
-from solvers.interface.problem import SurfaceProblem
-from solvers.scene.material import Material
-from solvers.system.system import System
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.contact.admissible_set import ContactBlock
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.system.system import System
 
 OPEN, STICK, SLIP = 0, 1, 2
 

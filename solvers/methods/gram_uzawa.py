@@ -6,17 +6,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from geometry.arrays import Array
-from geometry.keys import Key
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods.applicability import Applicability
-from solvers.methods.method import Keys, Method, Ready, Refusal, SameEveryStep, Setup
-from solvers.methods.outer_iteration import Outer, Relaxation, Solved
-from solvers.metrics.gram import GramMetric
-from solvers.newton.solution import OnStep, Solution, ignore
-from solvers.newton.surface_model import nearest_in_cone
-from solvers.scene.gram import Gram
-from solvers.scene.problem import Problem
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.keys import Key
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.method import Keys, Method, Ready, Refusal, SameEveryStep, Setup
+from stickslip.solvers.methods.outer_iteration import Outer, Relaxation, Solved
+from stickslip.solvers.metrics.gram import GramMetric
+from stickslip.solvers.newton.solution import OnStep, Solution, ignore
+from stickslip.solvers.newton.surface_model import nearest_in_cone
+from stickslip.solvers.scene.gram import Gram
+from stickslip.solvers.scene.problem import Problem
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from geometry.arrays import Array
-from solvers.interface.prepare import matrix_free
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods.applicability import Applicability
-from solvers.methods.inner_tolerance import InnerKeys, negligible
-from solvers.methods.method import Ready, Setup, Stateless
-from solvers.methods.outer_iteration import FixedStep, Outer, Solved
-from solvers.newton.solution import OnStep, Solution, ignore
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.prepare import matrix_free
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.inner_tolerance import InnerKeys, negligible
+from stickslip.solvers.methods.method import Ready, Setup, Stateless
+from stickslip.solvers.methods.outer_iteration import FixedStep, Outer, Solved
+from stickslip.solvers.newton.solution import OnStep, Solution, ignore
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,13 +8,13 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import require
-from geometry.keys import Key
-from solvers.interface.problem import SurfaceProblem
-from solvers.linear.inner_solver import Allowed
-from solvers.methods.method import Keys
-from solvers.methods.outer_iteration import Solved
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.linear.inner_solver import Allowed
+from stickslip.solvers.methods.method import Keys
+from stickslip.solvers.methods.outer_iteration import Solved
 
 InnerRule = Literal["elman-golub", "bramble-pasciak-vassilev"]
 CERTAIN = 0.1  # largest error of the natural residual after the last inner solve, relative to the outer tolerance

@@ -12,21 +12,21 @@ from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar, Protocol, Self, get_args, get_type_hints
 
-from geometry.arrays import Array
-from geometry.keys import Key
-from geometry.protocols import Vec
-from solvers.interface.coarse_mesh import CoarseMesh
-from solvers.interface.discrete import GivenSurface
-from solvers.interface.flexibility import DelassusOperator
-from solvers.interface.prepare import Form
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods.applicability import Applicability
-from solvers.newton.solution import OnStep, Solution, ignore
-from solvers.newton.surface_system import Flexibility
-from solvers.parallel.serialise import Plain
-from solvers.scene.problem import Problem
-from solvers.scene.settings import Solver
-from solvers.system.system import System
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.keys import Key
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.interface.coarse_mesh import CoarseMesh
+from stickslip.solvers.interface.discrete import GivenSurface
+from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.interface.prepare import Form
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.newton.solution import OnStep, Solution, ignore
+from stickslip.solvers.newton.surface_system import Flexibility
+from stickslip.solvers.parallel.serialise import Plain
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.settings import Solver
+from stickslip.solvers.system.system import System
 
 Solve = Callable[[SurfaceProblem, Array, OnStep], Solution]  # from the tractions (rows,) [Pa] of the last step
 Refusal = tuple[str, object, str]  # a key of [solver], its value, and the reason with what to use instead

@@ -7,19 +7,19 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import require
-from geometry.keys import Key
-from solvers.interface.discrete import GivenSurface
-from solvers.interface.prepare import condensed
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods.applicability import Applicability
-from solvers.methods.compliant_bodies import CompliantBodies
-from solvers.methods.inner_tolerance import InnerKeys, negligible
-from solvers.methods.method import Stateless
-from solvers.methods.outer_iteration import FrictionUpdates, Outer, Relaxation, Solved, projected
-from solvers.newton.solution import OnStep, Solution, ignore
-from solvers.newton.surface_model import nearest_in_cone
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.solvers.interface.discrete import GivenSurface
+from stickslip.solvers.interface.prepare import condensed
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.compliant_bodies import CompliantBodies
+from stickslip.solvers.methods.inner_tolerance import InnerKeys, negligible
+from stickslip.solvers.methods.method import Stateless
+from stickslip.solvers.methods.outer_iteration import FrictionUpdates, Outer, Relaxation, Solved, projected
+from stickslip.solvers.newton.solution import OnStep, Solution, ignore
+from stickslip.solvers.newton.surface_model import nearest_in_cone
 
 OuterMetric = Literal["points", "jacobian"]
 CHANGED = 0.01  # relative to the largest spring: alpha_k is computed anew only if some spring changes by more

@@ -8,17 +8,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from geometry.arrays import Array, Ints
-from solvers.contact.admissible_set import ContactBlock
-from solvers.interface.discrete import GivenSurface
-from solvers.interface.prepare import condensed
-from solvers.interface.problem import SurfaceProblem
-from solvers.laws.law import FrictionLaw, NormalLaw
-from solvers.methods.applicability import Applicability
-from solvers.methods.coloured_sweeps import ColouredSweeps
-from solvers.methods.method import Method, Ready, SameEveryStep, Setup, Turn
-from solvers.methods.sweeps import sweep_until_solved
-from solvers.newton.solution import OnStep, Solution, ignore
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.solvers.contact.admissible_set import ContactBlock
+from stickslip.solvers.interface.discrete import GivenSurface
+from stickslip.solvers.interface.prepare import condensed
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.coloured_sweeps import ColouredSweeps
+from stickslip.solvers.methods.method import Method, Ready, SameEveryStep, Setup, Turn
+from stickslip.solvers.methods.sweeps import sweep_until_solved
+from stickslip.solvers.newton.solution import OnStep, Solution, ignore
 
 STALL_WINDOW = 500  # sweeps in which the smallest residual must halve
 LEAST = 1e-12  # smallest flexibility of a point, relative to the largest: for rows that move nothing

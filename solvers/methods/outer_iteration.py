@@ -8,14 +8,14 @@ from typing import Annotated, Literal
 
 from scipy import sparse
 
-from geometry.arrays import Array
-from geometry.errors import require
-from geometry.keys import Key
-from geometry.protocols import Sparse
-from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods.method import Keys
-from solvers.newton.solution import OnStep, Plateau, Solution, Status, Step, ending
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.method import Keys
+from stickslip.solvers.newton.solution import OnStep, Plateau, Solution, Status, Step, ending
 
 
 @dataclass(frozen=True)

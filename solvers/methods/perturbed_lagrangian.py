@@ -8,17 +8,17 @@ from typing import Annotated, ClassVar
 import numpy as np
 from scipy import sparse
 
-from geometry.arrays import Array
-from geometry.errors import require
-from geometry.keys import Key
-from solvers.interface.prepare import condensed
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods.applicability import Applicability
-from solvers.methods.contact_element import STICK, Answer, ContactElements, held_from, penalties
-from solvers.methods.method import Method, Ready, SameEveryStep, Setup
-from solvers.newton.correction import ENOUGH, MARGIN, ROUNDING, elastic_norm, exact_problem
-from solvers.newton.solution import Correction, OnStep, Solution, Status, Step, ignore
-from solvers.system.system import System
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.solvers.interface.prepare import condensed
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.contact_element import STICK, Answer, ContactElements, held_from, penalties
+from stickslip.solvers.methods.method import Method, Ready, SameEveryStep, Setup
+from stickslip.solvers.newton.correction import ENOUGH, MARGIN, ROUNDING, elastic_norm, exact_problem
+from stickslip.solvers.newton.solution import Correction, OnStep, Solution, Status, Step, ignore
+from stickslip.solvers.system.system import System
 
 FACTOR = 10.0  # from one level of ω to the next
 START = 1e-8  # residual of a softer level at which its status of all elements is a good start for the next level

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.interface.discrete import DiscreteProblem
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods.method import SameEveryStep, Solve
-from solvers.newton.solution import OnStep, Solution, Status, Step, ignore
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.discrete import DiscreteProblem
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.method import SameEveryStep, Solve
+from stickslip.solvers.newton.solution import OnStep, Solution, Status, Step, ignore
 
 FIRST, FACTOR, LEAST, MOST = 1e-2, 10.0, 1e-10, 1e2  # epsilon, relative to the largest diagonal entry of W
 INNER = 40  # Newton iterations for one regular problem, before epsilon is raised

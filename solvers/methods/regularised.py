@@ -15,21 +15,21 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from geometry.arrays import Array
-from geometry.errors import require
-from geometry.keys import Key
-from geometry.protocols import Vec
-from solvers.interface.factorised import METIS
-from solvers.interface.flexibility import DelassusOperator
-from solvers.interface.problem import SurfaceProblem
-from solvers.laws.compliance import Compliance
-from solvers.methods.applicability import RIGID, Applicability
-from solvers.methods.method import Before, Method, Ready, Setup, Solve
-from solvers.methods.smoothed_forces import SmoothedForces
-from solvers.newton.correction import ENOUGH, MARGIN
-from solvers.newton.solution import Correction, OnStep, Solution, Status, Step, ignore
-from solvers.parallel.replicated import Replicated
-from solvers.system.system import System
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.interface.factorised import METIS
+from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.methods.applicability import RIGID, Applicability
+from stickslip.solvers.methods.method import Before, Method, Ready, Setup, Solve
+from stickslip.solvers.methods.smoothed_forces import SmoothedForces
+from stickslip.solvers.newton.correction import ENOUGH, MARGIN
+from stickslip.solvers.newton.solution import Correction, OnStep, Solution, Status, Step, ignore
+from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.system.system import System
 
 FACTOR = 10**0.5  # from level to level; with 10, Newton's method becomes slow
 FURTHER = 5  # Newton steps after the tolerance is met, to measure what was left

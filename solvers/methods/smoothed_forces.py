@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from geometry.amplitude import value_at
-from geometry.arrays import Array
-from geometry.protocols import Mat, Vec
-from solvers.contact.rows import ContactRows
-from solvers.fem.smoothed_laws import SmoothedContact, Widths
-from solvers.laws.friction import Tresca
-from solvers.system.nodal_contact import FormOfPart, NodalContact, fill, relative_to_obstacle
-from solvers.system.system import System
+from stickslip.geometry.amplitude import value_at
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Mat, Vec
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.fem.smoothed_laws import SmoothedContact, Widths
+from stickslip.solvers.laws.friction import Tresca
+from stickslip.solvers.system.nodal_contact import FormOfPart, NodalContact, fill, relative_to_obstacle
+from stickslip.solvers.system.system import System
 
 
 class SmoothedForces:

@@ -10,18 +10,18 @@ from typing import ClassVar
 import numpy as np
 from scipy import sparse
 
-from geometry.arrays import Array
-from solvers.interface.discrete import LEAST, GivenSurface
-from solvers.interface.flexibility import DelassusOperator
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods.applicability import Applicability
-from solvers.methods.method import Method, Ready, SameEveryStep, Setup, Solve, Turn
-from solvers.metrics.secants import Secants
-from solvers.metrics.surface_metric import SurfaceMetric, surface_metric
-from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
-from solvers.newton.surface_model import nearest_in_cone
-from solvers.newton.surface_system import Flexibility
-from solvers.parallel.serialise import Plain
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.discrete import LEAST, GivenSurface
+from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.method import Method, Ready, SameEveryStep, Setup, Solve, Turn
+from stickslip.solvers.metrics.secants import Secants
+from stickslip.solvers.metrics.surface_metric import SurfaceMetric, surface_metric
+from stickslip.solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
+from stickslip.solvers.newton.surface_model import nearest_in_cone
+from stickslip.solvers.newton.surface_system import Flexibility
+from stickslip.solvers.parallel.serialise import Plain
 
 STALL_WINDOW = 50  # iterations in which the smallest residual must halve
 HURRIED = 20  # likewise, if another form of the bodies can take over; usual are 5 to 15 iterations in all

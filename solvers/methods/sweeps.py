@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from geometry.arrays import Array
-from solvers.interface.problem import SurfaceProblem
-from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ending
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ending
 
 
 def sweep_until_solved(

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from geometry.arrays import Array
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods.applicability import Applicability
-from solvers.methods.method import Stateless
-from solvers.methods.outer_iteration import FixedStep, Outer, Solved
-from solvers.newton.solution import OnStep, Solution, ignore
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.method import Stateless
+from stickslip.solvers.methods.outer_iteration import FixedStep, Outer, Solved
+from stickslip.solvers.newton.solution import OnStep, Solution, ignore
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import eigh
 
-from geometry.arrays import Array, Bools
-from solvers.interface.flexibility import DelassusOperator
+from stickslip.geometry.arrays import Array, Bools
+from stickslip.solvers.interface.flexibility import DelassusOperator
 
 RANK = 1e-13  # of the largest eigenvalue; a smaller one is zero
 

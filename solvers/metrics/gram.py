@@ -11,21 +11,21 @@ from scipy import sparse
 from scipy.linalg import eigvalsh
 from scipy.sparse.csgraph import dijkstra
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Bools, Ints
-from geometry.protocols import Mat, Sparse
-from geometry.surfaces.forms import consistent_mass, surface_stiffness
-from solvers.contact.admissible_set import AdmissibleSet
-from solvers.contact.rows import ContactRows
-from solvers.interface.factorised import FactorisedVolume
-from solvers.interface.flexibility import DelassusOperator
-from solvers.interface.prepare import condensed
-from solvers.interface.problem import SurfaceProblem
-from solvers.linear.incomplete_cholesky import incomplete_cholesky
-from solvers.metrics.dense import DenseMetric, inverse_root
-from solvers.parallel.counters import Counters
-from solvers.scene.gram import Gram
-from solvers.system.system import System, free_stiffness
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.protocols import Mat, Sparse
+from stickslip.geometry.surfaces.forms import consistent_mass, surface_stiffness
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.interface.factorised import FactorisedVolume
+from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.interface.prepare import condensed
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.linear.incomplete_cholesky import incomplete_cholesky
+from stickslip.solvers.metrics.dense import DenseMetric, inverse_root
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.scene.gram import Gram
+from stickslip.solvers.system.system import System, free_stiffness
 
 
 class GramMetric:

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from geometry.arrays import Array, Ints
-from solvers.parallel.serialise import Plain
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.solvers.parallel.serialise import Plain
 
 KEPT = 100  # pairs
 EXACT = 1e-12  # least part of a pair's work that must be independent of the others, if volume solves are exact

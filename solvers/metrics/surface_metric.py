@@ -6,14 +6,14 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
-from geometry.arrays import Array
-from geometry.protocols import Sparse
-from geometry.surfaces.forms import lumped_mass, surface_stiffness
-from geometry.surfaces.surface import Surface
-from solvers.linear.cholesky import SparseCholesky
-from solvers.linear.inverse_root import InverseRoot
-from solvers.system.sides import contact_sides
-from solvers.system.system import System
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.surfaces.forms import lumped_mass, surface_stiffness
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.linear.cholesky import SparseCholesky
+from stickslip.solvers.linear.inverse_root import InverseRoot
+from stickslip.solvers.system.sides import contact_sides
+from stickslip.solvers.system.system import System
 
 BED = 1e-2  # of the stiffness of a contact dof: springs, for a layer that is the whole of a floating body
 

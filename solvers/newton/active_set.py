@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from geometry.arrays import Array, Bools, Ints
-from geometry.protocols import Sparse
-from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
-from solvers.interface.problem import SurfaceProblem
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
+from stickslip.solvers.interface.problem import SurfaceProblem
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,12 +7,12 @@ from typing import Protocol
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.interface.problem import SurfaceProblem
-from solvers.newton.active_set import ActiveSet, linearise
-from solvers.newton.line_search import LineSearch
-from solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
-from solvers.newton.starts import Start
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.newton.active_set import ActiveSet, linearise
+from stickslip.solvers.newton.line_search import LineSearch
+from stickslip.solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
+from stickslip.solvers.newton.starts import Start
 
 STALL_WINDOW = 20  # iterations in which the smallest residual of a damped attempt must halve
 SAME = 1e-10  # relative change up to which two iterates are the same

@@ -10,10 +10,10 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import cho_solve
 
-from geometry.arrays import Array
-from solvers.interface.prepare import condensed
-from solvers.interface.schur_complement import CondensedSurface, RowStiffness
-from solvers.newton.active_set import ActiveSet
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.prepare import condensed
+from stickslip.solvers.interface.schur_complement import CondensedSurface, RowStiffness
+from stickslip.solvers.newton.active_set import ActiveSet
 
 BALANCE = 1e-8  # relative force out of balance above which the linear system counts as singular
 ROUNDING = 1e-12  # of the entries of S times the prescribed motion: force that counts as zero

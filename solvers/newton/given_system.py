@@ -8,9 +8,9 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from geometry.arrays import Array
-from solvers.interface.discrete import GivenSurface
-from solvers.newton.active_set import ActiveSet
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.discrete import GivenSurface
+from stickslip.solvers.newton.active_set import ActiveSet
 
 DENSE = 200  # largest number of rows for a dense factorisation
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.interface.problem import SurfaceProblem
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.problem import SurfaceProblem
 
 MEMORY = 5  # merits of earlier iterates: the largest of them must fall
 HALVINGS = 12  # of a step

@@ -9,14 +9,14 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
-from geometry.arrays import Array, Ints
-from geometry.errors import SolverError
-from geometry.protocols import Mat, Sparse, Vec
-from solvers.blocks.block_system import BlockSystem
-from solvers.blocks.nest import backward_error, nested, solve
-from solvers.linear.inner_solver import direct, failure
-from solvers.linear.petsc_options import PetscOptions
-from solvers.newton.active_set import ActiveSet
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.errors import SolverError
+from stickslip.geometry.protocols import Mat, Sparse, Vec
+from stickslip.solvers.blocks.block_system import BlockSystem
+from stickslip.solvers.blocks.nest import backward_error, nested, solve
+from stickslip.solvers.linear.inner_solver import direct, failure
+from stickslip.solvers.linear.petsc_options import PetscOptions
+from stickslip.solvers.newton.active_set import ActiveSet
 
 RESIDUAL = 1e-8  # backward error, and relative force out of balance, above which the linear system counts as singular
 

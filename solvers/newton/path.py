@@ -29,13 +29,13 @@ from itertools import islice
 
 import numpy as np
 
-from geometry.arrays import Array, Bools, Ints
-from solvers.interface.prepare import condensed
-from solvers.interface.problem import SurfaceProblem
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.laws.friction import Stick
-from solvers.newton.solution import Solution
-from solvers.newton.starts import Start, closed
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.solvers.interface.prepare import condensed
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.laws.friction import Stick
+from stickslip.solvers.newton.solution import Solution
+from stickslip.solvers.newton.starts import Start, closed
 
 OPEN, CLOSED = 0, 1  # states of normal rows
 DEAD, STICK, FORWARD, BACKWARD = 2, 3, 4, 5  # states of tangential rows; dead: the friction bound is zero or less

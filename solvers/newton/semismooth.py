@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
-from geometry.arrays import Array
-from solvers.interface.problem import SurfaceProblem
-from solvers.newton import path, simpler_laws
-from solvers.newton.active_set import ActiveSet
-from solvers.newton.attempts import Attempts
-from solvers.newton.solution import OnStep, Solution, ignore
-from solvers.newton.starts import Start, again, first_starts, other_starts
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.newton import path, simpler_laws
+from stickslip.solvers.newton.active_set import ActiveSet
+from stickslip.solvers.newton.attempts import Attempts
+from stickslip.solvers.newton.solution import OnStep, Solution, ignore
+from stickslip.solvers.newton.starts import Start, again, first_starts, other_starts
 
 FIRM = (1e-3, 1e-5)  # weights of the proximal term from the first start [-]
 FIRMER = (1e-3, 1e-4, 1e-2, 1e-6, 1e-5)  # likewise from the best iterate so far

@@ -12,9 +12,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.interface.problem import SurfaceProblem
-from solvers.newton import path
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.newton import path
 
 ENOUGH = 1.0  # coefficient of friction above which others are looked for; one node of steel has others above 1.5
 MOST = 200  # rows up to which they are looked for; on 160 rows it takes 0.1 s a step, on 640 rows 6 s

@@ -16,14 +16,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.contact.admissible_set import AdmissibleSet
-from solvers.contact.rows import ContactRows
-from solvers.interface.problem import SurfaceProblem
-from solvers.laws.coulomb_by_point import CoulombByPoint
-from solvers.laws.law import NormalLaw
-from solvers.newton.solution import Solution, Status
-from solvers.newton.starts import Start
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
+from stickslip.solvers.laws.law import NormalLaw
+from stickslip.solvers.newton.solution import Solution, Status
+from stickslip.solvers.newton.starts import Start
 
 MOST = 30  # tangents
 FLOOR = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9)  # of the largest pressure: tangents at less would hold nothing

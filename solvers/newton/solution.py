@@ -8,7 +8,7 @@ from enum import Enum
 
 import numpy as np
 
-from geometry.arrays import Array
+from stickslip.geometry.arrays import Array
 
 
 class Status(Enum):

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.interface.limit_analysis import balancing_tractions
-from solvers.interface.problem import SurfaceProblem
-from solvers.newton.solution import Solution
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.limit_analysis import balancing_tractions
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.newton.solution import Solution
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.interface.limit_analysis import balancing_tractions
-from solvers.interface.problem import SurfaceProblem
-from solvers.newton.active_set import ActiveSet
-from solvers.newton.attempts import Attempts
-from solvers.newton.solution import Status
-from solvers.newton.starts import Start, again
-from solvers.newton.surface_system import Metric, SurfaceSystem
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.limit_analysis import balancing_tractions
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.newton.active_set import ActiveSet
+from stickslip.solvers.newton.attempts import Attempts
+from stickslip.solvers.newton.solution import Status
+from stickslip.solvers.newton.starts import Start, again
+from stickslip.solvers.newton.surface_system import Metric, SurfaceSystem
 
 MOST = 1000  # Newton iterations
 FIRM = (1e-3, 1e-5)  # weights of the proximal term of damped attempts [-]

@@ -11,13 +11,13 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from geometry.arrays import Array
-from geometry.protocols import Sparse
-from solvers.interface.flexibility import DelassusOperator
-from solvers.linear.gmres import gmres
-from solvers.metrics.secants import Secants
-from solvers.metrics.surface_metric import SurfaceMetric
-from solvers.newton.active_set import ActiveSet
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.linear.gmres import gmres
+from stickslip.solvers.metrics.secants import Secants
+from stickslip.solvers.metrics.surface_metric import SurfaceMetric
+from stickslip.solvers.newton.active_set import ActiveSet
 
 DENSE = 200  # largest number of contact rows for a dense factorisation
 BALANCE = 1e-8  # relative force out of balance above which the linear system counts as singular

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from petsc4py import PETSc
 
-from geometry.protocols import Mat, Sparse, Vec
+from stickslip.geometry.protocols import Mat, Sparse, Vec
 
 
 def distributed(whole: Sparse, rows: Vec, columns: Vec) -> Mat:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.arrays import AnyArray, Ints
-from geometry.mesh.mesh import Mesh
-from geometry.mesh.nodes import Nodes
-from geometry.protocols import Comm
+from stickslip.geometry.arrays import AnyArray, Ints
+from stickslip.geometry.mesh.mesh import Mesh
+from stickslip.geometry.mesh.nodes import Nodes
+from stickslip.geometry.protocols import Comm
 
 
 class Gather:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-from geometry.arrays import Array, Ints
-from geometry.protocols import Vec
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.protocols import Vec
 
 
 class Replicated:

@@ -10,8 +10,8 @@ from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from geometry.arrays import AnyArray
-from geometry.protocols import Comm
+from stickslip.geometry.arrays import AnyArray
+from stickslip.geometry.protocols import Comm
 
 Plain = Any  # a dict with words as keys, a list, a word, a number, None, an array, or values by node
 T = TypeVar("T")

@@ -14,25 +14,25 @@ from functools import cached_property
 import numpy as np
 from petsc4py import PETSc
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Ints
-from geometry.mesh.mesh import Mesh
-from geometry.obstacles.plane import Plane
-from geometry.protocols import CompiledForm, UflForm, Vec
-from geometry.surfaces.surface import gather_surface
-from solvers.contact.admissible_set import AdmissibleSet, ContactBlock
-from solvers.contact.rows import ContactRows
-from solvers.effects import active
-from solvers.fem.contact_forms import ComplianceForms
-from solvers.fem.elastic_energy import forces_of_energy
-from solvers.laws.compliance import Compliance
-from solvers.parallel.counters import Counters
-from solvers.results.closed_formulas import bound, gap, in_time, penetration, pressure
-from solvers.results.multiplier_forces import MultiplierForces
-from solvers.results.stored_fields import StoredFields, contact_differences, difference, slip_of, stress_difference
-from solvers.scene.problem import Problem
-from solvers.system.nodal_contact import fill, relative_to_obstacle
-from solvers.system.system import System, assemble
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.mesh.mesh import Mesh
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.geometry.protocols import CompiledForm, UflForm, Vec
+from stickslip.geometry.surfaces.surface import gather_surface
+from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.effects import active
+from stickslip.solvers.fem.contact_forms import ComplianceForms
+from stickslip.solvers.fem.elastic_energy import forces_of_energy
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.results.closed_formulas import bound, gap, in_time, penetration, pressure
+from stickslip.solvers.results.multiplier_forces import MultiplierForces
+from stickslip.solvers.results.stored_fields import StoredFields, contact_differences, difference, slip_of, stress_difference
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.system.nodal_contact import fill, relative_to_obstacle
+from stickslip.solvers.system.system import System, assemble
 
 EPS = float(np.finfo(float).eps)
 ROUNDED = 1e-9  # of the mean traction that all forces make on the contact area; smaller tractions are rounding

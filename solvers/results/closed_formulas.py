@@ -10,22 +10,22 @@ from itertools import pairwise
 
 import numpy as np
 
-from geometry.amplitude import Amplitude
-from geometry.arrays import Array
-from geometry.obstacles.cone import Cone
-from geometry.obstacles.cylinder import Cylinder
-from geometry.obstacles.obstacle import Obstacle
-from geometry.obstacles.plane import Plane
-from geometry.obstacles.sphere import Sphere
-from geometry.protocols import Sparse
-from solvers.laws.bilateral import Bilateral
-from solvers.laws.capped_coulomb import CappedCoulomb
-from solvers.laws.compliance import Compliance
-from solvers.laws.friction import Coulomb, Stick, Tresca
-from solvers.laws.law import FrictionLaw, NormalLaw
-from solvers.laws.tangential_compliance import TangentialCompliance
-from solvers.laws.tied import Tied
-from solvers.laws.unilateral import Unilateral
+from stickslip.geometry.amplitude import Amplitude
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.obstacles.cone import Cone
+from stickslip.geometry.obstacles.cylinder import Cylinder
+from stickslip.geometry.obstacles.obstacle import Obstacle
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.geometry.obstacles.sphere import Sphere
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.laws.bilateral import Bilateral
+from stickslip.solvers.laws.capped_coulomb import CappedCoulomb
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
+from stickslip.solvers.laws.tied import Tied
+from stickslip.solvers.laws.unilateral import Unilateral
 
 
 def gap(obstacle: Obstacle, x: Array) -> Array | None:

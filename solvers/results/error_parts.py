@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
-from geometry.arrays import Array
+from stickslip.geometry.arrays import Array
 
 Value = float | Array  # a number, or a vector by component
 

@@ -11,11 +11,11 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from geometry.protocols import KSP, Mat, Vec
-from solvers.interface.factorised import METIS
-from solvers.linear.multigrid import HYPRE, boomeramg, gamg
-from solvers.system.floating_modes import near_nullspace
-from solvers.system.system import System
+from stickslip.geometry.protocols import KSP, Mat, Vec
+from stickslip.solvers.interface.factorised import METIS
+from stickslip.solvers.linear.multigrid import HYPRE, boomeramg, gamg
+from stickslip.solvers.system.floating_modes import near_nullspace
+from stickslip.solvers.system.system import System
 
 RTOL = 1e-8  # true residual, relative to the load
 MOST_ITERATIONS = 1000

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
-from geometry.protocols import Vec
-from solvers.contact.rows import ContactRows
-from solvers.system.nodal_contact import NodalContact, fill, traction_fields
-from solvers.system.system import System
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.system.nodal_contact import NodalContact, fill, traction_fields
+from stickslip.solvers.system.system import System
 
 NEGLIGIBLE = 1e-9  # of the step's scale of traction; a smaller bound is no unit to measure lambda in
 

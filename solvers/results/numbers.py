@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.results.error_parts import Quantity, Value
-from solvers.results.step_result import ContactState, Numbers, StepResult
-from solvers.scene.quantities import CONTACT_NUMBERS, STRESSES
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.results.error_parts import Quantity, Value
+from stickslip.solvers.results.step_result import ContactState, Numbers, StepResult
+from stickslip.solvers.scene.quantities import CONTACT_NUMBERS, STRESSES
 
 ENERGIES = ("external", "stored", "contact", "compliance", "dissipated")  # its parts; the remainder follows from them
 

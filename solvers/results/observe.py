@@ -9,17 +9,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Ints, cross
-from geometry.errors import SceneError
-from geometry.mesh.mesh import Mesh
-from geometry.protocols import Vec
-from solvers.contact.rows import ContactRows
-from solvers.effects import active
-from solvers.newton.correction import FLOOR
-from solvers.parallel.gather import Gather, cells_of, nodes_of
-from solvers.results.recovered_stress import MeshError, RecoveredStress
-from solvers.results.step_result import (
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Ints, cross
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.mesh.mesh import Mesh
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.effects import active
+from stickslip.solvers.newton.correction import FLOOR
+from stickslip.solvers.parallel.gather import Gather, cells_of, nodes_of
+from stickslip.solvers.results.recovered_stress import MeshError, RecoveredStress
+from stickslip.solvers.results.step_result import (
     OPEN,
     SLIP,
     STICK,
@@ -32,9 +32,9 @@ from solvers.results.step_result import (
     StepResult,
     SurfaceMesh,
 )
-from solvers.stepping.state import State
-from solvers.stepping.stepper import Accepted, Stepper
-from solvers.system.system import System
+from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.stepper import Accepted, Stepper
+from stickslip.solvers.system.system import System
 
 Estimate = Callable[["Observer", "Accepted", StepResult], StepResult]
 LINEAR = 4.0  # the error of conjugate gradients is estimated from below; measured up to 3.7 times too small

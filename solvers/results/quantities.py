@@ -6,17 +6,17 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.results.error_parts import Errors
-from solvers.results.numbers import quantities
-from solvers.results.step_result import StepResult
-from solvers.scene.quantities import CONTACT_NUMBERS, ENERGIES, STRESSES
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.results.error_parts import Errors
+from stickslip.solvers.results.numbers import quantities
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.quantities import CONTACT_NUMBERS, ENERGIES, STRESSES
 
 
 def values(step: StepResult) -> dict[str, float]:
     """All numbers of a step by name, in SI units: base.normal_force, probe.tip.stress.xx, energy.stored.
 
-    `solvers.scene.quantities.names` gives the same names before anything is solved.
+    `stickslip.solvers.scene.quantities.names` gives the same names before anything is solved.
     """
     found: dict[str, float] = {}
     for name, contact in step.contacts.items():

@@ -17,11 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Ints
-from solvers.results.step_result import MeshData
-from solvers.scene.material import Material
-from solvers.scene.problem import Problem
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.solvers.results.step_result import MeshData
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.problem import Problem
 
 CHUNK = 20_000  # cells at a time: memory
 TWICE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # shear counts twice in products of stresses

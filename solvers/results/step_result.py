@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.arrays import Array, Ints
-from solvers.newton.solution import Convergence
-from solvers.results.error_parts import ErrorParts, Value
-from solvers.stepping.history import HistoryTuple
-from solvers.stepping.state import Energy
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.solvers.newton.solution import Convergence
+from stickslip.solvers.results.error_parts import ErrorParts, Value
+from stickslip.solvers.stepping.history import HistoryTuple
+from stickslip.solvers.stepping.state import Energy
 
 OPEN, SLIP, STICK = 0, 1, 2  # values of `ContactState.status`
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import AnyArray, Array
-from solvers.contact.rows import ContactRows
-from solvers.system.system import System
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import AnyArray, Array
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.system.system import System
 
 OPEN = 0  # of `ContactState.status`
 ROUNDING = 1e3 * float(np.finfo(float).eps)  # of the stress that motions as large as u make over a cell

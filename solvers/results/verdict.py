@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
-from solvers.results.audit import Audit
+from stickslip.solvers.results.audit import Audit
 
 EXACT = 1e-9  # what no iteration decides: supports, and fields that follow from displacement and tractions
 BALANCE = 1e-6  # out of balance; the ready scenes stay below 2e-9

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from geometry.errors import SceneError, require
-from geometry.keys import Key, Noun
-from solvers.laws import FrictionLaw, NormalLaw
-from solvers.laws.friction import Stick
-from solvers.laws.unilateral import Unilateral
+from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.keys import Key, Noun
+from stickslip.solvers.laws import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.friction import Stick
+from stickslip.solvers.laws.unilateral import Unilateral
 
 
 @dataclass(frozen=True, kw_only=True)

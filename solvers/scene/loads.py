@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from geometry.amplitude import Amplitude, check
-from geometry.errors import SceneError, require
-from geometry.keys import Key, Noun
+from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.keys import Key, Noun
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from geometry.errors import require
-from geometry.keys import Key, Noun
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key, Noun
 
 
 @dataclass(frozen=True, kw_only=True)

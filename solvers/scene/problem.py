@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from geometry.arrays import Array
-from geometry.obstacles import Obstacle
-from geometry.shape import Model, Request, Shape
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Load, Support
-from solvers.scene.material import Material
-from solvers.scene.settings import Probe, Solver
-from solvers.scene.timeline import Timeline
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.obstacles import Obstacle
+from stickslip.geometry.shape import Model, Request, Shape
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Load, Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.settings import Probe, Solver
+from stickslip.solvers.scene.timeline import Timeline
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,19 +7,19 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
-from geometry.amplitude import Amplitude
-from geometry.builders import Builder
-from geometry.errors import SceneError, nearest, require
-from geometry.keys import Key, Noun
-from geometry.obstacles import Obstacle
-from geometry.shape import Model, Request
-from geometry.user_files.user_file import UserFile
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Load, Support
-from solvers.scene.material import Material
-from solvers.scene.quantities import names
-from solvers.scene.settings import Accuracy, Exact, Output, Probe, Solver, Steps
-from solvers.scene.timeline import Place, Timeline
+from stickslip.geometry.amplitude import Amplitude
+from stickslip.geometry.builders import Builder
+from stickslip.geometry.errors import SceneError, nearest, require
+from stickslip.geometry.keys import Key, Noun
+from stickslip.geometry.obstacles import Obstacle
+from stickslip.geometry.shape import Model, Request
+from stickslip.geometry.user_files.user_file import UserFile
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Load, Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.quantities import names
+from stickslip.solvers.scene.settings import Accuracy, Exact, Output, Probe, Solver, Steps
+from stickslip.solvers.scene.timeline import Place, Timeline
 
 SOFTER = 10.0  # ratio of E from which the softer body's side carries the tractions
 NAME = re.compile(r"[a-z][a-z0-9_]*")

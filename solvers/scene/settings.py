@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from geometry.errors import nearest, require
-from geometry.keys import Key, Noun
+from stickslip.geometry.errors import nearest, require
+from stickslip.geometry.keys import Key, Noun
 
 SHORTEST, LONGEST = 1e-100, 1e100  # [s] of a history; powers of times far beyond are 0 or infinite
 
@@ -102,7 +102,7 @@ class Solver(Noun):
 
     @classmethod
     def default(cls) -> Solver:
-        """All defaults; with the keys of every method, if `solvers.methods` is imported."""
+        """All defaults; with the keys of every method, if `stickslip.solvers.methods` is imported."""
         return (cls.__subclasses__() or [cls])[-1]()
 
 

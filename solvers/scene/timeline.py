@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from geometry.amplitude import Amplitude, listed_times, turns, value_at
+from stickslip.geometry.amplitude import Amplitude, listed_times, turns, value_at
 
 CLOSE = 1e-12  # relative to the end: requested times that differ by less count as one
 

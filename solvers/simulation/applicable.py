@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from geometry.errors import SceneError
-from solvers.methods import METHODS, Solver, method_of
-from solvers.methods.applicability import RIGID, Applicability
-from solvers.methods.method import Method, Refusal, keys_of
-from solvers.scene.contact import Contact
-from solvers.scene.problem import Problem
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.methods import METHODS, Solver, method_of
+from stickslip.solvers.methods.applicability import RIGID, Applicability
+from stickslip.solvers.methods.method import Method, Refusal, keys_of
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.problem import Problem
 
 
 def refuse_method(problem: Problem) -> None:

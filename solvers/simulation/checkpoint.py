@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from geometry.arrays import Array
-from geometry.protocols import Vec
-from solvers.parallel.counters import Counters
-from solvers.parallel.gather import Gather, nodes_of
-from solvers.parallel.serialise import ByNode, Own, Plain, deserialise, serialise
-from solvers.stepping.method_chain import Reached
-from solvers.stepping.state import State
-from solvers.stepping.stepper import Accepted, Stepper
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.gather import Gather, nodes_of
+from stickslip.solvers.parallel.serialise import ByNode, Own, Plain, deserialise, serialise
+from stickslip.solvers.stepping.method_chain import Reached
+from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.stepper import Accepted, Stepper
 
 ROWS = "rows"  # field of State that is not stored: it is built again from the pairs of sliding contacts
 APART = ("surplus", "refined")  # fields with vectors of order 2, stored apart

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.errors import SceneError
-from geometry.mesh.joints import is_rigid
-from solvers.effects import active
-from solvers.methods import method_of
-from solvers.system.contact_interface import UNTOUCHED, loose_part
-from solvers.system.system import System
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.mesh.joints import is_rigid
+from stickslip.solvers.effects import active
+from stickslip.solvers.methods import method_of
+from stickslip.solvers.system.contact_interface import UNTOUCHED, loose_part
+from stickslip.solvers.system.system import System
 
 
 def refuse_loose_parts(system: System) -> None:

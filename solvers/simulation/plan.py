@@ -6,17 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from geometry.errors import SceneError
-from geometry.user_files.containment import walls
-from geometry.user_files.open_file import kind_of
-from geometry.user_files.user_file import UserFile
-from solvers.contact.rigid_obstacle import seen_from
-from solvers.effects import active
-from solvers.scene.problem import PlanRow, Problem
-from solvers.scene.scene import Scene
-from solvers.simulation.applicable import refuse_method
-from solvers.simulation.resolve import resolve
-from solvers.simulation.unresisted_modes import is_faint
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.user_files.containment import walls
+from stickslip.geometry.user_files.open_file import kind_of
+from stickslip.geometry.user_files.user_file import UserFile
+from stickslip.solvers.contact.rigid_obstacle import seen_from
+from stickslip.solvers.effects import active
+from stickslip.solvers.scene.problem import PlanRow, Problem
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.applicable import refuse_method
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.simulation.unresisted_modes import is_faint
 
 FACING = 1e-6  # cosine of the angle between normals, below which two surfaces do not face each other
 AXIS = 1e-9  # relative to the scene's size: points closer than this to the axis of symmetry lie on it

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from solvers.effects import EFFECTS
-from solvers.scene.problem import Pair, PlanRow, Problem
-from solvers.scene.scene import Scene
-from solvers.simulation.unresisted_modes import unresisted_modes
+from stickslip.solvers.effects import EFFECTS
+from stickslip.solvers.scene.problem import Pair, PlanRow, Problem
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.unresisted_modes import unresisted_modes
 
 
 def resolve(scene: Scene) -> Problem:

@@ -9,15 +9,15 @@ from numbers import Real
 from reprlib import repr as shortly
 from typing import Any, TypeGuard
 
-from geometry.amplitude import Amplitude, value_at
-from geometry.errors import SceneError, nearest, require
-from solvers.results.observe import Observer
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene, over
-from solvers.scene.settings import Steps
-from solvers.scene.timeline import Place
-from solvers.stepping.history import HistoryRow
-from solvers.stepping.stepper import ROUNDING, Accepted, Stepper
+from stickslip.geometry.amplitude import Amplitude, value_at
+from stickslip.geometry.errors import SceneError, nearest, require
+from stickslip.solvers.results.observe import Observer
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene, over
+from stickslip.solvers.scene.settings import Steps
+from stickslip.solvers.scene.timeline import Place
+from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.solvers.stepping.stepper import ROUNDING, Accepted, Stepper
 
 Values = Mapping[str, Mapping[str, float]]  # by name and component
 UNCHANGED: Values = {}

@@ -6,27 +6,27 @@ import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 
-from geometry.mesh.mesh import Mesh, build_mesh
-from geometry.protocols import Comm
-from geometry.size_field import SizeField
-from solvers.accuracy.errors import joined, with_errors
-from solvers.accuracy.nested_run import NestedRun
-from solvers.accuracy.time_steps import TimeStepErrors
-from solvers.accuracy.two_level import MeshCorrection
-from solvers.parallel.counters import Counters
-from solvers.results.error_parts import Errors
-from solvers.results.observe import Observer, mesh_data
-from solvers.results.step_result import MeshData, StepResult
-from solvers.scene.problem import PlanRow, Problem
-from solvers.scene.scene import Scene
-from solvers.simulation.loose_parts import refuse_loose_parts
-from solvers.simulation.plan import planned
-from solvers.simulation.script import Script
-from solvers.stepping.history import HistoryRow
-from solvers.stepping.method_chain import MethodChain, Reached
-from solvers.stepping.state import State
-from solvers.stepping.stepper import StepError, Stepper
-from solvers.system.system import System, assemble
+from stickslip.geometry.mesh.mesh import Mesh, build_mesh
+from stickslip.geometry.protocols import Comm
+from stickslip.geometry.size_field import SizeField
+from stickslip.solvers.accuracy.errors import joined, with_errors
+from stickslip.solvers.accuracy.nested_run import NestedRun
+from stickslip.solvers.accuracy.time_steps import TimeStepErrors
+from stickslip.solvers.accuracy.two_level import MeshCorrection
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.results.error_parts import Errors
+from stickslip.solvers.results.observe import Observer, mesh_data
+from stickslip.solvers.results.step_result import MeshData, StepResult
+from stickslip.solvers.scene.problem import PlanRow, Problem
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.loose_parts import refuse_loose_parts
+from stickslip.solvers.simulation.plan import planned
+from stickslip.solvers.simulation.script import Script
+from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.solvers.stepping.method_chain import MethodChain, Reached
+from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.stepper import StepError, Stepper
+from stickslip.solvers.system.system import System, assemble
 
 
 @dataclass

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import null_space
 
-from geometry.arrays import Array
-from solvers.contact.rigid_obstacle import seen_from
-from solvers.fem.constraints import AXES
-from solvers.fem.rigid_modes import rigid_fields, rigid_names
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Support
-from solvers.scene.scene import Scene
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.contact.rigid_obstacle import seen_from
+from stickslip.solvers.fem.constraints import AXES
+from stickslip.solvers.fem.rigid_modes import rigid_fields, rigid_names
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Support
+from stickslip.solvers.scene.scene import Scene
 
 FAINT = 1e-9  # of E / extent: a body held by softer tangential springs slides until rounding takes its stresses
 PARALLEL = 1e-9  # singular values below this, relative to the largest, count as zero

@@ -7,22 +7,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 from mpi4py import MPI
 
-from geometry.errors import MachineError
-from geometry.memory import available
-from geometry.mesh.mesh import Mesh
-from solvers.contact.rows import ContactRows
-from solvers.fem.constraints import Constraints
-from solvers.interface.prepare import Form
-from solvers.methods import METHODS
-from solvers.scene.problem import Problem
-from solvers.scene.settings import Solver
-from solvers.system.system import System
+from stickslip.geometry.errors import MachineError
+from stickslip.geometry.memory import available
+from stickslip.geometry.mesh.mesh import Mesh
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.fem.constraints import Constraints
+from stickslip.solvers.interface.prepare import Form
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.settings import Solver
+from stickslip.solvers.system.system import System
 
 ENTRIES = {  # non-zero entries of a row of K_B, inside a regular mesh
     ("triangle", 1): 14, ("triangle", 2): 23, ("quadrilateral", 1): 18, ("quadrilateral", 2): 32,
     ("tetrahedron", 1): 44, ("tetrahedron", 2): 84, ("hexahedron", 1): 81, ("hexahedron", 2): 192,
 }  # fmt: skip
-# CPU seconds on one core, one thread, fitted to the table of `workflows.benchmarks.auto`
+# CPU seconds on one core, one thread, fitted to the table of `stickslip.workflows.benchmarks.auto`
 FACTOR_TIME = {2: 1.7e-8, 3: 2.7e-9}  # of a factorisation with its Schur complement, times N^1.5 and N^2
 BACK = {2: 8e-7, 3: 2e-6}  # of a step's solves with the factor, times N
 INVERSE = 6e-11  # of the inverse of the dense stiffness, times the cube of the number of contact dofs

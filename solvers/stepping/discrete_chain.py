@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from geometry.arrays import Array
-from geometry.errors import SceneError, nearest
-from solvers.interface.discrete import DiscreteProblem, GivenSurface
-from solvers.methods import METHODS
-from solvers.newton.solution import Solution, Status, ignore
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SceneError, nearest
+from stickslip.solvers.interface.discrete import DiscreteProblem, GivenSurface
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.newton.solution import Solution, Status, ignore
 
 AUTO = "auto"
 REST, BEST = "from r = 0", "from the best reactions so far"

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.contact.admissible_set import ContactBlock
-from solvers.fem.constraints import AXES
-from solvers.interface.limit_analysis import decide
-from solvers.interface.problem import SurfaceProblem
-from solvers.newton.solution import Solution, Status
-from solvers.system.system import System
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.contact.admissible_set import ContactBlock
+from stickslip.solvers.fem.constraints import AXES
+from stickslip.solvers.interface.limit_analysis import decide
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.newton.solution import Solution, Status
+from stickslip.solvers.system.system import System
 
 
 def describe_motion(system: System, motion: Array) -> str:

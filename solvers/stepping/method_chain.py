@@ -7,22 +7,22 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 
-from solvers.interface.coarse_mesh import CoarseMesh
-from solvers.interface.flexibility import DelassusOperator
-from solvers.interface.matrix_free import MatrixFreeSurface
-from solvers.interface.prepare import prepare_volume
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.methods import METHODS
-from solvers.methods.condensed_newton import CondensedNewton
-from solvers.methods.method import Ready, Setup, Solve
-from solvers.methods.surface_uzawa import LearningIteration
-from solvers.metrics.surface_metric import SurfaceMetric, surface_metric
-from solvers.newton.solution import Solution, Status
-from solvers.newton.surface_system import Flexibility
-from solvers.parallel.serialise import Plain
-from solvers.stepping.choice import Choice, Stage, choose, fits
-from solvers.stepping.state import State
-from solvers.system.system import System
+from stickslip.solvers.interface.coarse_mesh import CoarseMesh
+from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.interface.matrix_free import MatrixFreeSurface
+from stickslip.solvers.interface.prepare import prepare_volume
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
+from stickslip.solvers.methods.method import Ready, Setup, Solve
+from stickslip.solvers.methods.surface_uzawa import LearningIteration
+from stickslip.solvers.metrics.surface_metric import SurfaceMetric, surface_metric
+from stickslip.solvers.newton.solution import Solution, Status
+from stickslip.solvers.newton.surface_system import Flexibility
+from stickslip.solvers.parallel.serialise import Plain
+from stickslip.solvers.stepping.choice import Choice, Stage, choose, fits
+from stickslip.solvers.stepping.state import State
+from stickslip.solvers.system.system import System
 
 SAFE = 4.0  # factor by which a safe metric overestimates the flexibility of the bodies
 log = logging.getLogger(__name__)

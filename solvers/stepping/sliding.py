@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.contact.admissible_set import AdmissibleSet
-from solvers.stepping.state import State
-from solvers.stepping.update import flat_rows
-from solvers.system.system import System
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.update import flat_rows
+from stickslip.solvers.system.system import System
 
 SLID_OFF = 0.05  # part of the smallest facet; if a point slides farther, the pairs are searched again
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.protocols import Vec
-from solvers.contact.rows import ContactRows
-from solvers.newton.solution import Correction
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.newton.solution import Correction
 
 
 @dataclass(frozen=True)
@@ -134,5 +134,5 @@ class State:
     surplus_motion: Mapping[str, Array] | None = None  # (n, d) relative motion by it at the nodes of each contact [m]
     reactions: Mapping[str, tuple[Array, Array]] | None = None  # of each support with bubbles: force [N], moment [N m]
     unbent: State | None = None  # the same with straight sides, of a state with bubbles whose sides bulge
-    refined: State | None = None  # the same history with bubbles, see `solvers.accuracy`; None: it is not followed
+    refined: State | None = None  # the same history with bubbles, see `stickslip.solvers.accuracy`; None: it is not followed
     peak: float = 0.0  # largest stored energy since t = 0 [J]; errors are relative to it, also once all is unloaded

@@ -10,26 +10,26 @@ from typing import Protocol
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import GeometryError, SceneError, SolverError
-from geometry.mesh.nodes import Nodes
-from geometry.protocols import Vec
-from solvers.contact.admissible_set import AdmissibleSet
-from solvers.interface.flexibility import Load
-from solvers.interface.limit_analysis import unbalanced_motion
-from solvers.interface.prepare import elastic_stiffness, prepare_surface
-from solvers.interface.problem import SurfaceProblem
-from solvers.newton import several
-from solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
-from solvers.newton.solution import Convergence, Correction, OnStep, Solution, Status, Step
-from solvers.stepping import failure
-from solvers.stepping.failure import describe_motion
-from solvers.stepping.history import HistoryRow
-from solvers.stepping.method_chain import MethodChain
-from solvers.stepping.sliding import carried_over, pairs_hold, relative_positions
-from solvers.stepping.state import HALVINGS, Energy, Previous, State
-from solvers.stepping.update import displacement, new_state, relative_displacement, split
-from solvers.system.system import System
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import GeometryError, SceneError, SolverError
+from stickslip.geometry.mesh.nodes import Nodes
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.interface.flexibility import Load
+from stickslip.solvers.interface.limit_analysis import unbalanced_motion
+from stickslip.solvers.interface.prepare import elastic_stiffness, prepare_surface
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.newton import several
+from stickslip.solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
+from stickslip.solvers.newton.solution import Convergence, Correction, OnStep, Solution, Status, Step
+from stickslip.solvers.stepping import failure
+from stickslip.solvers.stepping.failure import describe_motion
+from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.solvers.stepping.method_chain import MethodChain
+from stickslip.solvers.stepping.sliding import carried_over, pairs_hold, relative_positions
+from stickslip.solvers.stepping.state import HALVINGS, Energy, Previous, State
+from stickslip.solvers.stepping.update import displacement, new_state, relative_displacement, split
+from stickslip.solvers.system.system import System
 
 log = logging.getLogger(__name__)
 SEARCHES = 6  # of the pairs, in one substep whose points slide off their facets

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.protocols import Vec
-from solvers.contact.admissible_set import AdmissibleSet
-from solvers.contact.rows import ContactRows
-from solvers.interface.problem import SurfaceProblem
-from solvers.stepping.state import Energy, State
-from solvers.system.system import System
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.stepping.state import Energy, State
+from stickslip.solvers.system.system import System
 
 
 def split(cone: AdmissibleSet, p: Array) -> tuple[list[Array], list[Array]]:

@@ -9,15 +9,15 @@ from itertools import pairwise
 import numpy as np
 from scipy import sparse
 
-from geometry.arrays import Array, Ints
-from geometry.errors import SceneError
-from geometry.mesh.mesh import Mesh
-from geometry.protocols import Mat, Sparse, Vec
-from solvers.contact.rows import ContactRows
-from solvers.fem.constraints import Constraints
-from solvers.fem.rigid_modes import RigidModes
-from solvers.parallel.replicated import Replicated
-from solvers.system.obstacles import Obstacles
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.mesh.mesh import Mesh
+from stickslip.geometry.protocols import Mat, Sparse, Vec
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.fem.constraints import Constraints
+from stickslip.solvers.fem.rigid_modes import RigidModes
+from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.system.obstacles import Obstacles
 
 STILL = 1e-9  # of a rigid mode; a part that it moves by less is not moved
 UNTOUCHED = "that no contact touches "  # a part of the mesh, in words

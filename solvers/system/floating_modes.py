@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.parallel.replicated import Replicated
-from solvers.system.system import System
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.system.system import System
 
 
 def near_nullspace(system: System) -> Array:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.protocols import Vec
-from solvers.fem.terms import InitialStrain
-from solvers.scene.timeline import Course
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.fem.terms import InitialStrain
+from stickslip.solvers.scene.timeline import Course
 
 
 @dataclass(frozen=True, kw_only=True)

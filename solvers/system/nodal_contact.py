@@ -6,14 +6,14 @@ import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
-from geometry.protocols import CompiledForm, Function, Mat, Sparse, UflForm, Vec
-from solvers.contact.rows import ContactRows
-from solvers.fem.contact_forms import ContactForms, NodalRule
-from solvers.parallel.replicated import Replicated
-from solvers.system.contact_interface import components
-from solvers.system.system import System
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import CompiledForm, Function, Mat, Sparse, UflForm, Vec
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.fem.contact_forms import ContactForms, NodalRule
+from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.system.contact_interface import components
+from stickslip.solvers.system.system import System
 
 NOTHING: Array = np.zeros(0)
 

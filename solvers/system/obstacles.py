@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.contact.rows import ContactRows
-from solvers.fem.constraints import AXES
-from solvers.scene.problem import Problem
-from solvers.scene.timeline import Course, Place
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.fem.constraints import AXES
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.timeline import Course, Place
 
 
 @dataclass(frozen=True)

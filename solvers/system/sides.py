@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from geometry.protocols import Sparse
-from geometry.surfaces.surface import Surface
-from solvers.system.system import System
+from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.system.system import System
 
 
 def contact_sides(system: System) -> Iterator[tuple[str, Surface, Sparse]]:

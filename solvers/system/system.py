@@ -9,27 +9,27 @@ from functools import cache, cached_property
 import numpy as np
 from petsc4py import PETSc
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
-from geometry.errors import SceneError
-from geometry.mesh.mesh import Mesh
-from geometry.mesh.nodes import Nodes
-from geometry.protocols import FunctionSpace, Mat, UflExpr, UflForm, Vec
-from geometry.surfaces.surface import gather_surface
-from solvers.contact.pairing import pair_up
-from solvers.contact.rows import ContactRows
-from solvers.effects import active
-from solvers.fem.constraints import Constraints
-from solvers.fem.forms import WeakForms
-from solvers.fem.rigid_modes import RigidModes
-from solvers.fem.supports import find_constraints
-from solvers.parallel.counters import Counters
-from solvers.parallel.replicated import Replicated
-from solvers.scene.problem import Problem
-from solvers.scene.timeline import Course, Drive
-from solvers.system.contact_interface import ContactInterface, components
-from solvers.system.initial_strain import InitialStrains
-from solvers.system.obstacles import Obstacles
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.mesh.mesh import Mesh
+from stickslip.geometry.mesh.nodes import Nodes
+from stickslip.geometry.protocols import FunctionSpace, Mat, UflExpr, UflForm, Vec
+from stickslip.geometry.surfaces.surface import gather_surface
+from stickslip.solvers.contact.pairing import pair_up
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.effects import active
+from stickslip.solvers.fem.constraints import Constraints
+from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.fem.rigid_modes import RigidModes
+from stickslip.solvers.fem.supports import find_constraints
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.timeline import Course, Drive
+from stickslip.solvers.system.contact_interface import ContactInterface, components
+from stickslip.solvers.system.initial_strain import InitialStrains
+from stickslip.solvers.system.obstacles import Obstacles
 
 
 def free_stiffness(K: Mat, T: Mat, constraints: Constraints) -> Mat:

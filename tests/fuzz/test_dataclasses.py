@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import stickslip
-from geometry.keys import Noun
+from stickslip.geometry.keys import Noun
 from shared.fuzzing import accepted, fuzzed
-from solvers.simulation.plan import make_plan
+from stickslip.solvers.simulation.plan import make_plan
 
 FACE = {name: getattr(stickslip, name) for name in sorted(stickslip.__all__)}
 NOUNS = {name: kind for name, kind in FACE.items() if isinstance(kind, type) and issubclass(kind, Noun)}

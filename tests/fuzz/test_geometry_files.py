@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mpi4py import MPI
 
-from geometry.mesh.mesh import build_mesh
+from stickslip.geometry.mesh.mesh import build_mesh
 from shared.drawn import FACES, GEO, draw, scene_data
 from shared.fuzzing import accepted, fuzzed
-from solvers.simulation.plan import make_plan
-from workflows.scene_file.read import from_dict
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.workflows.scene_file.read import from_dict
 
 SHARE = 0.4  # of the examples: each starts two processes
 LIMIT = 20.0  # [s] of gmsh

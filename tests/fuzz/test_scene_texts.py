@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shared.fuzzing import accepted, fuzzed
-from solvers.simulation.plan import make_plan
-from workflows.commands.cli import app, guarded
-from workflows.scene_file.read import READY, from_dict, read
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.workflows.commands.cli import app, guarded
+from stickslip.workflows.scene_file.read import READY, from_dict, read
 
 SCENES = {p.stem: p.read_text(encoding="utf-8") for p in sorted(READY.glob("*.toml")) if p.stem != "cad_part"}
 SNIPPETS = [

@@ -21,10 +21,10 @@ from hypothesis import strategies as st
 
 from shared.fuzzing import EXAMPLES, assert_refusal
 from shared.histories import LEARNS, SMALL, assert_same, names_in
-from workflows.commands.cli import app, guarded
-from workflows.formats.own_files import MARKER, PART
-from workflows.run.run import run
-from workflows.scene_file.read import read
+from stickslip.workflows.commands.cli import app, guarded
+from stickslip.workflows.formats.own_files import MARKER, PART
+from stickslip.workflows.run.run import run
+from stickslip.workflows.scene_file.read import read
 
 SCENE = [*SMALL, *LEARNS, "steps.count=3"]
 WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in SCENE)]

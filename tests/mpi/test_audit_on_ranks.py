@@ -14,7 +14,7 @@ from dataclasses import asdict, replace
 from mpi4py import MPI
 from shared.audited import record_of
 from shared.cells import Cell, solved
-from solvers.results.audit import Auditor
+from stickslip.solvers.results.audit import Auditor
 comm, told = MPI.COMM_WORLD, []
 cells = (Cell("condensed-newton", model="3d", more="order 2"), Cell("condensed-newton", more="sliding"),
          Cell("condensed-newton", model="axisymmetric"), Cell("condensed-newton", "compliance", more="k_T"))

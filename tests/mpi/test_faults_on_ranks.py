@@ -14,9 +14,9 @@ from shared.drawn import write_long
 from shared.histories import RUN_FOUR, SMALL
 from shared.processes import children, gmsh_child, is_there, wait_for
 from shared.ranks import mpirun, started
-from workflows.formats.steps import step_name
-from workflows.run.run import run
-from workflows.scene_file.read import read
+from stickslip.workflows.formats.steps import step_name
+from stickslip.workflows.run.run import run
+from stickslip.workflows.scene_file.read import read
 
 TESTS = str(Path(__file__).parents[1])
 
@@ -25,7 +25,7 @@ TESTS = str(Path(__file__).parents[1])
 TOLD = """
 import importlib, os, signal, sys
 
-from workflows.commands import start
+from stickslip.workflows.commands import start
 
 rank, at = sys.argv.pop(1), sys.argv.pop(1)
 if os.environ["OMPI_COMM_WORLD_RANK"] == rank:
@@ -45,9 +45,9 @@ start.main()
     ("rank", "at"),
     [
         (1, "0.7"),  # s: within the imports
-        (1, "workflows.run.run.wanted"),  # the other waits for it already
-        pytest.param(0, "workflows.run.run.find_earlier_run", marks=pytest.mark.slow),
-        pytest.param(1, "workflows.scene_file.read.read", marks=pytest.mark.slow),
+        (1, "stickslip.workflows.run.run.wanted"),  # the other waits for it already
+        pytest.param(0, "stickslip.workflows.run.run.find_earlier_run", marks=pytest.mark.slow),
+        pytest.param(1, "stickslip.workflows.scene_file.read.read", marks=pytest.mark.slow),
     ],
 )
 def test_rank_that_is_told_to_stop_while_they_start_ends_the_others(rank: int, at: str, tmp_path: Path) -> None:
@@ -111,14 +111,14 @@ sys.path.append(sys.argv.pop(1))
 import pytest
 from mpi4py import MPI
 
-from geometry.errors import StickslipError
+from stickslip.geometry.errors import StickslipError
 from shared.disks import make_read_only
 from shared.drawn import write_long
 from shared.histories import Stop, assert_same
-from workflows.formats.steps import step_name
-from workflows.run.run import run
-from workflows.run.watch import Watch
-from workflows.scene_file.read import read
+from stickslip.workflows.formats.steps import step_name
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import read
 
 comm, scene = MPI.COMM_WORLD, read(sys.argv[1], sys.argv[2:])
 processes = comm.allgather(os.getpid())
@@ -198,7 +198,7 @@ def test_faults_on_two_ranks_are_the_same_on_both(tmp_path: Path) -> None:
 def test_full_disk_behind_stdout_on_two_ranks(tmp_path: Path) -> None:
     """Rank 1 says nothing, and does not wait."""
     program = "import os, sys; os.dup2(os.open('/dev/full', os.O_WRONLY), 1); "
-    program += "from workflows.commands import start; start.main()"
+    program += "from stickslip.workflows.commands import start; start.main()"
     done = mpirun(2, ["run", "block", "-o", "out", *COARSE], tmp_path, ("-c", program))
     assert done.returncode not in (0, 124)
     assert done.stderr.count("what is printed cannot be written") == 1

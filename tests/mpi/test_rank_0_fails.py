@@ -14,11 +14,11 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-import workflows.run.audit
-import workflows.run.run
-from geometry.errors import MachineError, StickslipError
-from workflows.run.watch import Watch
-from workflows.scene_file.read import read
+import stickslip.workflows.run.audit
+import stickslip.workflows.run.run
+from stickslip.geometry.errors import MachineError, StickslipError
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import read
 
 rank, scene = MPI.COMM_WORLD.rank, read("block", sys.argv[1:])
 
@@ -32,22 +32,22 @@ def fail(error):
     return act
 
 
-piped, read_step, run_log = BrokenPipeError(32, "Broken pipe"), workflows.run.audit.read_step, workflows.run.run.RunLog
+piped, read_step, run_log = BrokenPipeError(32, "Broken pipe"), stickslip.workflows.run.audit.read_step, stickslip.workflows.run.run.RunLog
 cases = {
     "step": lambda: Watch(on_step=fail(piped)),
     "iteration": lambda: Watch(on_iteration=fail(ValueError("a mistake"))),
     "mesh": lambda: Watch(on_mesh=fail(piped)),
     "rich": lambda: Watch(on_step=fail(SystemExit(1))),
-    "log": lambda: setattr(workflows.run.run, "RunLog", fail(piped)),
-    "audit": lambda: setattr(workflows.run.audit, "read_step", fail(MachineError("cannot be read"))),
+    "log": lambda: setattr(stickslip.workflows.run.run, "RunLog", fail(piped)),
+    "audit": lambda: setattr(stickslip.workflows.run.audit, "read_step", fail(MachineError("cannot be read"))),
 }
 for name, prepare in cases.items():
     try:
-        workflows.run.run.run(scene, name, prepare())
+        stickslip.workflows.run.run.run(scene, name, prepare())
         said = "nothing"
     except (StickslipError, ValueError, SystemExit) as error:
         said = type(error).__name__
-    workflows.run.audit.read_step, workflows.run.run.RunLog = read_step, run_log
+    stickslip.workflows.run.audit.read_step, stickslip.workflows.run.run.RunLog = read_step, run_log
     Path(f"{name}.{rank}").write_text(said)
 """
 

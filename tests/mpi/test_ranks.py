@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose
 
 from shared.drawn import write_hinge
 from shared.ranks import mpirun, options
-from workflows.formats.steps import read_step, step_name
-from workflows.run.run import run
-from workflows.scene_file.read import read
+from stickslip.workflows.formats.steps import read_step, step_name
+from stickslip.workflows.run.run import run
+from stickslip.workflows.scene_file.read import read
 
 SCENES = {
     "block": ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"],

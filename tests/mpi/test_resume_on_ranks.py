@@ -12,10 +12,10 @@ from numpy.testing import assert_allclose
 
 from shared.histories import LEARNS, SMALL, Stop
 from shared.ranks import mpirun
-from workflows.formats.steps import read_step, step_name
-from workflows.run.run import run
-from workflows.run.watch import Watch
-from workflows.scene_file.read import read
+from stickslip.workflows.formats.steps import read_step, step_name
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import read
 
 EXACT = "solver.tolerance=1e-12"
 SAME = 1e-10  # relative: the residual of either run is relative to p_ref, the answer's condition comes on top
@@ -31,9 +31,9 @@ import sys
 
 sys.path.append(sys.argv.pop(1))
 from shared.histories import Stop
-from workflows.run.run import run
-from workflows.run.watch import Watch
-from workflows.scene_file.read import read
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import read
 
 outcome, _ = run(read(sys.argv[1], sys.argv[2:]), "out", Watch(on_step=Stop(2)), resume=True)
 sys.exit(outcome.exit_code)
@@ -75,12 +75,12 @@ from pathlib import Path
 sys.path.append(sys.argv.pop(1))
 from mpi4py import MPI
 
-from geometry.errors import MachineError
+from stickslip.geometry.errors import MachineError
 from shared.histories import Stop, assert_same
-from workflows.run.run import run
-from workflows.run.watch import Watch
-from workflows.scene_file.read import read
-from workflows.formats.serialised import PlainFile
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.formats.serialised import PlainFile
 
 comm, scene = MPI.COMM_WORLD, read(sys.argv[1], sys.argv[2:])
 run(scene, "whole")

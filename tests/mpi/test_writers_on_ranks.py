@@ -11,10 +11,10 @@ ON_RANKS = """
 import sys
 from pathlib import Path
 
-from geometry.errors import MachineError
-from workflows.run.run import run
-from workflows.scene_file.read import read
-from workflows.writers.writer import Writer
+from stickslip.geometry.errors import MachineError
+from stickslip.workflows.run.run import run
+from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.writers.writer import Writer
 
 
 class Alone(Writer):

@@ -14,10 +14,10 @@ import pytest
 from shared.command import LIMIT, Start
 from shared.histories import FOUR, Stop
 from shared.solved import Solved, coarse, solve
-from workflows.commands.cli import app, guarded
-from workflows.run.run import run
-from workflows.run.watch import Watch
-from workflows.scene_file.read import READY, read
+from stickslip.workflows.commands.cli import app, guarded
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import READY, read
 
 Spoken = tuple[int, str, str]  # exit code, standard output, standard error
 
@@ -44,7 +44,7 @@ def call(folder: Path, capfd: pytest.CaptureFixture[str]) -> Callable[..., Spoke
 @pytest.fixture
 def command() -> list[str]:
     """What starts the command line as a process."""
-    return [sys.executable, "-m", "workflows.commands.start"]
+    return [sys.executable, "-m", "stickslip.workflows.commands.start"]
 
 
 @pytest.fixture

@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
-import workflows.cost.command
-import workflows.cost.kept
+import stickslip.workflows.cost.command
+import stickslip.workflows.cost.kept
 from shared.command import Call, table
-from solvers.scene.scene import Scene
-from workflows.cost.run_record import Run
-from workflows.cost.rung import Rung
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.cost.run_record import Run
+from stickslip.workflows.cost.rung import Rung
 
 SCENE = ["cost", "block", "-o", "out", "--set=geometry.mesh_size=1.0", "--set=solver.method=condensed-newton"]
 SMALL = [*SCENE, "--set=geometry.contact_mesh_size=0.5"]
@@ -103,7 +103,7 @@ def test_resume_after_any_interruption_gives_the_same_table(
     call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     words = ["--budget", "90", "-q", "--set=output.pictures=false"]
-    monkeypatch.setattr(workflows.cost.command, "measure", quick)
+    monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
     assert call(*SMALL, *words)[0] == 0
     whole, text = content(folder / "out"), (folder / "out" / "cost.csv").read_text()
     for stop in (1, len(whole["runs"]) // 2, len(whole["runs"]) - 1):
@@ -112,11 +112,11 @@ def test_resume_after_any_interruption_gives_the_same_table(
         def pause(*arguments: Any, left: Any = left) -> Run | None:
             return quick(*arguments) if next(left, None) is not None else None
 
-        monkeypatch.setattr(workflows.cost.command, "measure", pause)
+        monkeypatch.setattr(stickslip.workflows.cost.command, "measure", pause)
         code, _, err = call(*SMALL, *words)
         assert (code, err.count("\n")) == (130, 1)
         assert len(content(folder / "out")["runs"]) == stop
-        monkeypatch.setattr(workflows.cost.command, "measure", quick)
+        monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
         assert call(*SMALL, *words, "--resume")[0] == 0
         assert (folder / "out" / "cost.csv").read_text() == text
         assert content(folder / "out")["sentence"] == whole["sentence"]
@@ -132,7 +132,7 @@ def test_a_study_that_was_killed_is_taken_up_where_it_was(
             raise ZeroDivisionError  # nothing is tidied up, as after a power cut
         return quick(*arguments)
 
-    monkeypatch.setattr(workflows.cost.command, "measure", die)
+    monkeypatch.setattr(stickslip.workflows.cost.command, "measure", die)
     with pytest.raises(ZeroDivisionError):
         call(*SMALL, "-q")
     assert not (folder / "out").exists()
@@ -142,7 +142,7 @@ def test_a_study_that_was_killed_is_taken_up_where_it_was(
         made.append(rung)
         return quick(scene, rung, *more)
 
-    monkeypatch.setattr(workflows.cost.command, "measure", count)
+    monkeypatch.setattr(stickslip.workflows.cost.command, "measure", count)
     assert call(*SMALL, "-q", "--resume", "--budget", "60")[0] == 0
     assert len(content(folder / "out")["runs"]) == len(made) + 3
 
@@ -150,7 +150,7 @@ def test_a_study_that_was_killed_is_taken_up_where_it_was(
 def test_a_study_killed_while_it_is_taken_up_loses_no_run(
     call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(workflows.cost.command, "measure", quick)
+    monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
     assert call(*SMALL, "-q", "--budget", "20")[0] == 0
     before = content(folder / "out")["runs"]
 
@@ -158,7 +158,7 @@ def test_a_study_killed_while_it_is_taken_up_loses_no_run(
         raise ZeroDivisionError  # the first run is about to be copied
 
     with monkeypatch.context() as killed:
-        killed.setattr(workflows.cost.kept, "store", die)
+        killed.setattr(stickslip.workflows.cost.kept, "store", die)
         with pytest.raises(ZeroDivisionError):
             call(*SMALL, "-q", "--budget", "30", "--resume")
     made: list[Rung] = []
@@ -167,13 +167,13 @@ def test_a_study_killed_while_it_is_taken_up_loses_no_run(
         made.append(rung)
         return quick(scene, rung, *more)
 
-    monkeypatch.setattr(workflows.cost.command, "measure", count)
+    monkeypatch.setattr(stickslip.workflows.cost.command, "measure", count)
     assert call(*SMALL, "-q", "--budget", "30", "--resume")[0] == 0
     assert len(content(folder / "out")["runs"]) == len(before) + len(made)
 
 
 def test_a_changed_scene_is_not_resumed(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workflows.cost.command, "measure", quick)
+    monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
     assert call(*SMALL, "--budget", "20", "-q")[0] == 0
     code, out, err = call(*SMALL, "--budget", "30", "-q", "--resume", "--set=contacts.base.friction.mu=0.4")
     assert (code, out, err.count("\n")) == (2, "", 1)
@@ -189,7 +189,7 @@ def test_methods_are_laid_side_by_side(call: Call, folder: Path, monkeypatch: py
         phases = {phase: slow * value for phase, value in run.phases.items()}
         return replace(run, phases=phases, spent=slow * run.spent, volume_solves=100 * slow)
 
-    monkeypatch.setattr(workflows.cost.command, "measure", solver)
+    monkeypatch.setattr(stickslip.workflows.cost.command, "measure", solver)
     code, out, err = call(*SMALL, "--methods", "block-uzawa, uzawa", "--budget", "90")
     assert code == 0, err
     done = content(folder / "out")
@@ -247,7 +247,7 @@ def test_a_budget_for_nothing_is_said(call: Call, folder: Path) -> None:
 
 
 def test_one_mesh_is_no_comparison(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workflows.cost.command, "measure", quick)
+    monkeypatch.setattr(stickslip.workflows.cost.command, "measure", quick)
     code, _, err = call(*SMALL, "--budget", "3", "-q")
     assert (code, err.count("\n")) == (3, 1)
     assert "fewer than 2 meshes" in err
@@ -273,12 +273,12 @@ def test_the_child_dies_with_its_parent(folder: Path, command: list[str], enviro
     ) as process:
         children: list[int] = []
         while not children:  # the test's own time limit ends it
-            children = [pid for pid in _children(process.pid) if "workflows.cost.child" in _words(pid)]
+            children = [pid for pid in _children(process.pid) if "stickslip.workflows.cost.child" in _words(pid)]
             time.sleep(0.05)
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
     for _ in range(1200):  # it may still be starting, on a busy machine
-        if not any("workflows.cost.child" in _words(pid) for pid in children):
+        if not any("stickslip.workflows.cost.child" in _words(pid) for pid in children):
             return
         time.sleep(0.05)
     pytest.fail("the child computes on")

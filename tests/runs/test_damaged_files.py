@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from geometry.errors import GeometryError, SceneError
-from geometry.mesh.mesh import build_mesh
-from geometry.mesh.quality import worst_quality
-from geometry.user_files import reader
+from stickslip.geometry.errors import GeometryError, SceneError
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.mesh.quality import worst_quality
+from stickslip.geometry.user_files import reader
 from shared.drawn import FACES, GEO, PY, draw, scene_data
-from solvers.scene.scene import Scene
-from workflows.commands.cli import guarded
-from workflows.scene_file.read import from_dict
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.commands.cli import guarded
+from stickslip.workflows.scene_file.read import from_dict
 
 EACH = 25  # damaged files of each kind, half of them cut short, half with a byte changed
 SIGNS = b"0123456789.-(){};,\x00\xff"  # what hurts most

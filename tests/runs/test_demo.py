@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial import cKDTree
 
 import stickslip
-from geometry.arrays import Array
-from workflows.demos import uzawa_block as demo
+from stickslip.geometry.arrays import Array
+from stickslip.workflows.demos import uzawa_block as demo
 
 COARSE = 4  # edges a metre
 ITERATED = 1e-9  # relative; both iterations end at about 1e-11

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from shared.solved import ZERO, Solved, coarse, solve
-from solvers.scene.loads import Support
-from solvers.scene.scene import Scene
-from workflows.run.terminal import Reporter
-from workflows.scene_file.read import read
+from stickslip.solvers.scene.loads import Support
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.run.terminal import Reporter
+from stickslip.workflows.scene_file.read import read
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def test_an_audit_that_is_left_out_compiles_nothing_and_is_null(
     def built(*_: object) -> None:
         raise AssertionError("an auditor was built")
 
-    monkeypatch.setattr("workflows.run.audit.Auditor", built)
+    monkeypatch.setattr("stickslip.workflows.run.audit.Auditor", built)
     silent = solve(replace(block, output=replace(block.output, audit=False)), tmp_path / "without").result
     assert silent["counters"].pop("forms") < audited["counters"].pop("forms")
     assert silent["counters"] == audited["counters"]

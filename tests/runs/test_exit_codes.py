@@ -10,13 +10,13 @@ from typing import Any
 
 import pytest
 
-import workflows.run.run
-from geometry.errors import SolverError, StickslipError
-from geometry.user_files.child import child_environment
+import stickslip.workflows.run.run
+from stickslip.geometry.errors import SolverError, StickslipError
+from stickslip.geometry.user_files.child import child_environment
 from shared.command import COARSE, Call, result, table
-from solvers.simulation.simulation import Simulation, prepare
-from workflows.commands.cli import app, guarded
-from workflows.formats.steps import write_step
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.workflows.commands.cli import app, guarded
+from stickslip.workflows.formats.steps import write_step
 
 
 def test_run_that_does_not_converge_ends_with_3_and_says_what_to_try(call: Call, folder: Path) -> None:
@@ -62,7 +62,7 @@ def test_full_disk_ends_with_4(call: Call, folder: Path, monkeypatch: pytest.Mon
     def full(*arguments: object) -> None:
         raise OSError(28, os.strerror(28), "out/history.csv")
 
-    monkeypatch.setattr(workflows.run.run, "write_step", full)
+    monkeypatch.setattr(stickslip.workflows.run.run, "write_step", full)
     code, _, err = call("run", "block", "-q", "-o", "out", *COARSE)
     assert (code, err) == (4, "stickslip: out/history.csv: No space left on device\n")
     assert not (folder / "out").exists()
@@ -78,7 +78,7 @@ def test_ctrl_c_while_a_step_is_written_leaves_readable_results(
             os.kill(os.getpid(), signal.SIGINT)
         return write(where, index, *rest)
 
-    monkeypatch.setattr(workflows.run.run, "write_step", press)
+    monkeypatch.setattr(stickslip.workflows.run.run, "write_step", press)
     code, _, err = call("run", "block", "-q", "-o", "out", *COARSE, "--set=steps.count=8")
     assert code == 130, err
     done = result(folder / "out")
@@ -133,7 +133,7 @@ def test_ctrl_c_before_the_first_step_leaves_nothing(call: Call, folder: Path, m
         os.kill(os.getpid(), signal.SIGINT)
         return prepare(*arguments)
 
-    monkeypatch.setattr(workflows.run.run, "prepare", press)
+    monkeypatch.setattr(stickslip.workflows.run.run, "prepare", press)
     code, _, err = call("run", "block", "-q", "-o", "out", *COARSE)
     assert (code, "Traceback" in err) == (130, False)
     assert not list(folder.iterdir())
@@ -145,7 +145,7 @@ def test_program_error_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
     def wrong(*arguments: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("workflows.scene_file.read.read", wrong)
+    monkeypatch.setattr("stickslip.workflows.scene_file.read.read", wrong)
     with pytest.raises(ZeroDivisionError):
         guarded(lambda: app(["plan", "block"], standalone_mode=False))
 
@@ -153,7 +153,7 @@ def test_program_error_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("kilobytes", [200_000, 700_000])
 def test_too_little_memory_for_the_libraries_ends_in_one_line(kilobytes: int, folder: Path) -> None:
     """`ulimit -v`, as batch queues set it."""
-    words = f"ulimit -v {kilobytes}; exec {sys.executable} -P -m workflows.commands.cli plan block --mesh"
+    words = f"ulimit -v {kilobytes}; exec {sys.executable} -P -m stickslip.workflows.commands.cli plan block --mesh"
     done = subprocess.run(["bash", "-c", words], cwd=folder, env=child_environment(), capture_output=True, timeout=100)
     assert (done.returncode, done.stdout) == (4, b"")
     (line,) = done.stderr.decode().splitlines()

@@ -17,7 +17,7 @@ from shared.disks import make_read_only
 from shared.drawn import write_long
 from shared.histories import RUN_FOUR, Stop, assert_same, names_in
 from shared.processes import gmsh_child, is_there
-from solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import StepResult
 
 SPEAKS = ["run", "block", "-o", "out", *COARSE]
 
@@ -54,7 +54,7 @@ def test_home_that_cannot_be_written_is_no_obstacle(
 def test_no_place_for_compiled_forms_ends_with_4(start: Start) -> None:
     nowhere = {"HOME": "/dev/null", "XDG_CACHE_HOME": "/dev/null"}
     broken = "import tempfile, sys; tempfile.gettempdir = lambda: '/dev/null'; import runpy; sys.argv = sys.argv[1:]; "
-    program = broken + "runpy.run_module('workflows.commands.start', run_name='__main__', alter_sys=False)"
+    program = broken + "runpy.run_module('stickslip.workflows.commands.start', run_name='__main__', alter_sys=False)"
     done = subprocess.run(
         [sys.executable, "-c", program, "stickslip", *SPEAKS],
         env={**os.environ, **nowhere},
@@ -226,7 +226,7 @@ def test_disk_that_becomes_read_only_while_it_works(
             if step.time == 1.0:
                 make_read_only(folder, patch)
 
-        patch.setattr("workflows.run.terminal.Reporter._step", turn)
+        patch.setattr("stickslip.workflows.run.terminal.Reporter._step", turn)
         code, _, err = call(*RUN_FOUR)
     assert code == 4
     assert_one_line(err)
@@ -249,7 +249,7 @@ def test_clock_that_goes_back_changes_no_answer(
     with monkeypatch.context() as patch:
         patch.setattr("time.time", back)
         patch.setattr(
-            "workflows.run.terminal.Reporter._step", lambda self, step: Stop(1)(step) if step.time == 1.0 else None
+            "stickslip.workflows.run.terminal.Reporter._step", lambda self, step: Stop(1)(step) if step.time == 1.0 else None
         )
         assert call(*RUN_FOUR)[0] == 130
         for name in names_in(folder / "out"):

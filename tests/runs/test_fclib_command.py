@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose
 
 from shared.command import Call
 from shared.discrete import ONE, local, random_problem, write
-from solvers.interface.discrete import discrete_problem, residual
-from workflows.formats.fclib import read_problem
+from stickslip.solvers.interface.discrete import discrete_problem, residual
+from stickslip.workflows.formats.fclib import read_problem
 
 PLACE = "FCLIB_PROBLEMS"  # environment variable: a folder with problems of the public collection
 UNSOLVABLE = local(np.diag([0.0, 1.0]), np.array([-1.0, 0.0]), np.array([0.3]))  # u_n = -1 whatever r is
@@ -73,7 +73,7 @@ def test_every_method_can_be_asked_for_at_once(call: Call, folder: Path, files: 
 def test_what_is_not_solved_is_said(
     call: Call, folder: Path, files: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("solvers.stepping.discrete_chain.TURNS", (("nsgs", 50, "from r = 0"),))
+    monkeypatch.setattr("stickslip.solvers.stepping.discrete_chain.TURNS", (("nsgs", 50, "from r = 0"),))
     write(folder / "none.hdf5", UNSOLVABLE)
     code, out, _ = call("fclib", "none.hdf5", *files, "-o", "out")
     assert code == 3
@@ -133,7 +133,7 @@ def test_an_error_leaves_nothing(call: Call, folder: Path, files: list[str], mon
     def fails(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("workflows.commands.fclib.write_solved", fails)
+    monkeypatch.setattr("stickslip.workflows.commands.fclib.write_solved", fails)
     assert call("fclib", *files, "-o", "out")[0] == 130
     assert sorted(path.name for path in folder.iterdir()) == files
 

@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.results.step_result import StepResult
-from solvers.stepping.stepper import NoEquilibriumError, StepError
-from workflows.scene_file.read import read, to_dict
-from workflows.verification.hard.judge import Outcome, judge
-from workflows.verification.hard.tables import toml
-from workflows.verification.prepared import prepare
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
+from stickslip.workflows.scene_file.read import read, to_dict
+from stickslip.workflows.verification.hard.judge import Outcome, judge
+from stickslip.workflows.verification.hard.tables import toml
+from stickslip.workflows.verification.prepared import prepare
 
 ARCH = [f"bodies.{name}.nu=0.4999" for name in to_dict(read("arch"))["bodies"]]
 STACK = ["geometry.mesh_size=0.14", *(f"bodies.block_{k}.nu=0.4999" for k in range(1, 11))]
@@ -143,7 +143,7 @@ def test_blocks_with_next_to_no_friction_rest_until_they_are_tilted() -> None:
 
 def test_points_that_stick_and_lift_may_have_no_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     """With Coulomb's law and mu = 1e4, 1e6 a point slips whose pressure falls as 1/mu while its friction stays."""
-    monkeypatch.setattr("solvers.stepping.stepper.HALVINGS", 1)
+    monkeypatch.setattr("stickslip.solvers.stepping.stepper.HALVINGS", 1)
     words = ["geometry.mesh_size=0.07", "contacts.base.friction={law='stick'}", "steps.end=6.0", "steps.count=6"]
     with pytest.raises(StepError, match=r"jumps where the surfaces part: there may be no solution; coulomb has one"):
         solved("hysteresis", words)

@@ -17,11 +17,11 @@ import pytest
 
 from shared.command import Call
 from shared.histories import LEARNS, SMALL, assert_same, names_in
-from solvers.results.step_result import StepResult
-from workflows.formats.steps import step_name
-from workflows.run.run import run
-from workflows.run.watch import Watch
-from workflows.scene_file.read import read
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.workflows.formats.steps import step_name
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import read
 
 SCENE = [*SMALL, *LEARNS, "steps.count=4"]
 BY_TIME, SPARE = 12, 4  # steps of a run that is killed by the clock, and those after the last moment: it must still run
@@ -250,7 +250,7 @@ def test_full_disk_loses_no_step_and_the_run_goes_on_when_there_is_room(
             resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
 
     with monkeypatch.context() as patch:
-        patch.setattr("workflows.run.terminal.Reporter._step", fill)
+        patch.setattr("stickslip.workflows.run.terminal.Reporter._step", fill)
         try:
             code, _, err = call(*words)
         finally:

@@ -9,16 +9,16 @@ from mpi4py import MPI
 from numpy.testing import assert_allclose
 from PIL import Image
 
-from geometry.mesh.mesh import build_mesh
+from stickslip.geometry.mesh.mesh import build_mesh
 from shared.command import COARSE, Call, result
 from shared.drawn import draw, scene_data
-from solvers.parallel.counters import Counters
-from solvers.simulation.resolve import resolve
-from solvers.system.system import assemble
-from workflows.commands.mesh import announce
-from workflows.run.mesh_report import elements_across, look
-from workflows.run.run import run
-from workflows.scene_file.read import from_dict, read
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.system.system import assemble
+from stickslip.workflows.commands.mesh import announce
+from stickslip.workflows.run.mesh_report import elements_across, look
+from stickslip.workflows.run.run import run
+from stickslip.workflows.scene_file.read import from_dict, read
 
 CAD = """
 model = "3d"

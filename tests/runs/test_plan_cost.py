@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-import workflows.cost.foresee
+import stickslip.workflows.cost.foresee
 from shared.command import Call
 
 SMALL = ["--set=geometry.mesh_size=0.4", "--set=geometry.contact_mesh_size=0.2"]
@@ -12,8 +12,8 @@ SMALL = ["--set=geometry.mesh_size=0.4", "--set=geometry.contact_mesh_size=0.2"]
 
 @pytest.fixture(autouse=True)
 def one_second(monkeypatch: pytest.MonkeyPatch) -> None:
-    limited = workflows.cost.foresee.coarse_versions
-    monkeypatch.setattr(workflows.cost.foresee, "coarse_versions", lambda scene, _: limited(scene, 1.0))
+    limited = stickslip.workflows.cost.foresee.coarse_versions
+    monkeypatch.setattr(stickslip.workflows.cost.foresee, "coarse_versions", lambda scene, _: limited(scene, 1.0))
 
 
 def test_prices_are_told(call: Call) -> None:

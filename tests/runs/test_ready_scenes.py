@@ -7,15 +7,15 @@ import numpy as np
 import pyvista
 from numpy.testing import assert_allclose
 
-from geometry.amplitude import value_at
-from geometry.arrays import cross
-from geometry.builders.pair import Domes
-from geometry.obstacles.plane import Plane
+from stickslip.geometry.amplitude import value_at
+from stickslip.geometry.arrays import cross
+from stickslip.geometry.builders.pair import Domes
+from stickslip.geometry.obstacles.plane import Plane
 from shared.measures import facets_miss, measures
 from shared.solved import ROUNDING, ZERO, Solved
-from solvers.laws.friction import Coulomb
-from solvers.scene.scene import Scene
-from workflows.formats.steps import read_step, step_name
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.formats.steps import read_step, step_name
 
 
 def weight(solved: Solved, time: float) -> Any:

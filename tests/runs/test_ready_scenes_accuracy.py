@@ -7,7 +7,7 @@ import pytest
 
 from shared.command import READY_NAMES
 from shared.solved import SIZES, Solved, solve
-from workflows.scene_file.read import READY, read
+from stickslip.workflows.scene_file.read import READY, read
 
 CHEAP = {"block", "strip", "two_blocks"}
 PROMISE = re.compile(r"# Main number: (\w+)\.(\w+) ± ([\d.]+) %\n")

@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from shared.solved import Json, Solved
-from workflows.scene_file.read import from_dict
+from stickslip.workflows.scene_file.read import from_dict
 
 
 def is_number(value: Any) -> bool:

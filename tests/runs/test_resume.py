@@ -17,19 +17,19 @@ import pytest
 
 from shared.command import Call, result
 from shared.histories import LEARNS, PUSHED, SMALL, Stop, assert_same, names_in, rows
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods.condensed_newton import CondensedNewton
-from solvers.methods.surface_uzawa import LearningIteration
-from solvers.newton.solution import Solution
-from workflows.formats.hdf5 import write_arrays
-from workflows.formats.own_files import MARKER
-from workflows.formats.regular import read_regular
-from workflows.formats.steps import step_name
-from workflows.run.folder import BEGUN, ResultsFolder
-from workflows.run.resume import VERSIONS
-from workflows.run.run import run
-from workflows.run.watch import Watch
-from workflows.scene_file.read import READY, from_dict, read
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
+from stickslip.solvers.methods.surface_uzawa import LearningIteration
+from stickslip.solvers.newton.solution import Solution
+from stickslip.workflows.formats.hdf5 import write_arrays
+from stickslip.workflows.formats.own_files import MARKER
+from stickslip.workflows.formats.regular import read_regular
+from stickslip.workflows.formats.steps import step_name
+from stickslip.workflows.run.folder import BEGUN, ResultsFolder
+from stickslip.workflows.run.resume import VERSIONS
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import READY, from_dict, read
 
 CUBE = ["geometry.mesh_size=0.34", "output.pictures=false", "steps.count=4"]
 SLIDING = ["geometry.mesh_size=0.25", "geometry.lower_mesh_size=0.2", "output.pictures=false", "steps.end=1.5"]
@@ -113,7 +113,7 @@ def test_methods_that_were_given_up_stay_so(name: str, tmp_path: Path, monkeypat
     run(scene, tmp_path / "whole")
     run(scene, tmp_path / "out", Watch(on_step=Stop(2)))
     with monkeypatch.context() as patched:
-        patched.setattr("solvers.stepping.choice.available", lambda: 0)
+        patched.setattr("stickslip.solvers.stepping.choice.available", lambda: 0)
         run(scene, tmp_path / "out", resume=True)
     done = result(tmp_path / "out")
     assert [switch["after"] for switch in done["switches"]][-1] == "condensed-newton (condensed)"
@@ -131,7 +131,7 @@ def test_what_a_method_of_single_steps_has_learnt_is_known_after_a_resume(
         return solve(replace(self, max_it=1) if problem.cone.time in fails else self, problem, *rest)
 
     monkeypatch.setattr(CondensedNewton, "__call__", some)
-    monkeypatch.setattr("solvers.stepping.stepper.HALVINGS", 0)  # the step is not cut first
+    monkeypatch.setattr("stickslip.solvers.stepping.stepper.HALVINGS", 0)  # the step is not cut first
     scene = read("cube", [*CUBE, "steps.count=4"])
     run(scene, tmp_path / "whole")
     run(scene, tmp_path / "out", Watch(on_step=Stop(1)))
@@ -152,7 +152,7 @@ def test_signals_end_the_run_after_the_iteration_and_it_goes_on(
     first = sum(row["step"] == "1" for row in rows(whole / "history.csv"))
     stops = [Stop(first + 2, number), Stop(2, number)]
     with monkeypatch.context() as patched:
-        patched.setattr("workflows.run.terminal.Reporter._iteration", lambda self, row: stops[0](row))
+        patched.setattr("stickslip.workflows.run.terminal.Reporter._iteration", lambda self, row: stops[0](row))
         code, _, err = call(*WORDS)
         assert (code, err.count("\n")) == (130, 1)
         assert f"stopped by {number.name} after 1 of 6 steps; go on with: stickslip run block -o out --set=" in err
@@ -273,7 +273,7 @@ def test_damaged_or_missing_earlier_step_is_named_and_nothing_is_touched(
 
 def test_another_mesh_is_refused(call: Call, stopped: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As another version of gmsh may make of the same scene."""
-    monkeypatch.setattr("workflows.run.run.mesh_checksum", lambda mesh: "0" * 64)
+    monkeypatch.setattr("stickslip.workflows.run.run.mesh_checksum", lambda mesh: "0" * 64)
     before = {name: (stopped / name).read_bytes() for name in names_in(stopped)}
     code, _, err = call(*WORDS, "--resume")
     assert (code, err.count("\n")) == (4, 1)
@@ -354,7 +354,7 @@ def test_last_step_that_cannot_be_read_now_is_kept(
 
     before = content_of(stopped)
     with monkeypatch.context() as patched:
-        patched.setattr("workflows.formats.hdf5.read_regular", fail)
+        patched.setattr("stickslip.workflows.formats.hdf5.read_regular", fail)
         code, _, err = call(*WORDS, "--resume")
     assert (code, err.count("\n")) == (4, 1)
     assert f"steps/000003.h5: cannot be read: {os.strerror(number)}; nothing is resumed, nothing was changed" in err

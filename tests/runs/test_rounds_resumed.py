@@ -6,15 +6,15 @@ from typing import Any
 
 import pytest
 
-import workflows.accuracy.rounds
-from geometry.errors import FolderError, SceneError
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from workflows.accuracy.rounds import Rounds, aiming
-from workflows.run.folder import ResultsFolder
-from workflows.run.run import run
-from workflows.run.watch import Watch
-from workflows.scene_file.read import read
+import stickslip.workflows.accuracy.rounds
+from stickslip.geometry.errors import FolderError, SceneError
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.accuracy.rounds import Rounds, aiming
+from stickslip.workflows.run.folder import ResultsFolder
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import read
 
 SIZES = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5", "output.pictures=false"]
 
@@ -49,7 +49,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[Scene]:
         found.append(scene)
         return run(scene, *more, **keys)
 
-    monkeypatch.setattr(workflows.accuracy.rounds, "run", count)
+    monkeypatch.setattr(stickslip.workflows.accuracy.rounds, "run", count)
     return found
 
 

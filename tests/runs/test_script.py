@@ -17,14 +17,14 @@ from matplotlib import image
 from numpy.testing import assert_allclose
 
 import stickslip
-from geometry.amplitude import Amplitude
-from geometry.arrays import Array
-from geometry.errors import SceneError
+from stickslip.geometry.amplitude import Amplitude
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SceneError
 from shared.command import LIMIT
 from shared.histories import FOUR
-from solvers.scene.loads import Direction
-from workflows.scene_file.read import from_dict, read, to_dict
-from workflows.studies import block_from_python
+from stickslip.solvers.scene.loads import Direction
+from stickslip.workflows.scene_file.read import from_dict, read, to_dict
+from stickslip.workflows.studies import block_from_python
 
 
 def script() -> stickslip.Scene:

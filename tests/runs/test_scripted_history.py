@@ -13,12 +13,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import stickslip
-from solvers.simulation.script import Script
-from solvers.stepping.stepper import StepError
-from workflows.scene_file.read import from_dict
-from workflows.studies import shear_until_it_slips
-from workflows.verification.cases.sheared_column import scene as column
-from workflows.verification.closed_forms.sheared_column import COLUMN, TABLE, TOP
+from stickslip.solvers.simulation.script import Script
+from stickslip.solvers.stepping.stepper import StepError
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.studies import shear_until_it_slips
+from stickslip.workflows.verification.cases.sheared_column import scene as column
+from stickslip.workflows.verification.closed_forms.sheared_column import COLUMN, TABLE, TOP
 
 COARSE = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5"]
 PLANE = {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}

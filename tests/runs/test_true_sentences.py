@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from petsc4py import PETSc
 
-from geometry.errors import MachineError, SceneError
+from stickslip.geometry.errors import MachineError, SceneError
 from shared.command import Call, Start, assert_one_line
 from shared.drawn import write_hinge
 from shared.histories import RUN_FOUR, assert_same, names_in
-from solvers.interface import factorised
-from solvers.parallel.counters import Counters
-from solvers.results.step_result import StepResult
-from workflows.commands.cli import LONGEST, shortened
-from workflows.formats.steps import step_name
-from workflows.run.folder import BEGUN, RESULT
+from stickslip.solvers.interface import factorised
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.workflows.commands.cli import LONGEST, shortened
+from stickslip.workflows.formats.steps import step_name
+from stickslip.workflows.run.folder import BEGUN, RESULT
 
 
 def test_steps_that_are_gone_are_not_said_to_be_kept(call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -27,7 +27,7 @@ def test_steps_that_are_gone_are_not_said_to_be_kept(call: Call, folder: Path, m
         if step.time == 1.0:
             shutil.rmtree(folder / ".out.running")
 
-    monkeypatch.setattr("workflows.run.terminal.Reporter._step", lose)
+    monkeypatch.setattr("stickslip.workflows.run.terminal.Reporter._step", lose)
     code, _, err = call(*RUN_FOUR)
     assert code == 4
     assert_one_line(err)

@@ -12,15 +12,15 @@ from typing import Any
 
 import pytest
 
-from geometry.errors import FolderError
+from stickslip.geometry.errors import FolderError
 from shared.command import Call, result
 from shared.histories import SMALL, Stop, assert_same, names_in
-from workflows.formats.own_files import MARKER, PART, SIGNATURE, claim, foreign, listed, mark
-from workflows.formats.steps import step_name
-from workflows.run.folder import ResultsFolder
-from workflows.run.run import run
-from workflows.run.watch import Watch
-from workflows.scene_file.read import read
+from stickslip.workflows.formats.own_files import MARKER, PART, SIGNATURE, claim, foreign, listed, mark
+from stickslip.workflows.formats.steps import step_name
+from stickslip.workflows.run.folder import ResultsFolder
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import read
 
 SCENE = [*SMALL, "steps.count=2"]
 WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in SCENE)]
@@ -257,7 +257,7 @@ def test_half_moved_results_are_resumed(call: Call, done: Path, whole: Path, mon
     keep(done)
     with monkeypatch.context() as patch:
         patch.setattr(
-            "workflows.run.folder.move_own", lambda *rest, **options: (_ for _ in ()).throw(OSError(28, "no"))
+            "stickslip.workflows.run.folder.move_own", lambda *rest, **options: (_ for _ in ()).throw(OSError(28, "no"))
         )
         assert call(*WORDS)[0] == 4
     assert call(*WORDS, "--resume")[0] == 0

@@ -8,8 +8,8 @@ import pytest
 
 from shared.command import COARSE, Spoken, result
 from shared.histories import RUN_FOUR, SMALL
-from solvers.laws.friction import Coulomb
-from workflows.formats.steps import step_name
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.workflows.formats.steps import step_name
 
 Call = Callable[..., Spoken]
 NUMBERS = {

@@ -9,8 +9,8 @@ import pytest
 
 from shared.command import COARSE, Spoken
 from shared.histories import PUSHED
-from solvers.simulation.plan import warnings
-from workflows.scene_file.read import read
+from stickslip.solvers.simulation.plan import warnings
+from stickslip.workflows.scene_file.read import read
 
 Call = Callable[..., Spoken]
 SOFT = "--set=bodies.block.nu=0.4999"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from workflows.scene_file.read import READY
+from stickslip.workflows.scene_file.read import READY
 
 Spoken = tuple[int, str, str]
 Call = Callable[..., Spoken]

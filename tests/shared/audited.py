@@ -2,10 +2,10 @@
 
 from dataclasses import asdict
 
-from solvers.results.audit import Auditor, Record
-from solvers.results.step_result import StepResult
-from solvers.results.stored_fields import StoredFields
-from solvers.simulation.simulation import Simulation
+from stickslip.solvers.results.audit import Auditor, Record
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.stored_fields import StoredFields
+from stickslip.solvers.simulation.simulation import Simulation
 
 NAMES = ("time", "displacement", "p", "w", "reference", "driven", "searched")
 

@@ -8,17 +8,17 @@ from typing import Any, get_type_hints
 import numpy as np
 from mpi4py import MPI
 
-from geometry.errors import SceneError
-from geometry.keys import Key
-from solvers.contact.operators import OPERATORS
-from solvers.laws import FrictionLaw, NormalLaw
-from solvers.methods.applicability import RIGID
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation
-from workflows.scene_file.read import from_dict
-from workflows.verification.prepared import prepare
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.keys import Key
+from stickslip.solvers.contact.operators import OPERATORS
+from stickslip.solvers.laws import FrictionLaw, NormalLaw
+from stickslip.solvers.methods.applicability import RIGID
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
 
 NORMAL: dict[str, dict[str, Any]] = {"compliance": {"c_n": 20.0, "m_n": 2.0}}  # parameters of laws that need some
 TYPICAL = {"-": 0.3, "Pa": 0.008, "Pa/m^m_T": 0.2}  # a value for a key of friction that has no default, by its unit

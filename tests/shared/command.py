@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from workflows.scene_file.read import READY
+from stickslip.workflows.scene_file.read import READY
 
 Spoken = tuple[int, str, str]
 Call = Callable[..., Spoken]

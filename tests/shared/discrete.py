@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 from scipy import sparse
 
-from geometry.arrays import Array
+from stickslip.geometry.arrays import Array
 
 ONE = {  # u = r + q, mu = 1/2, in 3D: q, r, u
     "opens": ([1.0, 2.0, 0.0], [0.0, 0.0, 0.0], [1.0, 2.0, 0.0]),

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from geometry.mesh.gmsh_session import gmsh_session
+from stickslip.geometry.mesh.gmsh_session import gmsh_session
 
 GEO = """
 DefineConstant[ length = 4, height = {2, Name "Parameters/height"}, lc = 0.5 ];

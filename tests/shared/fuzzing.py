@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from hypothesis import HealthCheck, settings
 
-from geometry.errors import InputError
+from stickslip.geometry.errors import InputError
 
 FEW = 12  # examples of a fuzzer in `make test`
 LONG = int(os.environ.get("FUZZ", "0"))  # in `make fuzz`

@@ -12,10 +12,10 @@ from typing import Any
 from numpy.testing import assert_array_equal
 
 from shared.command import result
-from solvers.parallel.serialise import ByNode
-from workflows.formats.hdf5 import read_arrays, stored_checksum
-from workflows.formats.own_files import MARKER
-from workflows.formats.serialised import BYTES, TEXT, from_arrays
+from stickslip.solvers.parallel.serialise import ByNode
+from stickslip.workflows.formats.hdf5 import read_arrays, stored_checksum
+from stickslip.workflows.formats.own_files import MARKER
+from stickslip.workflows.formats.serialised import BYTES, TEXT, from_arrays
 
 SMALL = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "output.pictures=false", "steps.count=6"]
 LEARNS = ["solver.method=surface-uzawa", "solver.surface=matrix-free"]

@@ -5,13 +5,13 @@ from functools import lru_cache
 import numpy as np
 from mpi4py import MPI
 
-from geometry.errors import SceneError
-from geometry.protocols import Vec
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation
-from workflows.scene_file.read import read
-from workflows.verification.prepared import prepare
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.verification.prepared import prepare
 
 # methods that solve the laws only nearly: their own solution is what they iterate towards
 APPROXIMATE = ("perturbed-lagrangian", "regularised")

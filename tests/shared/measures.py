@@ -3,7 +3,7 @@
 from math import pi
 from typing import Any
 
-from geometry.builders.assembly import Assembly, Part
+from stickslip.geometry.builders.assembly import Assembly, Part
 
 
 def measures(shape: Any, dim: int) -> dict[str, float]:

@@ -8,7 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from shared.cells import Cell, solved
-from solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import StepResult
 
 TOLERANCE = 1e-11
 Answer = dict[str, np.ndarray]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-from geometry import dolfinx_versions as dx
-from geometry.surfaces.surface import Surface
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.surfaces.surface import Surface
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

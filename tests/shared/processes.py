@@ -46,7 +46,7 @@ def gmsh_child(process: int, doing: str) -> int:
 
     def look() -> int:
         for child in children(process):
-            if b"geometry.user_files.reader" in words_of(child) and child not in others:
+            if b"stickslip.geometry.user_files.reader" in words_of(child) and child not in others:
                 if doing == "reading" or others:
                     return child
                 others.add(child)

@@ -19,7 +19,7 @@ MPI = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
 }
-STICKSLIP = ("-m", "workflows.commands.start")
+STICKSLIP = ("-m", "stickslip.workflows.commands.start")
 
 
 def mpirun(

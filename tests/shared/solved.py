@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from solvers.scene.scene import Scene
-from workflows.run.run import run
-from workflows.scene_file.read import read
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.run.run import run
+from stickslip.workflows.scene_file.read import read
 
 COARSER = 2.5  # times the mesh sizes of the ready scenes: what is tested holds on every mesh
 SIZES = ("mesh_size", "contact_mesh_size", "lower_mesh_size", "inner_mesh_size")

@@ -11,12 +11,12 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from geometry.arrays import Array
-from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
-from solvers.scene.settings import Output
-from solvers.stepping.state import Energy
-from workflows.scene_file.read import read
-from workflows.writers.writer import Job
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
+from stickslip.solvers.scene.settings import Output
+from stickslip.solvers.stepping.state import Energy
+from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.writers.writer import Job
 
 FACET = {"triangle": "interval", "quadrilateral": "interval", "tetrahedron": "triangle", "hexahedron": "quadrilateral"}
 SIZE = {"triangle": 1 / 2, "quadrilateral": 1, "tetrahedron": 1 / 6, "hexahedron": 1, "interval": 1}

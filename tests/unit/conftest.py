@@ -6,15 +6,15 @@ from typing import Any
 import pytest
 from mpi4py import MPI
 
-from geometry.mesh.mesh import build_mesh
-from solvers.parallel.counters import Counters
-from solvers.scene.scene import Scene
-from solvers.simulation import simulation
-from solvers.simulation.resolve import resolve
-from solvers.simulation.simulation import Simulation
-from solvers.system.system import System, assemble
-from workflows.scene_file.read import from_dict
-from workflows.verification.prepared import prepare
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation import simulation
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.system.system import System, assemble
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
 
 
 @pytest.fixture(scope="session")

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.errors import SceneError
-from geometry.size_field import SizeField, adapted, volumes
-from solvers.results.error_parts import ErrorParts, Quantity
-from solvers.simulation.simulation import Seconds, prepare
-from workflows.accuracy.level import AIM, ALIKE, FINEST, GAIN, Level, Move, next_move
-from workflows.accuracy.rounds import Rounds, aiming, parsed
-from workflows.accuracy.standing import Standing, standings
-from workflows.run.watch import Watch
-from workflows.scene_file.read import read
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.size_field import SizeField, adapted, volumes
+from stickslip.solvers.results.error_parts import ErrorParts, Quantity
+from stickslip.solvers.simulation.simulation import Seconds, prepare
+from stickslip.workflows.accuracy.level import AIM, ALIKE, FINEST, GAIN, Level, Move, next_move
+from stickslip.workflows.accuracy.rounds import Rounds, aiming, parsed
+from stickslip.workflows.accuracy.standing import Standing, standings
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import read
 
 
 def grid(n: int) -> tuple[Any, Any]:

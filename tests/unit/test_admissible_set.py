@@ -10,17 +10,17 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 
-from geometry.arrays import Array
-from solvers.contact.admissible_set import AdmissibleSet
-from solvers.interface.discrete import discrete_problem
-from solvers.laws.bilateral import Bilateral
-from solvers.laws.capped_coulomb import CappedCoulomb
-from solvers.laws.compliance import Compliance
-from solvers.laws.friction import Coulomb, Stick, Tresca
-from solvers.laws.law import FrictionLaw, NormalLaw
-from solvers.laws.tangential_compliance import TangentialCompliance
-from solvers.laws.tied import Tied
-from solvers.laws.unilateral import Unilateral
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.interface.discrete import discrete_problem
+from stickslip.solvers.laws.bilateral import Bilateral
+from stickslip.solvers.laws.capped_coulomb import CappedCoulomb
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
+from stickslip.solvers.laws.tied import Tied
+from stickslip.solvers.laws.unilateral import Unilateral
 
 Laws = tuple[NormalLaw, FrictionLaw | None]
 SOFT = Compliance(c_n=4.0)

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geometry.amplitude import check, listed_times, turns, value_at
-from geometry.errors import SceneError
+from stickslip.geometry.amplitude import check, listed_times, turns, value_at
+from stickslip.geometry.errors import SceneError
 
 
 def test_a_bare_number_is_ramped_from_zero_and_held_after_the_end() -> None:

@@ -14,13 +14,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 import stickslip
-from geometry.errors import MachineError
-from solvers.simulation.simulation import Simulation
-from workflows.formats.steps import write_step
-from workflows.pictures.animation import animate, close_up, frames, nodes_of, palette, survey
-from workflows.pictures.render import View
-from workflows.pictures.sheet import STATUS_COLOURS
-from workflows.run.run import run
+from stickslip.geometry.errors import MachineError
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.formats.steps import write_step
+from stickslip.workflows.pictures.animation import animate, close_up, frames, nodes_of, palette, survey
+from stickslip.workflows.pictures.render import View
+from stickslip.workflows.pictures.sheet import STATUS_COLOURS
+from stickslip.workflows.run.run import run
 
 COARSE = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "steps.count=4"]
 
@@ -95,7 +95,7 @@ def test_many_steps_are_thinned_out_and_what_is_small_is_magnified(
     top = replace(scene.supports["top"], displacement={"x": 0.0, "y": -1e-6})
     scene = replace(scene, supports={"top": top})
     simulation, steps = written(scene, tmp_path)
-    monkeypatch.setattr("workflows.pictures.animation.FRAMES", 3)
+    monkeypatch.setattr("stickslip.workflows.pictures.animation.FRAMES", 3)
     with opened(animate(tmp_path, scene, simulation.data, len(steps))) as film:
         assert film.n_frames == 1 + 3
     course = survey(tmp_path, scene, simulation.data, [1, 6])

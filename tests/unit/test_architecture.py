@@ -14,31 +14,31 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 EXAMPLES = {  # heading: room, and what the file imports
-    "Builder": ("geometry/builders", ["geometry.builders.cuboid: Cuboid, grid"]),
-    "Obstacle": ("geometry/obstacles", ["geometry.obstacles.obstacle: Obstacle"]),
-    "Law": ("solvers/laws", ["solvers.laws.law: FrictionLaw, touching"]),
+    "Builder": ("geometry/builders", ["stickslip.geometry.builders.cuboid: Cuboid, grid"]),
+    "Obstacle": ("geometry/obstacles", ["stickslip.geometry.obstacles.obstacle: Obstacle"]),
+    "Law": ("solvers/laws", ["stickslip.solvers.laws.law: FrictionLaw, touching"]),
     "Effect": (
         "solvers/effects",
         [
             "geometry.amplitude: Amplitude",
-            "solvers.effects.effect: Effect",
-            "solvers.fem.terms: InitialStrain",
-            "solvers.scene.scene: EffectTable",
-            "solvers.scene.timeline: Place",
+            "stickslip.solvers.effects.effect: Effect",
+            "stickslip.solvers.fem.terms: InitialStrain",
+            "stickslip.solvers.scene.scene: EffectTable",
+            "stickslip.solvers.scene.timeline: Place",
         ],
     ),
     "Method": (
         "solvers/methods",
         [
-            "solvers.methods.applicability: Applicability",
-            "solvers.methods.method: Stateless",
-            "solvers.methods.outer_iteration: FixedStep, Outer, Solved",
-            "solvers.newton.solution: ignore",
+            "stickslip.solvers.methods.applicability: Applicability",
+            "stickslip.solvers.methods.method: Stateless",
+            "stickslip.solvers.methods.outer_iteration: FixedStep, Outer, Solved",
+            "stickslip.solvers.newton.solution: ignore",
         ],
     ),
-    "Writer": ("workflows/writers", ["workflows.writers.writer: Writer"]),
+    "Writer": ("workflows/writers", ["stickslip.workflows.writers.writer: Writer"]),
 }
-ALWAYS = ["dataclasses: dataclass", "typing: Annotated, Literal", "geometry.keys: Key"]
+ALWAYS = ["dataclasses: dataclass", "typing: Annotated, Literal", "stickslip.geometry.keys: Key"]
 
 
 def example(name: str) -> str:
@@ -84,7 +84,7 @@ def test_builder_obstacle_law_and_effect_are_one_file_each(tmp_path: Path) -> No
     script = """
         import json
         import stickslip
-        from workflows.scene_file.read import from_dict
+        from stickslip.workflows.scene_file.read import from_dict
 
         assert stickslip.__file__.startswith(__import__("os").getcwd())
         scene = from_dict({

@@ -13,12 +13,12 @@ import pytest
 from numpy.typing import NDArray
 
 from shared.audited import record_of, stored_by
-from solvers.parallel.gather import nodes_of
-from solvers.results.audit import Audit, Auditor, Record
-from solvers.results.step_result import OPEN, SLIP, STICK, StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.resolve import resolve
-from solvers.simulation.simulation import Simulation
+from stickslip.solvers.parallel.gather import nodes_of
+from stickslip.solvers.results.audit import Audit, Auditor, Record
+from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.simulation.simulation import Simulation
 
 Array = NDArray[np.float64]
 CLEAN = 1e-8  # solver.tolerance is 1e-10

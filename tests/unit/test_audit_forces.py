@@ -8,15 +8,15 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from geometry.surfaces.surface import Surface
+from stickslip.geometry.surfaces.surface import Surface
 from shared.audited import record_of
-from solvers.contact.admissible_set import AdmissibleSet
-from solvers.contact.build import MultiplierNodes
-from solvers.results.audit import Auditor, Record
-from solvers.results.multiplier_forces import MultiplierForces
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from solvers.system.system import System
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.contact.build import MultiplierNodes
+from stickslip.solvers.results.audit import Auditor, Record
+from stickslip.solvers.results.multiplier_forces import MultiplierForces
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.system.system import System
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

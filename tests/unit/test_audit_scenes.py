@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.arrays import Array
+from stickslip.geometry.arrays import Array
 from shared.audited import record_of, stored_by
-from solvers.laws.compliance import Compliance
-from solvers.laws.friction import Coulomb, Tresca
-from solvers.results import audit as module
-from solvers.results.audit import Audit, Auditor, Record, Scales
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.friction import Coulomb, Tresca
+from stickslip.solvers.results import audit as module
+from stickslip.solvers.results.audit import Audit, Auditor, Record, Scales
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.errors import SceneError
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation
-from solvers.system.system import System
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.system.system import System
 
 SceneOf = Callable[..., Scene]
 SystemOf = Callable[[Scene], System]

@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 from numpy.testing import assert_allclose
 
-from workflows.studies.block_price import measure, verdicts
-from workflows.studies.block_price.__main__ import measured
-from workflows.studies.block_price.cases import EXACTLY, INEXACT, LIKE, METHODS, REFERENCE, SMALL, Case, Sizes, tables
-from workflows.studies.block_price.page import NAME, conditions, verdict, write_page
-from workflows.studies.block_price.verdicts import CLAIMS, SIDE_BY_SIDE
-from workflows.studies.published.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows, chosen
+from stickslip.workflows.studies.block_price import measure, verdicts
+from stickslip.workflows.studies.block_price.__main__ import measured
+from stickslip.workflows.studies.block_price.cases import EXACTLY, INEXACT, LIKE, METHODS, REFERENCE, SMALL, Case, Sizes, tables
+from stickslip.workflows.studies.block_price.page import NAME, conditions, verdict, write_page
+from stickslip.workflows.studies.block_price.verdicts import CLAIMS, SIDE_BY_SIDE
+from stickslip.workflows.studies.published.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows, chosen
 
 MASS, COMPLETE, DROP, IC0 = EXACTLY
 TINY = Sizes(meshes=((2, 4),), at=(), methods=(REFERENCE, "uzawa", MASS), parts=(1.1,), inner_at=(), bound_at=(2, 4))

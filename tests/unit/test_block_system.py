@@ -10,17 +10,17 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from geometry.errors import SceneError
+from stickslip.geometry.errors import SceneError
 from shared.cells import Cell
-from solvers.blocks.block_system import BlockSystem
-from solvers.interface.prepare import condensed, uncondensed
-from solvers.methods.block_uzawa import OnBlocks
-from solvers.newton.solution import Status
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.stepper import StepError
-from workflows.verification.prepared import prepare
+from stickslip.solvers.blocks.block_system import BlockSystem
+from stickslip.solvers.interface.prepare import condensed, uncondensed
+from stickslip.solvers.methods.block_uzawa import OnBlocks
+from stickslip.solvers.newton.solution import Status
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.stepper import StepError
+from stickslip.workflows.verification.prepared import prepare
 
 Array = NDArray[np.float64]
 CELLS = [
@@ -225,7 +225,7 @@ def test_a_scene_without_contact_is_solved_too(variant: str) -> None:
 @pytest.mark.parametrize("variant", ["exact", "inexact"])
 def test_a_body_far_above_its_compliant_face_is_pressed_onto_it(variant: str, c_n: float) -> None:
     """Its stiffness is singular until it touches, and a residual is rounding of K u long before it is small."""
-    from workflows.scene_file.read import read
+    from stickslip.workflows.scene_file.read import read
 
     words = ["geometry.mesh_size=0.25", "contacts.base.gap_offset=0.1", "steps.count=2"]
     scene = with_solver(read("foundation", [*words, f"contacts.base.normal.c_n={c_n}"]), tolerance=1e-9)
@@ -301,7 +301,7 @@ def test_what_makes_no_sense_is_refused_in_one_line(keys: dict[str, Any], words:
 def test_a_body_that_contact_alone_holds_is_refused_but_not_one_on_a_compliant_face() -> None:
     with pytest.raises(SceneError, match="needs bodies that their supports or compliant pressures hold"):
         make_plan(Cell("block-uzawa", more="floating").scene(TOLERANCE))
-    from workflows.scene_file.read import read
+    from stickslip.workflows.scene_file.read import read
 
     make_plan(with_solver(read("foundation"), method="block-uzawa"))
 

@@ -10,25 +10,25 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
-from geometry.builders import Builder
-from geometry.builders.assembly import Assembly
-from geometry.builders.block import Block
-from geometry.builders.cuboid import Cuboid
-from geometry.builders.dome import Dome
-from geometry.builders.half_ball import HalfBall
-from geometry.builders.half_disc import HalfDisc
-from geometry.builders.half_space import HalfSpace
-from geometry.builders.ring import Ring
-from geometry.builders.sector import Sector
-from geometry.builders.strip import Strip
-from geometry.errors import GeometryError, SceneError
-from geometry.mesh.jacobian import worst_jacobian_ratio
-from geometry.mesh.mesh import Mesh, build_mesh
-from geometry.mesh.nodes import Nodes
-from geometry.shape import Model, Request
-from geometry.surfaces.surface import Surface, gather_surface
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders import Builder
+from stickslip.geometry.builders.assembly import Assembly
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.cuboid import Cuboid
+from stickslip.geometry.builders.dome import Dome
+from stickslip.geometry.builders.half_ball import HalfBall
+from stickslip.geometry.builders.half_disc import HalfDisc
+from stickslip.geometry.builders.half_space import HalfSpace
+from stickslip.geometry.builders.ring import Ring
+from stickslip.geometry.builders.sector import Sector
+from stickslip.geometry.builders.strip import Strip
+from stickslip.geometry.errors import GeometryError, SceneError
+from stickslip.geometry.mesh.jacobian import worst_jacobian_ratio
+from stickslip.geometry.mesh.mesh import Mesh, build_mesh
+from stickslip.geometry.mesh.nodes import Nodes
+from stickslip.geometry.shape import Model, Request
+from stickslip.geometry.surfaces.surface import Surface, gather_surface
 from shared.measures import facets_miss, measures
 
 Case = tuple[Builder, Model]

@@ -8,22 +8,22 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 
-from geometry.errors import SceneError
+from stickslip.geometry.errors import SceneError
 from shared.audited import record_of
-from solvers.laws.capped_coulomb import CappedCoulomb
-from solvers.laws.compliance import Compliance
-from solvers.laws.law import NormalLaw
-from solvers.laws.unilateral import Unilateral
-from solvers.results.audit import Auditor
-from solvers.results.step_result import SLIP, STICK
-from solvers.scene.contact import Contact
-from solvers.simulation.plan import make_plan
-from solvers.stepping.stepper import StepError
-from workflows.scene_file.read import from_dict
-from workflows.verification.cases.sheared_column import K_T, PRESSURE, E, bases, compare, scene
-from workflows.verification.check import failures
-from workflows.verification.closed_forms import sheared_column
-from workflows.verification.prepared import prepare
+from stickslip.solvers.laws.capped_coulomb import CappedCoulomb
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.law import NormalLaw
+from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.results.audit import Auditor
+from stickslip.solvers.results.step_result import SLIP, STICK
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.stepping.stepper import StepError
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.cases.sheared_column import K_T, PRESSURE, E, bases, compare, scene
+from stickslip.workflows.verification.check import failures
+from stickslip.workflows.verification.closed_forms import sheared_column
+from stickslip.workflows.verification.prepared import prepare
 
 MU, TOP = 0.3, sheared_column.TOP
 NORMAL: list[NormalLaw] = [Unilateral(), Compliance(c_n=4.0, m_n=2.0)]

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import stickslip as s
-from geometry.errors import LONGEST_LINE, SceneError, nearest, require
-from solvers.laws.friction import Coulomb
-from workflows.scene_file.read import from_dict, read
+from stickslip.geometry.errors import LONGEST_LINE, SceneError, nearest, require
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.workflows.scene_file.read import from_dict, read
 
 
 def scene(**keys: Any) -> s.Scene:

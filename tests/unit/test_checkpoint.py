@@ -13,18 +13,18 @@ from mpi4py import MPI
 from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
-from geometry.errors import MachineError
+from stickslip.geometry.errors import MachineError
 from shared.histories import SMALL
 from shared.synthetic import mesh_of, result_of
-from solvers.parallel.serialise import deserialise, serialise
-from solvers.simulation.checkpoint import APART, FOR_RESULTS, ROWS, Checkpoints
-from solvers.simulation.simulation import Simulation, prepare
-from solvers.stepping.state import State
-from workflows.formats.own_files import mark
-from workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
-from workflows.formats.steps import read_checkpoint, write_step
-from workflows.run.learnt import LearntFiles, is_kept
-from workflows.scene_file.read import read
+from stickslip.solvers.parallel.serialise import deserialise, serialise
+from stickslip.solvers.simulation.checkpoint import APART, FOR_RESULTS, ROWS, Checkpoints
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.stepping.state import State
+from stickslip.workflows.formats.own_files import mark
+from stickslip.workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
+from stickslip.workflows.formats.steps import read_checkpoint, write_step
+from stickslip.workflows.run.learnt import LearntFiles, is_kept
+from stickslip.workflows.scene_file.read import read
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def test_results_come_back_whole(tmp_path: Path) -> None:
 def test_a_step_of_another_version_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_step(tmp_path, 1, result_of(mesh_of("triangle")))
     with_more = make_dataclass("StepResult", [("news", float)])
-    monkeypatch.setattr("workflows.formats.steps.StepResult", with_more)
+    monkeypatch.setattr("stickslip.workflows.formats.steps.StepResult", with_more)
     with pytest.raises(MachineError, match=r"000001\.h5: not a step of this version"):
         read_checkpoint(path)
 

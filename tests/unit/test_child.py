@@ -15,12 +15,12 @@ from typing import Any
 
 import pytest
 
-from geometry.errors import GeometryError, MachineError, StickslipError
-from geometry.memory import ended_for_memory, is_full
-from geometry.user_files import reader
-from geometry.user_files.child import child_environment, run_child
-from geometry.user_files.meshing import MeshOptions
-from geometry.user_files.reader import Question, ask
+from stickslip.geometry.errors import GeometryError, MachineError, StickslipError
+from stickslip.geometry.memory import ended_for_memory, is_full
+from stickslip.geometry.user_files import reader
+from stickslip.geometry.user_files.child import child_environment, run_child
+from stickslip.geometry.user_files.meshing import MeshOptions
+from stickslip.geometry.user_files.reader import Question, ask
 from shared.drawn import GEO, LONG
 
 FINE = LONG["meshing"]  # in gigabytes
@@ -146,7 +146,7 @@ def test_time_limit_ends_also_what_prints_without_end(tmp_path: Path) -> None:
 
 FULL = """
 import os, resource
-from geometry.memory import is_full
+from stickslip.geometry.memory import is_full
 (peak,) = (1024 * int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmPeak"))
 found = []
 for part in (2.0, 1.05):
@@ -164,7 +164,7 @@ def test_memory_that_is_taken_is_seen() -> None:
 
 HOLD = """
 import sys, threading
-from geometry.user_files.child import run_child
+from stickslip.geometry.user_files.child import run_child
 run_child("shared.sleeper", [sys.argv[1]], None, 60.0)
 """
 

@@ -9,16 +9,16 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from shared.drawn import GEO, draw, scene_data
-from solvers.interface.coarse_mesh import LEAST, CoarseMesh
-from solvers.interface.factorised import FactorisedVolume
-from solvers.interface.prepare import prepare_surface
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.methods.surface_uzawa import LearningIteration
-from solvers.metrics.surface_metric import surface_metric
-from solvers.parallel.counters import Counters
-from solvers.scene.scene import Scene
-from solvers.system.system import System
-from workflows.scene_file.read import from_dict, read
+from stickslip.solvers.interface.coarse_mesh import LEAST, CoarseMesh
+from stickslip.solvers.interface.factorised import FactorisedVolume
+from stickslip.solvers.interface.prepare import prepare_surface
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.methods.surface_uzawa import LearningIteration
+from stickslip.solvers.metrics.surface_metric import surface_metric
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.system.system import System
+from stickslip.workflows.scene_file.read import from_dict, read
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

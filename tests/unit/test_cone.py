@@ -8,17 +8,17 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial import cKDTree
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
-from geometry.dolfinx_versions import ufl
-from geometry.errors import SceneError
-from geometry.obstacles.cone import Cone
-from geometry.shape import Model
-from solvers.results.step_result import SLIP
-from solvers.scene.scene import Scene
-from solvers.system.system import System
-from workflows.scene_file.read import from_dict
-from workflows.verification.prepared import prepare
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.dolfinx_versions import ufl
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.obstacles.cone import Cone
+from stickslip.geometry.shape import Model
+from stickslip.solvers.results.step_result import SLIP
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.system.system import System
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
 
 SceneOf = Callable[..., Scene]
 SystemOf = Callable[[Scene], System]

@@ -11,16 +11,16 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
-from geometry.arrays import cross
-from geometry.errors import SceneError
-from geometry.surfaces.surface import Surface, gather_surface
-from solvers.fem.constraints import Row
-from solvers.fem.rigid_modes import rigid_fields
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation
-from solvers.system.system import System
-from workflows.scene_file.read import from_dict
+from stickslip.geometry.arrays import cross
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.surfaces.surface import Surface, gather_surface
+from stickslip.solvers.fem.constraints import Row
+from stickslip.solvers.fem.rigid_modes import rigid_fields
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.system.system import System
+from stickslip.workflows.scene_file.read import from_dict
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

@@ -9,14 +9,14 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.linalg import eigh, null_space
 
-from solvers.interface.factorised import FactorisedVolume
-from solvers.interface.prepare import prepare_surface
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.metrics.surface_metric import ContactLayer
-from solvers.parallel.counters import Counters
-from solvers.scene.scene import Scene
-from solvers.system.system import System
-from workflows.scene_file.read import read
+from stickslip.solvers.interface.factorised import FactorisedVolume
+from stickslip.solvers.interface.prepare import prepare_surface
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.metrics.surface_metric import ContactLayer
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.system.system import System
+from stickslip.workflows.scene_file.read import read
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

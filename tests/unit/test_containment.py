@@ -12,16 +12,16 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-from geometry.errors import GeometryError
-from geometry.mesh.mesh import build_mesh
-from geometry.user_files import open_file
-from geometry.user_files.child import child_environment
-from geometry.user_files.containment import walls
-from geometry.user_files.reader import AnswerReader
+from stickslip.geometry.errors import GeometryError
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.user_files import open_file
+from stickslip.geometry.user_files.child import child_environment
+from stickslip.geometry.user_files.containment import walls
+from stickslip.geometry.user_files.reader import AnswerReader
 from shared.drawn import GEO, PY, scene_data
-from solvers.simulation import plan
-from solvers.simulation.plan import warnings
-from workflows.scene_file.read import from_dict
+from stickslip.solvers.simulation import plan
+from stickslip.solvers.simulation.plan import warnings
+from stickslip.workflows.scene_file.read import from_dict
 
 CALL = "SystemCall 'touch made';\n"
 SCRIPTS = {  # each of these reaches beyond the model
@@ -107,7 +107,7 @@ def test_a_script_under_another_name_starts_nothing(name: str, folder: Path) -> 
 DEEDS = """
 import json, os, signal, socket, sys, threading
 from pathlib import Path
-from geometry.user_files import containment
+from stickslip.geometry.user_files import containment
 if sys.argv[1] == "seccomp":
     containment._landlock_version = lambda: 0
 if sys.argv[1] == "Landlock":
@@ -182,7 +182,7 @@ def test_each_wall_is_enough_alone(wall: str, tmp_path: Path) -> None:
 WINDOW = """
 import os, sys
 from pathlib import Path
-from geometry.user_files.containment import restrict_files
+from stickslip.geometry.user_files.containment import restrict_files
 restrict_files((Path("own"),))
 Path("own/made").write_text("x")
 for act in (lambda: Path("made").write_text("x"), lambda: os.execv("/usr/bin/touch", ["touch", "made"])):

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from geometry.arrays import Array
-from geometry.errors import SolverError
-from solvers.interface.matrix_free import MatrixFreeSurface
-from solvers.interface.problem import SurfaceProblem
-from solvers.newton import correction, surface_system
-from solvers.newton.solution import Correction, Solution, Status
-from solvers.newton.surface_system import Flexibility
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.state import State
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SolverError
+from stickslip.solvers.interface.matrix_free import MatrixFreeSurface
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.newton import correction, surface_system
+from stickslip.solvers.newton.solution import Correction, Solution, Status
+from stickslip.solvers.newton.surface_system import Flexibility
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.state import State
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.errors import MachineError, SceneError, SolverError
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Exact
-from workflows.cost import child, predict
-from workflows.cost import climb as climbing
-from workflows.cost.climb import Budget, climb, retry
-from workflows.cost.ladder import COARSEST, Ladder, ladder_of
-from workflows.cost.limit import SAFETY, TRUSTED, limit, rate_of
-from workflows.cost.pareto import front
-from workflows.cost.quantity import check, chosen
-from workflows.cost.run_record import PHASES, Run, from_plain
-from workflows.cost.rung import RATIO, Rung
-from workflows.cost.sentence import headline, sentence
-from workflows.cost.study import Study
-from workflows.cost.truth import truth_of
-from workflows.scene_file.read import from_dict, read
+from stickslip.geometry.errors import MachineError, SceneError, SolverError
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Exact
+from stickslip.workflows.cost import child, predict
+from stickslip.workflows.cost import climb as climbing
+from stickslip.workflows.cost.climb import Budget, climb, retry
+from stickslip.workflows.cost.ladder import COARSEST, Ladder, ladder_of
+from stickslip.workflows.cost.limit import SAFETY, TRUSTED, limit, rate_of
+from stickslip.workflows.cost.pareto import front
+from stickslip.workflows.cost.quantity import check, chosen
+from stickslip.workflows.cost.run_record import PHASES, Run, from_plain
+from stickslip.workflows.cost.rung import RATIO, Rung
+from stickslip.workflows.cost.sentence import headline, sentence
+from stickslip.workflows.cost.study import Study
+from stickslip.workflows.cost.truth import truth_of
+from stickslip.workflows.scene_file.read import from_dict, read
 
 TIGHT = 1e-8
 ROOMY = Budget(seconds=60.0, memory=1e12, dim=2)

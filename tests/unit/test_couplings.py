@@ -7,17 +7,17 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose, assert_array_equal
 
-from geometry.mesh.mesh import build_mesh
-from geometry.surfaces.overlap import overlap
-from geometry.surfaces.surface import Surface
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.surfaces.overlap import overlap
+from stickslip.geometry.surfaces.surface import Surface
 from shared.overlays import above, below
-from solvers.contact.mortar import _least, mortar_coupling, mortar_integrals
-from solvers.contact.rows import ContactRows
-from solvers.parallel.counters import Counters
-from solvers.simulation.resolve import resolve
-from solvers.system.system import assemble
-from workflows.scene_file.read import from_dict, read
-from workflows.verification.prepared import prepare
+from stickslip.solvers.contact.mortar import _least, mortar_coupling, mortar_integrals
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.system.system import assemble
+from stickslip.workflows.scene_file.read import from_dict, read
+from stickslip.workflows.verification.prepared import prepare
 
 LAWS: dict[str, dict[str, Any]] = {"unilateral": {"law": "unilateral"}, "compliance": {"law": "compliance", "c_n": 9.0}}
 

@@ -8,12 +8,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial import Delaunay
 
-from geometry.arrays import Array, Ints
-from geometry.surfaces.surface import Surface
-from solvers.accuracy.areas import beyond_nodes, scatter
-from solvers.accuracy.curved_sides import bulges
-from solvers.accuracy.peaks import grows, grows_in
-from solvers.results.step_result import OPEN, SLIP, STICK
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.accuracy.areas import beyond_nodes, scatter
+from stickslip.solvers.accuracy.curved_sides import bulges
+from stickslip.solvers.accuracy.peaks import grows, grows_in
+from stickslip.solvers.results.step_result import OPEN, SLIP, STICK
 
 
 def side(points: Array, facets: Ints, shape: str = "interval", degree: int = 1, axisymmetric: bool = False) -> Surface:

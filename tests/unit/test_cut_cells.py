@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.arrays import Array, Ints
-from geometry.size_field import USUAL, SizeField, volumes
-from geometry.user_files.cut_cells import cut_to_sizes
-from geometry.user_files.raw_mesh import LOCAL_FACETS, RawMesh, check_neighbours
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.size_field import USUAL, SizeField, volumes
+from stickslip.geometry.user_files.cut_cells import cut_to_sizes
+from stickslip.geometry.user_files.raw_mesh import LOCAL_FACETS, RawMesh, check_neighbours
 
 
 def square(n: int) -> tuple[Array, Ints]:

@@ -9,19 +9,19 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 
-from geometry.arrays import Array
+from stickslip.geometry.arrays import Array
 from shared.discrete import random_problem
-from solvers.interface.discrete import DiscreteProblem, discrete_problem
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods.condensed_newton import CondensedNewton
-from solvers.newton import attempts, condensed_system, given_system
-from solvers.newton.active_set import ActiveSet, linearise
-from solvers.newton.attempts import ATTEMPT, Attempts
-from solvers.newton.line_search import DECREASE, HALVINGS, MEMORY, LineSearch
-from solvers.newton.solution import Solution, Status, Step
-from solvers.newton.starts import Start, again, closed, first_starts, other_starts
-from workflows.scene_file.read import from_dict
-from workflows.verification.prepared import prepare
+from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
+from stickslip.solvers.newton import attempts, condensed_system, given_system
+from stickslip.solvers.newton.active_set import ActiveSet, linearise
+from stickslip.solvers.newton.attempts import ATTEMPT, Attempts
+from stickslip.solvers.newton.line_search import DECREASE, HALVINGS, MEMORY, LineSearch
+from stickslip.solvers.newton.solution import Solution, Status, Step
+from stickslip.solvers.newton.starts import Start, again, closed, first_starts, other_starts
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
 
 DRIVEN = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}
 PULLED = {"loads": {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}}

@@ -8,13 +8,13 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 
-from geometry.errors import SceneError
+from stickslip.geometry.errors import SceneError
 from shared.discrete import ONE, random_problem
-from solvers.interface.discrete import DiscreteProblem, discrete_problem, project_cone, residual
-from solvers.methods import METHODS
-from solvers.methods.coloured_sweeps import colours
-from solvers.newton.solution import Status
-from solvers.stepping.discrete_chain import refuse_unusable, solve, usable
+from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem, project_cone, residual
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.methods.coloured_sweeps import colours
+from stickslip.solvers.newton.solution import Status
+from stickslip.solvers.stepping.discrete_chain import refuse_unusable, solve, usable
 
 METHODS_USED = ("auto", "condensed-newton", "surface-uzawa", "uzawa", "nsgs")
 
@@ -132,8 +132,8 @@ def test_without_q_there_is_nothing_to_do() -> None:
 @pytest.mark.parametrize("method", ["auto", "nsgs", "condensed-newton"])
 def test_what_has_no_solution_is_not_called_solved(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """u_n = -1 whatever r is."""
-    monkeypatch.setattr("solvers.stepping.discrete_chain.MAX_IT", 200)
-    monkeypatch.setattr("solvers.stepping.discrete_chain.TURNS", (("nsgs", 50, "x"), ("condensed-newton", 50, "x")))
+    monkeypatch.setattr("stickslip.solvers.stepping.discrete_chain.MAX_IT", 200)
+    monkeypatch.setattr("stickslip.solvers.stepping.discrete_chain.TURNS", (("nsgs", 50, "x"), ("condensed-newton", 50, "x")))
     found = solve(problem_of(np.diag([0.0, 1.0]), [-1.0, 0.0], [0.3]), method, 1e-8)
     assert not found.solved
     assert found.solution.residual > 0.1
@@ -142,8 +142,8 @@ def test_what_has_no_solution_is_not_called_solved(method: str, monkeypatch: pyt
 def test_a_later_method_goes_on_from_the_best_point(monkeypatch: pytest.MonkeyPatch) -> None:
     W, q, mu = random_problem(5)
     turns = (("nsgs", 3, "best"), ("nsgs", 100000, "best"))
-    monkeypatch.setattr("solvers.stepping.discrete_chain.TURNS", turns)
-    monkeypatch.setattr("solvers.stepping.discrete_chain.BEST", "best")
+    monkeypatch.setattr("stickslip.solvers.stepping.discrete_chain.TURNS", turns)
+    monkeypatch.setattr("stickslip.solvers.stepping.discrete_chain.BEST", "best")
     together = solve(problem_of(W, q, mu), "auto", 1e-8)
     alone = solve(problem_of(W, q, mu), "nsgs", 1e-8)
     assert together.solved

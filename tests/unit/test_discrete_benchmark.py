@@ -9,9 +9,9 @@ import pytest
 from scipy import sparse
 
 from shared.discrete import ONE, local, random_problem, write
-from solvers.interface.discrete import DiscreteProblem, discrete_problem
-from workflows.benchmarks import discrete
-from workflows.pictures.performance_profile import ratios
+from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem
+from stickslip.workflows.benchmarks import discrete
+from stickslip.workflows.pictures.performance_profile import ratios
 
 
 def problem_of(case: str = "slips") -> DiscreteProblem:

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.errors import SceneError
-from solvers.results.step_result import SLIP
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation
-from workflows.scene_file.read import from_dict
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.results.step_result import SLIP
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.scene_file.read import from_dict
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
@@ -63,7 +63,7 @@ def test_a_sideways_force_beyond_friction_has_no_answer_and_one_below_it_has(
     (step,) = simulation_of(held).steps()
     assert_allclose(step.obstacles["foundation"][1], [0.05, 0.2], rtol=1e-10)
     assert step.obstacles["foundation"][0][0] > 0  # the way the force pushes
-    from solvers.stepping.stepper import StepError
+    from stickslip.solvers.stepping.stepper import StepError
 
     slips = scene_of(obstacles=driven(2, force={"y": 0.2, "x": 0.07}), **tables)  # 0.07 > 0.3 * 0.2
     with pytest.raises(StepError):

@@ -9,21 +9,21 @@ from typing import Annotated
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.dolfinx_versions import ufl
-from geometry.errors import SceneError
-from geometry.keys import Key
-from geometry.protocols import UflExpr, UflForm
+from stickslip.geometry.dolfinx_versions import ufl
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.keys import Key
+from stickslip.geometry.protocols import UflExpr, UflForm
 from shared.audited import audit
-from solvers import effects
-from solvers.effects.effect import Effect
-from solvers.fem.forms import WeakForms
-from solvers.scene.problem import Problem
-from solvers.scene.scene import EffectTable, Scene
-from solvers.scene.timeline import Timeline
-from solvers.simulation import resolve
-from solvers.simulation.plan import make_plan
-from workflows.scene_file.read import from_dict
-from workflows.verification.prepared import prepare
+from stickslip.solvers import effects
+from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.scene import EffectTable, Scene
+from stickslip.solvers.scene.timeline import Timeline
+from stickslip.solvers.simulation import resolve
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
 
 K, E, MOVED = 500.0, 1000.0, -0.03
 

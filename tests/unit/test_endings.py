@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.errors import SceneError
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.stepper import NoEquilibriumError
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.stepper import NoEquilibriumError
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from solvers.results.step_result import OPEN, SLIP
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.state import Energy
+from stickslip.solvers.results.step_result import OPEN, SLIP
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.state import Energy
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

@@ -9,12 +9,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import sparse
 
-from solvers.contact.admissible_set import ContactBlock
-from solvers.interface.flexibility import Load
-from solvers.interface.limit_analysis import Balance, _bounds, balancing_tractions, decide, unbalanced_motion
-from solvers.interface.problem import SurfaceProblem
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
+from stickslip.solvers.contact.admissible_set import ContactBlock
+from stickslip.solvers.interface.flexibility import Load
+from stickslip.solvers.interface.limit_analysis import Balance, _bounds, balancing_tractions, decide, unbalanced_motion
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
@@ -45,9 +45,9 @@ def problem_of(
         )
         seen: list[SurfaceProblem] = []
         monkeypatch.setattr(
-            "solvers.stepping.stepper.unbalanced_motion", lambda problem: seen.append(problem) or np.ones(1)
+            "stickslip.solvers.stepping.stepper.unbalanced_motion", lambda problem: seen.append(problem) or np.ones(1)
         )
-        monkeypatch.setattr("solvers.stepping.stepper.describe_motion", lambda system, motion: "")
+        monkeypatch.setattr("stickslip.solvers.stepping.stepper.describe_motion", lambda system, motion: "")
         stepper = simulation_of(scene).stepper
         with pytest.raises(Exception, match="cannot balance"):
             stepper.reach(stepper.start(), 1.0, lambda row: None)

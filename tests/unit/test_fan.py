@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from geometry.surfaces import clipping
+from stickslip.geometry.surfaces import clipping
 
 POLYGON = np.array([[0.1, 0.1], [0.6, 0.05], [0.7, 0.2], [0.3, 0.6], [0.05, 0.4]])
 AGAIN = POLYGON[[0, 1, 1, 2, 3, 4]]  # as clipping leaves a corner that lies on an edge: there twice

@@ -10,11 +10,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 
-from geometry.errors import SceneError
+from stickslip.geometry.errors import SceneError
 from shared.discrete import KINDS, local, random_problem, stored, write
-from solvers.interface.discrete import discrete_problem
-from solvers.stepping.discrete_chain import solve
-from workflows.formats.fclib import LocalProblem, ReducedProblem, read_problem, write_local, write_solved
+from stickslip.solvers.interface.discrete import discrete_problem
+from stickslip.solvers.stepping.discrete_chain import solve
+from stickslip.workflows.formats.fclib import LocalProblem, ReducedProblem, read_problem, write_local, write_solved
 
 
 def global_content(

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.errors import SceneError
+from stickslip.geometry.errors import SceneError
 from shared.histories import SMALL, Stop
-from solvers.interface.discrete import discrete_problem
-from solvers.stepping.discrete_chain import solve
-from workflows.formats.fclib import read_problem
-from workflows.formats.own_files import claim
-from workflows.formats.steps import read_step, step_name
-from workflows.run.run import run
-from workflows.run.watch import Watch
-from workflows.scene_file.read import read, to_dict
-from workflows.verification.prepared import prepare
-from workflows.writers.writer import wanted
+from stickslip.solvers.interface.discrete import discrete_problem
+from stickslip.solvers.stepping.discrete_chain import solve
+from stickslip.workflows.formats.fclib import read_problem
+from stickslip.workflows.formats.own_files import claim
+from stickslip.workflows.formats.steps import read_step, step_name
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import read, to_dict
+from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.writers.writer import wanted
 
 COARSE = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5"]
 EXPORT = ["output.pictures=false", "output.fclib=true", "solver.tolerance=1e-12", "solver.surface=condensed"]

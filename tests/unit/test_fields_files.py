@@ -13,11 +13,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from vtkmodules.vtkCommonDataModel import vtkGenericCell
 
 from shared.synthetic import FACET, MESHES, SIZE, job_of, mesh_of, padded, reference_nodes, result_of
-from solvers.results.step_result import MeshData, StepResult
-from workflows.formats.shapes import SHAPES
-from workflows.formats.steps import write_step
-from workflows.writers.writer import Ended
-from workflows.writers.xdmf import FieldFiles
+from stickslip.solvers.results.step_result import MeshData, StepResult
+from stickslip.workflows.formats.shapes import SHAPES
+from stickslip.workflows.formats.steps import write_step
+from stickslip.workflows.writers.writer import Ended
+from stickslip.workflows.writers.xdmf import FieldFiles
 
 ENDED = Ended(status="converged", steps=[])
 

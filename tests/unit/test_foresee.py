@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from geometry.errors import SceneError
-from solvers.simulation.simulation import prepare
-from workflows.cost.foresee import ASKED, Coarse, Known, coarse_versions, foresee, mesh_error, price, rows
-from workflows.cost.rung import RATIO
-from workflows.scene_file.read import read
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.simulation.simulation import prepare
+from stickslip.workflows.cost.foresee import ASKED, Coarse, Known, coarse_versions, foresee, mesh_error, price, rows
+from stickslip.workflows.cost.rung import RATIO
+from stickslip.workflows.scene_file.read import read
 
 NAME = "base.normal_force"
 

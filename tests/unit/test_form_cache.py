@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from geometry.errors import MachineError
-from geometry.form_cache import LOCK, find_cache, patient, remove_left_over
+from stickslip.geometry.errors import MachineError
+from stickslip.geometry.form_cache import LOCK, find_cache, patient, remove_left_over
 from shared.ranks import mpirun
 
 PROGRAM = "import stickslip; print(len(list(stickslip.steps(stickslip.read('block', ['geometry.mesh_size=1.0'])))))"

@@ -8,13 +8,13 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from geometry import dolfinx_versions as dx
-from geometry.dolfinx_versions import ufl
-from solvers.contact.rows import ContactRows
-from solvers.laws.compliance import Compliance
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from solvers.system.system import System
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.dolfinx_versions import ufl
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.system.system import System
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

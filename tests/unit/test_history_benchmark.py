@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from geometry.amplitude import value_at
-from workflows.benchmarks import history
-from workflows.formats.steps_csv import read_steps_table
+from stickslip.geometry.amplitude import value_at
+from stickslip.workflows.benchmarks import history
+from stickslip.workflows.formats.steps_csv import read_steps_table
 
 STEPS, POINTS = 4 * history.CYCLES + 1, 9
 

@@ -12,21 +12,21 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_array_equal
 
-from geometry.arrays import Ints
-from geometry.errors import SceneError
-from geometry.keys import Key
-from geometry.mesh.gmsh_session import gmsh_session
-from geometry.mesh.joints import Joints, find_parts
-from geometry.mesh.mesh import build_mesh
-from geometry.shape import Request
-from solvers.methods import METHODS
-from solvers.parallel.counters import Counters
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Output
-from solvers.simulation.resolve import resolve
-from solvers.simulation.simulation import Simulation, prepare
-from solvers.stepping.choice import choose
-from solvers.system.system import System, assemble
+from stickslip.geometry.arrays import Ints
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.keys import Key
+from stickslip.geometry.mesh.gmsh_session import gmsh_session
+from stickslip.geometry.mesh.joints import Joints, find_parts
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.shape import Request
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Output
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.stepping.choice import choose
+from stickslip.solvers.system.system import System, assemble
 from stickslip import Block
 
 Places = tuple[tuple[int, ...], ...]

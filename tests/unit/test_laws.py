@@ -10,18 +10,18 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 from scipy import sparse
 
-from geometry.errors import SceneError
-from solvers.contact.admissible_set import project_disc
-from solvers.laws import compliance
-from solvers.laws.bilateral import Bilateral
-from solvers.laws.compliance import Compliance
-from solvers.laws.coulomb_by_point import CoulombByPoint
-from solvers.laws.friction import Coulomb, Stick, Tresca
-from solvers.laws.law import FrictionLaw, NormalLaw
-from solvers.laws.tangential_compliance import TangentialCompliance
-from solvers.laws.tied import Tied
-from solvers.laws.unilateral import Unilateral
-from solvers.scene.contact import Contact
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.contact.admissible_set import project_disc
+from stickslip.solvers.laws import compliance
+from stickslip.solvers.laws.bilateral import Bilateral
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
+from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
+from stickslip.solvers.laws.tied import Tied
+from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.scene.contact import Contact
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import stickslip
-import workflows
+import stickslip.workflows
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("geometry", "solvers", "workflows")
@@ -75,7 +75,7 @@ def users(*libraries: str) -> set[str]:
 def test_sources_are_found() -> None:
     assert len(SOURCES) > 50
     assert "numpy" in imports(ROOT / "solvers/contact/admissible_set.py")
-    assert "geometry.dolfinx_versions" in imports(ROOT / "solvers/fem/forms.py")
+    assert "stickslip.geometry.dolfinx_versions" in imports(ROOT / "solvers/fem/forms.py")
 
 
 ROOMS = [
@@ -86,8 +86,8 @@ ROOMS = [
 def room_of(module: str) -> str:
     """Room of a module; of a package itself, the package.
 
-    >>> room_of("solvers.fem.forms"), room_of("workflows")
-    ('solvers.fem', 'workflows')
+    >>> room_of("stickslip.solvers.fem.forms"), room_of("workflows")
+    ('stickslip.solvers.fem', 'workflows')
     """
     return ".".join(module.split(".")[:2])
 
@@ -174,14 +174,14 @@ def test_ufl_is_written_where_forms_are() -> None:
 
 
 def test_the_audit_imports_nothing_of_the_methods() -> None:
-    reached, waiting = set[str](), ["solvers.results.audit"]
+    reached, waiting = set[str](), ["stickslip.solvers.results.audit"]
     while waiting:
         name = waiting.pop()
         if name in MODULES and name not in reached:
             reached.add(name)
             waiting += imports(MODULES[name])
     solving = {f"solvers.{room}" for room in ("linear", "interface", "metrics", "newton", "methods")}
-    assert not {name for name in reached if room_of(name) in solving or name == "solvers.stepping.stepper"}
+    assert not {name for name in reached if room_of(name) in solving or name == "stickslip.solvers.stepping.stepper"}
 
 
 @pytest.mark.parametrize("name", [*PACKAGES, "stickslip"])
@@ -217,10 +217,10 @@ def test_one_version_everywhere() -> None:
 
 def test_below_the_simulation_nobody_asks_the_scene() -> None:
     """It is resolved once: rooms below work on the `Problem`; an effect alone says what of a scene switches it on."""
-    may = {"solvers.scene", "solvers.effects", "solvers.simulation"}
+    may = {"stickslip.solvers.scene", "stickslip.solvers.effects", "stickslip.solvers.simulation"}
     below = [p for p in SOURCES if name_of(p).startswith("solvers/") and room_of(module_of(p)) not in may]
     assert len(below) > 50
-    assert not {name_of(path) for path in below if "solvers.scene.scene" in imports(path)}
+    assert not {name_of(path) for path in below if "stickslip.solvers.scene.scene" in imports(path)}
     attributes = {(name_of(p), n.attr) for p in below for n in ast.walk(tree_of(p)) if isinstance(n, ast.Attribute)}
     assert not {name for name, attribute in attributes if attribute == "scene"}
 

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solvers.results import linear_reference as module
-from solvers.results.linear_reference import linear_reference
-from solvers.scene.scene import Scene
-from solvers.system.system import System
+from stickslip.solvers.results import linear_reference as module
+from stickslip.solvers.results.linear_reference import linear_reference
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.system.system import System
 
 SceneOf = Callable[..., Scene]
 SystemOf = Callable[[Scene], System]

@@ -10,17 +10,17 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from geometry.errors import SolverError
-from solvers.interface.factorised import FactorisedVolume
-from solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
-from solvers.interface.prepare import prepare_surface
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.linear.conjugate_gradients import ConjugateGradients, ContactErrorCriterion, EnergyErrorCriterion
-from solvers.parallel.counters import Counters
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from solvers.system.system import System
-from workflows.scene_file.read import read
+from stickslip.geometry.errors import SolverError
+from stickslip.solvers.interface.factorised import FactorisedVolume
+from stickslip.solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
+from stickslip.solvers.interface.prepare import prepare_surface
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.linear.conjugate_gradients import ConjugateGradients, ContactErrorCriterion, EnergyErrorCriterion
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.system.system import System
+from stickslip.workflows.scene_file.read import read
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]
@@ -178,7 +178,7 @@ def test_a_stiffness_that_is_none_is_said(
 ) -> None:
     system = system_of(block(scene_of, 2))
     surface = prepare_surface(system, IterativeVolume(system))
-    monkeypatch.setattr("solvers.linear.conjugate_gradients.MOST_ITERATIONS", 3)
+    monkeypatch.setattr("stickslip.solvers.linear.conjugate_gradients.MOST_ITERATIONS", 3)
     with pytest.raises(SolverError, match=r"does not converge; set solver\.surface"):
         surface.displacement(np.ones(surface.size))
 

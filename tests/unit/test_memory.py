@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from geometry.memory import available
+from stickslip.geometry.memory import available
 
 GIB = 2**30
 

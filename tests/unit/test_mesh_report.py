@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from geometry.mesh.mesh import build_mesh
-from geometry.mesh.quality import worst_quality
-from solvers.scene.scene import Scene
-from workflows.run.mesh_report import can_touch
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.mesh.quality import worst_quality
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.run.mesh_report import can_touch
 
 
 @pytest.mark.parametrize(

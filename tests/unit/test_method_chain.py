@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.errors import MachineError
-from solvers.interface.coarse_mesh import CoarseMesh
-from solvers.linear.conjugate_gradients import MOST_ITERATIONS
-from solvers.methods import Solver
-from solvers.methods.condensed_newton import CondensedNewton
-from solvers.methods.surface_uzawa import PATIENCE, LearningIteration
-from solvers.newton.solution import Solution, Status
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.choice import Size, Stage, chosen
-from solvers.stepping.stepper import StepError
-from solvers.system.system import System
-from workflows.benchmarks.auto import BARS, Case
-from workflows.run.audit import Audited
-from workflows.run.result import Outcome, summary
-from workflows.scene_file.read import read
+from stickslip.geometry.errors import MachineError
+from stickslip.solvers.interface.coarse_mesh import CoarseMesh
+from stickslip.solvers.linear.conjugate_gradients import MOST_ITERATIONS
+from stickslip.solvers.methods import Solver
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
+from stickslip.solvers.methods.surface_uzawa import PATIENCE, LearningIteration
+from stickslip.solvers.newton.solution import Solution, Status
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.choice import Size, Stage, chosen
+from stickslip.solvers.stepping.stepper import StepError
+from stickslip.solvers.system.system import System
+from stickslip.workflows.benchmarks.auto import BARS, Case
+from stickslip.workflows.run.audit import Audited
+from stickslip.workflows.run.result import Outcome, summary
+from stickslip.workflows.scene_file.read import read
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
@@ -90,7 +90,7 @@ def test_a_switch_on_the_same_bodies_lasts_for_one_step(
         return whole(replace(self, max_it=1) if len(calls) == 1 else self, *arguments)
 
     monkeypatch.setattr(CondensedNewton, "__call__", fails_once)
-    monkeypatch.setattr("solvers.stepping.stepper.HALVINGS", 0)  # the step is not cut first
+    monkeypatch.setattr("stickslip.solvers.stepping.stepper.HALVINGS", 0)  # the step is not cut first
     simulation = simulation_of(pressed(scene_of))
     found = list(simulation.steps())
     assert_allclose([step.contacts["base"].force for step in found], expected, rtol=0, atol=1e-7)
@@ -121,7 +121,7 @@ def test_sweeps_are_the_last_resort_in_space(
     hasten(monkeypatch)
     whole = CondensedNewton.__call__
     monkeypatch.setattr(CondensedNewton, "__call__", lambda self, *rest: whole(replace(self, max_it=1), *rest))
-    monkeypatch.setattr("solvers.stepping.stepper.HALVINGS", 0)
+    monkeypatch.setattr("stickslip.solvers.stepping.stepper.HALVINGS", 0)
     simulation = simulation_of(scene)
     assert_allclose(forces(simulation), expected, rtol=0, atol=1e-8)
     assert [switch.after for switch in simulation.stepper.chain.switches] == [str(stage) for stage in DENSE[1:]]
@@ -150,7 +150,7 @@ def test_a_linear_solve_that_fails_hands_the_step_on(
 ) -> None:
     expected = forces(simulation_of(pressed(scene_of, method="condensed-newton")))
     simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
-    monkeypatch.setattr("solvers.linear.conjugate_gradients.MOST_ITERATIONS", 1)
+    monkeypatch.setattr("stickslip.solvers.linear.conjugate_gradients.MOST_ITERATIONS", 1)
     assert_allclose(forces(simulation), expected, rtol=0, atol=1e-7)
     assert {switch.because for switch in simulation.stepper.chain.switches} == {Status.BROKEN.value}
 
@@ -160,7 +160,7 @@ def test_a_linear_solve_that_fails_leaves_the_steps_before_it(
 ) -> None:
     steps = simulation_of(pressed(scene_of, method="surface-uzawa", surface="matrix-free")).steps()
     assert next(steps).time == 1.0
-    monkeypatch.setattr("solvers.linear.conjugate_gradients.MOST_ITERATIONS", 0)
+    monkeypatch.setattr("stickslip.solvers.linear.conjugate_gradients.MOST_ITERATIONS", 0)
     with pytest.raises(StepError, match="a linear solve failed"):
         next(steps)
 
@@ -170,7 +170,7 @@ def test_no_switch_to_what_memory_has_no_room_for(
 ) -> None:
     hasten(monkeypatch)
     simulation = simulation_of(pressed(scene_of, method="auto", surface="matrix-free"))
-    monkeypatch.setattr("solvers.stepping.choice.available", lambda: 0)
+    monkeypatch.setattr("stickslip.solvers.stepping.choice.available", lambda: 0)
     with pytest.raises(StepError, match="iterations ran out"):
         next(simulation.steps())
     chain = simulation.stepper.chain
@@ -198,7 +198,7 @@ def form(size: Size) -> str:
 
 
 def test_a_factor_pays_in_many_steps() -> None:
-    """Sizes and fastest forms of the table that `workflows.benchmarks.auto` prints."""
+    """Sizes and fastest forms of the table that `stickslip.workflows.benchmarks.auto` prints."""
     cube, half_ball = Size(3, 50_700, 4.1e6, 2028), Size(3, 22_903, 1.0e6, 3048)
     assert [form(each) for each in (cube, half_ball)] == ["matrix-free"] * 2
     assert [form(replace(each, steps=32)) for each in (cube, half_ball)] == ["condensed"] * 2

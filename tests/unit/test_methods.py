@@ -11,17 +11,17 @@ from typing import Any
 
 import pytest
 
-import solvers
+import stickslip.solvers
 import stickslip
-from geometry.errors import SceneError
-from solvers.methods import METHODS, Solver, method_of
-from solvers.methods.method import keys_of
-from solvers.scene import settings
-from solvers.simulation.plan import make_plan
-from solvers.stepping.choice import chain
-from workflows.scene_file.read import read, to_dict
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.methods import METHODS, Solver, method_of
+from stickslip.solvers.methods.method import keys_of
+from stickslip.solvers.scene import settings
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.stepping.choice import chain
+from stickslip.workflows.scene_file.read import read, to_dict
 
-ROOT = Path(solvers.__file__).parents[1]
+ROOT = Path(stickslip.solvers.__file__).parents[1]
 NEW = '''
 """Halving: a method that a test adds."""
 
@@ -30,11 +30,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from geometry.errors import require
-from geometry.keys import Key
-from solvers.methods.applicability import Applicability
-from solvers.methods.method import Ready, Setup, Turn
-from solvers.methods.uzawa import Uzawa
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.method import Ready, Setup, Turn
+from stickslip.solvers.methods.uzawa import Uzawa
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,10 +57,10 @@ class Halving(Uzawa):
 '''
 ASKED = """
 import stickslip
-from solvers.stepping.choice import chain
-from workflows.reference.method_table import README, renewed
-from workflows.reference.scene_page import reference
-from workflows.scene_file.read import to_dict
+from stickslip.solvers.stepping.choice import chain
+from stickslip.workflows.reference.method_table import README, renewed
+from stickslip.workflows.reference.scene_page import reference
+from stickslip.workflows.scene_file.read import to_dict
 
 small = ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5"]
 scene = stickslip.read("block", [*small, "solver.method=halving", "solver.part=0.25", "solver.relaxation=1.9"])
@@ -104,7 +104,7 @@ def test_a_new_method_with_a_key_of_its_own_is_one_new_file(tmp_path: Path) -> N
 def test_a_method_is_found_under_its_name_in_a_file_of_its_name(name: str) -> None:
     method = METHODS[name]
     assert name == method.NAME
-    assert method.__module__ == f"solvers.methods.{name.replace('-', '_')}"
+    assert method.__module__ == f"stickslip.solvers.methods.{name.replace('-', '_')}"
     assert is_dataclass(method)
     assert method.__doc__
     assert {f.name for f in fields(method)} == {"rtol", "max_it", *keys_of(method)}

@@ -9,11 +9,11 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy import sparse
 
-from geometry.surfaces.facet_map import place
-from geometry.surfaces.overlap import Overlap, overlap
-from geometry.surfaces.surface import Surface
+from stickslip.geometry.surfaces.facet_map import place
+from stickslip.geometry.surfaces.overlap import Overlap, overlap
+from stickslip.geometry.surfaces.surface import Surface
 from shared.overlays import above, ball, below, both, flat, scattered
-from solvers.contact.mortar import mortar_integrals
+from stickslip.solvers.contact.mortar import mortar_integrals
 
 Array = NDArray[np.float64]
 SHAPES = ("interval", "triangle", "quadrilateral")

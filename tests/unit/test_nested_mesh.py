@@ -7,11 +7,11 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Ints
-from geometry.mesh.mesh import build_mesh
-from geometry.nested_mesh import EDGES, FlatMesh
-from geometry.shape import Request
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.nested_mesh import EDGES, FlatMesh
+from stickslip.geometry.shape import Request
 
 CORNERS = {"triangle": 3, "quadrilateral": 4}
 

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry import dolfinx_versions as dx
-from solvers.accuracy import nested_run
-from solvers.accuracy.bubbles import Bubbles
-from solvers.accuracy.nested_run import NestedRun
-from solvers.accuracy.where_to_refine import Places
-from solvers.fem.forms import WeakForms
-from solvers.results.error_parts import Errors, Quantity
-from solvers.results.numbers import quantities
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation, prepare
-from solvers.system.system import System
-from workflows.scene_file.read import read
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.solvers.accuracy import nested_run
+from stickslip.solvers.accuracy.bubbles import Bubbles
+from stickslip.solvers.accuracy.nested_run import NestedRun
+from stickslip.solvers.accuracy.where_to_refine import Places
+from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.results.error_parts import Errors, Quantity
+from stickslip.solvers.results.numbers import quantities
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.system.system import System
+from stickslip.workflows.scene_file.read import read
 
 SystemOf = Callable[[Scene], System]
 COARSE = ["geometry.order=2", "geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.15"]

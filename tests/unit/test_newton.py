@@ -10,18 +10,18 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from solvers.contact.admissible_set import AdmissibleSet
-from solvers.interface.problem import SurfaceProblem
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.methods.condensed_newton import CondensedNewton
-from solvers.methods.uzawa import Uzawa
-from solvers.newton.active_set import ActiveSet, linearise
-from solvers.newton.condensed_system import by_motion, by_tractions, solve
-from solvers.newton.solution import Status
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from workflows.scene_file.read import from_dict
-from workflows.verification.prepared import prepare
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
+from stickslip.solvers.methods.uzawa import Uzawa
+from stickslip.solvers.newton.active_set import ActiveSet, linearise
+from stickslip.solvers.newton.condensed_system import by_motion, by_tractions, solve
+from stickslip.solvers.newton.solution import Status
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

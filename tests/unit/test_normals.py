@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from geometry.surfaces.surface import CREASE, Surface
+from stickslip.geometry.surfaces.surface import CREASE, Surface
 
 Array = NDArray[np.float64]
 

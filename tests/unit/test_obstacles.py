@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from geometry.errors import SceneError
-from geometry.obstacles import Obstacle
-from geometry.obstacles.cylinder import Cylinder
-from geometry.obstacles.plane import Plane
-from geometry.obstacles.rotation import Rotation
-from geometry.obstacles.sphere import Sphere
-from geometry.shape import Model
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.obstacles import Obstacle
+from stickslip.geometry.obstacles.cylinder import Cylinder
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.geometry.obstacles.rotation import Rotation
+from stickslip.geometry.obstacles.sphere import Sphere
+from stickslip.geometry.shape import Model
 
 ROUND: list[tuple[Obstacle, int]] = [
     (Plane(point=(0.1, 0.2), normal=(1.0, 3.0)), 2),

@@ -9,9 +9,9 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from geometry.surfaces.facet_map import locate, place
-from geometry.surfaces.overlap import Overlap, overlap
-from geometry.surfaces.surface import Surface
+from stickslip.geometry.surfaces.facet_map import locate, place
+from stickslip.geometry.surfaces.overlap import Overlap, overlap
+from stickslip.geometry.surfaces.surface import Surface
 from shared.overlays import above, ball, below, both, flat, scattered, shaken
 
 Array = NDArray[np.float64]

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from workflows.run.packages import packages
+from stickslip.workflows.run.packages import packages
 
 ROOT = Path(__file__).resolve().parents[2]
 

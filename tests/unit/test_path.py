@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from geometry.arrays import Array
-from solvers.contact.admissible_set import AdmissibleSet
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods.condensed_newton import CondensedNewton
-from solvers.newton import path
-from solvers.newton.solution import Solution, Status
-from solvers.newton.starts import Start, closed
-from solvers.scene.scene import Scene
-from workflows.scene_file.read import from_dict
-from workflows.verification.prepared import prepare
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
+from stickslip.solvers.newton import path
+from stickslip.solvers.newton.solution import Solution, Status
+from stickslip.solvers.newton.starts import Start, closed
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
 
 SceneOf = Callable[..., Scene]
 FLAT = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}

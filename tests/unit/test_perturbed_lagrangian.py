@@ -10,19 +10,19 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
-from geometry.errors import SceneError
-from solvers.interface.problem import SurfaceProblem
-from solvers.methods import Solver
-from solvers.methods import perturbed_lagrangian as module
-from solvers.methods.contact_element import OPEN, SLIP, STICK, ContactElements, held_from, penalties
-from solvers.methods.perturbed_lagrangian import Newton, least_energy, newton_step, residual
-from solvers.newton.solution import Status, ignore
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.stepper import StepError
-from workflows.scene_file.read import from_dict, read
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods import Solver
+from stickslip.solvers.methods import perturbed_lagrangian as module
+from stickslip.solvers.methods.contact_element import OPEN, SLIP, STICK, ContactElements, held_from, penalties
+from stickslip.solvers.methods.perturbed_lagrangian import Newton, least_energy, newton_step, residual
+from stickslip.solvers.newton.solution import Status, ignore
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.stepper import StepError
+from stickslip.workflows.scene_file.read import from_dict, read
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

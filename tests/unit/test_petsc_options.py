@@ -9,14 +9,14 @@ import pytest
 from numpy.testing import assert_allclose
 from petsc4py import PETSc
 
-from geometry.errors import SceneError
+from stickslip.geometry.errors import SceneError
 from shared.cells import Cell
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.stepper import StepError
-from workflows.verification.prepared import prepare
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.stepper import StepError
+from stickslip.workflows.verification.prepared import prepare
 
 CG = "-fieldsplit_u_ksp_type cg -fieldsplit_u_pc_type gamg"
 SCHUR = (

@@ -17,22 +17,22 @@ from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
 import stickslip
-from geometry.arrays import Array
-from geometry.errors import MachineError
-from solvers.results.error_parts import PARTS, ErrorParts, Quantity
-from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
-from solvers.stepping.state import Energy
-from workflows.pictures.body_picture import _outline, displacement_scale
-from workflows.pictures.contact_curves import walk
-from workflows.pictures.contact_maps import dual_cells, view_of
-from workflows.pictures.draw import _said, draw, draw_course
-from workflows.pictures.focus import focus
-from workflows.pictures.history_picture import draw_history, errors_of, most, panels_of
-from workflows.pictures.loops import Panel, _draw, draw_loops, driving, from_rest, largest, sliding
-from workflows.pictures.render import View, grid_of
-from workflows.pictures.sheet import Sheet
-from workflows.writers.steps_table import StepsTable
-from workflows.writers.writer import Job
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import MachineError
+from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Quantity
+from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
+from stickslip.solvers.stepping.state import Energy
+from stickslip.workflows.pictures.body_picture import _outline, displacement_scale
+from stickslip.workflows.pictures.contact_curves import walk
+from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
+from stickslip.workflows.pictures.draw import _said, draw, draw_course
+from stickslip.workflows.pictures.focus import focus
+from stickslip.workflows.pictures.history_picture import draw_history, errors_of, most, panels_of
+from stickslip.workflows.pictures.loops import Panel, _draw, draw_loops, driving, from_rest, largest, sliding
+from stickslip.workflows.pictures.render import View, grid_of
+from stickslip.workflows.pictures.sheet import Sheet
+from stickslip.workflows.writers.steps_table import StepsTable
+from stickslip.workflows.writers.writer import Job
 
 Ints = NDArray[np.int64]
 SHAPES = ["triangle", "quadrilateral", "tetrahedron", "hexahedron"]

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 import stickslip
-from geometry.builders import Builder
-from geometry.keys import Key, Noun
-from geometry.obstacles import Obstacle
-from solvers.effects import EFFECTS
-from solvers.laws import FrictionLaw, NormalLaw
+from stickslip.geometry.builders import Builder
+from stickslip.geometry.keys import Key, Noun
+from stickslip.geometry.obstacles import Obstacle
+from stickslip.solvers.effects import EFFECTS
+from stickslip.solvers.laws import FrictionLaw, NormalLaw
 
 FAMILIES = (Builder, Obstacle, NormalLaw, FrictionLaw)
 UNIT = re.compile(r"\[[^\]]+\]")  # [Pa], [m], [-]

@@ -11,15 +11,15 @@ from numpy.testing import assert_allclose
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
-from geometry.errors import SceneError
-from solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
-from solvers.methods.inexact_uzawa import InexactUzawa
-from solvers.methods.inner_tolerance import InnerTolerance
-from solvers.newton.solution import Status
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.interface.matrix_free import IterativeVolume, MatrixFreeSurface
+from stickslip.solvers.methods.inexact_uzawa import InexactUzawa
+from stickslip.solvers.methods.inner_tolerance import InnerTolerance
+from stickslip.solvers.newton.solution import Status
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.simulation.simulation import Simulation
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry import dolfinx_versions as dx
-from geometry.dolfinx_versions import ufl
-from solvers.parallel.gather import nodes_of
-from solvers.results.observe import mesh_data
-from solvers.results.recovered_stress import RecoveredStress
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from workflows.scene_file.read import read
-from workflows.verification.cases import manufactured as case
-from workflows.verification.closed_forms.manufactured import LAWS, MU
-from workflows.verification.prepared import accepted
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.dolfinx_versions import ufl
+from stickslip.solvers.parallel.gather import nodes_of
+from stickslip.solvers.results.observe import mesh_data
+from stickslip.solvers.results.recovered_stress import RecoveredStress
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.verification.cases import manufactured as case
+from stickslip.workflows.verification.closed_forms.manufactured import LAWS, MU
+from stickslip.workflows.verification.prepared import accepted
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

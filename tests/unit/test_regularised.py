@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.errors import SceneError
-from solvers.methods import METHODS, Solver
-from solvers.methods import regularised as module
-from solvers.methods.regularised import NextStep
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.stepper import StepError
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.methods import METHODS, Solver
+from stickslip.solvers.methods import regularised as module
+from stickslip.solvers.methods.regularised import NextStep
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.stepper import StepError
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from workflows.run.terminal import console, print_table
+from stickslip.workflows.run.terminal import console, print_table
 
 HEADS = ("contact", "normal force [N]", "touching [m²]", "max penetration [m]")
 ROW = ("base", "-1.2346e-10", "1.2346e-06", "-6.9389e-17")

@@ -8,12 +8,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
-from solvers.contact.build import frames_of
-from solvers.contact.rows import ContactRows
-from solvers.interface.prepare import prepare_surface
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from solvers.system.system import System
+from stickslip.solvers.contact.build import frames_of
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.interface.prepare import prepare_surface
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.system.system import System
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

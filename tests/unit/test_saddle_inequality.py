@@ -13,15 +13,15 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy import sparse
 
-from solvers.contact.admissible_set import ContactBlock
-from solvers.methods import METHODS, Solver
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.stepper import Accepted
-from solvers.stepping.update import relative_displacement
-from solvers.system.system import System
-from workflows.scene_file.read import read
-from workflows.verification.prepared import prepare
+from stickslip.solvers.contact.admissible_set import ContactBlock
+from stickslip.solvers.methods import METHODS, Solver
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.stepper import Accepted
+from stickslip.solvers.stepping.update import relative_displacement
+from stickslip.solvers.system.system import System
+from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.verification.prepared import prepare
 
 Array = NDArray[np.float64]
 COMPLIANCE = (

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.linalg import eigvalsh
 
-from solvers.analysis.saddle_points import (
+from stickslip.solvers.analysis.saddle_points import (
     Bounds,
     Exact,
     InexactRichardson,
@@ -23,14 +23,14 @@ from solvers.analysis.saddle_points import (
     measured,
     membrane,
 )
-from solvers.interface.problem import SurfaceProblem
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.methods.condensed_newton import CondensedNewton
-from solvers.methods.uzawa import Uzawa
-from solvers.newton.solution import Status
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from workflows.studies import saddle_points as study
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
+from stickslip.solvers.methods.uzawa import Uzawa
+from stickslip.solvers.newton.solution import Status
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.studies import saddle_points as study
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

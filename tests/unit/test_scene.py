@@ -5,11 +5,11 @@ from typing import Any
 
 import pytest
 
-from geometry.errors import SceneError
-from solvers.effects import EFFECTS
-from solvers.scene.scene import Scene, over
-from solvers.simulation.plan import make_plan
-from workflows.scene_file.read import READY, from_dict, read, to_dict
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.effects import EFFECTS
+from stickslip.solvers.scene.scene import Scene, over
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.workflows.scene_file.read import READY, from_dict, read, to_dict
 
 SceneOf = Callable[..., Scene]
 READY_NAMES = sorted(path.stem for path in READY.glob("*.toml"))

@@ -6,18 +6,18 @@ from pathlib import Path
 
 import pytest
 
-import workflows
-from solvers.methods import METHODS
-from workflows.reference import folder_map
-from workflows.reference.method_table import HEAD, renewed
-from workflows.reference.scene_page import FILE, reference
-from workflows.scene_file.read import READY, from_dict, read
+import stickslip.workflows
+from stickslip.solvers.methods import METHODS
+from stickslip.workflows.reference import folder_map
+from stickslip.workflows.reference.method_table import HEAD, renewed
+from stickslip.workflows.reference.scene_page import FILE, reference
+from stickslip.workflows.scene_file.read import READY, from_dict, read
 
-README = Path(workflows.__file__).parents[1] / "README.md"
+README = Path(stickslip.workflows.__file__).parents[1] / "README.md"
 
 
 def test_scene_reference_is_what_the_dataclasses_say() -> None:
-    """Renew it with `python -m workflows.reference.scene_page`."""
+    """Renew it with `python -m stickslip.workflows.reference.scene_page`."""
     assert FILE.read_text(encoding="utf-8") == reference()
 
 
@@ -37,7 +37,7 @@ def test_the_readme_scene_is_the_ready_scene_block() -> None:
 
 
 def test_the_readme_says_of_every_method_what_the_code_says() -> None:
-    """Renew it with `python -m workflows.reference.method_table`."""
+    """Renew it with `python -m stickslip.workflows.reference.method_table`."""
     text = README.read_text(encoding="utf-8")
     assert text == renewed(text)
     table = text.partition(HEAD)[2].partition("\n\n")[0]
@@ -61,9 +61,9 @@ def test_tables_in_tables_name_their_keys() -> None:
 
 
 def test_the_readme_says_of_every_folder_what_its_docstring_says() -> None:
-    """Renew it with `python -m workflows.reference.folder_map`."""
+    """Renew it with `python -m stickslip.workflows.reference.folder_map`."""
     text = README.read_text(encoding="utf-8")
-    assert text == folder_map.renewed(text), "stale: python -m workflows.reference.folder_map"
+    assert text == folder_map.renewed(text), "stale: python -m stickslip.workflows.reference.folder_map"
     stale = text.replace("| `solvers/laws/` |", "| `solvers/law/` |")
     assert stale != text
     assert folder_map.renewed(stale) == text

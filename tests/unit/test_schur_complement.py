@@ -8,12 +8,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 
-from geometry.arrays import Array
-from solvers.interface import schur_complement
-from solvers.interface.problem import SurfaceProblem
-from solvers.interface.schur_complement import CondensedSurface, RowStiffness
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface import schur_complement
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.schur_complement import CondensedSurface, RowStiffness
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

@@ -8,10 +8,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
-from geometry import dolfinx_versions as dx
-from geometry.surfaces import search
-from geometry.surfaces.search import Pairing, intersect, orthogonal_frames, pair
-from geometry.surfaces.surface import Surface
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.surfaces import search
+from stickslip.geometry.surfaces.search import Pairing, intersect, orthogonal_frames, pair
+from stickslip.geometry.surfaces.surface import Surface
 
 Array = NDArray[np.float64]
 Map = Callable[[Array], Array]

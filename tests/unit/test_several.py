@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from geometry.arrays import Array
-from solvers.interface.problem import SurfaceProblem
-from solvers.newton import path, several
-from solvers.newton.starts import Start
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.newton import path, several
+from stickslip.solvers.newton.starts import Start
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
 
 MUCH = {"law": "coulomb", "mu": 2.0}
 DRIVEN = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.arrays import Array
-from solvers.interface.problem import SurfaceProblem
-from solvers.laws.coulomb_by_point import CoulombByPoint
-from solvers.methods.condensed_newton import CondensedNewton
-from solvers.newton import condensed_system, path, simpler_laws
-from solvers.newton.semismooth import SemismoothNewton
-from solvers.newton.solution import Solution, Status
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
+from stickslip.solvers.newton import condensed_system, path, simpler_laws
+from stickslip.solvers.newton.semismooth import SemismoothNewton
+from stickslip.solvers.newton.solution import Solution, Status
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from geometry.errors import MachineError
+from stickslip.geometry.errors import MachineError
 from shared.synthetic import job_of, mesh_of, padded, result_of
-from workflows.formats.hdf5 import checksum
-from workflows.formats.steps import read_step, write_step
-from workflows.writers.xdmf import FieldFiles
+from stickslip.workflows.formats.hdf5 import checksum
+from stickslip.workflows.formats.steps import read_step, write_step
+from stickslip.workflows.writers.xdmf import FieldFiles
 
 
 @pytest.mark.parametrize("shape", ["triangle", "hexahedron"])

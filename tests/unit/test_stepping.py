@@ -10,17 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from geometry.amplitude import value_at
-from geometry.arrays import Array
-from geometry.errors import SceneError
-from solvers.interface.problem import SurfaceProblem
-from solvers.newton.solution import OnStep, Solution, Status
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from solvers.stepping import failure
-from solvers.stepping.state import ENOUGH, HALVINGS, State, StepControl
-from solvers.stepping.stepper import Accepted, StepError, Stepper
+from stickslip.geometry.amplitude import value_at
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.newton.solution import OnStep, Solution, Status
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping import failure
+from stickslip.solvers.stepping.state import ENOUGH, HALVINGS, State, StepControl
+from stickslip.solvers.stepping.stepper import Accepted, StepError, Stepper
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

@@ -11,12 +11,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import stickslip
-from geometry.errors import MachineError
+from stickslip.geometry.errors import MachineError
 from shared.synthetic import job_of, mesh_of
-from solvers.results.quantities import values
-from solvers.results.step_result import StepResult
-from workflows.formats.steps_csv import read_steps_table
-from workflows.writers.steps_table import StepsTable, steps_row
+from stickslip.solvers.results.quantities import values
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.workflows.formats.steps_csv import read_steps_table
+from stickslip.workflows.writers.steps_table import StepsTable, steps_row
 
 
 @pytest.fixture(scope="module")

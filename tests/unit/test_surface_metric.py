@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import eigh
 
-from geometry.surfaces.forms import lumped_mass, surface_stiffness
-from solvers.interface.factorised import FactorisedVolume
-from solvers.interface.prepare import prepare_surface
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.linear.inverse_root import InverseRoot, poles
-from solvers.metrics.secants import Secants
-from solvers.metrics.surface_metric import surface_metric
-from solvers.parallel.counters import Counters
-from solvers.scene.scene import Scene
-from solvers.system.system import System
-from workflows.scene_file.read import read
+from stickslip.geometry.surfaces.forms import lumped_mass, surface_stiffness
+from stickslip.solvers.interface.factorised import FactorisedVolume
+from stickslip.solvers.interface.prepare import prepare_surface
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.linear.inverse_root import InverseRoot, poles
+from stickslip.solvers.metrics.secants import Secants
+from stickslip.solvers.metrics.surface_metric import surface_metric
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.system.system import System
+from stickslip.workflows.scene_file.read import read
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

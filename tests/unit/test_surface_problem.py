@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.interface.flexibility import Load
-from solvers.interface.problem import LAST_DIGITS, LEAST, PART, SurfaceProblem
-from solvers.methods.condensed_newton import CondensedNewton
-from solvers.newton.solution import Solution
-from workflows.scene_file.read import from_dict
-from workflows.verification.prepared import prepare
+from stickslip.solvers.interface.flexibility import Load
+from stickslip.solvers.interface.problem import LAST_DIGITS, LEAST, PART, SurfaceProblem
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
+from stickslip.solvers.newton.solution import Solution
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
 
 COULOMB = {"law": "coulomb", "mu": 0.4}
 DRIVEN = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}

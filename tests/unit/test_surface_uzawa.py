@@ -9,18 +9,18 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-import solvers.newton.surface_system as surface_system
-from solvers.interface.problem import SurfaceProblem
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.linear.gmres import gmres
-from solvers.methods.surface_uzawa import LearningIteration
-from solvers.metrics.surface_metric import surface_metric
-from solvers.newton.solution import Status
-from solvers.newton.surface_model import nearest_in_cone
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.state import State
-from workflows.scene_file.read import read
+import stickslip.solvers.newton.surface_system as surface_system
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.linear.gmres import gmres
+from stickslip.solvers.methods.surface_uzawa import LearningIteration
+from stickslip.solvers.metrics.surface_metric import surface_metric
+from stickslip.solvers.newton.solution import Status
+from stickslip.solvers.newton.surface_model import nearest_in_cone
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.state import State
+from stickslip.workflows.scene_file.read import read
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from geometry.errors import MachineError
+from stickslip.geometry.errors import MachineError
 from shared.synthetic import job_of, mesh_of, result_of
-from solvers.results.step_result import MeshData
-from workflows.formats.own_files import MARKER, mark
-from workflows.writers.contact_tables import ContactTables
-from workflows.writers.history_table import HistoryTable
-from workflows.writers.probe_table import ProbeTable
-from workflows.writers.writer import Ended, Writer
+from stickslip.solvers.results.step_result import MeshData
+from stickslip.workflows.formats.own_files import MARKER, mark
+from stickslip.workflows.writers.contact_tables import ContactTables
+from stickslip.workflows.writers.history_table import HistoryTable
+from stickslip.workflows.writers.probe_table import ProbeTable
+from stickslip.workflows.writers.writer import Ended, Writer
 
 NAMES = ("contact_base.csv", "probes.csv", "history.csv")
 

@@ -9,13 +9,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.audited import record_of
-from solvers.methods.uzawa import Uzawa
-from solvers.results.audit import Auditor
-from solvers.results.step_result import SLIP, STICK
-from solvers.scene.scene import Scene
-from solvers.simulation.resolve import resolve
-from solvers.simulation.simulation import Simulation
-from solvers.system.system import System
+from stickslip.solvers.methods.uzawa import Uzawa
+from stickslip.solvers.results.audit import Auditor
+from stickslip.solvers.results.step_result import SLIP, STICK
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.system.system import System
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

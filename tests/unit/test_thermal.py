@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.errors import SceneError
+from stickslip.geometry.errors import SceneError
 from shared.audited import audit
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from workflows.formats.steps_csv import read_steps_table
-from workflows.pictures.history_picture import panels_of
-from workflows.pictures.loops import from_rest
-from workflows.run.run import run
-from workflows.scene_file.read import from_dict
-from workflows.verification.prepared import prepare
-from workflows.writers.steps_table import steps_row
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.formats.steps_csv import read_steps_table
+from stickslip.workflows.pictures.history_picture import panels_of
+from stickslip.workflows.pictures.loops import from_rest
+from stickslip.workflows.run.run import run
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.writers.steps_table import steps_row
 
 E, NU, ALPHA, T = 200.0, 0.3, 1e-3, 20.0
 BODY = {"block": {"E": E, "nu": NU}}

@@ -8,12 +8,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.audited import record_of
-from solvers.results.audit import Auditor
-from solvers.results.step_result import STICK, StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import make_plan
-from solvers.simulation.resolve import resolve
-from solvers.simulation.simulation import Simulation
+from stickslip.solvers.results.audit import Auditor
+from stickslip.solvers.results.step_result import STICK, StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.simulation.simulation import Simulation
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

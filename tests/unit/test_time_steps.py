@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from solvers.accuracy.time_steps import doubled, halved, stretches
-from solvers.methods import Solver
-from solvers.results.error_parts import PARTS, ErrorParts, Quantity
-from solvers.results.numbers import quantities
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Steps
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.stepper import StepError, Stepper
-from workflows.scene_file.read import read
+from stickslip.solvers.accuracy.time_steps import doubled, halved, stretches
+from stickslip.solvers.methods import Solver
+from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Quantity
+from stickslip.solvers.results.numbers import quantities
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Steps
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.stepper import StepError, Stepper
+from stickslip.workflows.scene_file.read import read
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry import dolfinx_versions as dx
-from solvers.accuracy import two_level
-from solvers.accuracy.bubbles import Bubbles
-from solvers.fem.forms import WeakForms
-from solvers.results.numbers import quantities
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation, prepare
-from solvers.system.system import System
-from workflows.scene_file.read import read
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.solvers.accuracy import two_level
+from stickslip.solvers.accuracy.bubbles import Bubbles
+from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.results.numbers import quantities
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.system.system import System
+from stickslip.workflows.scene_file.read import read
 
 SceneOf = Callable[..., Scene]
 SystemOf = Callable[[Scene], System]

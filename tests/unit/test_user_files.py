@@ -12,22 +12,22 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
-from geometry.errors import GeometryError, SceneError
-from geometry.mesh.gmsh_session import gmsh_session
-from geometry.mesh.mesh import Mesh, build_mesh
-from geometry.mesh.msh_file import write_msh
-from geometry.mesh.quality import worst_quality
-from geometry.user_files.geo_script import parameter_names
-from geometry.user_files.parts import find_parts
-from geometry.user_files.raw_mesh import check_neighbours
+from stickslip.geometry.errors import GeometryError, SceneError
+from stickslip.geometry.mesh.gmsh_session import gmsh_session
+from stickslip.geometry.mesh.mesh import Mesh, build_mesh
+from stickslip.geometry.mesh.msh_file import write_msh
+from stickslip.geometry.mesh.quality import worst_quality
+from stickslip.geometry.user_files.geo_script import parameter_names
+from stickslip.geometry.user_files.parts import find_parts
+from stickslip.geometry.user_files.raw_mesh import check_neighbours
 from shared.drawn import FACES, GEO, PY, draw, scene_data
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import make_plan
-from workflows.run.result import scene_hash
-from workflows.run.resume import BEGUN
-from workflows.run.run import run
-from workflows.run.watch import Watch
-from workflows.scene_file.read import from_dict, read, to_dict
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.workflows.run.result import scene_hash
+from stickslip.workflows.run.resume import BEGUN
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import from_dict, read, to_dict
 
 
 def meshed(scene: Scene) -> Mesh:

@@ -7,30 +7,30 @@ from typing import Any
 import numpy as np
 import pytest
 
-import solvers.contact.pairing as pairing
-from geometry.obstacles.cylinder import Cylinder
-from geometry.obstacles.obstacle import Obstacle
-from geometry.obstacles.plane import Plane
-from geometry.obstacles.round import Round
-from geometry.obstacles.sphere import Sphere
+import stickslip.solvers.contact.pairing as pairing
+from stickslip.geometry.obstacles.cylinder import Cylinder
+from stickslip.geometry.obstacles.obstacle import Obstacle
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.geometry.obstacles.round import Round
+from stickslip.geometry.obstacles.sphere import Sphere
 from shared.audited import record_of, stored_by
-from solvers.contact.rigid_obstacle import rigid_coupling
-from solvers.fem.forms import WeakForms
-from solvers.laws.bilateral import Bilateral
-from solvers.laws.capped_coulomb import CappedCoulomb
-from solvers.laws.compliance import Compliance
-from solvers.laws.friction import Coulomb, Stick, Tresca
-from solvers.laws.law import FrictionLaw
-from solvers.laws.tangential_compliance import TangentialCompliance
-from solvers.laws.tied import Tied
-from solvers.laws.unilateral import Unilateral
-from solvers.results import closed_formulas
-from solvers.results.audit import Audit, Auditor
-from solvers.results.verdict import limits, passed
-from solvers.scene.scene import Scene
-from solvers.simulation.resolve import resolve
-from solvers.simulation.simulation import Simulation
-from workflows.verification.prepared import prepare
+from stickslip.solvers.contact.rigid_obstacle import rigid_coupling
+from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.laws.bilateral import Bilateral
+from stickslip.solvers.laws.capped_coulomb import CappedCoulomb
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
+from stickslip.solvers.laws.law import FrictionLaw
+from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
+from stickslip.solvers.laws.tied import Tied
+from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.results import closed_formulas
+from stickslip.solvers.results.audit import Audit, Auditor
+from stickslip.solvers.results.verdict import limits, passed
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.verification.prepared import prepare
 
 SceneOf = Callable[..., Scene]
 FLAT = {"foundation": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}}
@@ -194,7 +194,7 @@ def test_tables_are_read_between_lines(table: Any, time: float, expected: float)
 
 @pytest.mark.parametrize("inside", [False, True])
 def test_both_formulas_of_a_gap_agree(inside: bool) -> None:
-    from geometry.obstacles.cone import Cone
+    from stickslip.geometry.obstacles.cone import Cone
 
     x = np.random.default_rng(1).normal(size=(40, 3))
     obstacles: list[Obstacle] = [

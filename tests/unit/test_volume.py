@@ -10,17 +10,17 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from geometry.errors import MachineError
-from solvers.interface.factorised import FactorisedVolume
-from solvers.interface.prepare import prepare_surface
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.linear.memoised_map import MemoisedMap
-from solvers.newton.active_set import linearise
-from solvers.newton.condensed_system import solve
-from solvers.parallel.counters import Counters
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from solvers.system.system import System
+from stickslip.geometry.errors import MachineError
+from stickslip.solvers.interface.factorised import FactorisedVolume
+from stickslip.solvers.interface.prepare import prepare_surface
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.linear.memoised_map import MemoisedMap
+from stickslip.solvers.newton.active_set import linearise
+from stickslip.solvers.newton.condensed_system import solve
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.system.system import System
 
 Array = NDArray[np.float64]
 SceneOf = Callable[..., Scene]
@@ -100,10 +100,10 @@ def test_a_factorisation_that_mumps_gave_too_little_memory_is_repeated_with_more
         return volume.S
 
     expected = schur_complement()
-    monkeypatch.setattr("solvers.interface.factorised.WORKSPACE", (-90,))  # nine tenths less than MUMPS asks for
+    monkeypatch.setattr("stickslip.solvers.interface.factorised.WORKSPACE", (-90,))  # nine tenths less than MUMPS asks for
     with pytest.raises(MachineError, match="too little memory"):
         schur_complement()
-    monkeypatch.setattr("solvers.interface.factorised.WORKSPACE", (-90, 100))
+    monkeypatch.setattr("stickslip.solvers.interface.factorised.WORKSPACE", (-90, 100))
     assert_allclose(schur_complement(), expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 

@@ -12,19 +12,19 @@ import pytest
 import pyvista as pv
 from numpy.testing import assert_allclose, assert_array_equal
 
-from geometry.errors import MachineError, SceneError
+from stickslip.geometry.errors import MachineError, SceneError
 from shared.histories import SMALL, Stop, assert_same, names_in
 from shared.synthetic import FACET, MESHES, SIZE, job_of, mesh_of, padded, result_of
-from solvers.results.step_result import MeshData, StepResult
-from solvers.simulation.simulation import prepare
-from workflows.formats.own_files import MARKER, claim, mark
-from workflows.formats.shapes import SHAPES
-from workflows.formats.steps import step_name, write_step
-from workflows.run.run import run
-from workflows.run.watch import Watch
-from workflows.scene_file.read import read, to_dict
-from workflows.writers.vtu import VtuFiles
-from workflows.writers.writer import Ended
+from stickslip.solvers.results.step_result import MeshData, StepResult
+from stickslip.solvers.simulation.simulation import prepare
+from stickslip.workflows.formats.own_files import MARKER, claim, mark
+from stickslip.workflows.formats.shapes import SHAPES
+from stickslip.workflows.formats.steps import step_name, write_step
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import read, to_dict
+from stickslip.workflows.writers.vtu import VtuFiles
+from stickslip.workflows.writers.writer import Ended
 
 ENDED = Ended(status="converged", steps=[])
 ASKS = [*SMALL, "steps.count=4", "output.vtu=true"]

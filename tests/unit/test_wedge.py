@@ -10,17 +10,17 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
-from geometry import dolfinx_versions as dx
-from geometry.builders.wedge import Wedge
-from geometry.errors import SceneError
-from geometry.mesh.jacobian import worst_jacobian_ratio
-from geometry.mesh.mesh import Mesh, build_mesh
-from geometry.mesh.nodes import Nodes
-from geometry.shape import Model, Request
-from geometry.surfaces.surface import Surface, gather_surface
-from solvers.results.step_result import SLIP, StepResult
-from workflows.scene_file.read import from_dict
-from workflows.verification.prepared import prepare
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.builders.wedge import Wedge
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.mesh.jacobian import worst_jacobian_ratio
+from stickslip.geometry.mesh.mesh import Mesh, build_mesh
+from stickslip.geometry.mesh.nodes import Nodes
+from stickslip.geometry.shape import Model, Request
+from stickslip.geometry.surfaces.surface import Surface, gather_surface
+from stickslip.solvers.results.step_result import SLIP, StepResult
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
 
 WEDGE = Wedge(half_angle=30.0, bottom_width=0.4, height=1.0, mesh_size=0.2)
 TAN, COS, SIN = np.tan(np.pi / 6), np.cos(np.pi / 6), np.sin(np.pi / 6)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from geometry.errors import SceneError
-from workflows.benchmarks.work_precision import Point, draw, points
-from workflows.scene_file.read import read
+from stickslip.geometry.errors import SceneError
+from stickslip.workflows.benchmarks.work_precision import Point, draw, points
+from stickslip.workflows.scene_file.read import read
 
 NAME = "base.tangential_force"
 

@@ -11,21 +11,21 @@ from typing import Annotated, Any
 import pytest
 
 import stickslip
-from geometry.errors import MachineError, SceneError
-from geometry.keys import Key
+from stickslip.geometry.errors import MachineError, SceneError
+from stickslip.geometry.keys import Key
 from shared.histories import SMALL, Stop
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Output
-from solvers.stepping.history import HistoryTuple
-from workflows.formats.steps import step_name
-from workflows.reference.scene_page import reference
-from workflows.run.result import scene_hash
-from workflows.run.run import run
-from workflows.run.watch import Watch
-from workflows.scene_file.read import from_dict, read, to_dict
-from workflows.writers.tables import TableWriter
-from workflows.writers.writer import Ended, Keys, Turn, Writer, added_keys, keys_of, registered
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Output
+from stickslip.solvers.stepping.history import HistoryTuple
+from stickslip.workflows.formats.steps import step_name
+from stickslip.workflows.reference.scene_page import reference
+from stickslip.workflows.run.result import scene_hash
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import from_dict, read, to_dict
+from stickslip.workflows.writers.tables import TableWriter
+from stickslip.workflows.writers.writer import Ended, Keys, Turn, Writer, added_keys, keys_of, registered
 
 READY = {"Animation", "ContactTables", "FieldFiles", "HistoryTable", "Pictures", "ProbeTable", "StepsTable"}
 TWO = [*SMALL, "steps.count=2"]

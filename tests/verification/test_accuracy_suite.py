@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geometry.errors import SceneError
-from workflows.commands.accuracy import accuracy
-from workflows.verification.accuracy.answer import MESH, TIME, TOTAL, Answer, solve
-from workflows.verification.accuracy.judge import Case, Share, compare, endless
-from workflows.verification.accuracy.page import passed, write_page
-from workflows.verification.accuracy.problems import PROBLEMS
-from workflows.verification.accuracy.suite import Study, in_steps
+from stickslip.geometry.errors import SceneError
+from stickslip.workflows.commands.accuracy import accuracy
+from stickslip.workflows.verification.accuracy.answer import MESH, TIME, TOTAL, Answer, solve
+from stickslip.workflows.verification.accuracy.judge import Case, Share, compare, endless
+from stickslip.workflows.verification.accuracy.page import passed, write_page
+from stickslip.workflows.verification.accuracy.problems import PROBLEMS
+from stickslip.workflows.verification.accuracy.suite import Study, in_steps
 
 NAME = "contacts.base.normal_force"
 

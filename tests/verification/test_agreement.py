@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solvers.laws.friction import Coulomb
-from solvers.methods import METHODS
-from solvers.scene.scene import Scene
-from workflows.verification.cases import agreement as agreement_case
-from workflows.verification.cases.agreement import ALL, REFERENCE, SCENES
-from workflows.verification.check import failures
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.verification.cases import agreement as agreement_case
+from stickslip.workflows.verification.cases.agreement import ALL, REFERENCE, SCENES
+from stickslip.workflows.verification.check import failures
 
 UZAWA = ("uzawa", "inexact-uzawa", "nonlinear-uzawa", "gram-uzawa")
 QUICK = ("surface-uzawa", "gram-uzawa", "uzawa")  # the others solve three times, or in thousands of long iterations

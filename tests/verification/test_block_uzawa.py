@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geometry.errors import SceneError
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import make_plan
-from workflows.scene_file.read import READY, read
-from workflows.verification.cases.agreement import Answer
-from workflows.verification.prepared import prepare
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.workflows.scene_file.read import READY, read
+from stickslip.workflows.verification.cases.agreement import Answer
+from stickslip.workflows.verification.prepared import prepare
 
 BALLS = {"half_ball", "spheres"}  # of order 1: those of order 2 take half a minute
 STEPS = 4  # at most, beside the times that a scene lists

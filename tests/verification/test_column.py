@@ -6,9 +6,9 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from workflows.verification.cases import column as column_case
-from workflows.verification.check import failures
-from workflows.verification.closed_forms import column
+from stickslip.workflows.verification.cases import column as column_case
+from stickslip.workflows.verification.check import failures
+from stickslip.workflows.verification.closed_forms import column
 
 METHODS = ("condensed-newton", "uzawa")
 # all but two of the tolerances are the case's own, with their reasons there: 1e-9, or the digits of the table

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geometry.errors import MachineError, SceneError
-from workflows.commands import hard as command
-from workflows.commands.hard import hard
-from workflows.scene_file.read import read, to_dict
-from workflows.verification.hard import suite
-from workflows.verification.hard.judge import Outcome, Verdict, judge
-from workflows.verification.hard.page import BAD, again, table, write_page
-from workflows.verification.hard.suite import NAMES, Row, Task, performed, results, tasks
-from workflows.verification.hard.tables import overrides, ready, scene_of
-from workflows.verification.hard.variations import FIXED, Scale, variation, varied
+from stickslip.geometry.errors import MachineError, SceneError
+from stickslip.workflows.commands import hard as command
+from stickslip.workflows.commands.hard import hard
+from stickslip.workflows.scene_file.read import read, to_dict
+from stickslip.workflows.verification.hard import suite
+from stickslip.workflows.verification.hard.judge import Outcome, Verdict, judge
+from stickslip.workflows.verification.hard.page import BAD, again, table, write_page
+from stickslip.workflows.verification.hard.suite import NAMES, Row, Task, performed, results, tasks
+from stickslip.workflows.verification.hard.tables import overrides, ready, scene_of
+from stickslip.workflows.verification.hard.variations import FIXED, Scale, variation, varied
 
 SMALL = 24
 SEED = 0
@@ -108,7 +108,7 @@ def test_answer_that_its_audit_doubts(monkeypatch: pytest.MonkeyPatch) -> None:
     verdict = next(judge(scene))
     assert verdict.outcome is Outcome.REFUSED
     assert "(contacts.ground.friction.k_T is too soft beside the bodies)" in verdict.reason
-    monkeypatch.setattr("solvers.simulation.unresisted_modes.FAINT", 0.0)
+    monkeypatch.setattr("stickslip.solvers.simulation.unresisted_modes.FAINT", 0.0)
     verdict = next(judge(scene))
     assert (verdict.outcome, verdict.held) == (Outcome.DOUBTFUL, False)
     assert "rounding is" in verdict.reason

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.scene.settings import Output
-from solvers.stepping.stepper import NoEquilibriumError, StepError
-from workflows.run.run import run
-from workflows.verification.cases import incline as incline_case
-from workflows.verification.check import failures
-from workflows.verification.closed_forms import incline
-from workflows.verification.closed_forms.incline import HOLDS, LAYER, SLIDES
-from workflows.verification.prepared import observed, system_of
+from stickslip.solvers.scene.settings import Output
+from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
+from stickslip.workflows.run.run import run
+from stickslip.workflows.verification.cases import incline as incline_case
+from stickslip.workflows.verification.check import failures
+from stickslip.workflows.verification.closed_forms import incline
+from stickslip.workflows.verification.closed_forms.incline import HOLDS, LAYER, SLIDES
+from stickslip.workflows.verification.prepared import observed, system_of
 
 METHOD = "condensed-newton"  # the layer is held by contact alone
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from solvers.laws.compliance import Compliance
-from workflows.verification.cases import lifted as lifted_case
-from workflows.verification.check import failures
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.workflows.verification.cases import lifted as lifted_case
+from stickslip.workflows.verification.check import failures
 
 METHODS = ("condensed-newton", "uzawa", "surface-uzawa")
 # tolerances are the case's own, with their reasons

@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geometry.arrays import Array
+from stickslip.geometry.arrays import Array
 from shared.command import table
-from solvers.laws.compliance import Compliance
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Output, Steps
-from workflows.formats.steps import read_step
-from workflows.run.result import Outcome
-from workflows.run.run import run
-from workflows.verification.cases import column as column_case
-from workflows.verification.cases import limits as limits_case
-from workflows.verification.check import failures
-from workflows.verification.closed_forms.limits import END, LIMITS, NONE, STEADY, Limit
-from workflows.verification.prepared import prepare
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Output, Steps
+from stickslip.workflows.formats.steps import read_step
+from stickslip.workflows.run.result import Outcome
+from stickslip.workflows.run.run import run
+from stickslip.workflows.verification.cases import column as column_case
+from stickslip.workflows.verification.cases import limits as limits_case
+from stickslip.workflows.verification.check import failures
+from stickslip.workflows.verification.closed_forms.limits import END, LIMITS, NONE, STEADY, Limit
+from stickslip.workflows.verification.prepared import prepare
 
 
 @pytest.mark.parametrize("name", LIMITS)

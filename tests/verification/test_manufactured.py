@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from workflows.verification.cases import manufactured as manufactured_case
-from workflows.verification.cases.manufactured import BESIDE, MESHES, SLACK, errors, slopes
-from workflows.verification.check import failures
-from workflows.verification.closed_forms.manufactured import LAMBDA, LAWS, MU, RATES, SLIP, G, Manufactured
+from stickslip.workflows.verification.cases import manufactured as manufactured_case
+from stickslip.workflows.verification.cases.manufactured import BESIDE, MESHES, SLACK, errors, slopes
+from stickslip.workflows.verification.check import failures
+from stickslip.workflows.verification.closed_forms.manufactured import LAMBDA, LAWS, MU, RATES, SLIP, G, Manufactured
 
 METHODS = ("condensed-newton", "uzawa")
 SHORT = (8, 16)  # two meshes, past the coarsest

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from workflows.scene_file.read import from_dict
-from workflows.verification.prepared import prepare
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
 
 BLOCKS = """
 def build(model, parameters):

@@ -6,11 +6,11 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from geometry.errors import SceneError
-from workflows.verification.cases import patch as patch_case
-from workflows.verification.cases.patch import CONTRASTS, LOADED, NODAL, OVERLAPS, PATCHES, Patch, figures, scene, solve
-from workflows.verification.check import failures
-from workflows.verification.prepared import prepare
+from stickslip.geometry.errors import SceneError
+from stickslip.workflows.verification.cases import patch as patch_case
+from stickslip.workflows.verification.cases.patch import CONTRASTS, LOADED, NODAL, OVERLAPS, PATCHES, Patch, figures, scene, solve
+from stickslip.workflows.verification.check import failures
+from stickslip.workflows.verification.prepared import prepare
 
 FAST = [patch for patch in PATCHES + LOADED if patch.dim == 2 or patch.ratio != "1:20"]
 SLOW = [patch for patch in PATCHES + LOADED if patch not in FAST]

@@ -3,10 +3,10 @@
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.laws.friction import Coulomb
-from workflows.verification.cases import raous as raous_case
-from workflows.verification.cases.raous_compliance import RIGID, checks, solve
-from workflows.verification.check import failures
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.workflows.verification.cases import raous as raous_case
+from stickslip.workflows.verification.cases.raous_compliance import RIGID, checks, solve
+from stickslip.workflows.verification.check import failures
 
 
 @pytest.mark.parametrize("method", ["condensed-newton", "uzawa"])

@@ -9,9 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.solved import Solved, coarse, solve
-from solvers.scene.settings import Steps
-from workflows.scene_file.read import read
-from workflows.verification.prepared import prepare
+from stickslip.solvers.scene.settings import Steps
+from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.verification.prepared import prepare
 
 FIRST, PERIOD, CYCLES = 2, 4, 5  # [s]
 VALUES = ("pressure", "traction", "slip_increment", "slip", "gap")

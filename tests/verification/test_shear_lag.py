@@ -5,12 +5,12 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import lsq_linear
 
-from solvers.laws.law import FrictionLaw, NormalLaw
-from solvers.laws.unilateral import Unilateral
-from workflows.verification.cases import shear_lag as shear_lag_case
-from workflows.verification.check import failures
-from workflows.verification.closed_forms import shear_lag
-from workflows.verification.closed_forms.shear_lag import FORCE, STRIP
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.workflows.verification.cases import shear_lag as shear_lag_case
+from stickslip.workflows.verification.check import failures
+from stickslip.workflows.verification.closed_forms import shear_lag
+from stickslip.workflows.verification.closed_forms.shear_lag import FORCE, STRIP
 
 METHOD = "condensed-newton"  # the others need bodies that their supports hold
 

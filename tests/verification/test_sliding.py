@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from geometry.errors import SceneError
-from solvers.results.step_result import StepResult
-from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation
-from workflows.scene_file.read import from_dict
-from workflows.verification.prepared import prepare
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
 
 CELL, MU = 0.25, 0.3
 FORCE = 100.0 * 0.005 / 0.5  # E strain, on a side of 1 m: the sliding block is 1e7 times as stiff, nu = 0

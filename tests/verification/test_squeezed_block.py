@@ -7,14 +7,14 @@ from typing import Any
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.laws.friction import Coulomb
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Output
-from solvers.stepping.stepper import NoEquilibriumError, StepError
-from workflows.run.run import run
-from workflows.scene_file.read import from_dict
-from workflows.verification.prepared import prepare
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Output
+from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
+from stickslip.workflows.run.run import run
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
 
 PRESS, MU = 100.0, 0.3
 LIMIT = 2 * MU * PRESS

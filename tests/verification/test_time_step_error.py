@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from shared.histories import PUSHED
-from solvers.results.error_parts import Quantity
-from solvers.results.numbers import quantities
-from solvers.scene.settings import Steps
-from solvers.simulation.simulation import prepare
-from workflows.scene_file.read import read
+from stickslip.solvers.results.error_parts import Quantity
+from stickslip.solvers.results.numbers import quantities
+from stickslip.solvers.scene.settings import Steps
+from stickslip.solvers.simulation.simulation import prepare
+from stickslip.workflows.scene_file.read import read
 
 SIZES = ["geometry.order=1", "geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.01"]
 CASES = {

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from solvers.scene.scene import Scene
-from workflows.run.doubts import doubts
-from workflows.scene_file.read import from_dict
-from workflows.verification.prepared import prepare
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.run.doubts import doubts
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
 
 DRAWN = """
 def build(model, parameters):

@@ -8,12 +8,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 import stickslip
-from geometry.keys import Choice, Key, Noun
-from solvers.methods import METHODS
-from workflows.scene_file.read import from_dict, read, to_dict
-from workflows.verification.cases import units as units_case
-from workflows.verification.check import failures
-from workflows.verification.units import Units, in_millimetres
+from stickslip.geometry.keys import Choice, Key, Noun
+from stickslip.solvers.methods import METHODS
+from stickslip.workflows.scene_file.read import from_dict, read, to_dict
+from stickslip.workflows.verification.cases import units as units_case
+from stickslip.workflows.verification.check import failures
+from stickslip.workflows.verification.units import Units, in_millimetres
 
 MM = Units(length=1000.0, force=1.0, plane=False)
 

@@ -2,11 +2,11 @@
 
 import pytest
 
-from geometry.errors import SceneError, SolverError
-from workflows.commands import verify as module
-from workflows.commands.verify import verify
-from workflows.verification.check import Check, failures
-from workflows.verification.registry import CASES, Case
+from stickslip.geometry.errors import SceneError, SolverError
+from stickslip.workflows.commands import verify as module
+from stickslip.workflows.commands.verify import verify
+from stickslip.workflows.verification.check import Check, failures
+from stickslip.workflows.verification.registry import CASES, Case
 
 
 def test_named_problem_is_solved_and_tabulated(capsys: pytest.CaptureFixture[str]) -> None:

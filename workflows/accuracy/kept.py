@@ -11,18 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from geometry.errors import FolderError, MachineError
-from geometry.size_field import SizeField
-from solvers.scene.scene import Scene
-from workflows.accuracy.level import Level
-from workflows.accuracy.round import Round
-from workflows.accuracy.standing import Standing
-from workflows.formats.aside import disk_errors, write_aside
-from workflows.formats.own_files import is_marked, remove_own
-from workflows.formats.regular import read_json, read_regular
-from workflows.run.folder import BEGUN, ResultsFolder, place_of
-from workflows.run.resume import VERSIONS, run_of
-from workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
+from stickslip.geometry.errors import FolderError, MachineError
+from stickslip.geometry.size_field import SizeField
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.accuracy.level import Level
+from stickslip.workflows.accuracy.round import Round
+from stickslip.workflows.accuracy.standing import Standing
+from stickslip.workflows.formats.aside import disk_errors, write_aside
+from stickslip.workflows.formats.own_files import is_marked, remove_own
+from stickslip.workflows.formats.regular import read_json, read_regular
+from stickslip.workflows.run.folder import BEGUN, ResultsFolder, place_of
+from stickslip.workflows.run.resume import VERSIONS, run_of
+from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
 
 ABOUT = "stickslip_rounds"  # array of the file that holds all but the sizes, as JSON; it tells the file from others
 

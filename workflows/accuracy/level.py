@@ -9,10 +9,10 @@ from typing import Literal
 
 import numpy as np
 
-from geometry.size_field import SizeField
-from solvers.scene.scene import Scene, prefixed
-from solvers.simulation.simulation import Seconds
-from workflows.accuracy.standing import Standing
+from stickslip.geometry.size_field import SizeField
+from stickslip.solvers.scene.scene import Scene, prefixed
+from stickslip.solvers.simulation.simulation import Seconds
+from stickslip.workflows.accuracy.standing import Standing
 
 AIM = 0.7  # of what is asked: estimates scatter from mesh to mesh
 FINEST = {2: 0.25, 3: 0.5}  # least factor of the energy error in a round, by dimension: its trend holds no further

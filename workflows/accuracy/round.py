@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from workflows.accuracy.level import Level
-from workflows.accuracy.standing import Standing
+from stickslip.workflows.accuracy.level import Level
+from stickslip.workflows.accuracy.standing import Standing
 
 
 @dataclass

@@ -18,30 +18,30 @@ from typing import Any, Literal
 import numpy as np
 from scipy.spatial import cKDTree
 
-from geometry.arrays import Array
-from geometry.errors import SceneError
-from geometry.protocols import Comm
-from geometry.size_field import SizeField, adapted, volumes
-from geometry.user_files.user_file import UserFile
-from solvers.accuracy.two_level import MeshCorrection
-from solvers.results.error_parts import Errors
-from solvers.results.step_result import OPEN, StepResult
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Accuracy
-from solvers.simulation.simulation import Simulation
-from workflows.accuracy.kept import KeptRounds
-from workflows.accuracy.level import ITERATION, SMALLEST, Level, Move, next_move
-from workflows.accuracy.round import Round
-from workflows.accuracy.standing import Standing, percent, standings
-from workflows.formats.own_files import certify, is_certified
-from workflows.formats.regular import read_json
-from workflows.formats.steps import read_step, step_files
-from workflows.run.collective import from_rank_0, raise_together
-from workflows.run.folder import BEGUN, RESULT, place_of, work_of
-from workflows.run.result import Outcome, scene_hash, write_result
-from workflows.run.resume import FINISHED, run_of
-from workflows.run.run import begun_with, run
-from workflows.run.watch import Watch
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.protocols import Comm
+from stickslip.geometry.size_field import SizeField, adapted, volumes
+from stickslip.geometry.user_files.user_file import UserFile
+from stickslip.solvers.accuracy.two_level import MeshCorrection
+from stickslip.solvers.results.error_parts import Errors
+from stickslip.solvers.results.step_result import OPEN, StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Accuracy
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.accuracy.kept import KeptRounds
+from stickslip.workflows.accuracy.level import ITERATION, SMALLEST, Level, Move, next_move
+from stickslip.workflows.accuracy.round import Round
+from stickslip.workflows.accuracy.standing import Standing, percent, standings
+from stickslip.workflows.formats.own_files import certify, is_certified
+from stickslip.workflows.formats.regular import read_json
+from stickslip.workflows.formats.steps import read_step, step_files
+from stickslip.workflows.run.collective import from_rank_0, raise_together
+from stickslip.workflows.run.folder import BEGUN, RESULT, place_of, work_of
+from stickslip.workflows.run.result import Outcome, scene_hash, write_result
+from stickslip.workflows.run.resume import FINISHED, run_of
+from stickslip.workflows.run.run import begun_with, run
+from stickslip.workflows.run.watch import Watch
 
 log = logging.getLogger(__name__)
 LOCAL = ("max_pressure", "contact_area", "stick_area", "slip_area", "max_slip")  # decided near the contact

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.errors import SceneError
-from solvers.results.error_parts import PARTS, ErrorParts, Errors, Quantity, Value
-from solvers.results.numbers import quantities
-from solvers.results.quantities import SINGULAR, values
-from solvers.results.step_result import StepResult
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Errors, Quantity, Value
+from stickslip.solvers.results.numbers import quantities
+from stickslip.solvers.results.quantities import SINGULAR, values
+from stickslip.solvers.results.step_result import StepResult
 
 AXES = "xyz"
 LEAST = 1e-3  # of the largest number of its kind: a smaller one is not what a relative error is asked of

@@ -1,4 +1,4 @@
-"""What adaptive rounds save beside finer meshes of one size: `python -m workflows.benchmarks.adaptive -o FILE`.
+"""What adaptive rounds save beside finer meshes of one size: `python -m stickslip.workflows.benchmarks.adaptive -o FILE`.
 
 The rounds of `--accuracy` begin on a coarse mesh of one size. Beside them the same scene is refined as a whole, from
 the same mesh in order 1 and 2, and from one that is graded towards the contact by hand, until the true error is below
@@ -23,18 +23,18 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import typer
 
-from geometry.builders.builder import Builder
-from geometry.errors import SolverError
-from solvers.laws.friction import Coulomb
-from solvers.results.quantities import values
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Accuracy, Output, Steps
-from solvers.simulation.simulation import prepare
-from workflows.accuracy.rounds import Rounds
-from workflows.run.run import run
-from workflows.run.watch import LOGGERS, Watch
-from workflows.verification.cases import cattaneo, hertz, punch, raous
-from workflows.verification.closed_forms.raous import SIDE
+from stickslip.geometry.builders.builder import Builder
+from stickslip.geometry.errors import SolverError
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.results.quantities import values
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Accuracy, Output, Steps
+from stickslip.solvers.simulation.simulation import prepare
+from stickslip.workflows.accuracy.rounds import Rounds
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import LOGGERS, Watch
+from stickslip.workflows.verification.cases import cattaneo, hertz, punch, raous
+from stickslip.workflows.verification.closed_forms.raous import SIDE
 
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[threads] = "1"  # before numpy starts them
@@ -49,7 +49,7 @@ WINDOW = 2  # meshes in a row that have to be good enough: an error that changes
 BUDGET = 3600.0  # [s] of the rounds, more than they take on a busy machine
 PAGE = f"""# What adaptive rounds save
 
-`python -m workflows.benchmarks.adaptive -o docs/adaptive.md` measures it, in a few minutes on one core.
+`python -m stickslip.workflows.benchmarks.adaptive -o docs/adaptive.md` measures it, in a few minutes on one core.
 `stickslip run --accuracy NUMBER=1%` begins on a coarse mesh of one size. Beside it stands the same scene refined as a
 whole from that mesh, in order 1 and 2, and from one that is graded towards the contact by hand. Of those the last run
 alone counts, on the coarsest mesh from which on the true error stays below what is asked, as if it had been known. Of

@@ -1,4 +1,4 @@
-"""What `auto` costs beside the best method: `python -m workflows.benchmarks.auto` prints the table.
+"""What `auto` costs beside the best method: `python -m stickslip.workflows.benchmarks.auto` prints the table.
 
 Every method solves each scene in 2 and in 32 steps. CPU seconds of preparation and steps, without mesh, assembly and
 results; one thread. A run that takes longer than the limit is extended by its last steps, and marked ~.
@@ -22,20 +22,20 @@ import numpy as np
 import typer
 from mpi4py import MPI
 
-from geometry.errors import SolverError
-from geometry.mesh.mesh import build_mesh
-from solvers.laws.tied import Tied
-from solvers.parallel.counters import Counters
-from solvers.scene.contact import Contact
-from solvers.scene.scene import Scene
-from solvers.simulation.resolve import resolve
-from solvers.stepping.choice import Choice, Size, Stage, choose
-from solvers.stepping.history import HistoryRow
-from solvers.stepping.method_chain import MethodChain, Reached
-from solvers.stepping.stepper import Stepper
-from solvers.system.system import System, assemble
-from workflows.run.watch import LOGGERS
-from workflows.scene_file.read import read
+from stickslip.geometry.errors import SolverError
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.solvers.laws.tied import Tied
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.stepping.choice import Choice, Size, Stage, choose
+from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.solvers.stepping.method_chain import MethodChain, Reached
+from stickslip.solvers.stepping.stepper import Stepper
+from stickslip.solvers.system.system import System, assemble
+from stickslip.workflows.run.watch import LOGGERS
+from stickslip.workflows.scene_file.read import read
 
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[threads] = "1"  # before numpy starts them

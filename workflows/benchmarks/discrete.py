@@ -1,4 +1,4 @@
-"""Our methods beside Siconos on discrete Coulomb problems: `python -m workflows.benchmarks.discrete FILES...`.
+"""Our methods beside Siconos on discrete Coulomb problems: `python -m stickslip.workflows.benchmarks.discrete FILES...`.
 
 One process, one thread. Every solver gets the same scaled problem, and every answer is judged by the same residual.
 Siconos is Debian's python3-siconos; without it our methods are measured alone.
@@ -18,12 +18,12 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from geometry.arrays import Array
-from geometry.errors import MachineError, StickslipError
-from solvers.interface.discrete import DiscreteProblem, discrete_problem, residual
-from solvers.stepping.discrete_chain import AUTO, refuse_unusable, solve
-from workflows.formats.fclib import read_problem
-from workflows.pictures.performance_profile import CLOCK, FACTORS, draw_profile, shares
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import MachineError, StickslipError
+from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem, residual
+from stickslip.solvers.stepping.discrete_chain import AUTO, refuse_unusable, solve
+from stickslip.workflows.formats.fclib import read_problem
+from stickslip.workflows.pictures.performance_profile import CLOCK, FACTORS, draw_profile, shares
 
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[threads] = "1"  # before the first operation that would start them

@@ -1,4 +1,4 @@
-"""Time of each phase of a long history: `python -m workflows.benchmarks.history --steps 1000` prints it.
+"""Time of each phase of a long history: `python -m stickslip.workflows.benchmarks.history --steps 1000` prints it.
 
 A heavy strip is pulled back and forth at its end; one core, one thread. Averages over hundreds of steps show whether
 a step costs the same at the end as at the beginning.
@@ -21,19 +21,19 @@ from unittest import mock
 import numpy as np
 import typer
 
-from geometry.errors import SolverError
-from solvers.accuracy.time_steps import TimeStepErrors
-from solvers.results.observe import Observer
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.checkpoint import Checkpoints
-from solvers.simulation.simulation import Simulation
-from workflows.run import run as running
-from workflows.run.learnt import LearntFiles
-from workflows.run.watch import LOGGERS, Watch
-from workflows.scene_file.read import read
-from workflows.writers.tables import TableWriter
-from workflows.writers.xdmf import FieldFiles
+from stickslip.geometry.errors import SolverError
+from stickslip.solvers.accuracy.time_steps import TimeStepErrors
+from stickslip.solvers.results.observe import Observer
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.checkpoint import Checkpoints
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.run import run as running
+from stickslip.workflows.run.learnt import LearntFiles
+from stickslip.workflows.run.watch import LOGGERS, Watch
+from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.writers.tables import TableWriter
+from stickslip.workflows.writers.xdmf import FieldFiles
 
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[threads] = "1"  # before numpy starts them

@@ -1,4 +1,4 @@
-"""Cost of friction in units of one linear solve: `python -m workflows.benchmarks.price [-o DIR]` writes DIR/price.html.
+"""Cost of friction in units of one linear solve: `python -m stickslip.workflows.benchmarks.price [-o DIR]` writes DIR/price.html.
 
 One core, threads fixed. Every measurement is a process of its own, which also measures the linear reference: prices
 are ratios within one process. A measurement that exists is not repeated; remove DIR to begin anew.
@@ -18,9 +18,9 @@ from typing import Annotated, Any
 import typer
 from rich.progress import Progress
 
-from workflows.benchmarks.price_page import write_page
-from workflows.benchmarks.price_run import REFERENCE, Case
-from workflows.formats.aside import write_aside
+from stickslip.workflows.benchmarks.price_page import write_page
+from stickslip.workflows.benchmarks.price_run import REFERENCE, Case
+from stickslip.workflows.formats.aside import write_aside
 
 PLANE = (16, 32, 64, 128, 256, 512)
 SPACE = (8, 12, 16, 24, 32, 48, 64)
@@ -78,7 +78,7 @@ def run(case: Case, limit: float) -> dict[str, Any]:
 
 def _child(case: Case, limit: float, *solver: str) -> dict[str, Any]:
     environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, "-m", "workflows.benchmarks.price_run", json.dumps(asdict(case)), *solver]
+    command = [sys.executable, "-m", "stickslip.workflows.benchmarks.price_run", json.dumps(asdict(case)), *solver]
     try:
         done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=10 * limit, check=False)
     except subprocess.TimeoutExpired:

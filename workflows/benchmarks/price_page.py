@@ -14,8 +14,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from workflows.benchmarks.price_run import REFERENCE
-from workflows.formats.aside import write_aside
+from stickslip.workflows.benchmarks.price_run import REFERENCE
+from stickslip.workflows.formats.aside import write_aside
 
 matplotlib.use("Agg")
 

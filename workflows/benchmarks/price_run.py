@@ -1,4 +1,4 @@
-"""One measurement of the price of friction: `python -m workflows.benchmarks.price_run CASE [SOLVER]`, CASE in JSON.
+"""One measurement of the price of friction: `python -m stickslip.workflows.benchmarks.price_run CASE [SOLVER]`, CASE in JSON.
 
 With SOLVER only this solver is tried for the linear reference, so that the memory is that of the fastest one.
 """
@@ -15,16 +15,16 @@ from typing import Any
 
 from mpi4py import MPI
 
-from geometry.errors import StickslipError
-from geometry.mesh.mesh import build_mesh
-from solvers.parallel.counters import Counters
-from solvers.results.linear_reference import linear_reference
-from solvers.scene.scene import Scene
-from solvers.simulation.resolve import resolve
-from solvers.simulation.simulation import Simulation, prepare
-from solvers.system.system import assemble
-from workflows.cost.child import peak_memory
-from workflows.scene_file.read import read
+from stickslip.geometry.errors import StickslipError
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.results.linear_reference import linear_reference
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.system.system import assemble
+from stickslip.workflows.cost.child import peak_memory
+from stickslip.workflows.scene_file.read import read
 
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[threads] = "1"  # before numpy starts them

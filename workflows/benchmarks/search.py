@@ -1,4 +1,4 @@
-"""CPU time of the contact search on one thread: `python -m workflows.benchmarks.search` prints it.
+"""CPU time of the contact search on one thread: `python -m stickslip.workflows.benchmarks.search` prints it.
 
 Two wavy surfaces in the shape of a body's side, the points off the nodes, most of them open, some overlapping.
 """
@@ -10,10 +10,10 @@ from time import process_time
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array
-from geometry.surfaces.search import pair
-from geometry.surfaces.surface import Surface
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.surfaces.search import pair
+from stickslip.geometry.surfaces.surface import Surface
 
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[threads] = "1"  # before numpy starts them

@@ -1,4 +1,4 @@
-"""What accuracy costs, and whether it is known: `python -m workflows.benchmarks.work_precision` draws it.
+"""What accuracy costs, and whether it is known: `python -m stickslip.workflows.benchmarks.work_precision` draws it.
 
 A ready scene whose exact value is known is solved on finer and finer meshes. The error that each run states of one
 number, from that run alone, is drawn beside the true one, over the seconds that it took on one core, estimate included;
@@ -17,15 +17,15 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from geometry.builders.builder import Builder
-from geometry.errors import SceneError
-from solvers.results.error_parts import Quantity
-from solvers.results.quantities import total_errors, values
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import prepare
-from workflows.cost.picture import BAND, log_log
-from workflows.pictures.sheet import CURVES, INK, PALE, Sheet
-from workflows.scene_file.read import read
+from stickslip.geometry.builders.builder import Builder
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.results.error_parts import Quantity
+from stickslip.solvers.results.quantities import total_errors, values
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import prepare
+from stickslip.workflows.cost.picture import BAND, log_log
+from stickslip.workflows.pictures.sheet import CURVES, INK, PALE, Sheet
+from stickslip.workflows.scene_file.read import read
 
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[threads] = "1"  # before numpy starts them

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from geometry.errors import MachineError, SceneError, nearest, require
-from workflows.verification.accuracy.page import line, passed, sentence, write_page
-from workflows.verification.accuracy.problems import PROBLEMS
-from workflows.verification.accuracy.suite import Study, studies
+from stickslip.geometry.errors import MachineError, SceneError, nearest, require
+from stickslip.workflows.verification.accuracy.page import line, passed, sentence, write_page
+from stickslip.workflows.verification.accuracy.problems import PROBLEMS
+from stickslip.workflows.verification.accuracy.suite import Study, studies
 
 
 def accuracy(names: Sequence[str] = (), jobs: int = 1, folder: Path | None = None) -> bool:

@@ -18,9 +18,9 @@ from typing import Annotated, Any
 
 import typer
 
-from geometry.errors import SceneError, StickslipError, shortened
-from workflows import VERSION
-from workflows.commands.process import STOPPED, STOPPING, leave_together, refused, speaks
+from stickslip.geometry.errors import SceneError, StickslipError, shortened
+from stickslip.workflows import VERSION
+from stickslip.workflows.commands.process import STOPPED, STOPPING, leave_together, refused, speaks
 
 LONGEST = 280  # letters of a refusal
 
@@ -49,11 +49,11 @@ def run_command(
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="one line an iteration")] = False,
 ) -> None:
     """Solve a scene and write its results."""
-    from workflows.accuracy.rounds import Rounds, aiming
-    from workflows.commands.mesh import announce
-    from workflows.run.run import run
-    from workflows.run.terminal import Reporter
-    from workflows.scene_file.read import find, named, read
+    from stickslip.workflows.accuracy.rounds import Rounds, aiming
+    from stickslip.workflows.commands.mesh import announce
+    from stickslip.workflows.run.run import run
+    from stickslip.workflows.run.terminal import Reporter
+    from stickslip.workflows.scene_file.read import find, named, read
 
     loaded = aiming(read(scene, override or ()), accuracy or (), budget)
     folder = output or Path("results") / find(scene).stem
@@ -93,9 +93,9 @@ def plan_command(
     as_json: Annotated[bool, typer.Option("--json", help="for scripts")] = False,
 ) -> None:
     """Say which effects a scene switches on, and why, without solving; with --cost from coarse versions of it."""
-    from solvers.simulation.plan import make_plan, warnings
-    from workflows.run.terminal import print_plan
-    from workflows.scene_file.read import named, read
+    from stickslip.solvers.simulation.plan import make_plan, warnings
+    from stickslip.workflows.run.terminal import print_plan
+    from stickslip.workflows.scene_file.read import named, read
 
     loaded = read(scene, override or ())
     with named(scene):
@@ -109,8 +109,8 @@ def plan_command(
         "warnings": list(warnings(loaded)),
     }
     if mesh:
-        from workflows.commands.mesh import announce
-        from workflows.run.mesh_report import count
+        from stickslip.workflows.commands.mesh import announce
+        from stickslip.workflows.run.mesh_report import count
 
         if speaks():
             announce(loaded)
@@ -119,8 +119,8 @@ def plan_command(
     if speaks() and not as_json:
         print_plan(content)
     if cost:
-        from workflows.cost.foresee import foresee
-        from workflows.cost.progress import print_prices
+        from stickslip.workflows.cost.foresee import foresee
+        from stickslip.workflows.cost.progress import print_prices
 
         with named(scene):
             foreseen = foresee(loaded)
@@ -140,8 +140,8 @@ def mesh_command(
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE.msh", help="write the mesh")] = None,
 ) -> None:
     """Mesh a scene and judge its mesh, without solving."""
-    from workflows.commands.mesh import announce, edit, list_entities, report
-    from workflows.scene_file.read import find, named, read, read_geometry
+    from stickslip.workflows.commands.mesh import announce, edit, list_entities, report
+    from stickslip.workflows.scene_file.read import find, named, read, read_geometry
 
     if listed or gui:
         model, geometry = read_geometry(scene, override or ())
@@ -179,9 +179,9 @@ def cost_command(
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="say nothing but the sentence")] = False,
 ) -> None:
     """Show what accuracy costs in time: mesh sizes, orders, methods, tolerances."""
-    from workflows.cost.command import cost
-    from workflows.cost.progress import Teller
-    from workflows.scene_file.read import find, named, read
+    from stickslip.workflows.cost.command import cost
+    from stickslip.workflows.cost.progress import Teller
+    from stickslip.workflows.scene_file.read import find, named, read
 
     loaded = read(scene, override or ())
     folder = output or Path("results") / f"{find(scene).stem}_cost"
@@ -211,9 +211,9 @@ def verify_command(
     ] = False,
 ) -> None:
     """Compare figures with closed forms and published values; hard: solve variations; accuracy: judge stated errors."""
-    from workflows.commands.accuracy import accuracy
-    from workflows.commands.hard import hard
-    from workflows.commands.verify import verify
+    from stickslip.workflows.commands.accuracy import accuracy
+    from stickslip.workflows.commands.hard import hard
+    from stickslip.workflows.commands.verify import verify
 
     only = [name for name in scenes.split(",") if name]
     for suite in ("hard", "accuracy"):
@@ -246,7 +246,7 @@ def fclib_command(
     ] = None,
 ) -> None:
     """Solve discrete Coulomb problems of non-smooth contact dynamics, and compare methods on them."""
-    from workflows.commands.fclib import fclib
+    from stickslip.workflows.commands.fclib import fclib
 
     raise typer.Exit(fclib(files, output, method or (), tolerance, report))
 
@@ -254,7 +254,7 @@ def fclib_command(
 @app.command("scenes")
 def scenes_command() -> None:
     """List the ready scenes."""
-    from workflows.scene_file.read import READY, title_of
+    from stickslip.workflows.scene_file.read import READY, title_of
 
     for path in sorted(READY.glob("*.toml")):
         typer.echo(f"{path.stem:<12} {title_of(path)}")
@@ -266,13 +266,13 @@ def new_command(
     file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="where to put it [NAME.toml]")] = None,
 ) -> None:
     """Copy a ready scene to a file of one's own."""
-    from workflows.scene_file.read import READY
+    from stickslip.workflows.scene_file.read import READY
 
     if not speaks():
         return
     path, ready = file or Path(f"{name}.toml"), {p.stem: p for p in READY.glob("*.toml")}
     if name not in ready:
-        from geometry.errors import nearest
+        from stickslip.geometry.errors import nearest
 
         raise SceneError(f"{name}: no such ready scene; {nearest(name, ready)}")
     try:
@@ -328,7 +328,7 @@ def _say(text: str, code: int) -> int:
 
 
 def main() -> None:
-    """Run the command, and end the process; see `workflows.commands.start`."""
+    """Run the command, and end the process; see `stickslip.workflows.commands.start`."""
     logging.getLogger().addHandler(logging.NullHandler())  # FFCx writes its compiler commands to the root logger
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

@@ -11,15 +11,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from geometry.arrays import Array
-from geometry.errors import SceneError
-from solvers.interface.discrete import discrete_problem, rank
-from solvers.stepping.discrete_chain import AUTO, refuse_unusable, solve, usable
-from workflows import VERSION
-from workflows.formats.fclib import LocalProblem, read_problem, write_solved
-from workflows.pictures.performance_profile import FACTORS, draw_profile, shares
-from workflows.run.folder import ResultsFolder
-from workflows.run.result import write_json
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.interface.discrete import discrete_problem, rank
+from stickslip.solvers.stepping.discrete_chain import AUTO, refuse_unusable, solve, usable
+from stickslip.workflows import VERSION
+from stickslip.workflows.formats.fclib import LocalProblem, read_problem, write_solved
+from stickslip.workflows.pictures.performance_profile import FACTORS, draw_profile, shares
+from stickslip.workflows.run.folder import ResultsFolder
+from stickslip.workflows.run.result import write_json
 
 ALL = "all"
 NAME = 38  # letters of a problem's name

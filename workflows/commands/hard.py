@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from geometry.errors import MachineError, SceneError, nearest, require
-from workflows.verification.hard.judge import Outcome, Verdict
-from workflows.verification.hard.page import BAD, sentence, write_page
-from workflows.verification.hard.page import again as repeated
-from workflows.verification.hard.suite import NAMES, Row, judged_again, results
+from stickslip.geometry.errors import MachineError, SceneError, nearest, require
+from stickslip.workflows.verification.hard.judge import Outcome, Verdict
+from stickslip.workflows.verification.hard.page import BAD, sentence, write_page
+from stickslip.workflows.verification.hard.page import again as repeated
+from stickslip.workflows.verification.hard.suite import NAMES, Row, judged_again, results
 
 NUMBER = 2000
 LINES = "hard.jsonl"

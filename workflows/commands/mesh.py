@@ -11,16 +11,16 @@ from mpi4py import MPI
 from rich.console import Console
 from rich.table import Table
 
-from geometry.errors import GeometryError, SceneError
-from geometry.mesh.msh_file import write_msh
-from geometry.shape import Model, Request, Shape
-from geometry.user_files.outline import Facets
-from geometry.user_files.user_file import UserFile
-from geometry.user_files.window import open_window
-from solvers.scene.scene import Scene
-from workflows.run.collective import raise_together
-from workflows.run.mesh_report import look
-from workflows.run.terminal import console, print_mesh, print_table
+from stickslip.geometry.errors import GeometryError, SceneError
+from stickslip.geometry.mesh.msh_file import write_msh
+from stickslip.geometry.shape import Model, Request, Shape
+from stickslip.geometry.user_files.outline import Facets
+from stickslip.geometry.user_files.user_file import UserFile
+from stickslip.geometry.user_files.window import open_window
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.run.collective import raise_together
+from stickslip.workflows.run.mesh_report import look
+from stickslip.workflows.run.terminal import console, print_mesh, print_table
 
 ANNOUNCED = 10.0  # [s] of gmsh
 
@@ -109,6 +109,6 @@ def _vector(x: Any) -> str:
 
 def draw_picture(picture: Path, entities: tuple[Facets, ...], title: str) -> None:
     """Draw the numbered faces or edges; only this function imports VTK."""
-    from workflows.pictures.numbered import draw_numbers
+    from stickslip.workflows.pictures.numbered import draw_numbers
 
     draw_numbers(picture, entities, title)

@@ -10,7 +10,7 @@ from contextlib import suppress
 from types import FrameType
 from typing import NoReturn
 
-from workflows.commands.process import STOPPED, STOPPING, speaks
+from stickslip.workflows.commands.process import STOPPED, STOPPING, speaks
 
 
 def main() -> None:
@@ -26,7 +26,7 @@ def main() -> None:
     _find_temporary_folder()
     if "OMPI_COMM_WORLD_SIZE" not in os.environ:  # alone, MPI needs no shared file in a folder that may be full
         os.environ.setdefault("PMIX_MCA_gds", "hash")
-    from workflows.commands.cli import main as command
+    from stickslip.workflows.commands.cli import main as command
 
     command()
 

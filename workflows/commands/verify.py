@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 from rich.console import Console
 from rich.table import Table
 
-from geometry.errors import SceneError, StickslipError, nearest
-from workflows.verification.check import Check
-from workflows.verification.registry import CASES
+from stickslip.geometry.errors import SceneError, StickslipError, nearest
+from stickslip.workflows.verification.check import Check
+from stickslip.workflows.verification.registry import CASES
 
 Row = tuple[str, str, Check]  # case, method, result
 

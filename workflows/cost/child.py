@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from geometry.dolfinx_versions import form_cache
-from geometry.errors import GeometryError, MachineError, SceneError, SolverError
-from geometry.user_files.child import end_with
-from solvers.results.quantities import values
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation, prepare
-from solvers.stepping.stepper import NoEquilibriumError
-from workflows.accuracy.standing import names_of
-from workflows.formats.aside import write_aside
-from workflows.scene_file.read import from_dict
+from stickslip.geometry.dolfinx_versions import form_cache
+from stickslip.geometry.errors import GeometryError, MachineError, SceneError, SolverError
+from stickslip.geometry.user_files.child import end_with
+from stickslip.solvers.results.quantities import values
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.stepping.stepper import NoEquilibriumError
+from stickslip.workflows.accuracy.standing import names_of
+from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.scene_file.read import from_dict
 
 
 def solve(scene: Scene, time_steps: bool = False) -> dict[str, Any]:
@@ -91,7 +91,7 @@ def forms() -> int:
 
 
 def main() -> None:
-    """`python -m workflows.cost.child SCENE.json ANSWER.json PARENT [time-steps]`, PARENT being a process number."""
+    """`python -m stickslip.workflows.cost.child SCENE.json ANSWER.json PARENT [time-steps]`, PARENT being a process number."""
     end_with(int(sys.argv[3]))
     task, answer = map(Path, sys.argv[1:3])
     found = solve(from_dict(json.loads(task.read_text(encoding="utf-8"))), "time-steps" in sys.argv[4:])

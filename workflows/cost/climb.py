@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from workflows.cost import predict
-from workflows.cost.ladder import Ladder
-from workflows.cost.run_record import Run
-from workflows.cost.rung import Rung
-from workflows.cost.sentence import seconds
+from stickslip.workflows.cost import predict
+from stickslip.workflows.cost.ladder import Ladder
+from stickslip.workflows.cost.run_record import Run
+from stickslip.workflows.cost.rung import Rung
+from stickslip.workflows.cost.sentence import seconds
 
 MORE = 1.1  # factor on a time limit that was too short, for another try
 Measure = Callable[[Rung, float], Run | None]

@@ -8,23 +8,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from geometry.errors import SceneError
-from geometry.memory import available
-from solvers.scene.scene import Scene
-from workflows.cost.climb import Budget, climb, retry
-from workflows.cost.kept import Kept
-from workflows.cost.ladder import ladder_of
-from workflows.cost.measure import measure
-from workflows.cost.progress import Teller
-from workflows.cost.quantity import check, chosen
-from workflows.cost.run_record import Run
-from workflows.cost.rung import Rung
-from workflows.cost.sentence import headline, sentence
-from workflows.cost.side_by_side import Line, comparison, lines, plain
-from workflows.cost.study import Study
-from workflows.cost.table import summary, write_csv, write_summary
-from workflows.cost.truth import truth_of
-from workflows.run.interrupt import Interrupt
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.memory import available
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.cost.climb import Budget, climb, retry
+from stickslip.workflows.cost.kept import Kept
+from stickslip.workflows.cost.ladder import ladder_of
+from stickslip.workflows.cost.measure import measure
+from stickslip.workflows.cost.progress import Teller
+from stickslip.workflows.cost.quantity import check, chosen
+from stickslip.workflows.cost.run_record import Run
+from stickslip.workflows.cost.rung import Rung
+from stickslip.workflows.cost.sentence import headline, sentence
+from stickslip.workflows.cost.side_by_side import Line, comparison, lines, plain
+from stickslip.workflows.cost.study import Study
+from stickslip.workflows.cost.table import summary, write_csv, write_summary
+from stickslip.workflows.cost.truth import truth_of
+from stickslip.workflows.run.interrupt import Interrupt
 
 BUSY = 0.9  # share of a core below which seconds are not those of the runs alone
 OF_MEMORY = 0.8  # of the available memory, for one run
@@ -149,14 +149,14 @@ def _ending(whole: bool, runs: Sequence[Run], said: str) -> Answer:
 
 
 def _draw_methods(folder: Path, scene: Scene, found: Sequence[Line], methods: Sequence[str], said: str) -> None:
-    from workflows.cost.methods_picture import draw_methods
+    from stickslip.workflows.cost.methods_picture import draw_methods
 
     if found:
         draw_methods(folder, scene.title, found, methods, said)
 
 
 def _draw(folder: Path, scene: Scene, studies: Sequence[Study]) -> None:
-    from workflows.cost.picture import draw
+    from stickslip.workflows.cost.picture import draw
 
     for study in studies:
         if study.truth.meshes > 1:

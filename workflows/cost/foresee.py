@@ -16,17 +16,17 @@ from itertools import product
 
 import numpy as np
 
-from geometry.errors import GeometryError, SceneError, SolverError
-from solvers.results.error_parts import Errors, Quantity
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene, prefixed
-from solvers.scene.settings import Output
-from solvers.simulation.simulation import prepare
-from workflows.accuracy.level import SOLVING
-from workflows.cost.child import forms
-from workflows.cost.ladder import COARSEST, FINEST
-from workflows.cost.predict import power_law
-from workflows.cost.rung import RATIO
+from stickslip.geometry.errors import GeometryError, SceneError, SolverError
+from stickslip.solvers.results.error_parts import Errors, Quantity
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene, prefixed
+from stickslip.solvers.scene.settings import Output
+from stickslip.solvers.simulation.simulation import prepare
+from stickslip.workflows.accuracy.level import SOLVING
+from stickslip.workflows.cost.child import forms
+from stickslip.workflows.cost.ladder import COARSEST, FINEST
+from stickslip.workflows.cost.predict import power_law
+from stickslip.workflows.cost.rung import RATIO
 
 log = logging.getLogger(__name__)
 ASKED = (0.1, 0.01, 0.001)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from geometry.errors import FolderError
-from solvers.scene.scene import Scene
-from workflows.cost.run_record import Run, load, store
-from workflows.formats.aside import make_folder
-from workflows.run.folder import ResultsFolder
-from workflows.run.result import write_json
-from workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
+from stickslip.geometry.errors import FolderError
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.cost.run_record import Run, load, store
+from stickslip.workflows.formats.aside import make_folder
+from stickslip.workflows.run.folder import ResultsFolder
+from stickslip.workflows.run.result import write_json
+from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
 
 SCENE, RUNS = "scene.json", "runs"
 

@@ -6,14 +6,14 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
-from geometry.errors import SceneError, nearest
-from solvers.methods import METHODS
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import make_plan
-from workflows.cost.predict import overhead
-from workflows.cost.run_record import Run
-from workflows.cost.rung import Rung
-from workflows.scene_file.read import with_method
+from stickslip.geometry.errors import SceneError, nearest
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.workflows.cost.predict import overhead
+from stickslip.workflows.cost.run_record import Run
+from stickslip.workflows.cost.rung import Rung
+from stickslip.workflows.scene_file.read import with_method
 
 COARSEST, FINEST = -4, 12  # levels: four times as coarse as the scene, 64 times as fine
 ORDERS: tuple[Literal[1, 2], ...] = (1, 2)

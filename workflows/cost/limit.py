@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from geometry.arrays import Array
+from stickslip.geometry.arrays import Array
 
 WINDOW = 4  # finest meshes used: coarser ones do not follow the power yet; fewer cannot show divergence
 SLOWEST, FASTEST = 0.25, 6.0  # powers

@@ -14,11 +14,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import SceneError
-from solvers.scene.scene import Scene
-from workflows.cost.run_record import Run
-from workflows.cost.rung import Rung, mesh_size
-from workflows.scene_file.read import to_dict
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.cost.run_record import Run
+from stickslip.workflows.cost.rung import Rung, mesh_size
+from stickslip.workflows.scene_file.read import to_dict
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 LOOK = 0.02  # seconds between two looks at the process
@@ -50,7 +50,7 @@ def _once(scene: Scene, rung: Rung, seconds: float, stop: Stop) -> Run | None:
     with tempfile.TemporaryDirectory(prefix="stickslip_") as place:
         task, answer, errors = (Path(place) / name for name in ("scene.json", "answer.json", "errors"))
         task.write_text(json.dumps(to_dict(mine)), encoding="utf-8")
-        words = [sys.executable, "-P", "-m", "workflows.cost.child", str(task), str(answer), str(os.getpid())]
+        words = [sys.executable, "-P", "-m", "stickslip.workflows.cost.child", str(task), str(answer), str(os.getpid())]
         if rung.level <= 0 and rung.tolerance == scene.solver.tolerance:  # they depend little on the mesh
             words.append("time-steps")
         with errors.open("wb") as said:  # a new session, so that only the parent receives Ctrl-C

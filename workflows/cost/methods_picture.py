@@ -9,10 +9,10 @@ from typing import Any
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from workflows.cost.picture import DECADES, LETTERS, LINES, MARKERS, log_log
-from workflows.cost.run_record import Run
-from workflows.cost.side_by_side import Line
-from workflows.pictures.sheet import CURVES, INK, PALE, Sheet
+from stickslip.workflows.cost.picture import DECADES, LETTERS, LINES, MARKERS, log_log
+from stickslip.workflows.cost.run_record import Run
+from stickslip.workflows.cost.side_by_side import Line
+from stickslip.workflows.pictures.sheet import CURVES, INK, PALE, Sheet
 
 ROOM = 1.6  # factor beyond the smallest and the largest value
 Number = Callable[[Run], float]

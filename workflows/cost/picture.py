@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from workflows.cost.run_record import Run
-from workflows.cost.sentence import sentence
-from workflows.cost.study import Study
-from workflows.pictures.sheet import CURVES, INK, PALE, Sheet
+from stickslip.workflows.cost.run_record import Run
+from stickslip.workflows.cost.sentence import sentence
+from stickslip.workflows.cost.study import Study
+from stickslip.workflows.pictures.sheet import CURVES, INK, PALE, Sheet
 
 MARKERS = {1: "^", 2: "s"}  # by order
 BAND = "#ececec"

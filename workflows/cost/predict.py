@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from workflows.cost.run_record import Run
-from workflows.cost.rung import RATIO, Rung
+from stickslip.workflows.cost.run_record import Run
+from stickslip.workflows.cost.rung import RATIO, Rung
 
 WINDOW = 3  # of the finest runs
 UNTRIED = 1.0  # seconds of the first run of all

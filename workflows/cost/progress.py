@@ -9,12 +9,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from workflows.cost.foresee import ASKED, Row
-from workflows.cost.run_record import Run
-from workflows.cost.sentence import duration, percent, seconds
-from workflows.cost.side_by_side import Line
-from workflows.cost.study import Study
-from workflows.run.terminal import console, print_table
+from stickslip.workflows.cost.foresee import ASKED, Row
+from stickslip.workflows.cost.run_record import Run
+from stickslip.workflows.cost.sentence import duration, percent, seconds
+from stickslip.workflows.cost.side_by_side import Line
+from stickslip.workflows.cost.study import Study
+from stickslip.workflows.run.terminal import console, print_table
 
 
 class Teller:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from geometry.errors import SceneError, nearest
-from solvers.scene.scene import Scene
-from workflows.cost.run_record import Run
+from stickslip.geometry.errors import SceneError, nearest
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.cost.run_record import Run
 
 USUAL = ("max_pressure", "normal_force", "tangential_force")
 ZERO = 1e-9  # relative to the largest of its kind: smaller numbers count as zero

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from workflows.cost.rung import Rung
-from workflows.formats.aside import write_aside
+from stickslip.workflows.cost.rung import Rung
+from stickslip.workflows.formats.aside import write_aside
 
 PHASES = ("mesh", "assemble", "prepare", "iterate", "output")
 

@@ -7,10 +7,10 @@ from math import sqrt
 from typing import Literal
 from urllib.parse import quote
 
-from geometry.errors import SceneError
-from solvers.scene.scene import Scene, prefixed
-from solvers.scene.settings import Output
-from workflows.scene_file.read import with_method
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.scene.scene import Scene, prefixed
+from stickslip.solvers.scene.settings import Output
+from stickslip.workflows.scene_file.read import with_method
 
 RATIO = sqrt(2)  # between the cells of neighbouring levels
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from workflows.cost.run_record import Run
-from workflows.cost.study import Study
+from stickslip.workflows.cost.run_record import Run
+from stickslip.workflows.cost.study import Study
 
 FIRST = 1e-2  # first relative error; each next digit divides it by ten
 

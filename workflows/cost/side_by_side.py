@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from workflows.cost.run_record import Run
-from workflows.cost.sentence import seconds
+from stickslip.workflows.cost.run_record import Run
+from stickslip.workflows.cost.sentence import seconds
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from workflows.cost.limit import rate_of
-from workflows.cost.pareto import front
-from workflows.cost.run_record import Run
-from workflows.cost.rung import RATIO, Rung
-from workflows.cost.truth import Truth
+from stickslip.workflows.cost.limit import rate_of
+from stickslip.workflows.cost.pareto import front
+from stickslip.workflows.cost.run_record import Run
+from stickslip.workflows.cost.rung import RATIO, Rung
+from stickslip.workflows.cost.truth import Truth
 
 LEAST = 1e-16  # smallest error, so that an exact answer has a logarithm
 SPAN = 2  # levels: the error of a mesh that is still coarser says nothing of the trend

@@ -9,15 +9,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from geometry.dolfinx_versions import DOLFINX
-from solvers.scene.scene import Scene
-from workflows import VERSION
-from workflows.cost.run_record import PHASES, Run
-from workflows.cost.sentence import headline, sentence
-from workflows.cost.study import Study
-from workflows.formats.aside import write_aside
-from workflows.run.result import scene_hash, write_json
-from workflows.scene_file.read import to_dict
+from stickslip.geometry.dolfinx_versions import DOLFINX
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows import VERSION
+from stickslip.workflows.cost.run_record import PHASES, Run
+from stickslip.workflows.cost.sentence import headline, sentence
+from stickslip.workflows.cost.study import Study
+from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.run.result import scene_hash, write_json
+from stickslip.workflows.scene_file.read import to_dict
 
 COUNTS = ("dofs", "contact_points", "volume_solves", "linear_iterations")
 

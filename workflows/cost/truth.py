@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from solvers.scene.settings import Exact
-from workflows.cost.limit import Limit, limit
-from workflows.cost.run_record import Run
+from stickslip.solvers.scene.settings import Exact
+from stickslip.workflows.cost.limit import Limit, limit
+from stickslip.workflows.cost.run_record import Run
 
 LAW_ERROR = 1e-6  # relative law error (energy norm) above which a method solves other laws than the scene's
 SEQUENCE = 3  # meshes of one order that say more than two of another

@@ -16,7 +16,7 @@ from dolfinx import fem, io
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from geometry import dolfinx_versions as dx  # calls that differ between the versions of dolfinx
+from stickslip.geometry import dolfinx_versions as dx  # calls that differ between the versions of dolfinx
 
 E, NU, C_N, M_N, G = 1.0, 0.3, 20.0, 2, 0.0  # [Pa], [-], [Pa/m²], [-], [m]
 BOTTOM, TOP = 1, 3  # tags of sides

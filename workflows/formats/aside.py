@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from geometry.errors import MachineError
-from workflows.formats.own_files import claim
+from stickslip.geometry.errors import MachineError
+from stickslip.workflows.formats.own_files import claim
 
 
 def write_aside(path: Path, *content: bytes | memoryview) -> None:

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from geometry.errors import MachineError
-from workflows.formats.aside import disk_errors, make_folder
-from workflows.formats.own_files import claim, own_files
+from stickslip.geometry.errors import MachineError
+from stickslip.workflows.formats.aside import disk_errors, make_folder
+from stickslip.workflows.formats.own_files import claim, own_files
 
 Row = Sequence[object]
 

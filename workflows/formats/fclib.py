@@ -21,10 +21,10 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from geometry.arrays import AnyArray, Array
-from geometry.errors import SceneError
-from geometry.protocols import Sparse
-from workflows.formats.aside import write_aside
+from stickslip.geometry.arrays import AnyArray, Array
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.protocols import Sparse
+from stickslip.workflows.formats.aside import write_aside
 
 COLUMNS, ROWS = -1, -2  # values of nz: compressed columns, compressed rows; others: the number of triplets
 ASYMMETRY = 1e-2  # of the largest entry: files of the collection reach 1e-3

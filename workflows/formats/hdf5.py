@@ -16,10 +16,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from geometry.arrays import AnyArray
-from geometry.errors import DamagedError, MachineError
-from workflows.formats.aside import write_aside
-from workflows.formats.regular import read_regular
+from stickslip.geometry.arrays import AnyArray
+from stickslip.geometry.errors import DamagedError, MachineError
+from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.regular import read_regular
 
 Numbers = Mapping[str, float | int]
 USER_BLOCK = 512  # bytes, HDF5's smallest

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.arrays import AnyArray
-from solvers.results.step_result import MeshData
-from workflows.formats.hdf5 import checksum
-from workflows.formats.shapes import shape_of
-from workflows.formats.steps import three
+from stickslip.geometry.arrays import AnyArray
+from stickslip.solvers.results.step_result import MeshData
+from stickslip.workflows.formats.hdf5 import checksum
+from stickslip.workflows.formats.shapes import shape_of
+from stickslip.workflows.formats.steps import three
 
 MESH_FILE = "fields.h5"
 

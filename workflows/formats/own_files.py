@@ -17,8 +17,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
-from geometry.errors import FolderError, MachineError
-from workflows.formats.regular import parse_json, read_regular
+from stickslip.geometry.errors import FolderError, MachineError
+from stickslip.workflows.formats.regular import parse_json, read_regular
 
 MARKER = ".stickslip"
 SIGNATURE = "stickslip: results of a run; only the files that are listed here are moved or removed by another run\n"

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from solvers.results.error_parts import PARTS, ErrorParts
+from stickslip.solvers.results.error_parts import PARTS, ErrorParts
 
 DIGITS = 1e-6  # of a number: a smaller error is not shown
 MOST_PLACES = 6  # behind the point

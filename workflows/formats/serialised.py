@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from geometry.arrays import AnyArray
-from solvers.parallel.serialise import ByNode, Plain
-from workflows.formats.aside import write_aside
-from workflows.formats.regular import read_regular
+from stickslip.geometry.arrays import AnyArray
+from stickslip.solvers.parallel.serialise import ByNode, Plain
+from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.regular import read_regular
 
 TEXT, BYTES = "text", "bytes"
 ARRAY, BY_NODE = "@array", "@by node"  # keys that no name of a scene can be

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.arrays import AnyArray, Array
-from geometry.errors import MachineError
-from solvers.parallel.serialise import Plain, deserialise, serialise
-from solvers.results.step_result import ContactState, StepResult
-from workflows.formats.aside import make_folder
-from workflows.formats.hdf5 import read_arrays, write_arrays
-from workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
+from stickslip.geometry.arrays import AnyArray, Array
+from stickslip.geometry.errors import MachineError
+from stickslip.solvers.parallel.serialise import Plain, deserialise, serialise
+from stickslip.solvers.results.step_result import ContactState, StepResult
+from stickslip.workflows.formats.aside import make_folder
+from stickslip.workflows.formats.hdf5 import read_arrays, write_arrays
+from stickslip.workflows.formats.serialised import BYTES, TEXT, from_arrays, to_arrays
 
 CHECKPOINT = "checkpoint"  # a group
 

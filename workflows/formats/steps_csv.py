@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import MachineError
-from solvers.scene.timeline import Place
-from workflows.formats.csv_tables import read_table
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import MachineError
+from stickslip.solvers.scene.timeline import Place
+from stickslip.workflows.formats.csv_tables import read_table
 
 NAME = "steps.csv"
 PRESCRIBED = {  # by table; the displacement of an obstacle is among the results: a force may drive it

@@ -17,16 +17,16 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 from scipy.spatial import cKDTree
 
-from geometry.arrays import Array, Ints
-from solvers.results.step_result import OPEN, MeshData
-from solvers.scene.scene import Scene
-from workflows.formats.aside import write_aside
-from workflows.formats.steps import read_step, step_name, three
-from workflows.pictures.body_picture import body_on_stage, displacement_scale, plain
-from workflows.pictures.contact_maps import dual_cells, view_of
-from workflows.pictures.focus import ROOM
-from workflows.pictures.render import Image, View, render
-from workflows.pictures.sheet import COLOURS, STATUS_COLOURS, Sheet, show_image, span
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.solvers.results.step_result import OPEN, MeshData
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.steps import read_step, step_name, three
+from stickslip.workflows.pictures.body_picture import body_on_stage, displacement_scale, plain
+from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
+from stickslip.workflows.pictures.focus import ROOM
+from stickslip.workflows.pictures.render import Image, View, render
+from stickslip.workflows.pictures.sheet import COLOURS, STATUS_COLOURS, Sheet, show_image, span
 
 FRAMES = 100  # at most
 SECONDS, SLOWEST, LAST = 8.0, 0.5, 1.5  # longest duration [s] of the whole and of a frame; duration of the last frame

@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 
-from geometry.arrays import Array
-from solvers.results.step_result import OPEN, MeshData, StepResult
-from workflows.formats.steps import StoredStep, three
-from workflows.pictures.render import SHADED, View, grid_of, render
-from workflows.pictures.sheet import COLOURS, DPI, LINE, Sheet, decades, show_image, span
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.results.step_result import OPEN, MeshData, StepResult
+from stickslip.workflows.formats.steps import StoredStep, three
+from stickslip.workflows.pictures.render import SHADED, View, grid_of, render
+from stickslip.workflows.pictures.sheet import COLOURS, DPI, LINE, Sheet, decades, show_image, span
 
 VISIBLE = (0.02, 0.2)  # relative to the size of the bodies: displacements in this range are drawn to scale
 DRAWN = 0.08  # others are scaled so that the largest is about this fraction of the size

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from geometry.arrays import AnyArray, Array, Bools, Ints
-from solvers.results.step_result import OPEN, ContactState
-from workflows.pictures.focus import focus
-from workflows.pictures.sheet import LINE, PALE, STATUS_COLOURS, Sheet, frame
+from stickslip.geometry.arrays import AnyArray, Array, Bools, Ints
+from stickslip.solvers.results.step_result import OPEN, ContactState
+from stickslip.workflows.pictures.focus import focus
+from stickslip.workflows.pictures.sheet import LINE, PALE, STATUS_COLOURS, Sheet, frame
 
 PRESSURE, TANGENTIAL = "#1b1b1b", "#b2182b"
 

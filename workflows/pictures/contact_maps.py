@@ -10,12 +10,12 @@ import numpy as np
 import pyvista as pv
 from matplotlib.colors import to_rgb
 
-from geometry.arrays import Array, Ints
-from solvers.results.step_result import OPEN, ContactState
-from workflows.formats.shapes import corner_cells
-from workflows.pictures.focus import focus
-from workflows.pictures.render import SHADED, View, grid_of, render
-from workflows.pictures.sheet import COLOURS, DPI, LINE, STATUS_COLOURS, Sheet, show_image, span
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.solvers.results.step_result import OPEN, ContactState
+from stickslip.workflows.formats.shapes import corner_cells
+from stickslip.workflows.pictures.focus import focus
+from stickslip.workflows.pictures.render import SHADED, View, grid_of, render
+from stickslip.workflows.pictures.sheet import COLOURS, DPI, LINE, STATUS_COLOURS, Sheet, show_image, span
 
 ARROWS = 250  # approximate largest number of arrows
 LONGEST = 0.12  # length of the longest arrow, relative to the size of the surface

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from solvers.results.error_parts import Errors, Quantity
-from solvers.results.step_result import ContactState, MeshData, StepResult
-from solvers.scene.scene import Scene
-from workflows.formats.aside import make_folder
-from workflows.formats.plus_minus import MISSING, with_error
-from workflows.formats.steps_csv import read_steps_table
-from workflows.pictures.body_picture import draw_body, draw_error
-from workflows.pictures.contact_curves import draw_line
-from workflows.pictures.contact_maps import draw_surface
-from workflows.pictures.history_picture import draw_history
-from workflows.pictures.loops import draw_loops
+from stickslip.solvers.results.error_parts import Errors, Quantity
+from stickslip.solvers.results.step_result import ContactState, MeshData, StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.formats.aside import make_folder
+from stickslip.workflows.formats.plus_minus import MISSING, with_error
+from stickslip.workflows.formats.steps_csv import read_steps_table
+from stickslip.workflows.pictures.body_picture import draw_body, draw_error
+from stickslip.workflows.pictures.contact_curves import draw_line
+from stickslip.workflows.pictures.contact_maps import draw_surface
+from stickslip.workflows.pictures.history_picture import draw_history
+from stickslip.workflows.pictures.loops import draw_loops
 
 HISTORY = 3  # smallest number of steps for pictures over time
 

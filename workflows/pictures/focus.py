@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.arrays import Array, Bools
+from stickslip.geometry.arrays import Array, Bools
 
 SMALL = 0.5  # a touching part smaller than this, relative to the whole, is enlarged
 ROOM = 0.5  # margin on every side, relative to the size of the touching part

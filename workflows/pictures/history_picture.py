@@ -9,16 +9,16 @@ from typing import Any, get_args, get_type_hints
 import numpy as np
 from matplotlib.patches import Patch
 
-from geometry.amplitude import value_at
-from geometry.arrays import Array
-from geometry.keys import Key
-from geometry.obstacles.obstacle import AXES
-from solvers.results.step_result import SLIP, STICK
-from solvers.scene.scene import Scene
-from solvers.scene.timeline import Place
-from workflows.formats.steps_csv import column, is_prescribed
-from workflows.pictures.loops import FEW, Columns, from_rest, per_metre
-from workflows.pictures.sheet import CURVES, INK, PALE, STATUS_COLOURS, STATUS_WORDS, Sheet, frame
+from stickslip.geometry.amplitude import value_at
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.keys import Key
+from stickslip.geometry.obstacles.obstacle import AXES
+from stickslip.solvers.results.step_result import SLIP, STICK
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.timeline import Place
+from stickslip.workflows.formats.steps_csv import column, is_prescribed
+from stickslip.workflows.pictures.loops import FEW, Columns, from_rest, per_metre
+from stickslip.workflows.pictures.sheet import CURVES, INK, PALE, STATUS_COLOURS, STATUS_WORDS, Sheet, frame
 
 MOST = 6  # largest number of curves in a panel
 WIDE, HIGH, LEFT, GAP, BESIDE = 5.2, 1.4, 0.85, 0.22, 2.0  # of a panel and its legend [inch]

@@ -11,10 +11,10 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 
-from geometry.arrays import Array
-from geometry.obstacles.rotation import unit
-from solvers.scene.scene import Scene
-from workflows.pictures.sheet import COLOURS, INK, PALE, Sheet, frame
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.obstacles.rotation import unit
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.pictures.sheet import COLOURS, INK, PALE, Sheet, frame
 
 MOST = 3  # largest number of panels in a row
 SMALL = 1e-3  # relative to the largest variation: forces that vary less are not drawn

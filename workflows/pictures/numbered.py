@@ -11,10 +11,10 @@ import pyvista as pv
 from matplotlib import colormaps
 from scipy.ndimage import distance_transform_edt, label
 
-from geometry.arrays import Array
-from geometry.user_files.outline import Facets
-from workflows.pictures.render import Image, View, render
-from workflows.pictures.sheet import DPI, Sheet, show_image
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.user_files.outline import Facets
+from stickslip.workflows.pictures.render import Image, View, render
+from stickslip.workflows.pictures.sheet import DPI, Sheet, show_image
 
 SIDE = 5.2  # largest width of a view [inch]
 LEAST = 4  # distance to the edge in pixels; visible parts that are narrower get no number

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.ticker import PercentFormatter
 
-from geometry.arrays import Array
-from workflows.pictures.sheet import CURVES, INK, Sheet, frame
+from stickslip.geometry.arrays import Array
+from stickslip.workflows.pictures.sheet import CURVES, INK, Sheet, frame
 
 CLOCK = 1e-3  # [s] smaller times count as this: they are those of the interpreter
 FACTORS = (1.0, 2.0, 5.0, 10.0, 100.0)  # columns of the table

@@ -12,9 +12,9 @@ import pyvista as pv
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonCore import vtkLogger
 
-from geometry.arrays import Array, Ints
-from workflows.formats.shapes import corner_cells
-from workflows.formats.steps import three
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.workflows.formats.shapes import corner_cells
+from stickslip.workflows.formats.steps import three
 
 Image = NDArray[np.uint8]
 MARGIN = 0.04  # relative to the longer side of the view

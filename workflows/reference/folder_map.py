@@ -1,4 +1,4 @@
-"""README's map of the folders, from the packages' docstrings: `python -m workflows.reference.folder_map` renews it.
+"""README's map of the folders, from the packages' docstrings: `python -m stickslip.workflows.reference.folder_map` renews it.
 
 A row is the first line of a package's docstring. What stands outside the two marker lines is written by hand.
 """

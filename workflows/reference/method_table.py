@@ -1,11 +1,11 @@
-"""README's table of methods, written from their classes: `python -m workflows.reference.method_table` renews it."""
+"""README's table of methods, written from their classes: `python -m stickslip.workflows.reference.method_table` renews it."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from solvers.methods import METHODS
-from solvers.methods.applicability import Applicability
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.methods.applicability import Applicability
 
 README = Path(__file__).parents[2] / "README.md"
 COLUMNS = ("normal laws", "friction", "operators", "bodies", "`solver.surface`")

@@ -1,4 +1,4 @@
-"""workflows/SCENE.md, written from the dataclasses themselves: `python -m workflows.reference.scene_page` renews it."""
+"""workflows/SCENE.md, written from the dataclasses themselves: `python -m stickslip.workflows.reference.scene_page` renews it."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from geometry.amplitude import Amplitude
-from geometry.builders import Builder
-from geometry.keys import Choice, Key, Noun
-from geometry.user_files.user_file import Box, UserFile
-from solvers.effects import EFFECTS
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Output
-from workflows.scene_file.read import kinds_of_keys
-from workflows.writers.writer import added_keys
+from stickslip.geometry.amplitude import Amplitude
+from stickslip.geometry.builders import Builder
+from stickslip.geometry.keys import Choice, Key, Noun
+from stickslip.geometry.user_files.user_file import Box, UserFile
+from stickslip.solvers.effects import EFFECTS
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Output
+from stickslip.workflows.scene_file.read import kinds_of_keys
+from stickslip.workflows.writers.writer import added_keys
 
 FILE = Path(__file__).parents[1] / "SCENE.md"
 HEAD = """# Scene file, version 1

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from solvers.results.audit import Audit, Auditor, Record
-from solvers.results.step_result import StepResult
-from solvers.results.stored_fields import StoredFields
-from solvers.results.verdict import passed
-from solvers.simulation.simulation import Simulation
-from workflows.formats.steps import read_step, step_name
-from workflows.run.collective import from_rank_0
+from stickslip.solvers.results.audit import Audit, Auditor, Record
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.stored_fields import StoredFields
+from stickslip.solvers.results.verdict import passed
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.formats.steps import read_step, step_name
+from stickslip.workflows.run.collective import from_rank_0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from geometry.errors import MachineError, StickslipError
+from stickslip.geometry.errors import MachineError, StickslipError
 
 T = TypeVar("T")
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.arrays import Array, Bools, Ints
-from geometry.surfaces.surface import Surface
-from solvers.contact.rows import ContactRows
-from solvers.results.error_parts import Errors, Quantity
-from solvers.results.step_result import OPEN, ContactState, MeshData, StepResult
-from solvers.scene.problem import Problem
-from solvers.simulation.simulation import Simulation
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.results.error_parts import Errors, Quantity
+from stickslip.solvers.results.step_result import OPEN, ContactState, MeshData, StepResult
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.simulation.simulation import Simulation
 
 LARGE_SPREAD = 0.1  # of the bodies' size: strains or rotations of this order change the answer by as much
 LARGE_TURN = 0.05  # [rad]; linear elasticity makes a strain of half its square, and turns no load or normal

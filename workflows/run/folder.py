@@ -14,9 +14,9 @@ import weakref
 from contextlib import suppress
 from pathlib import Path
 
-from geometry.errors import FolderError
-from workflows.formats.aside import disk_errors, sync_folder
-from workflows.formats.own_files import (
+from stickslip.geometry.errors import FolderError
+from stickslip.workflows.formats.aside import disk_errors, sync_folder
+from stickslip.workflows.formats.own_files import (
     LAST,
     PART,
     certify,
@@ -29,8 +29,8 @@ from workflows.formats.own_files import (
     remove_own,
     strange,
 )
-from workflows.formats.regular import read_json, read_regular
-from workflows.formats.steps import step_files
+from stickslip.workflows.formats.regular import read_json, read_regular
+from stickslip.workflows.formats.steps import step_files
 
 LOG = LAST  # its lock is that of the folder
 BEGUN, RESULT = "begun.json", "result.json"  # what a run was begun with, and how it ended

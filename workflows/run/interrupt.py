@@ -8,7 +8,7 @@ import threading
 from types import FrameType
 from typing import Any
 
-from geometry.errors import MachineError
+from stickslip.geometry.errors import MachineError
 
 NOTED = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)  # Ctrl-C, and signals of batch queues before the time limit
 IMPATIENT = 3  # presses of Ctrl-C after which the program stops at once

@@ -9,11 +9,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from solvers.parallel.serialise import Plain
-from workflows.formats.aside import disk_errors, make_folder
-from workflows.formats.own_files import claim, own_files, remove_own
-from workflows.formats.serialised import PlainFile, read_plain
-from workflows.run.collective import all_act, raise_together
+from stickslip.solvers.parallel.serialise import Plain
+from stickslip.workflows.formats.aside import disk_errors, make_folder
+from stickslip.workflows.formats.own_files import claim, own_files, remove_own
+from stickslip.workflows.formats.serialised import PlainFile, read_plain
+from stickslip.workflows.run.collective import all_act, raise_together
 
 FOLDER = "learnt"
 

@@ -11,18 +11,18 @@ from mpi4py import MPI
 from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
-from geometry.amplitude import Amplitude, listed_times, value_at
-from geometry.memory import available
-from geometry.mesh.mesh import Mesh, build_mesh
-from geometry.mesh.nodes import Nodes
-from geometry.mesh.quality import worst_quality
-from geometry.surfaces.surface import Surface
-from solvers.contact.rows import ContactRows
-from solvers.fem.supports import find_constraints
-from solvers.scene.scene import Scene
-from solvers.simulation.resolve import resolve
-from solvers.stepping.choice import Choice, Size, chosen
-from solvers.system.system import contact_rows, displacement_space
+from stickslip.geometry.amplitude import Amplitude, listed_times, value_at
+from stickslip.geometry.memory import available
+from stickslip.geometry.mesh.mesh import Mesh, build_mesh
+from stickslip.geometry.mesh.nodes import Nodes
+from stickslip.geometry.mesh.quality import worst_quality
+from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.fem.supports import find_constraints
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.stepping.choice import Choice, Size, chosen
+from stickslip.solvers.system.system import contact_rows, displacement_space
 
 FEWEST = 4  # smallest number of contact points for a useful answer
 POOR = 0.1  # cells of lower quality cause errors around them

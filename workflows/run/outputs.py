@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from solvers.results.step_result import StepResult
-from solvers.stepping.history import HistoryTuple
-from workflows.formats.own_files import claim
-from workflows.run.collective import all_act, raise_together
-from workflows.writers.writer import Ended, Job, Turn, Writer, wanted
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.stepping.history import HistoryTuple
+from stickslip.workflows.formats.own_files import claim
+from stickslip.workflows.run.collective import all_act, raise_together
+from stickslip.workflows.writers.writer import Ended, Job, Turn, Writer, wanted
 
 BEFORE = (Turn.BEFORE,)  # the run's own file is safe
 AFTER = (Turn.AFTER, Turn.LAST)

@@ -12,21 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from geometry.dolfinx_versions import DOLFINX
-from geometry.user_files.user_file import UserFile
-from solvers.results.audit import Audit
-from solvers.results.error_parts import PARTS, ErrorParts, Errors
-from solvers.results.linear_reference import LinearReference
-from solvers.results.step_result import ContactState, StepResult
-from solvers.results.verdict import limits
-from solvers.scene.quantities import CONTACT_NUMBERS, STRESSES
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from workflows import VERSION
-from workflows.formats.aside import write_aside
-from workflows.run.audit import Audited
-from workflows.run.packages import packages
-from workflows.scene_file.read import to_dict
+from stickslip.geometry.dolfinx_versions import DOLFINX
+from stickslip.geometry.user_files.user_file import UserFile
+from stickslip.solvers.results.audit import Audit
+from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Errors
+from stickslip.solvers.results.linear_reference import LinearReference
+from stickslip.solvers.results.step_result import ContactState, StepResult
+from stickslip.solvers.results.verdict import limits
+from stickslip.solvers.scene.quantities import CONTACT_NUMBERS, STRESSES
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows import VERSION
+from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.run.audit import Audited
+from stickslip.workflows.run.packages import packages
+from stickslip.workflows.scene_file.read import to_dict
 
 OF_COARSE = ("factorisations", "volume_solves", "linear_iterations")  # counters of the coarse mesh beside
 

@@ -9,22 +9,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from geometry.dolfinx_versions import DOLFINX
-from geometry.errors import DamagedError, FolderError, MachineError
-from solvers.parallel.serialise import broadcast, deserialise
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.checkpoint import Checkpoint
-from solvers.simulation.simulation import Seconds
-from workflows import VERSION
-from workflows.formats.aside import disk_errors
-from workflows.formats.own_files import is_certified, own_files, remove_unfinished
-from workflows.formats.regular import parse_json, read_json, read_regular
-from workflows.formats.steps import read_checkpoint, step_files, step_name
-from workflows.run.doubts import Seen
-from workflows.run.folder import BEGUN, RESULT, ResultsFolder
-from workflows.run.learnt import is_kept
-from workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
+from stickslip.geometry.dolfinx_versions import DOLFINX
+from stickslip.geometry.errors import DamagedError, FolderError, MachineError
+from stickslip.solvers.parallel.serialise import broadcast, deserialise
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.checkpoint import Checkpoint
+from stickslip.solvers.simulation.simulation import Seconds
+from stickslip.workflows import VERSION
+from stickslip.workflows.formats.aside import disk_errors
+from stickslip.workflows.formats.own_files import is_certified, own_files, remove_unfinished
+from stickslip.workflows.formats.regular import parse_json, read_json, read_regular
+from stickslip.workflows.formats.steps import read_checkpoint, step_files, step_name
+from stickslip.workflows.run.doubts import Seen
+from stickslip.workflows.run.folder import BEGUN, RESULT, ResultsFolder
+from stickslip.workflows.run.learnt import is_kept
+from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
 
 VERSIONS = {"stickslip": VERSION, "dolfinx": DOLFINX}
 FINISHED = ("converged", "doubtful")

@@ -11,31 +11,31 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import MachineError, SceneError
-from geometry.size_field import SizeField
-from solvers.parallel.serialise import serialise
-from solvers.results.error_parts import Errors
-from solvers.results.linear_reference import LinearReference, linear_reference
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.checkpoint import Checkpoints
-from solvers.simulation.simulation import Simulation, prepare
-from solvers.stepping.history import HistoryRow
-from solvers.stepping.state import State
-from solvers.stepping.stepper import NoEquilibriumError, StepError
-from workflows.formats.mesh_file import mesh_checksum
-from workflows.formats.own_files import is_marked
-from workflows.formats.steps import step_files, write_step
-from workflows.run.audit import Audited, audit_steps
-from workflows.run.collective import raise_together
-from workflows.run.doubts import Fields, Seen, doubts
-from workflows.run.folder import BEGUN, LOG, ResultsFolder, work_of
-from workflows.run.interrupt import Interrupt
-from workflows.run.learnt import LearntFiles
-from workflows.run.mesh_report import report_mesh
-from workflows.run.outputs import AFTER, BEFORE, Outputs
-from workflows.run.result import Outcome, summary, write_json, write_result
-from workflows.run.resume import (
+from stickslip.geometry.errors import MachineError, SceneError
+from stickslip.geometry.size_field import SizeField
+from stickslip.solvers.parallel.serialise import serialise
+from stickslip.solvers.results.error_parts import Errors
+from stickslip.solvers.results.linear_reference import LinearReference, linear_reference
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.checkpoint import Checkpoints
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
+from stickslip.workflows.formats.mesh_file import mesh_checksum
+from stickslip.workflows.formats.own_files import is_marked
+from stickslip.workflows.formats.steps import step_files, write_step
+from stickslip.workflows.run.audit import Audited, audit_steps
+from stickslip.workflows.run.collective import raise_together
+from stickslip.workflows.run.doubts import Fields, Seen, doubts
+from stickslip.workflows.run.folder import BEGUN, LOG, ResultsFolder, work_of
+from stickslip.workflows.run.interrupt import Interrupt
+from stickslip.workflows.run.learnt import LearntFiles
+from stickslip.workflows.run.mesh_report import report_mesh
+from stickslip.workflows.run.outputs import AFTER, BEFORE, Outputs
+from stickslip.workflows.run.result import Outcome, summary, write_json, write_result
+from stickslip.workflows.run.resume import (
     FINISHED,
     VERSIONS,
     EarlierRun,
@@ -44,9 +44,9 @@ from workflows.run.resume import (
     remove_surplus,
     run_of,
 )
-from workflows.run.watch import RunLog, Watch, foreseen, tell
-from workflows.scene_file.identity import DECIDES_NOTHING, identity
-from workflows.writers.writer import Ended, Job, wanted
+from stickslip.workflows.run.watch import RunLog, Watch, foreseen, tell
+from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity
+from stickslip.workflows.writers.writer import Ended, Job, wanted
 
 log = logging.getLogger(__name__)
 TRY = "try a smaller solver.tolerance or another solver.method, and check the units of E, loads and lengths"

@@ -11,16 +11,16 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from solvers.results.error_parts import PARTS
-from solvers.results.step_result import StepResult
-from solvers.simulation.plan import warnings
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.history import HistoryRow
-from workflows.formats.plus_minus import MISSING, plus_minus
-from workflows.run.mesh_report import ContactReport, MeshReport
-from workflows.run.result import Outcome
-from workflows.run.watch import Watch
-from workflows.writers.writer import registered
+from stickslip.solvers.results.error_parts import PARTS
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.simulation.plan import warnings
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.workflows.formats.plus_minus import MISSING, plus_minus
+from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
+from stickslip.workflows.run.result import Outcome
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.writers.writer import registered
 
 Content = dict[str, Any]
 

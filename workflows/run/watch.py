@@ -8,14 +8,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from geometry.dolfinx_versions import CACHE_NOTE
-from solvers.results.step_result import StepResult
-from solvers.simulation.plan import warnings
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.history import HistoryRow
-from workflows.run.folder import at_work
-from workflows.run.mesh_report import MeshReport
-from workflows.run.resume import EarlierRun
+from stickslip.geometry.dolfinx_versions import CACHE_NOTE
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.simulation.plan import warnings
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.workflows.run.folder import at_work
+from stickslip.workflows.run.mesh_report import MeshReport
+from stickslip.workflows.run.resume import EarlierRun
 
 LOGGERS = ("geometry", "solvers", "workflows")
 log = logging.getLogger(__name__)

@@ -7,10 +7,10 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from geometry.errors import SceneError
-from geometry.user_files.user_file import UserFile
-from solvers.scene.scene import Scene
-from workflows.scene_file.read import to_dict
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.user_files.user_file import UserFile
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.scene_file.read import to_dict
 
 # keys of a scene that do not change the answer of a mesh: title, output, references, and the limit of iterations
 DECIDES_NOTHING = ("title", "output", "exact", "accuracy", "solver.max_iterations")

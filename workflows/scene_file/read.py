@@ -13,18 +13,18 @@ from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter
 
-from geometry.builders import Builder
-from geometry.errors import FolderError, GeometryError, SceneError, nearest, require, shortened
-from geometry.keys import parse
-from geometry.shape import Model
-from geometry.user_files.open_file import kind_of
-from geometry.user_files.user_file import WITH_PARAMETERS, UserFile, installed
-from solvers.effects import EFFECTS
-from solvers.methods import Solver
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Output
-from solvers.scene.settings import Solver as Settings
-from workflows.writers.writer import added_keys
+from stickslip.geometry.builders import Builder
+from stickslip.geometry.errors import FolderError, GeometryError, SceneError, nearest, require, shortened
+from stickslip.geometry.keys import parse
+from stickslip.geometry.shape import Model
+from stickslip.geometry.user_files.open_file import kind_of
+from stickslip.geometry.user_files.user_file import WITH_PARAMETERS, UserFile, installed
+from stickslip.solvers.effects import EFFECTS
+from stickslip.solvers.methods import Solver
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Output
+from stickslip.solvers.scene.settings import Solver as Settings
+from stickslip.workflows.writers.writer import added_keys
 
 LARGEST = 20_000_000  # characters of a scene file
 WORD = re.compile(r"[^\[\]{}\"',]*")  # a value of --set that may be a text without quotes

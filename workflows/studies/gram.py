@@ -1,4 +1,4 @@
-"""Condition numbers with Gram preconditioners: `python -m workflows.studies.gram [N ...]` prints a table.
+"""Condition numbers with Gram preconditioners: `python -m stickslip.workflows.studies.gram [N ...]` prints a table.
 
 The block of the ready scene, 4 x 2 m, n cells high, all of its base closed and sticking: condition number of
 Q^-1 B K_B^-1 B^T on forces, and the entries of the factor P beside those of the matrix's own lower triangle.
@@ -16,20 +16,20 @@ from rich.console import Console
 from rich.table import Table
 from scipy import sparse
 
-from geometry.arrays import Array
-from geometry.mesh.mesh import build_mesh
-from solvers.contact.admissible_set import AdmissibleSet
-from solvers.interface.factorised import FactorisedVolume
-from solvers.interface.prepare import prepare_surface
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.linear.incomplete_cholesky import incomplete_cholesky
-from solvers.metrics.gram import GramMetric, contact_last, drop_of, volume_gram
-from solvers.parallel.counters import Counters
-from solvers.scene.gram import Gram
-from solvers.scene.scene import Scene
-from solvers.simulation.resolve import resolve
-from solvers.system.system import System, assemble
-from workflows.scene_file.read import from_dict
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.interface.factorised import FactorisedVolume
+from stickslip.solvers.interface.prepare import prepare_surface
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.linear.incomplete_cholesky import incomplete_cholesky
+from stickslip.solvers.metrics.gram import GramMetric, contact_last, drop_of, volume_gram
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.scene.gram import Gram
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.system.system import System, assemble
+from stickslip.workflows.scene_file.read import from_dict
 
 SIZES = (8, 16, 32)
 METRE = Gram(length=1.0)  # the source has no length in its product

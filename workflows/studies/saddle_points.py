@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.analysis.saddle_points import (
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.analysis.saddle_points import (
     Bounds,
     Exact,
     InexactRichardson,

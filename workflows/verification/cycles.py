@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.results.step_result import ContactState, StepResult
-from workflows.verification.check import Check, close
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.results.step_result import ContactState, StepResult
+from stickslip.workflows.verification.check import Check, close
 
 CYCLES = 5
 SAME = 1e-8  # relative to the largest value of the same kind

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-from geometry.arrays import Array
-from geometry.mesh.mesh import build_mesh
-from geometry.protocols import Comm
-from solvers.parallel.counters import Counters
-from solvers.results.observe import Observer
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation import simulation
-from solvers.simulation.resolve import resolve
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.method_chain import Reached
-from solvers.stepping.stepper import Accepted, Stepper
-from solvers.system.system import System, assemble
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.protocols import Comm
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.results.observe import Observer
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation import simulation
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.method_chain import Reached
+from stickslip.solvers.stepping.stepper import Accepted, Stepper
+from stickslip.solvers.system.system import System, assemble
 
 Move = Callable[[Array], Array]  # maps points (n, 3) [m] to their new places; a plane model's third coordinate stays 0
 

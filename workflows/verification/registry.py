@@ -5,27 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from workflows.verification.cases import agreement as agreement_case
-from workflows.verification.cases import cattaneo as cattaneo_case
-from workflows.verification.cases import circular_drive as circular_drive_case
-from workflows.verification.cases import column as column_case
-from workflows.verification.cases import hertz as hertz_case
-from workflows.verification.cases import incline as incline_case
-from workflows.verification.cases import lifted as lifted_case
-from workflows.verification.cases import limits as limits_case
-from workflows.verification.cases import manufactured as manufactured_case
-from workflows.verification.cases import pair as pair_case
-from workflows.verification.cases import patch as patch_case
-from workflows.verification.cases import punch as punch_case
-from workflows.verification.cases import raous as raous_case
-from workflows.verification.cases import raous_compliance as raous_compliance_case
-from workflows.verification.cases import shear_lag as shear_lag_case
-from workflows.verification.cases import sheared_column as sheared_column_case
-from workflows.verification.cases import shrink_fit as shrink_fit_case
-from workflows.verification.cases import slivers as slivers_case
-from workflows.verification.cases import units as units_case
-from workflows.verification.cases import zeros as zeros_case
-from workflows.verification.check import Check
+from stickslip.workflows.verification.cases import agreement as agreement_case
+from stickslip.workflows.verification.cases import cattaneo as cattaneo_case
+from stickslip.workflows.verification.cases import circular_drive as circular_drive_case
+from stickslip.workflows.verification.cases import column as column_case
+from stickslip.workflows.verification.cases import hertz as hertz_case
+from stickslip.workflows.verification.cases import incline as incline_case
+from stickslip.workflows.verification.cases import lifted as lifted_case
+from stickslip.workflows.verification.cases import limits as limits_case
+from stickslip.workflows.verification.cases import manufactured as manufactured_case
+from stickslip.workflows.verification.cases import pair as pair_case
+from stickslip.workflows.verification.cases import patch as patch_case
+from stickslip.workflows.verification.cases import punch as punch_case
+from stickslip.workflows.verification.cases import raous as raous_case
+from stickslip.workflows.verification.cases import raous_compliance as raous_compliance_case
+from stickslip.workflows.verification.cases import shear_lag as shear_lag_case
+from stickslip.workflows.verification.cases import sheared_column as sheared_column_case
+from stickslip.workflows.verification.cases import shrink_fit as shrink_fit_case
+from stickslip.workflows.verification.cases import slivers as slivers_case
+from stickslip.workflows.verification.cases import units as units_case
+from stickslip.workflows.verification.cases import zeros as zeros_case
+from stickslip.workflows.verification.check import Check
 
 TWO = ("condensed-newton", "uzawa")
 METHODS = (*TWO, "surface-uzawa")  # surface-uzawa where it does not take minutes

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from solvers import methods
-from solvers.scene.settings import Solver
+from stickslip.solvers import methods
+from stickslip.solvers.scene.settings import Solver
 
 
 def solver(method: str, tolerance: float) -> Solver:

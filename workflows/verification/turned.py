@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from geometry.amplitude import Amplitude, listed_times, value_at
-from geometry.arrays import Array
-from geometry.obstacles.obstacle import AXES, Obstacle
-from geometry.obstacles.plane import Plane
-from geometry.obstacles.rotation import unit
-from solvers.scene.loads import Direction
-from solvers.scene.scene import Scene
-from solvers.system.system import System
-from workflows.verification.prepared import system_of
+from stickslip.geometry.amplitude import Amplitude, listed_times, value_at
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.obstacles.obstacle import AXES, Obstacle
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.geometry.obstacles.rotation import unit
+from stickslip.solvers.scene.loads import Direction
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.system.system import System
+from stickslip.workflows.verification.prepared import system_of
 
 
 def rotation(axis: tuple[float, float, float], angle: float) -> Array:

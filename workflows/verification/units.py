@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, TypeVar, get_type_hints
 
-from geometry.keys import Key
-from solvers.scene.scene import Scene
+from stickslip.geometry.keys import Key
+from stickslip.solvers.scene.scene import Scene
 
 Noun = TypeVar("Noun")
 POWER = re.compile(r"([A-Za-z]+)(?:([²³])|\^(\w+))?")

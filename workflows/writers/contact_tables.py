@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.results.step_result import OPEN, SLIP, STICK, ContactState, StepResult
-from workflows.formats.csv_tables import Row, Table
-from workflows.writers.tables import TableWriter
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, ContactState, StepResult
+from stickslip.workflows.formats.csv_tables import Row, Table
+from stickslip.workflows.writers.tables import TableWriter
 
 STATUS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
 

@@ -16,19 +16,19 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import cho_solve
 
-from geometry.arrays import Array, Ints
-from geometry.errors import require
-from geometry.keys import Key
-from solvers.contact.admissible_set import ContactBlock
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.laws.friction import Coulomb
-from solvers.laws.unilateral import Unilateral
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from workflows.formats.aside import disk_errors, make_folder
-from workflows.formats.fclib import LocalProblem, write_local
-from workflows.formats.own_files import own_files
-from workflows.writers.writer import Job, Keys, Turn, Writer, keys_of
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.errors import require
+from stickslip.geometry.keys import Key
+from stickslip.solvers.contact.admissible_set import ContactBlock
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.formats.aside import disk_errors, make_folder
+from stickslip.workflows.formats.fclib import LocalProblem, write_local
+from stickslip.workflows.formats.own_files import own_files
+from stickslip.workflows.writers.writer import Job, Keys, Turn, Writer, keys_of
 
 FOLDER, KEY = "fclib", "output.fclib"
 SAME = 1e-12  # relative difference of weights that counts as rounding

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from solvers.results.step_result import StepResult
-from solvers.stepping.history import HistoryTuple
-from workflows.formats.csv_tables import Table, append_tables, python_numbers
-from workflows.writers.tables import TableWriter
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.stepping.history import HistoryTuple
+from stickslip.workflows.formats.csv_tables import Table, append_tables, python_numbers
+from stickslip.workflows.writers.tables import TableWriter
 
 NAME = "history.csv"
 HEADER = ("step", "time", "iteration", "residual", "volume_solves", "seconds", "method")  # see `HistoryRow`

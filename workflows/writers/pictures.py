@@ -7,9 +7,9 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from workflows.writers.writer import Ended, Turn, Writer
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.writers.writer import Ended, Turn, Writer
 
 log = logging.getLogger(__name__)
 
@@ -30,7 +30,7 @@ class Pictures(Writer):
     def finish(self, ended: Ended) -> None:
         if not ended.in_haste and ended.steps:
             with _drawing("pictures"):
-                from workflows.pictures.draw import draw, draw_course
+                from stickslip.workflows.pictures.draw import draw, draw_course
 
                 scene, errors = self.job.scene, ended.errors[-1] if ended.errors else None
                 draw(
@@ -60,7 +60,7 @@ class Animation(Writer):
     def finish(self, ended: Ended) -> None:
         if not ended.in_haste and ended.steps:
             with _drawing("animation"):
-                from workflows.pictures.animation import animate
+                from stickslip.workflows.pictures.animation import animate
 
                 animate(self.job.folder, self.job.scene, self.job.mesh, len(ended.steps))
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from solvers.results.step_result import StepResult
-from solvers.scene.quantities import STRESSES
-from workflows.formats.csv_tables import Row, Table, python_numbers
-from workflows.writers.tables import TableWriter
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.quantities import STRESSES
+from stickslip.workflows.formats.csv_tables import Row, Table, python_numbers
+from stickslip.workflows.writers.tables import TableWriter
 
 NAME = "probes.csv"
 

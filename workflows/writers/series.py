@@ -5,8 +5,8 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 
-from solvers.results.step_result import StepResult
-from workflows.writers.writer import Ended, Job, Writer
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.workflows.writers.writer import Ended, Job, Writer
 
 GROWTH = 1.125  # the index is written again once so many times the steps are there
 

@@ -6,17 +6,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from geometry.amplitude import value_at
-from geometry.arrays import Array
-from solvers.results.error_parts import Errors
-from solvers.results.quantities import total_errors, values
-from solvers.results.step_result import ContactState, StepResult
-from solvers.scene.quantities import CONTACT_NUMBERS, ENERGIES
-from solvers.scene.scene import Scene
-from workflows.formats.csv_tables import Table, write_tables_again
-from workflows.formats.steps_csv import NAME, column, is_prescribed
-from workflows.writers.tables import TableWriter
-from workflows.writers.writer import Ended
+from stickslip.geometry.amplitude import value_at
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.results.error_parts import Errors
+from stickslip.solvers.results.quantities import total_errors, values
+from stickslip.solvers.results.step_result import ContactState, StepResult
+from stickslip.solvers.scene.quantities import CONTACT_NUMBERS, ENERGIES
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.formats.csv_tables import Table, write_tables_again
+from stickslip.workflows.formats.steps_csv import NAME, column, is_prescribed
+from stickslip.workflows.writers.tables import TableWriter
+from stickslip.workflows.writers.writer import Ended
 
 EFFORT = ("substeps", "iterations", "volume_solves", "residual")
 

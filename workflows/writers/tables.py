@@ -10,10 +10,10 @@ import os
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 
-from solvers.results.step_result import StepResult
-from workflows.formats.aside import disk_errors
-from workflows.formats.csv_tables import Table, append_tables, write_tables_again
-from workflows.writers.writer import Ended, Turn, Writer
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.workflows.formats.aside import disk_errors
+from stickslip.workflows.formats.csv_tables import Table, append_tables, write_tables_again
+from stickslip.workflows.writers.writer import Ended, Turn, Writer
 
 
 class TableWriter(Writer):

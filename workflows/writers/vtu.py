@@ -14,17 +14,17 @@ from xml.etree import ElementTree as ET  # it writes only  # nosec B405
 
 import numpy as np
 
-from geometry.arrays import AnyArray, Array, Ints
-from geometry.errors import MachineError
-from geometry.keys import Key
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from workflows.formats.aside import disk_errors, make_folder, write_aside
-from workflows.formats.own_files import own_files
-from workflows.formats.shapes import shape_of
-from workflows.formats.steps import StoredStep, read_step, step_name, three
-from workflows.writers.series import SeriesWriter
-from workflows.writers.writer import Keys, keys_of
+from stickslip.geometry.arrays import AnyArray, Array, Ints
+from stickslip.geometry.errors import MachineError
+from stickslip.geometry.keys import Key
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.formats.aside import disk_errors, make_folder, write_aside
+from stickslip.workflows.formats.own_files import own_files
+from stickslip.workflows.formats.shapes import shape_of
+from stickslip.workflows.formats.steps import StoredStep, read_step, step_name, three
+from stickslip.workflows.writers.series import SeriesWriter
+from stickslip.workflows.writers.writer import Keys, keys_of
 
 INDEX, FOLDER = "fields.pvd", "vtu"
 OF_STEP = re.compile(r"(\d{6})[._]")  # how the names of a step's files begin

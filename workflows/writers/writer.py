@@ -10,15 +10,15 @@ from inspect import isabstract
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-from geometry.errors import nearest, require
-from geometry.keys import Noun
-from geometry.protocols import Comm
-from solvers.results.error_parts import Errors
-from solvers.results.step_result import MeshData, StepResult
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Output
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.history import HistoryTuple
+from stickslip.geometry.errors import nearest, require
+from stickslip.geometry.keys import Noun
+from stickslip.geometry.protocols import Comm
+from stickslip.solvers.results.error_parts import Errors
+from stickslip.solvers.results.step_result import MeshData, StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Output
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.history import HistoryTuple
 
 
 class Turn(IntEnum):

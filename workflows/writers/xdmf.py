@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree as ET  # it writes only  # nosec B405
 
-from geometry.arrays import Array, Ints
-from workflows.formats.aside import make_folder, write_aside
-from workflows.formats.hdf5 import checksum, stored_checksum, write_arrays
-from workflows.formats.mesh_file import MESH_FILE, mesh_arrays
-from workflows.formats.shapes import Shape, shape_of
-from workflows.formats.steps import step_name
-from workflows.writers.series import SeriesWriter
-from workflows.writers.writer import Job
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.workflows.formats.aside import make_folder, write_aside
+from stickslip.workflows.formats.hdf5 import checksum, stored_checksum, write_arrays
+from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_arrays
+from stickslip.workflows.formats.shapes import Shape, shape_of
+from stickslip.workflows.formats.steps import step_name
+from stickslip.workflows.writers.series import SeriesWriter
+from stickslip.workflows.writers.writer import Job
 
 HEAD = """<?xml version='1.0' encoding='utf-8'?>
 <Xdmf Version="3.0">

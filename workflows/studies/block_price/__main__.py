@@ -1,4 +1,4 @@
-"""The page: `python -m workflows.studies.block_price [-o DIR] [--page FILE] [--small]`, one process on one thread.
+"""The page: `python -m stickslip.workflows.studies.block_price [-o DIR] [--page FILE] [--small]`, one process on one thread.
 
 Every measurement is saved in DIR/rows when it ends; one that exists is not repeated, unless it was stopped by a shorter
 --limit. Remove DIR to begin anew.
@@ -16,12 +16,12 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
-from workflows.cost.measure import ONE_THREAD
-from workflows.formats.aside import make_folder
-from workflows.studies.block_price.cases import SMALL, Sizes, tables
-from workflows.studies.block_price.measure import row_of
-from workflows.studies.block_price.page import NAME, write_page
-from workflows.studies.published.finding import Rows
+from stickslip.workflows.cost.measure import ONE_THREAD
+from stickslip.workflows.formats.aside import make_folder
+from stickslip.workflows.studies.block_price.cases import SMALL, Sizes, tables
+from stickslip.workflows.studies.block_price.measure import row_of
+from stickslip.workflows.studies.block_price.page import NAME, write_page
+from stickslip.workflows.studies.published.finding import Rows
 
 LIMIT, FEW = 60.0, 5.0  # s
 
@@ -59,7 +59,7 @@ def main(
 def one_thread() -> None:
     """Start this process again on one thread, unless it is; libraries read the number when they are loaded."""
     if not ONE_THREAD.items() <= os.environ.items():
-        words = [sys.executable, "-m", "workflows.studies.block_price", *sys.argv[1:]]
+        words = [sys.executable, "-m", "stickslip.workflows.studies.block_price", *sys.argv[1:]]
         os.execve(sys.executable, words, {**os.environ, **ONE_THREAD})  # nosec B606
 
 

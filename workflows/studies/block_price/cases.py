@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
-from geometry.builders.block import Block
-from solvers.laws.bilateral import Bilateral
-from solvers.laws.compliance import Compliance
-from solvers.laws.friction import Coulomb, Stick
-from solvers.scene.gram import Gram
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Steps
-from workflows.scene_file.read import read
+from stickslip.geometry.builders.block import Block
+from stickslip.solvers.laws.bilateral import Bilateral
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.friction import Coulomb, Stick
+from stickslip.solvers.scene.gram import Gram
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Steps
+from stickslip.workflows.scene_file.read import read
 
 Mesh = tuple[int, int]  # dimension, n
 Axis = Literal["x", "y", "z", "normal"]

@@ -15,15 +15,15 @@ from types import FrameType
 import numpy as np
 from mpi4py import MPI
 
-from geometry.arrays import Array
-from geometry.errors import StickslipError
-from geometry.protocols import Mat
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation, prepare
-from workflows.formats.aside import write_aside
-from workflows.studies.block_price.cases import EXACT, EXACTLY, Case
-from workflows.studies.published.finding import Row
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import StickslipError
+from stickslip.geometry.protocols import Mat
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.studies.block_price.cases import EXACT, EXACTLY, Case
+from stickslip.workflows.studies.published.finding import Row
 
 SHORT, TIMES = 0.5, 3  # s; shorter runs are repeated, up to so many times, and the shortest counts
 AGAIN = 1.0  # s between two reminders that the time is over

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from geometry.dolfinx_versions import DOLFINX
-from workflows.formats.aside import write_aside
-from workflows.studies.block_price.cases import AS_EXACT, EXACT, METHODS, REFERENCE, TOLERANCE
-from workflows.studies.block_price.verdicts import CLAIMS, done
-from workflows.studies.published.finding import Finding, Row, Rows, chosen, different, slopes
-from workflows.studies.published.tables import judged, markdown, pivot
+from stickslip.geometry.dolfinx_versions import DOLFINX
+from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.studies.block_price.cases import AS_EXACT, EXACT, METHODS, REFERENCE, TOLERANCE
+from stickslip.workflows.studies.block_price.verdicts import CLAIMS, done
+from stickslip.workflows.studies.published.finding import Finding, Row, Rows, chosen, different, slopes
+from stickslip.workflows.studies.published.tables import judged, markdown, pivot
 
 NAME = "block_uzawa_price.md"
 BUSY = 0.9  # share of a core below which seconds are not those of the method alone
@@ -20,7 +20,7 @@ INTRODUCTION = f"""# The price of the method as published
 problem* (1999): Uzawa's iteration on the assembled blocks of the volume and of λ. The condensed methods
 (`condensed-newton`, `surface-uzawa`, `gram-uzawa`, `uzawa`) solve the same problem on the contact surface alone. This
 page lays them side by side on the same meshes, and says what the measurements show of the source's claims. No number
-and no verdict is typed by hand: `python -m workflows.studies.block_price --page docs/{NAME}` writes the page.
+and no verdict is typed by hand: `python -m stickslip.workflows.studies.block_price --page docs/{NAME}` writes the page.
 
 **Scenes.** `block` (2D, 4 m x 2 m) and `cube` (3D, 1 m), E = 1 Pa, quadrilaterals and hexahedra, n cells over the
 height, so that h = height / n. The top is pressed down, then dragged sideways. If nothing else is said: unilateral
@@ -36,7 +36,7 @@ set up multigrid, and what the method prepares; meshing and assembly of the stif
 and iterate, divided by the time of `{REFERENCE}` for the same problem. *Errors* are those at the end, against
 `{REFERENCE}` at tolerance {EXACT:g} on the same mesh: of λ at the nodes where s > 0, the largest one and the root of
 the mean square, weighted with the nodes' areas; of u in the energy norm, relative. Memory is not measured here, but by
-`python -m workflows.benchmarks.price`."""
+`python -m stickslip.workflows.benchmarks.price`."""
 SECTIONS: Mapping[str, tuple[str, str]] = {
     "h": ("Against the mesh size", "Two steps, mu = 0.3."),
     "mu": ("Against friction", "Two steps."),

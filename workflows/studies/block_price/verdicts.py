@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from workflows.studies.block_price.cases import (
+from stickslip.workflows.studies.block_price.cases import (
     AS_EXACT,
     BLOCK,
     CONDENSED,
@@ -15,7 +15,7 @@ from workflows.studies.block_price.cases import (
     REFERENCE,
     Q,
 )
-from workflows.studies.published.finding import (
+from stickslip.workflows.studies.published.finding import (
     FREE_OF_H,
     Claim,
     Finding,

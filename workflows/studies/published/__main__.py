@@ -1,4 +1,4 @@
-"""Claims and measurements: `python -m workflows.studies.published [-o DIR] [--small]` writes DIR/published.md.
+"""Claims and measurements: `python -m stickslip.workflows.studies.published [-o DIR] [--small]` writes DIR/published.md.
 
 Every measurement is saved when it ends; one that exists is not repeated. Remove DIR to begin anew.
 """
@@ -13,10 +13,10 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
-from workflows.formats.aside import make_folder
-from workflows.studies.published.finding import Rows
-from workflows.studies.published.measurements import MEASURED, SMALL, Sizes, measurements
-from workflows.studies.published.page import write_page
+from stickslip.workflows.formats.aside import make_folder
+from stickslip.workflows.studies.published.finding import Rows
+from stickslip.workflows.studies.published.measurements import MEASURED, SMALL, Sizes, measurements
+from stickslip.workflows.studies.published.page import write_page
 
 
 def measured(output: Path, sizes: Sizes) -> Rows:

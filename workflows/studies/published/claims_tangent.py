@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from workflows.studies.published.finding import (
+from stickslip.workflows.studies.published.finding import (
     FREE_OF_H,
     Claim,
     Finding,
@@ -18,7 +18,7 @@ from workflows.studies.published.finding import (
     said,
     slope,
 )
-from workflows.studies.published.tangent import CLASSICAL, DIRECT, PLAIN, RELAXED, STABILISED
+from stickslip.workflows.studies.published.tangent import CLASSICAL, DIRECT, PLAIN, RELAXED, STABILISED
 
 SYMMETRIC = 1e-12  # asymmetry due to rounding
 GROWS = 0.5  # log-log slope above which a quantity counts as growing

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from workflows.studies.gram import READINGS
-from workflows.studies.published.finding import (
+from stickslip.workflows.studies.gram import READINGS
+from stickslip.workflows.studies.published.finding import (
     FREE_OF_H,
     Claim,
     Finding,
@@ -14,7 +14,7 @@ from workflows.studies.published.finding import (
     said,
     slopes,
 )
-from workflows.studies.published.spectrum import PLAIN
+from stickslip.workflows.studies.published.spectrum import PLAIN
 
 SAME = 0.01  # difference below which two factors count as equal
 GROWS = 0.5  # log-log slope above which a quantity counts as growing with 1/h

@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from geometry.errors import StickslipError
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.methods.perturbed_lagrangian import PerturbedLagrangian
-from solvers.methods.uzawa import Uzawa
-from solvers.results.observe import law_error
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation, prepare
-from solvers.stepping.stepper import Accepted
-from workflows.studies.published.finding import Row
-from workflows.studies.published.scenes import scene
-from workflows.studies.published.spectrum import plain
+from stickslip.geometry.errors import StickslipError
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.methods.perturbed_lagrangian import PerturbedLagrangian
+from stickslip.solvers.methods.uzawa import Uzawa
+from stickslip.solvers.results.observe import law_error
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.stepping.stepper import Accepted
+from stickslip.workflows.studies.published.finding import Row
+from stickslip.workflows.studies.published.scenes import scene
+from stickslip.workflows.studies.published.spectrum import plain
 
 EXACT = 1e-10  # tolerance of a reference
 TRIED = 3000  # iterations after which a step size has shown whether it converges

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from solvers.analysis.saddle_points import Exact, membrane
-from workflows.studies.published.finding import Row
-from workflows.studies.saddle_points import NODES, RULES, SOFTNESS, STEPS, factors
+from stickslip.solvers.analysis.saddle_points import Exact, membrane
+from stickslip.workflows.studies.published.finding import Row
+from stickslip.workflows.studies.saddle_points import NODES, RULES, SOFTNESS, STEPS, factors
 
 
 def linear(softness: str, rule: str) -> list[Row]:

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from solvers.methods import METHODS
-from workflows.formats.aside import write_aside
-from workflows.studies.published.contact import solved, springs, stepped
-from workflows.studies.published.finding import Row
-from workflows.studies.published.linear import linear
-from workflows.studies.published.scenes import slipping
-from workflows.studies.published.spectrum import spectrum
-from workflows.studies.published.tangent import tangent
-from workflows.studies.saddle_points import RULES, SOFTNESS
+from stickslip.solvers.methods import METHODS
+from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.studies.published.contact import solved, springs, stepped
+from stickslip.workflows.studies.published.finding import Row
+from stickslip.workflows.studies.published.linear import linear
+from stickslip.workflows.studies.published.scenes import slipping
+from stickslip.workflows.studies.published.spectrum import spectrum
+from stickslip.workflows.studies.published.tangent import tangent
+from stickslip.workflows.studies.saddle_points import RULES, SOFTNESS
 
 MEASURED: Mapping[str, Callable[..., list[Row]]] = {
     "linear": linear,

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-from workflows.formats.aside import write_aside
-from workflows.studies.published.claims_tangent import TANGENT
-from workflows.studies.published.claims_uzawa import UZAWA
-from workflows.studies.published.finding import Claim, Row, Rows, chosen
-from workflows.studies.published.pictures import PICTURES
-from workflows.studies.published.tables import csv_of, judged, markdown, pivot
+from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.studies.published.claims_tangent import TANGENT
+from stickslip.workflows.studies.published.claims_uzawa import UZAWA
+from stickslip.workflows.studies.published.finding import Claim, Row, Rows, chosen
+from stickslip.workflows.studies.published.pictures import PICTURES
+from stickslip.workflows.studies.published.tables import csv_of, judged, markdown, pivot
 
 CLAIMS: tuple[Claim, ...] = (*UZAWA, *TANGENT)
 INTRODUCTION = """# The published methods, measured
 
 N. Pop, *On the inexact Uzawa methods for saddle point problems arising from contact problem* (1999), what it claims and
 what its references stand for there, on the ready scenes `block` (2D) and `cube` (3D), n cells over the height, pressed
-onto a rigid plane and dragged. Everything below is computed by `python -m workflows.studies.published`; verdicts follow
+onto a rigid plane and dragged. Everything below is computed by `python -m stickslip.workflows.studies.published`; verdicts follow
 from the rows by code. The source names no GMRES: it lists [5] H. C. Elman, *Relaxed and stabilised incomplete
 factorizations for non-self-adjoint linear systems*, BIT 29 (1989), for systems that are nonsymmetric; what is claimed
 under [5] is what that reference is about, not a sentence of the source."""

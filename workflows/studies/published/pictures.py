@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from workflows.studies.published.finding import Row, chosen, different
-from workflows.studies.published.tangent import DIRECT
+from stickslip.workflows.studies.published.finding import Row, chosen, different
+from stickslip.workflows.studies.published.tangent import DIRECT
 
 matplotlib.use("Agg")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from solvers.scene.scene import Scene
-from workflows.scene_file.read import read
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.scene_file.read import read
 
 PRESSED = {2: 0.1, 3: 0.05}  # m, in the first step
 DRAGGED = {2: 0.05, 3: 0.02}  # m, in the second

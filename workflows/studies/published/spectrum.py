@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import eigh
 
-from geometry.arrays import Array
-from solvers.contact.admissible_set import AdmissibleSet
-from solvers.interface.schur_complement import CondensedSurface
-from solvers.metrics.surface_metric import surface_metric
-from workflows.studies import gram
-from workflows.studies.published.finding import Row
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.metrics.surface_metric import surface_metric
+from stickslip.workflows.studies import gram
+from stickslip.workflows.studies.published.finding import Row
 
 PLAIN, LEARNING = "W (uzawa)", "boundary operator (surface-uzawa)"
 

@@ -6,7 +6,7 @@ import csv
 import io
 from collections.abc import Callable, Iterable, Sequence
 
-from workflows.studies.published.finding import Claim, Finding, Row, Rows
+from stickslip.workflows.studies.published.finding import Claim, Finding, Row, Rows
 
 LONG = ("history", "values")  # lists: kept in the rows' own files, not in the CSV
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from solvers.analysis.slip_tangent import SlipTangent, unsymmetry
-from solvers.analysis.tangent_solves import ILU, Solve, condition, gauss_seidel, gmres, mumps
-from solvers.methods.contact_element import SLIP
-from solvers.methods.perturbed_lagrangian import PerturbedLagrangian
-from workflows.studies.published.contact import march
-from workflows.studies.published.finding import Row
-from workflows.studies.published.scenes import scene, slipping
+from stickslip.solvers.analysis.slip_tangent import SlipTangent, unsymmetry
+from stickslip.solvers.analysis.tangent_solves import ILU, Solve, condition, gauss_seidel, gmres, mumps
+from stickslip.solvers.methods.contact_element import SLIP
+from stickslip.solvers.methods.perturbed_lagrangian import PerturbedLagrangian
+from stickslip.workflows.studies.published.contact import march
+from stickslip.workflows.studies.published.finding import Row
+from stickslip.workflows.studies.published.scenes import scene, slipping
 
 FORMS = ("displacements", "displacements and forces")
 DIRECT, PLAIN, CLASSICAL = "MUMPS", "GMRES, ILU(0)", "Gauss-Seidel"

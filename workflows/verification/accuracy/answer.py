@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.accuracy.areas import areas_of_order_2
-from solvers.results.error_parts import ErrorParts, Errors, Quantity, Value
-from solvers.results.numbers import quantities
-from solvers.results.step_result import StepResult
-from solvers.scene.quantities import STRESSES
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation, prepare
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.accuracy.areas import areas_of_order_2
+from stickslip.solvers.results.error_parts import ErrorParts, Errors, Quantity, Value
+from stickslip.solvers.results.numbers import quantities
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.quantities import STRESSES
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation, prepare
 
 MESH, TIME, ITERATION, TOTAL = "mesh", "time_step", "iteration", "total"
 PARTS = {  # as they are judged, of the parts of `ErrorParts`: what no truth can tell apart is one

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import Array
-from workflows.verification.accuracy.answer import Answer
+from stickslip.geometry.arrays import Array
+from stickslip.workflows.verification.accuracy.answer import Answer
 
 COUNTS = 1e-3  # of the scale of its kind; a smaller true error does not count
 LOW, HIGH = 0.7, 3.0  # stated / true within: of the right size

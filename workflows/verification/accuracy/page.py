@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from workflows import VERSION
-from workflows.scene_file.read import READY, read, to_dict
-from workflows.verification.accuracy.answer import ITERATION, KINDS, MESH, PARTS, TIME, TOTAL, kind
-from workflows.verification.accuracy.judge import (
+from stickslip.workflows import VERSION
+from stickslip.workflows.scene_file.read import READY, read, to_dict
+from stickslip.workflows.verification.accuracy.answer import ITERATION, KINDS, MESH, PARTS, TIME, TOTAL, kind
+from stickslip.workflows.verification.accuracy.judge import (
     BELOW,
     COUNTS,
     HIGH,
@@ -24,9 +24,9 @@ from workflows.verification.accuracy.judge import (
     Share,
     counted,
 )
-from workflows.verification.accuracy.problems import MESHES, PROBLEMS
-from workflows.verification.accuracy.suite import LOOSE, MORE, Study
-from workflows.verification.hard.tables import overrides
+from stickslip.workflows.verification.accuracy.problems import MESHES, PROBLEMS
+from stickslip.workflows.verification.accuracy.suite import LOOSE, MORE, Study
+from stickslip.workflows.verification.hard.tables import overrides
 
 ASKED = (MESH, TIME, TOTAL)  # parts, of order 1, whose shares are asked for
 WORST = 25  # cases that the page lists

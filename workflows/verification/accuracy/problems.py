@@ -9,12 +9,12 @@ from typing import Literal
 
 import numpy as np
 
-from geometry.builders.builder import Builder
-from solvers.laws.friction import Coulomb
-from solvers.laws.unilateral import Unilateral
-from solvers.scene.scene import Scene
-from workflows.scene_file.read import read
-from workflows.verification.cases import (
+from stickslip.geometry.builders.builder import Builder
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.verification.cases import (
     cattaneo,
     circular_drive,
     column,
@@ -25,10 +25,10 @@ from workflows.verification.cases import (
     sheared_column,
     shrink_fit,
 )
-from workflows.verification.closed_forms import circular_drive as circle
-from workflows.verification.closed_forms import column as column_form
-from workflows.verification.closed_forms import sheared_column as sheared
-from workflows.verification.closed_forms.shrink_fit import JOINT
+from stickslip.workflows.verification.closed_forms import circular_drive as circle
+from stickslip.workflows.verification.closed_forms import column as column_form
+from stickslip.workflows.verification.closed_forms import sheared_column as sheared
+from stickslip.workflows.verification.closed_forms.shrink_fit import JOINT
 
 MESHES = (2.25, 1.5, 1.0)  # times the mesh sizes of a problem's scene
 METHOD = "condensed-newton"

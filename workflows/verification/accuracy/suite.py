@@ -18,13 +18,13 @@ from typing import Literal
 
 import numpy as np
 
-from geometry.errors import StickslipError
-from solvers.methods import Solver
-from solvers.scene.scene import Scene
-from solvers.stepping.stepper import StepError
-from workflows.verification.accuracy.answer import ITERATION, MESH, TIME, TOTAL, Answer, solve
-from workflows.verification.accuracy.judge import Case, Endless, compare, endless
-from workflows.verification.accuracy.problems import MESHES, PROBLEMS, Problem
+from stickslip.geometry.errors import StickslipError
+from stickslip.solvers.methods import Solver
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.stepping.stepper import StepError
+from stickslip.workflows.verification.accuracy.answer import ITERATION, MESH, TIME, TOTAL, Answer, solve
+from stickslip.workflows.verification.accuracy.judge import Case, Endless, compare, endless
+from stickslip.workflows.verification.accuracy.problems import MESHES, PROBLEMS, Problem
 
 MORE = 16  # times the steps
 ORDERS: tuple[Literal[1, 2], ...] = (1, 2)

@@ -13,16 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import SceneError
-from solvers.methods import METHODS, Solver
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from solvers.simulation.plan import make_plan
-from solvers.simulation.simulation import Simulation
-from workflows.scene_file.read import read
-from workflows.verification.check import Check, within
-from workflows.verification.prepared import prepare
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.methods import METHODS, Solver
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.verification.check import Check, within
+from stickslip.workflows.verification.prepared import prepare
 
 REFERENCE = "condensed-newton"  # what the other methods are compared with
 ALL = tuple(method for method in METHODS if method != "auto")

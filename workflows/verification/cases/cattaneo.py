@@ -14,23 +14,23 @@ from typing import Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.builders.cylinders import Cylinders
-from solvers.laws.friction import Coulomb
-from solvers.results.step_result import ContactState
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Load, Support
-from solvers.scene.material import Material
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Probe, Steps
-from workflows.verification.cases.hertz import ellipse
-from workflows.verification.check import Check, within
-from workflows.verification.closed_forms import hertz
-from workflows.verification.closed_forms.cattaneo import Cattaneo, cattaneo
-from workflows.verification.closed_forms.hertz import Hertz
-from workflows.verification.cycles import CYCLES, accounted, repeats
-from workflows.verification.prepared import prepare
-from workflows.verification.solver import solver
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders.cylinders import Cylinders
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.results.step_result import ContactState
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Load, Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Probe, Steps
+from stickslip.workflows.verification.cases.hertz import ellipse
+from stickslip.workflows.verification.check import Check, within
+from stickslip.workflows.verification.closed_forms import hertz
+from stickslip.workflows.verification.closed_forms.cattaneo import Cattaneo, cattaneo
+from stickslip.workflows.verification.closed_forms.hertz import Hertz
+from stickslip.workflows.verification.cycles import CYCLES, accounted, repeats
+from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.verification.solver import solver
 
 R, E, NU, MU = 8.0, 200.0, 0.3, 0.2
 P = 10.0  # [N/m]

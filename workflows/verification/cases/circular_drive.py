@@ -9,16 +9,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.laws.friction import Coulomb
-from solvers.results.step_result import StepResult
-from workflows.verification.cases.sheared_column import MU, scene
-from workflows.verification.check import Check
-from workflows.verification.closed_forms import circular_drive
-from workflows.verification.closed_forms.circular_drive import DISSIPATION_ERROR, DRIVE, SteadyTurn
-from workflows.verification.cycles import accounted
-from workflows.verification.prepared import observed
-from workflows.verification.turned import rotation, turned_system
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.workflows.verification.cases.sheared_column import MU, scene
+from stickslip.workflows.verification.check import Check
+from stickslip.workflows.verification.closed_forms import circular_drive
+from stickslip.workflows.verification.closed_forms.circular_drive import DISSIPATION_ERROR, DRIVE, SteadyTurn
+from stickslip.workflows.verification.cycles import accounted
+from stickslip.workflows.verification.prepared import observed
+from stickslip.workflows.verification.turned import rotation, turned_system
 
 E = 1000.0  # [Pa]
 TURNS = 3

@@ -7,20 +7,20 @@ from __future__ import annotations
 
 from typing import Literal
 
-from geometry.builders.block import Block
-from geometry.obstacles.plane import Plane
-from solvers.laws.compliance import Compliance
-from solvers.methods import METHODS
-from solvers.results.step_result import StepResult
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Load, Support
-from solvers.scene.material import Material
-from solvers.scene.scene import Scene
-from workflows.verification.check import Check, close, farthest
-from workflows.verification.closed_forms import column
-from workflows.verification.closed_forms.column import ColumnCase, ColumnState
-from workflows.verification.prepared import prepare
-from workflows.verification.solver import solver
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Load, Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.verification.check import Check, close, farthest
+from stickslip.workflows.verification.closed_forms import column
+from stickslip.workflows.verification.closed_forms.column import ColumnCase, ColumnState
+from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.verification.solver import solver
 
 E, NU = 1000.0, 0.3
 M = column.constrained_modulus(E, NU)

@@ -12,26 +12,26 @@ from typing import Any, Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.builders import Builder
-from geometry.builders.half_ball import HalfBall
-from geometry.builders.half_disc import HalfDisc
-from geometry.builders.half_space import HalfSpace
-from geometry.obstacles import Obstacle
-from geometry.obstacles.cylinder import Cylinder
-from geometry.obstacles.plane import Plane
-from geometry.obstacles.sphere import Sphere
-from geometry.shape import Model
-from solvers.methods import METHODS
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Support
-from solvers.scene.material import Material
-from solvers.scene.scene import Scene
-from workflows.verification.check import Check
-from workflows.verification.closed_forms import hertz
-from workflows.verification.closed_forms.hertz import Hertz
-from workflows.verification.prepared import prepare
-from workflows.verification.solver import solver
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders import Builder
+from stickslip.geometry.builders.half_ball import HalfBall
+from stickslip.geometry.builders.half_disc import HalfDisc
+from stickslip.geometry.builders.half_space import HalfSpace
+from stickslip.geometry.obstacles import Obstacle
+from stickslip.geometry.obstacles.cylinder import Cylinder
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.geometry.obstacles.sphere import Sphere
+from stickslip.geometry.shape import Model
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.verification.check import Check
+from stickslip.workflows.verification.closed_forms import hertz
+from stickslip.workflows.verification.closed_forms.hertz import Hertz
+from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.verification.solver import solver
 
 R, E, NU = 8.0, 1000.0, 0.3
 F = 60 * np.pi  # [N]

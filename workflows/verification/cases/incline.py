@@ -7,21 +7,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.builders.block import Block
-from geometry.errors import SolverError
-from geometry.obstacles.plane import Plane
-from solvers.effects.gravity import Gravity
-from solvers.effects.periodic import Periodic
-from solvers.laws.friction import Coulomb
-from solvers.methods import METHODS
-from solvers.results.step_result import STICK, StepResult
-from solvers.scene.contact import Contact
-from solvers.scene.material import Material
-from solvers.scene.scene import Scene
-from workflows.verification.check import Check, farthest
-from workflows.verification.closed_forms.incline import HOLDS, LAYER, SLIDES
-from workflows.verification.prepared import observed, system_of
-from workflows.verification.solver import solver
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.errors import SolverError
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.effects.gravity import Gravity
+from stickslip.solvers.effects.periodic import Periodic
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.results.step_result import STICK, StepResult
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.verification.check import Check, farthest
+from stickslip.workflows.verification.closed_forms.incline import HOLDS, LAYER, SLIDES
+from stickslip.workflows.verification.prepared import observed, system_of
+from stickslip.workflows.verification.solver import solver
 
 G = 9.81  # any value: only the weight of the layer matters [m/s²]
 CELLS = 4  # a side

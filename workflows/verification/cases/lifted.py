@@ -6,22 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.obstacles.plane import Plane
-from solvers.laws.compliance import Compliance
-from solvers.laws.friction import Coulomb
-from solvers.laws.law import NormalLaw
-from solvers.results.step_result import OPEN, StepResult
-from solvers.scene.loads import Support
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Steps
-from workflows.verification.cases.column import C_N
-from workflows.verification.cases.sheared_column import MU, PRESSURE, RIGID, E, M, solve
-from workflows.verification.cases.sheared_column import scene as sheared
-from workflows.verification.check import Check, farthest, worst
-from workflows.verification.closed_forms.lifted import LiftedColumn, follow
-from workflows.verification.closed_forms.sheared_column import COLUMN
-from workflows.verification.cycles import accounted
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.laws.law import NormalLaw
+from stickslip.solvers.results.step_result import OPEN, StepResult
+from stickslip.solvers.scene.loads import Support
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Steps
+from stickslip.workflows.verification.cases.column import C_N
+from stickslip.workflows.verification.cases.sheared_column import MU, PRESSURE, RIGID, E, M, solve
+from stickslip.workflows.verification.cases.sheared_column import scene as sheared
+from stickslip.workflows.verification.check import Check, farthest, worst
+from stickslip.workflows.verification.closed_forms.lifted import LiftedColumn, follow
+from stickslip.workflows.verification.closed_forms.sheared_column import COLUMN
+from stickslip.workflows.verification.cycles import accounted
 
 GAP = 0.002  # [m]
 PRESS = GAP + PRESSURE / M  # of the top, downward [m]: the bound is 3 Pa

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.builders.block import Block
-from geometry.obstacles.plane import Plane
-from solvers.laws.friction import Coulomb
-from solvers.methods import METHODS
-from solvers.results.step_result import StepResult
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Load
-from solvers.scene.material import Material
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Steps
-from solvers.stepping.stepper import NoEquilibriumError
-from workflows.verification.check import Check, within
-from workflows.verification.closed_forms.limits import END, LIMITS, Limit
-from workflows.verification.cycles import accounted
-from workflows.verification.prepared import prepare
-from workflows.verification.solver import solver
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Load
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Steps
+from stickslip.solvers.stepping.stepper import NoEquilibriumError
+from stickslip.workflows.verification.check import Check, within
+from stickslip.workflows.verification.closed_forms.limits import END, LIMITS, Limit
+from stickslip.workflows.verification.cycles import accounted
+from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.verification.solver import solver
 
 STEPS = 8
 E, NU = 100.0, 0.3

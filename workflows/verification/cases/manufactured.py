@@ -9,20 +9,20 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from geometry import dolfinx_versions as dx
-from geometry.builders.block import Block
-from geometry.obstacles.plane import Plane
-from solvers.laws.compliance import Compliance
-from solvers.laws.friction import Coulomb
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Support
-from solvers.scene.material import Material
-from solvers.scene.scene import Scene
-from solvers.system.system import System
-from workflows.verification.check import Check
-from workflows.verification.closed_forms.manufactured import LAWS, MU, NU, RATES, SLIP, E, Manufactured
-from workflows.verification.prepared import accepted, system_of
-from workflows.verification.solver import solver
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.system.system import System
+from stickslip.workflows.verification.check import Check
+from stickslip.workflows.verification.closed_forms.manufactured import LAWS, MU, NU, RATES, SLIP, E, Manufactured
+from stickslip.workflows.verification.prepared import accepted, system_of
+from stickslip.workflows.verification.solver import solver
 
 MESHES = (4, 8, 16, 32)
 DEGREE = 10  # quadrature degree: exact for polynomial fields, else far below the discretisation error

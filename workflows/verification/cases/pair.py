@@ -7,24 +7,24 @@ from functools import partial
 
 import numpy as np
 
-from geometry.amplitude import Amplitude
-from geometry.arrays import Array
-from geometry.builders.builder import Builder
-from geometry.builders.cylinders import Cylinders
-from geometry.builders.spheres import Spheres
-from geometry.builders.two_blocks import TwoBlocks
-from geometry.shape import Model
-from solvers.laws.friction import Coulomb
-from solvers.results.step_result import StepResult
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Direction, Support
-from solvers.scene.material import Material
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Steps
-from workflows.verification.check import Check
-from workflows.verification.prepared import observed
-from workflows.verification.solver import solver
-from workflows.verification.turned import rotation, turned_system
+from stickslip.geometry.amplitude import Amplitude
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders.builder import Builder
+from stickslip.geometry.builders.cylinders import Cylinders
+from stickslip.geometry.builders.spheres import Spheres
+from stickslip.geometry.builders.two_blocks import TwoBlocks
+from stickslip.geometry.shape import Model
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Direction, Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Steps
+from stickslip.workflows.verification.check import Check
+from stickslip.workflows.verification.prepared import observed
+from stickslip.workflows.verification.solver import solver
+from stickslip.workflows.verification.turned import rotation, turned_system
 
 REACH = 0.3  # [m]; by default a part of the box along the axes, which is another one when turned
 TOLERANCE = 1e-9  # of the largest value: the solver's 1e-12 over three steps

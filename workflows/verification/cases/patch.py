@@ -12,18 +12,18 @@ from typing import Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.builders.two_blocks import TwoBlocks
-from solvers.methods import METHODS
-from solvers.results.step_result import StepResult
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Load, Support
-from solvers.scene.material import Material
-from solvers.scene.scene import Scene
-from solvers.simulation.simulation import Simulation
-from workflows.verification.check import Check, farthest, within
-from workflows.verification.prepared import prepare
-from workflows.verification.solver import solver
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders.two_blocks import TwoBlocks
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Load, Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.verification.check import Check, farthest, within
+from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.verification.solver import solver
 
 E, NU, P, PUSH = 2e6, 0.3, 1e5, 0.1  # [Pa], -, [Pa], [m]
 TOLERANCE = 1e-8  # order 2 too: a constant pressure is in every space, and its forces are integrated exactly

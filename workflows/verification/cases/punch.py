@@ -13,23 +13,23 @@ from typing import Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.builders.half_space import HalfSpace
-from geometry.obstacles.plane import Plane
-from solvers.laws.bilateral import Bilateral
-from solvers.laws.friction import Coulomb
-from solvers.laws.law import FrictionLaw, NormalLaw
-from solvers.laws.tied import Tied
-from solvers.laws.unilateral import Unilateral
-from solvers.results.step_result import StepResult
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Support
-from solvers.scene.material import Material
-from solvers.scene.scene import Scene
-from workflows.verification.check import Check
-from workflows.verification.closed_forms import punch
-from workflows.verification.prepared import prepare
-from workflows.verification.solver import solver
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders.half_space import HalfSpace
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.laws.bilateral import Bilateral
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.tied import Tied
+from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.verification.check import Check
+from stickslip.workflows.verification.closed_forms import punch
+from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.verification.solver import solver
 
 REFERENCE = "condensed-newton"
 HELD, PRESSED, BONDED = Bilateral(), Unilateral(), Tied()

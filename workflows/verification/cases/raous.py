@@ -6,23 +6,23 @@ from functools import lru_cache
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.builders.block import Block
-from geometry.obstacles.plane import Plane
-from solvers.laws.compliance import Compliance
-from solvers.laws.friction import Coulomb
-from solvers.laws.unilateral import Unilateral
-from solvers.results.step_result import OPEN, SLIP, STICK, StepResult
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Load, Support
-from solvers.scene.material import Material
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Steps
-from workflows.verification.check import Check, within
-from workflows.verification.closed_forms import raous
-from workflows.verification.cycles import accounted
-from workflows.verification.prepared import prepare
-from workflows.verification.solver import solver
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, StepResult
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Load, Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Steps
+from stickslip.workflows.verification.check import Check, within
+from stickslip.workflows.verification.closed_forms import raous
+from stickslip.workflows.verification.cycles import accounted
+from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.verification.solver import solver
 
 N = 32
 RAMPS = (1, 2, 5, 20)  # steps

@@ -6,11 +6,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from solvers.results.step_result import StepResult
-from workflows.verification.cases import raous as raous_case
-from workflows.verification.check import Check
-from workflows.verification.closed_forms import raous
-from workflows.verification.prepared import prepare
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.workflows.verification.cases import raous as raous_case
+from stickslip.workflows.verification.check import Check
+from stickslip.workflows.verification.closed_forms import raous
+from stickslip.workflows.verification.prepared import prepare
 
 N = 64  # cells a side: with half of them, where the face opens moves the shift at k = 1000 by half of it
 RIGID = 1e8  # k whose own shift is 4e-9

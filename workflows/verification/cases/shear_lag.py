@@ -8,25 +8,25 @@ from functools import lru_cache
 import numpy as np
 from scipy.integrate import trapezoid
 
-from geometry.arrays import Array
-from geometry.builders.block import Block
-from geometry.obstacles.plane import Plane
-from solvers.laws.bilateral import Bilateral
-from solvers.laws.friction import Coulomb, Tresca
-from solvers.laws.law import FrictionLaw, NormalLaw
-from solvers.laws.unilateral import Unilateral
-from solvers.methods import METHODS, Solver
-from solvers.results.step_result import SLIP, ContactState, StepResult
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Load, Support
-from solvers.scene.material import Material
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Steps
-from workflows.verification.check import Check, within
-from workflows.verification.closed_forms import shear_lag
-from workflows.verification.closed_forms.shear_lag import FORCE, HEIGHT, STRIP
-from workflows.verification.cycles import CYCLES, accounted, repeats
-from workflows.verification.prepared import prepare
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.laws.bilateral import Bilateral
+from stickslip.solvers.laws.friction import Coulomb, Tresca
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.methods import METHODS, Solver
+from stickslip.solvers.results.step_result import SLIP, ContactState, StepResult
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Load, Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Steps
+from stickslip.workflows.verification.check import Check, within
+from stickslip.workflows.verification.closed_forms import shear_lag
+from stickslip.workflows.verification.closed_forms.shear_lag import FORCE, HEIGHT, STRIP
+from stickslip.workflows.verification.cycles import CYCLES, accounted, repeats
+from stickslip.workflows.verification.prepared import prepare
 
 N = 100  # cells along the strip
 COARSE = 25  # for slow methods: a thin strip on its bed is a hard case for all but Newton's method

@@ -9,27 +9,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.builders.block import Block
-from geometry.obstacles.plane import Plane
-from solvers.effects.periodic import Periodic
-from solvers.laws.compliance import Compliance
-from solvers.laws.friction import Coulomb, Tresca
-from solvers.laws.law import FrictionLaw, NormalLaw
-from solvers.laws.tangential_compliance import TangentialCompliance
-from solvers.laws.unilateral import Unilateral
-from solvers.results.step_result import ContactState, StepResult
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Support
-from solvers.scene.material import Material
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Steps
-from workflows.verification.check import Check, close, farthest
-from workflows.verification.closed_forms import column, sheared_column
-from workflows.verification.closed_forms.sheared_column import ShearedColumn
-from workflows.verification.cycles import CYCLES, accounted, repeats
-from workflows.verification.prepared import prepare
-from workflows.verification.solver import solver
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.effects.periodic import Periodic
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.friction import Coulomb, Tresca
+from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
+from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.results.step_result import ContactState, StepResult
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Steps
+from stickslip.workflows.verification.check import Check, close, farthest
+from stickslip.workflows.verification.closed_forms import column, sheared_column
+from stickslip.workflows.verification.closed_forms.sheared_column import ShearedColumn
+from stickslip.workflows.verification.cycles import CYCLES, accounted, repeats
+from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.verification.solver import solver
 
 E, NU = 2600.0, 0.3  # G = 1000 Pa
 PRESSURE = 10.0  # [Pa]

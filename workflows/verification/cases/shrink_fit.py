@@ -8,19 +8,19 @@ from typing import Literal
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.builders.rings import Rings
-from solvers.laws.compliance import Compliance
-from solvers.laws.unilateral import Unilateral
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Support
-from solvers.scene.material import Material
-from solvers.scene.scene import Scene
-from workflows.verification.check import Check, farthest, within
-from workflows.verification.closed_forms import shrink_fit
-from workflows.verification.closed_forms.shrink_fit import HUB, INNER, INTERFERENCE, JOINT, OUTER, SHAFT
-from workflows.verification.prepared import prepare
-from workflows.verification.solver import solver
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders.rings import Rings
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.verification.check import Check, farthest, within
+from stickslip.workflows.verification.closed_forms import shrink_fit
+from stickslip.workflows.verification.closed_forms.shrink_fit import HUB, INNER, INTERFERENCE, JOINT, OUTER, SHAFT
+from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.verification.solver import solver
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,22 +11,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.builders.block import Block
-from geometry.obstacles.plane import Plane
-from solvers.methods import METHODS
-from solvers.results.step_result import StepResult
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Load, Support
-from solvers.scene.material import Material
-from solvers.scene.scene import Scene
-from workflows.verification.cases import column as column_case
-from workflows.verification.cases import incline as incline_case
-from workflows.verification.check import Check, farthest, within
-from workflows.verification.closed_forms import column
-from workflows.verification.closed_forms.incline import HOLDS
-from workflows.verification.prepared import observed, system_of
-from workflows.verification.solver import solver
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Load, Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.verification.cases import column as column_case
+from stickslip.workflows.verification.cases import incline as incline_case
+from stickslip.workflows.verification.check import Check, farthest, within
+from stickslip.workflows.verification.closed_forms import column
+from stickslip.workflows.verification.closed_forms.incline import HOLDS
+from stickslip.workflows.verification.prepared import observed, system_of
+from stickslip.workflows.verification.solver import solver
 
 ASPECT = 1e3
 CELLS = 4  # a side of 1 m

@@ -10,33 +10,33 @@ from typing import Any
 
 import numpy as np
 
-from geometry.arrays import Array
-from solvers.laws.friction import Coulomb
-from solvers.methods import METHODS
-from solvers.results.step_result import StepResult
-from solvers.scene.scene import Scene
-from workflows.scene_file.read import read
-from workflows.verification.cases import column as column_case
-from workflows.verification.cases import hertz as hertz_case
-from workflows.verification.cases import incline as incline_case
-from workflows.verification.cases import pair as pair_case
-from workflows.verification.cases import patch as patch_case
-from workflows.verification.cases import punch as punch_case
-from workflows.verification.cases import raous as raous_case
-from workflows.verification.cases import shear_lag as shear_lag_case
-from workflows.verification.cases import sheared_column as sheared_column_case
-from workflows.verification.cases import shrink_fit as shrink_fit_case
-from workflows.verification.cases.hertz import Touch
-from workflows.verification.cases.patch import Patch
-from workflows.verification.cases.punch import Cut
-from workflows.verification.cases.shrink_fit import Press
-from workflows.verification.check import Check
-from workflows.verification.closed_forms import sheared_column
-from workflows.verification.closed_forms.circular_drive import DRIVE
-from workflows.verification.closed_forms.incline import HOLDS
-from workflows.verification.prepared import prepare
-from workflows.verification.solver import solver
-from workflows.verification.units import in_millimetres, millimetres
+from stickslip.geometry.arrays import Array
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.verification.cases import column as column_case
+from stickslip.workflows.verification.cases import hertz as hertz_case
+from stickslip.workflows.verification.cases import incline as incline_case
+from stickslip.workflows.verification.cases import pair as pair_case
+from stickslip.workflows.verification.cases import patch as patch_case
+from stickslip.workflows.verification.cases import punch as punch_case
+from stickslip.workflows.verification.cases import raous as raous_case
+from stickslip.workflows.verification.cases import shear_lag as shear_lag_case
+from stickslip.workflows.verification.cases import sheared_column as sheared_column_case
+from stickslip.workflows.verification.cases import shrink_fit as shrink_fit_case
+from stickslip.workflows.verification.cases.hertz import Touch
+from stickslip.workflows.verification.cases.patch import Patch
+from stickslip.workflows.verification.cases.punch import Cut
+from stickslip.workflows.verification.cases.shrink_fit import Press
+from stickslip.workflows.verification.check import Check
+from stickslip.workflows.verification.closed_forms import sheared_column
+from stickslip.workflows.verification.closed_forms.circular_drive import DRIVE
+from stickslip.workflows.verification.closed_forms.incline import HOLDS
+from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.verification.solver import solver
+from stickslip.workflows.verification.units import in_millimetres, millimetres
 
 TOLERANCE = 1e-9  # of the largest value of the same unit
 COARSE = {

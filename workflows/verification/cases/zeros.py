@@ -9,21 +9,21 @@ from dataclasses import fields
 
 import numpy as np
 
-from geometry.amplitude import Amplitude
-from geometry.builders.block import Block
-from geometry.obstacles.plane import Plane
-from solvers.laws.friction import Coulomb, Tresca
-from solvers.laws.law import FrictionLaw
-from solvers.methods import METHODS
-from solvers.results.step_result import StepResult
-from solvers.scene.contact import Contact
-from solvers.scene.loads import Load, Support
-from solvers.scene.material import Material
-from solvers.scene.scene import Scene
-from solvers.scene.settings import Steps
-from workflows.verification.check import Check, within
-from workflows.verification.prepared import prepare
-from workflows.verification.solver import solver
+from stickslip.geometry.amplitude import Amplitude
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.laws.friction import Coulomb, Tresca
+from stickslip.solvers.laws.law import FrictionLaw
+from stickslip.solvers.methods import METHODS
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.loads import Load, Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Steps
+from stickslip.workflows.verification.check import Check, within
+from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.verification.solver import solver
 
 E, NU, MU = 1000.0, 0.3, 0.3
 DOWN, ACROSS = 0.01, 0.005  # of the top [m]

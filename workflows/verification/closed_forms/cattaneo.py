@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import Array
-from workflows.verification.closed_forms import hertz
-from workflows.verification.closed_forms.hertz import Hertz
+from stickslip.geometry.arrays import Array
+from stickslip.workflows.verification.closed_forms import hertz
+from stickslip.workflows.verification.closed_forms.hertz import Hertz
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import Array
+from stickslip.geometry.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from workflows.verification.closed_forms.column import constrained_modulus
+from stickslip.workflows.verification.closed_forms.column import constrained_modulus
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.arrays import Array
-from workflows.verification.closed_forms.column import driven_by_displacement
+from stickslip.geometry.arrays import Array
+from stickslip.workflows.verification.closed_forms.column import driven_by_displacement
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.arrays import Array
+from stickslip.geometry.arrays import Array
 
 NU = 0.3
 X = np.array([0.0, 0.5, 0.9])  # samples, over a

@@ -10,22 +10,22 @@ from functools import cached_property
 
 import numpy as np
 
-from geometry.arrays import Array
-from geometry.errors import GeometryError, SceneError, StickslipError
-from solvers.interface.limit_analysis import Balance
-from solvers.methods import Solver
-from solvers.newton.solution import Status
-from solvers.results.audit import Audit, Auditor, Record
-from solvers.results.step_result import StepResult
-from solvers.results.verdict import passed
-from solvers.scene.scene import Scene
-from solvers.simulation.applicable import refusals
-from solvers.simulation.resolve import resolve
-from solvers.simulation.simulation import Simulation
-from solvers.stepping.stepper import NoEquilibriumError
-from workflows.verification.hard.variations import Scale
-from workflows.verification.prepared import prepare
-from workflows.verification.units import Units
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import GeometryError, SceneError, StickslipError
+from stickslip.solvers.interface.limit_analysis import Balance
+from stickslip.solvers.methods import Solver
+from stickslip.solvers.newton.solution import Status
+from stickslip.solvers.results.audit import Audit, Auditor, Record
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.verdict import passed
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.applicable import refusals
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping.stepper import NoEquilibriumError
+from stickslip.workflows.verification.hard.variations import Scale
+from stickslip.workflows.verification.prepared import prepare
+from stickslip.workflows.verification.units import Units
 
 SECOND = ("nsgs", "surface-uzawa", "uzawa")  # the first of these that can solve the scene gives a second opinion
 TOLERANCE = 1e-10  # of the second opinion

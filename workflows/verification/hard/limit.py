@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from geometry.amplitude import value_at
-from geometry.errors import StickslipError
-from solvers.simulation.resolve import resolve
-from solvers.stepping.stepper import NoEquilibriumError
-from workflows.verification.hard.tables import Tables, copied, scene_of
-from workflows.verification.prepared import prepare
+from stickslip.geometry.amplitude import value_at
+from stickslip.geometry.errors import StickslipError
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.stepping.stepper import NoEquilibriumError
+from stickslip.workflows.verification.hard.tables import Tables, copied, scene_of
+from stickslip.workflows.verification.prepared import prepare
 
 STEEPEST = 2.0  # of the vertical component; bodies that rest even there have no limit
 HALVINGS = 14  # of the bracket

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from geometry.amplitude import Amplitude
-from solvers.scene.timeline import Place
-from workflows.verification.hard.tables import Tables, over_drives, scaled, scene_of
+from stickslip.geometry.amplitude import Amplitude
+from stickslip.solvers.scene.timeline import Place
+from stickslip.workflows.verification.hard.tables import Tables, over_drives, scaled, scene_of
 
 BOXES = ("block", "strip", "stack", "two_blocks")
 OTHER = {"left": "right", "right": "left"}

@@ -10,10 +10,10 @@ from statistics import median
 
 import numpy as np
 
-from workflows import VERSION
-from workflows.verification.hard.judge import Outcome
-from workflows.verification.hard.suite import Row
-from workflows.verification.hard.variations import FIXED
+from stickslip.workflows import VERSION
+from stickslip.workflows.verification.hard.judge import Outcome
+from stickslip.workflows.verification.hard.suite import Row
+from stickslip.workflows.verification.hard.variations import FIXED
 
 COLOURS = {  # in the order of the page's columns
     Outcome.SOLVED: "#bcd9c2",

@@ -17,11 +17,11 @@ from queue import SimpleQueue
 
 import numpy as np
 
-from geometry.errors import GeometryError, SceneError
-from workflows.scene_file.read import READY, read, to_dict
-from workflows.verification.hard.judge import Outcome, Verdict, judge, supported
-from workflows.verification.hard.tables import overrides, ready, scene_of
-from workflows.verification.hard.variations import FIXED, variation, varied
+from stickslip.geometry.errors import GeometryError, SceneError
+from stickslip.workflows.scene_file.read import READY, read, to_dict
+from stickslip.workflows.verification.hard.judge import Outcome, Verdict, judge, supported
+from stickslip.workflows.verification.hard.tables import overrides, ready, scene_of
+from stickslip.workflows.verification.hard.variations import FIXED, variation, varied
 
 LIMIT = 60.0  # [s] of a variation; no end until then counts as failed
 OPINION = 8.0  # [s] more, of its second opinion

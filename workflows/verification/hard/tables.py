@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from geometry.amplitude import Amplitude, listed_times, value_at
-from solvers.scene.scene import Scene, over
-from solvers.scene.timeline import Place
-from workflows.scene_file.read import from_dict, read, to_dict
+from stickslip.geometry.amplitude import Amplitude, listed_times, value_at
+from stickslip.solvers.scene.scene import Scene, over
+from stickslip.solvers.scene.timeline import Place
+from stickslip.workflows.scene_file.read import from_dict, read, to_dict
 
 Tables = dict[str, Any]  # of a scene file, every default filled in
 SIZES = ("mesh_size", "contact_mesh_size", "lower_mesh_size", "inner_mesh_size", "edge_mesh_size")

@@ -9,12 +9,12 @@ from functools import partial
 
 import numpy as np
 
-from geometry.amplitude import Amplitude, value_at
-from solvers.scene.timeline import Place
-from workflows.scene_file.read import to_dict
-from workflows.verification.hard.limit import near_limit, sideways
-from workflows.verification.hard.mirror import BOXES, mirrored
-from workflows.verification.hard.tables import (
+from stickslip.geometry.amplitude import Amplitude, value_at
+from stickslip.solvers.scene.timeline import Place
+from stickslip.workflows.scene_file.read import to_dict
+from stickslip.workflows.verification.hard.limit import near_limit, sideways
+from stickslip.workflows.verification.hard.mirror import BOXES, mirrored
+from stickslip.workflows.verification.hard.tables import (
     Tables,
     copied,
     corners,
@@ -28,7 +28,7 @@ from workflows.verification.hard.tables import (
     softest,
     travel,
 )
-from workflows.verification.units import Units, convert
+from stickslip.workflows.verification.units import Units, convert
 
 Random = np.random.Generator
 Change = Callable[[Tables, Random], Tables | None]  # None: does not apply; it may work on the tables it is given

@@ -1,0 +1,87 @@
+"""Frictional contact between elastic bodies in FEniCSx: all that a script imports.
+
+A first script
+--------------
+>>> import stickslip
+>>> scene = stickslip.read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5"])
+>>> for step in stickslip.steps(scene):
+...     base = step.contacts["base"]
+...     print(f"t = {step.time} s: N = {base.normal_force:.3f} N, T = {base.tangential_force:.3f} N")
+t = 1.0 s: N = 0.246 N, T = 0.000 N
+t = 2.0 s: N = 0.245 N, T = 0.033 N
+
+Four ways to solve a scene
+--------------------------
+steps(scene)
+    yields a `StepResult` for each requested time; writes nothing.
+run(scene, folder)
+    does what `stickslip run` does: solves, writes all files, audits them, draws the pictures.
+prepare(scene)
+    returns a `Simulation`: meshed, assembled and factorised once. `.steps()` solves the scene's
+    history, `.data` is the mesh as arrays (`MeshData`), `.plan` lists the effects and why each is on.
+prepare(scene).script()
+    returns a `Script`, which is told each step: `script.step(to=1.0, supports={"top": {"x": 0.01}})`.
+
+`read` takes a scene file, or the name of a ready scene. A `Scene` can also be built from its parts,
+which have the names of the file's tables and keys:
+
+    Scene(model="3d", geometry=Block(...), bodies={"block": Material(E=2e11, nu=0.3)}, ...)
+
+All parts are frozen; `dataclasses.replace` makes a changed copy. workflows/SCENE.md lists every key
+with type, unit and default.
+
+What a step holds
+-----------------
+step.contacts["base"]   a `ContactState`: at each node of the slave side (n,) pressure, gap, status and
+                        friction bound, (n, d) traction and slip; of the whole side force, moment, and
+                        the areas that touch, stick and slip
+step.displacement       (nodes, d) [m]
+step.stress             (cells, 3, 3) [Pa]; step.von_mises (cells,) [Pa]
+step.supports           reactions by name: force (d,) [N] and moment [N m]
+step.obstacles          displacement (d,) [m], force (d,) [N] and moment [N m] by name
+step.probes             displacement (d,) [m] and stress (3, 3) [Pa] at points, by name
+step.energy             an `Energy` [J]
+step.residual           how well equilibrium and contact laws are satisfied, relative
+
+A status is `OPEN`, `SLIP` or `STICK`: `base.status == stickslip.STICK` is a mask (n,).
+
+Units and signs
+---------------
+Units are SI; any consistent set works. d is 2 or 3. In plane models forces, areas and energies are per
+metre of thickness; in axisymmetric ones they are of the full circle, and x is the radius. Pressure is
+positive where it presses, a gap is positive where it is open. Forces and tractions of a contact act on
+its slave side. Displacements are measured from the undeformed mesh.
+
+Under mpirun all functions are collective: every rank calls them. Fields (displacement, stress,
+`MeshData`) are on rank 0 and empty elsewhere; all other results are on every rank.
+
+Errors
+------
+All derive from `StickslipError`; the text is one line. `SceneError` (with `FolderError`) and
+`GeometryError` are about input and are raised before solving. `SolverError` is about a step:
+`StepError` has its iterations in `.history`; it is a `NoEquilibriumError` where it is proved that
+nothing can balance the loads. `MachineError` (with `DamagedError`) is about disk, memory, libraries.
+
+Names
+-----
+Functions         read, prepare, steps, run
+Scene             Scene, Material, Contact, Support, Load, Probe, Steps, Solver, Gram, Output, Exact,
+                  Accuracy
+Geometry          UserFile, Box; builders: Arch, Block, Cylinders, HalfBall, HalfDisc, HalfSpace, Ring,
+                  Rings, Spheres, Stack, Strip, TwoBlocks
+Obstacles         Plane, Cylinder, Sphere, Rotation
+Normal laws       Unilateral, Compliance, Bilateral, Tied
+Friction laws     Coulomb, Tresca, TangentialCompliance, Stick
+Effects           Gravity, Periodic
+Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: HistoryRow,
+                  HistoryTuple, Step, Status
+Results           StepResult, ContactState, OPEN, SLIP, STICK, Reaction, ObstacleState, ProbeValue,
+                  Energy, MeshData, SurfaceMesh, Convergence; errors: Quantity, ErrorParts
+Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended)
+Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,
+                  NoEquilibriumError, MachineError, DamagedError
+Bases             Builder, Obstacle, NormalLaw, FrictionLaw, Key: to write a kind of one's own
+
+A kind that a new file in geometry/builders, geometry/obstacles, solvers/laws or solvers/effects adds is
+public here at once.
+"""

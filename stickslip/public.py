@@ -1,0 +1,213 @@
+"""All that a script imports, by name: `stickslip.NAME` is taken from here when it is first asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from stickslip.geometry.builders import Builder
+from stickslip.geometry.builders.arch import Arch
+from stickslip.geometry.builders.block import Block
+from stickslip.geometry.builders.cylinders import Cylinders
+from stickslip.geometry.builders.half_ball import HalfBall
+from stickslip.geometry.builders.half_disc import HalfDisc
+from stickslip.geometry.builders.half_space import HalfSpace
+from stickslip.geometry.builders.ring import Ring
+from stickslip.geometry.builders.rings import Rings
+from stickslip.geometry.builders.spheres import Spheres
+from stickslip.geometry.builders.stack import Stack
+from stickslip.geometry.builders.strip import Strip
+from stickslip.geometry.builders.two_blocks import TwoBlocks
+from stickslip.geometry.errors import (
+    DamagedError,
+    FolderError,
+    GeometryError,
+    MachineError,
+    SceneError,
+    SolverError,
+    StickslipError,
+)
+from stickslip.geometry.keys import Choice, Key, Noun
+from stickslip.geometry.obstacles import Obstacle
+from stickslip.geometry.obstacles.cylinder import Cylinder
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.geometry.obstacles.rotation import Rotation
+from stickslip.geometry.obstacles.sphere import Sphere
+from stickslip.geometry.user_files.user_file import Box, UserFile
+from stickslip.solvers.effects.gravity import Gravity
+from stickslip.solvers.effects.periodic import Periodic
+from stickslip.solvers.laws import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.bilateral import Bilateral
+from stickslip.solvers.laws.compliance import Compliance
+from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
+from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
+from stickslip.solvers.laws.tied import Tied
+from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.methods import Solver
+from stickslip.solvers.newton.solution import Convergence, Status, Step
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.results.error_parts import ErrorParts, Quantity
+from stickslip.solvers.results.step_result import (
+    OPEN,
+    SLIP,
+    STICK,
+    ContactState,
+    MeshData,
+    ObstacleState,
+    ProbeValue,
+    Reaction,
+    StepResult,
+    SurfaceMesh,
+)
+from stickslip.solvers.scene.contact import Contact
+from stickslip.solvers.scene.gram import Gram
+from stickslip.solvers.scene.loads import Load, Support
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.problem import PlanRow
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.scene.settings import Accuracy, Exact, Output, Probe, Steps
+from stickslip.solvers.simulation.script import Script
+from stickslip.solvers.simulation.simulation import Seconds, Simulation, prepare
+from stickslip.solvers.stepping.history import HistoryRow, HistoryTuple
+from stickslip.solvers.stepping.state import Energy
+from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
+from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
+from stickslip.workflows.run.result import Outcome
+from stickslip.workflows.run.run import run
+from stickslip.workflows.run.watch import Watch
+from stickslip.workflows.scene_file.read import read
+
+__version__ = "0.1.0"
+
+
+def steps(scene: Scene) -> Iterator[StepResult]:
+    """Solve a scene; nothing is written. Collective.
+
+    Args:
+        scene: what to solve, from `read` or built from its parts.
+
+    Returns:
+        An iterator over the requested times: those of the equal steps, and every time that a table of the scene lists.
+        Each `StepResult` is solved when it is asked for, and stays valid.
+
+    Raises:
+        SceneError, GeometryError: the scene cannot be solved as it stands; at the first step, before solving.
+        StepError: a step could not be solved; its last good substep, if there is one, was yielded before.
+        NoEquilibriumError: so, and it is proved that contact and friction cannot balance the loads.
+    """
+    yield from prepare(scene).steps()
+
+
+def _kinds(noun: type[Any] = Noun) -> Iterator[type[Any]]:
+    """The classes that a scene is made of, found by what they derive from; of a family, its base and its kinds."""
+    for found in noun.__subclasses__():
+        of_family = issubclass(found, Choice) and Choice not in found.__bases__
+        if found is not Choice and not (of_family and found not in found.kinds):  # what some kinds share is no kind
+            yield found
+        yield from _kinds(found)
+
+
+def __getattr__(name: str) -> type[Any]:
+    """A kind that is not imported above: builder, obstacle, law or effect's table of a new file, or a script's own.
+
+    Raises:
+        AttributeError: there is none of this name.
+    """
+    for kind in _kinds():
+        if kind.__name__ == name:
+            return kind
+    raise AttributeError(f"module 'stickslip' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """All public names, those of new kinds included."""
+    return sorted({*__all__, *(kind.__name__ for kind in _kinds()), "__doc__", "__file__", "__version__"})
+
+
+__all__ = [
+    "OPEN",
+    "SLIP",
+    "STICK",
+    "Accuracy",
+    "Arch",
+    "Bilateral",
+    "Block",
+    "Box",
+    "Builder",
+    "Compliance",
+    "Contact",
+    "ContactReport",
+    "ContactState",
+    "Convergence",
+    "Coulomb",
+    "Counters",
+    "Cylinder",
+    "Cylinders",
+    "DamagedError",
+    "Energy",
+    "ErrorParts",
+    "Exact",
+    "FolderError",
+    "FrictionLaw",
+    "GeometryError",
+    "Gram",
+    "Gravity",
+    "HalfBall",
+    "HalfDisc",
+    "HalfSpace",
+    "HistoryRow",
+    "HistoryTuple",
+    "Key",
+    "Load",
+    "MachineError",
+    "Material",
+    "MeshData",
+    "MeshReport",
+    "NoEquilibriumError",
+    "NormalLaw",
+    "Obstacle",
+    "ObstacleState",
+    "Outcome",
+    "Output",
+    "Periodic",
+    "PlanRow",
+    "Plane",
+    "Probe",
+    "ProbeValue",
+    "Quantity",
+    "Reaction",
+    "Ring",
+    "Rings",
+    "Rotation",
+    "Scene",
+    "SceneError",
+    "Script",
+    "Seconds",
+    "Simulation",
+    "Solver",
+    "SolverError",
+    "Sphere",
+    "Spheres",
+    "Stack",
+    "Status",
+    "Step",
+    "StepError",
+    "StepResult",
+    "Steps",
+    "Stick",
+    "StickslipError",
+    "Strip",
+    "Support",
+    "SurfaceMesh",
+    "TangentialCompliance",
+    "Tied",
+    "Tresca",
+    "TwoBlocks",
+    "Unilateral",
+    "UserFile",
+    "Watch",
+    "prepare",
+    "read",
+    "run",
+    "steps",
+]
