@@ -15,7 +15,7 @@ SHELL := /bin/bash
 PYTHON := /usr/bin/python3# Debian's own: its python3-* packages belong to no other
 WORKERS ?= 2
 N ?= 2000
-SOURCES := geometry solvers workflows stickslip.py
+SOURCES := stickslip # with links to geometry, solvers, workflows
 STAMP := .venv/installed-at
 
 # one thread per process: the tests run side by side, and mpirun starts several ranks
@@ -76,7 +76,7 @@ lint: install
 	.venv/bin/ruff check
 	.venv/bin/ruff format --check
 	.venv/bin/mypy $(SOURCES)
-	.venv/bin/bandit -q -r -c pyproject.toml $(SOURCES)
+	.venv/bin/bandit -q -r -c pyproject.toml geometry solvers workflows stickslip
 
 test: lint
 	.venv/bin/python -m pytest -n $(WORKERS) -m 'not slow'

@@ -85,3 +85,26 @@ Bases             Builder, Obstacle, NormalLaw, FrictionLaw, Key: to write a kin
 A kind that a new file in geometry/builders, geometry/obstacles, solvers/laws or solvers/effects adds is
 public here at once.
 """
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+VERSION = __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> Any:
+    """A public name: what it needs, dolfinx and PETSc among it, is imported when it is first asked for.
+
+    Raises:
+        AttributeError: there is none of this name.
+    """
+    if name.startswith("__") and name != "__all__":
+        raise AttributeError(f"module 'stickslip' has no attribute {name!r}")
+    return getattr(import_module("stickslip.public"), name)
+
+
+def __dir__() -> list[str]:
+    """All public names, those of new kinds included."""
+    return sorted({*import_module("stickslip.public").names(), "__doc__", "__file__", "__version__"})

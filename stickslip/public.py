@@ -77,8 +77,6 @@ from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read
 
-__version__ = "0.1.0"
-
 
 def steps(scene: Scene) -> Iterator[StepResult]:
     """Solve a scene; nothing is written. Collective.
@@ -119,9 +117,9 @@ def __getattr__(name: str) -> type[Any]:
     raise AttributeError(f"module 'stickslip' has no attribute {name!r}")
 
 
-def __dir__() -> list[str]:
+def names() -> set[str]:
     """All public names, those of new kinds included."""
-    return sorted({*__all__, *(kind.__name__ for kind in _kinds()), "__doc__", "__file__", "__version__"})
+    return {*__all__, *(kind.__name__ for kind in _kinds())}
 
 
 __all__ = [

@@ -1,3 +1,1 @@
 """What a person runs: scene files, commands, runs and their results, verification, studies."""
-
-VERSION = "0.1.0"

@@ -19,7 +19,7 @@ from typing import IO
 
 from stickslip.geometry.memory import is_full
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).absolute().parents[3]  # where `stickslip` is found
 PR_SET_PDEATHSIG = 1
 TELLING = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)  # signals that ask this process to stop
 LOOK = 0.02  # s between two looks at the process

@@ -43,7 +43,7 @@ def open_window(shape: Shape, request: Request) -> None:
 
 
 def main() -> int:
-    """`python -m stickslip.geometry.user_files.window FILE`, a pickled pair of shape and request; returns the exit code."""
+    """`python -m stickslip.geometry.user_files.window FILE`, a pickled shape and request; returns the exit code."""
     shape, request = pickle.loads(Path(sys.argv[1]).read_bytes())  # the parent's  # nosec B301
     question = shape.question(request.dim) if isinstance(shape, UserFile) else None
     if question and question.contained:

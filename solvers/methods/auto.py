@@ -11,7 +11,7 @@ from stickslip.solvers.methods.method import Method, Ready, Setup
 
 @dataclass(frozen=True, kw_only=True)
 class Auto(Method):
-    """Name of the chain that `stickslip.solvers.stepping.choice` builds from the TURNS of all methods; it has no solver."""
+    """Name of the chain that `solvers/stepping/choice.py` builds from the TURNS of all methods; it has no solver."""
 
     NAME: ClassVar = "auto"
     WHEN: ClassVar = (

@@ -29,7 +29,13 @@ from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.closed_formulas import bound, gap, in_time, penetration, pressure
 from stickslip.solvers.results.multiplier_forces import MultiplierForces
-from stickslip.solvers.results.stored_fields import StoredFields, contact_differences, difference, slip_of, stress_difference
+from stickslip.solvers.results.stored_fields import (
+    StoredFields,
+    contact_differences,
+    difference,
+    slip_of,
+    stress_difference,
+)
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.system.nodal_contact import fill, relative_to_obstacle
 from stickslip.solvers.system.system import System, assemble

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import stickslip
-from stickslip.geometry.keys import Noun
 from shared.fuzzing import accepted, fuzzed
+from stickslip.geometry.keys import Noun
 from stickslip.solvers.simulation.plan import make_plan
 
 FACE = {name: getattr(stickslip, name) for name in sorted(stickslip.__all__)}

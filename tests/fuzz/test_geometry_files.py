@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mpi4py import MPI
 
-from stickslip.geometry.mesh.mesh import build_mesh
 from shared.drawn import FACES, GEO, draw, scene_data
 from shared.fuzzing import accepted, fuzzed
+from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.workflows.scene_file.read import from_dict
 

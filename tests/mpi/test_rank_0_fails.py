@@ -32,7 +32,8 @@ def fail(error):
     return act
 
 
-piped, read_step, run_log = BrokenPipeError(32, "Broken pipe"), stickslip.workflows.run.audit.read_step, stickslip.workflows.run.run.RunLog
+piped = BrokenPipeError(32, "Broken pipe")
+read_step, run_log = stickslip.workflows.run.audit.read_step, stickslip.workflows.run.run.RunLog
 cases = {
     "step": lambda: Watch(on_step=fail(piped)),
     "iteration": lambda: Watch(on_iteration=fail(ValueError("a mistake"))),

@@ -30,7 +30,7 @@ ROOT = Path(__file__).parents[2]
 WORK = ROOT / "build" / "mutants"  # copies of the code, a folder for each module
 TABLE = Path(__file__).with_name("mutants.toml")
 REVERSED = Path(__file__).with_name("reversed_order.py")  # a plugin of pytest
-COPIED = ("geometry", "solvers", "workflows", "tests", "stickslip.py", "pyproject.toml")
+COPIED = ("geometry", "solvers", "workflows", "tests", "stickslip", "pyproject.toml")
 NOTICED = ("killed", "timeout", "segfault", "suspicious")  # endings by which a test has noticed the change
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from stickslip.geometry.mesh.msh_file import write_msh
 from shared.ranks import STICKSLIP
+from stickslip.geometry.mesh.msh_file import write_msh
 from stickslip.workflows.scene_file.read import READY, read
 
 COARSE = ["--set=geometry.mesh_size=0.5", "--set=geometry.contact_mesh_size=0.5", "--set=output.pictures=false"]

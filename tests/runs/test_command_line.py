@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from shared.command import BUILT, COARSE, READY_NAMES, Call, result, table
-from stickslip.workflows import VERSION
+from stickslip import VERSION
 from stickslip.workflows.scene_file.read import READY, read
 
 # --- what it says about itself

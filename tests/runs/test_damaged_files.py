@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from shared.drawn import FACES, GEO, PY, draw, scene_data
 from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.mesh.quality import worst_quality
 from stickslip.geometry.user_files import reader
-from shared.drawn import FACES, GEO, PY, draw, scene_data
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.commands.cli import guarded
 from stickslip.workflows.scene_file.read import from_dict

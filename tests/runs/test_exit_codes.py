@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 import stickslip.workflows.run.run
+from shared.command import COARSE, Call, result, table
 from stickslip.geometry.errors import SolverError, StickslipError
 from stickslip.geometry.user_files.child import child_environment
-from shared.command import COARSE, Call, result, table
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.workflows.commands.cli import app, guarded
 from stickslip.workflows.formats.steps import write_step

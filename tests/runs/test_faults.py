@@ -249,7 +249,8 @@ def test_clock_that_goes_back_changes_no_answer(
     with monkeypatch.context() as patch:
         patch.setattr("time.time", back)
         patch.setattr(
-            "stickslip.workflows.run.terminal.Reporter._step", lambda self, step: Stop(1)(step) if step.time == 1.0 else None
+            "stickslip.workflows.run.terminal.Reporter._step",
+            lambda self, step: Stop(1)(step) if step.time == 1.0 else None,
         )
         assert call(*RUN_FOUR)[0] == 130
         for name in names_in(folder / "out"):

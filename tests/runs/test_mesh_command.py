@@ -9,9 +9,9 @@ from mpi4py import MPI
 from numpy.testing import assert_allclose
 from PIL import Image
 
-from stickslip.geometry.mesh.mesh import build_mesh
 from shared.command import COARSE, Call, result
 from shared.drawn import draw, scene_data
+from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.system.system import assemble

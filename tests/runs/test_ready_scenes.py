@@ -7,12 +7,12 @@ import numpy as np
 import pyvista
 from numpy.testing import assert_allclose
 
+from shared.measures import facets_miss, measures
+from shared.solved import ROUNDING, ZERO, Solved
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import cross
 from stickslip.geometry.builders.pair import Domes
 from stickslip.geometry.obstacles.plane import Plane
-from shared.measures import facets_miss, measures
-from shared.solved import ROUNDING, ZERO, Solved
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.steps import read_step, step_name

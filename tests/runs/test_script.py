@@ -17,11 +17,11 @@ from matplotlib import image
 from numpy.testing import assert_allclose
 
 import stickslip
+from shared.command import LIMIT
+from shared.histories import FOUR
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
-from shared.command import LIMIT
-from shared.histories import FOUR
 from stickslip.solvers.scene.loads import Direction
 from stickslip.workflows.scene_file.read import from_dict, read, to_dict
 from stickslip.workflows.studies import block_from_python

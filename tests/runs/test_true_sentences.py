@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from petsc4py import PETSc
 
-from stickslip.geometry.errors import MachineError, SceneError
 from shared.command import Call, Start, assert_one_line
 from shared.drawn import write_hinge
 from shared.histories import RUN_FOUR, assert_same, names_in
+from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.solvers.interface import factorised
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.step_result import StepResult

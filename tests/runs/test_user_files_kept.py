@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from stickslip.geometry.errors import FolderError
 from shared.command import Call, result
 from shared.histories import SMALL, Stop, assert_same, names_in
+from stickslip.geometry.errors import FolderError
 from stickslip.workflows.formats.own_files import MARKER, PART, SIGNATURE, claim, foreign, listed, mark
 from stickslip.workflows.formats.steps import step_name
 from stickslip.workflows.run.folder import ResultsFolder

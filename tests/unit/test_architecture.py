@@ -20,7 +20,7 @@ EXAMPLES = {  # heading: room, and what the file imports
     "Effect": (
         "solvers/effects",
         [
-            "geometry.amplitude: Amplitude",
+            "stickslip.geometry.amplitude: Amplitude",
             "stickslip.solvers.effects.effect: Effect",
             "stickslip.solvers.fem.terms: InitialStrain",
             "stickslip.solvers.scene.scene: EffectTable",
@@ -55,7 +55,9 @@ def in_a_copy(folder: Path, names: list[str], script: str) -> str:
     for package in ("geometry", "solvers", "workflows"):
         shutil.copytree(ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__", "scenes"))
     shutil.copytree(ROOT / "workflows" / "scenes", folder / "workflows" / "scenes")
-    shutil.copy(ROOT / "stickslip.py", folder)
+    shutil.copytree(
+        ROOT / "stickslip", folder / "stickslip", symlinks=True, ignore=shutil.ignore_patterns("__pycache__")
+    )
     for name in names:
         (folder / EXAMPLES[name][0] / f"added_{name.lower()}.py").write_text(example(name), encoding="utf-8")
     run = subprocess.run(

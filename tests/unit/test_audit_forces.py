@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from stickslip.geometry.surfaces.surface import Surface
 from shared.audited import record_of
+from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.build import MultiplierNodes
 from stickslip.solvers.results.audit import Auditor, Record

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.geometry.arrays import Array
 from shared.audited import record_of, stored_by
+from stickslip.geometry.arrays import Array
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb, Tresca
 from stickslip.solvers.results import audit as module

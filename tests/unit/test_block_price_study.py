@@ -10,7 +10,17 @@ from numpy.testing import assert_allclose
 
 from stickslip.workflows.studies.block_price import measure, verdicts
 from stickslip.workflows.studies.block_price.__main__ import measured
-from stickslip.workflows.studies.block_price.cases import EXACTLY, INEXACT, LIKE, METHODS, REFERENCE, SMALL, Case, Sizes, tables
+from stickslip.workflows.studies.block_price.cases import (
+    EXACTLY,
+    INEXACT,
+    LIKE,
+    METHODS,
+    REFERENCE,
+    SMALL,
+    Case,
+    Sizes,
+    tables,
+)
 from stickslip.workflows.studies.block_price.page import NAME, conditions, verdict, write_page
 from stickslip.workflows.studies.block_price.verdicts import CLAIMS, SIDE_BY_SIDE
 from stickslip.workflows.studies.published.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows, chosen

@@ -10,8 +10,8 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from stickslip.geometry.errors import SceneError
 from shared.cells import Cell
+from stickslip.geometry.errors import SceneError
 from stickslip.solvers.blocks.block_system import BlockSystem
 from stickslip.solvers.interface.prepare import condensed, uncondensed
 from stickslip.solvers.methods.block_uzawa import OnBlocks

@@ -10,6 +10,7 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
+from shared.measures import facets_miss, measures
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders import Builder
@@ -29,7 +30,6 @@ from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.shape import Model, Request
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
-from shared.measures import facets_miss, measures
 
 Case = tuple[Builder, Model]
 PLANE: Model = "plane strain"

@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 
-from stickslip.geometry.errors import SceneError
 from shared.audited import record_of
+from stickslip.geometry.errors import SceneError
 from stickslip.solvers.laws.capped_coulomb import CappedCoulomb
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.law import NormalLaw

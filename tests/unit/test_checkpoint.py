@@ -13,9 +13,9 @@ from mpi4py import MPI
 from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
-from stickslip.geometry.errors import MachineError
 from shared.histories import SMALL
 from shared.synthetic import mesh_of, result_of
+from stickslip.geometry.errors import MachineError
 from stickslip.solvers.parallel.serialise import deserialise, serialise
 from stickslip.solvers.simulation.checkpoint import APART, FOR_RESULTS, ROWS, Checkpoints
 from stickslip.solvers.simulation.simulation import Simulation, prepare

@@ -15,13 +15,13 @@ from typing import Any
 
 import pytest
 
+from shared.drawn import GEO, LONG
 from stickslip.geometry.errors import GeometryError, MachineError, StickslipError
 from stickslip.geometry.memory import ended_for_memory, is_full
 from stickslip.geometry.user_files import reader
 from stickslip.geometry.user_files.child import child_environment, run_child
 from stickslip.geometry.user_files.meshing import MeshOptions
 from stickslip.geometry.user_files.reader import Question, ask
-from shared.drawn import GEO, LONG
 
 FINE = LONG["meshing"]  # in gigabytes
 SOLID = """

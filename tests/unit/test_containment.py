@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
+from shared.drawn import GEO, PY, scene_data
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.user_files import open_file
 from stickslip.geometry.user_files.child import child_environment
 from stickslip.geometry.user_files.containment import walls
 from stickslip.geometry.user_files.reader import AnswerReader
-from shared.drawn import GEO, PY, scene_data
 from stickslip.solvers.simulation import plan
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.workflows.scene_file.read import from_dict

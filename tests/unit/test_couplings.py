@@ -7,10 +7,10 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose, assert_array_equal
 
+from shared.overlays import above, below
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.surfaces.overlap import overlap
 from stickslip.geometry.surfaces.surface import Surface
-from shared.overlays import above, below
 from stickslip.solvers.contact.mortar import _least, mortar_coupling, mortar_integrals
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.parallel.counters import Counters

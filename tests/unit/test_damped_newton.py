@@ -9,8 +9,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 
-from stickslip.geometry.arrays import Array
 from shared.discrete import random_problem
+from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.methods.condensed_newton import CondensedNewton

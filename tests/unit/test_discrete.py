@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 
-from stickslip.geometry.errors import SceneError
 from shared.discrete import ONE, random_problem
+from stickslip.geometry.errors import SceneError
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem, project_cone, residual
 from stickslip.solvers.methods import METHODS
 from stickslip.solvers.methods.coloured_sweeps import colours
@@ -133,7 +133,9 @@ def test_without_q_there_is_nothing_to_do() -> None:
 def test_what_has_no_solution_is_not_called_solved(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """u_n = -1 whatever r is."""
     monkeypatch.setattr("stickslip.solvers.stepping.discrete_chain.MAX_IT", 200)
-    monkeypatch.setattr("stickslip.solvers.stepping.discrete_chain.TURNS", (("nsgs", 50, "x"), ("condensed-newton", 50, "x")))
+    monkeypatch.setattr(
+        "stickslip.solvers.stepping.discrete_chain.TURNS", (("nsgs", 50, "x"), ("condensed-newton", 50, "x"))
+    )
     found = solve(problem_of(np.diag([0.0, 1.0]), [-1.0, 0.0], [0.3]), method, 1e-8)
     assert not found.solved
     assert found.solution.residual > 0.1

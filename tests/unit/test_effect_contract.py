@@ -9,11 +9,11 @@ from typing import Annotated
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.audited import audit
 from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.keys import Key
 from stickslip.geometry.protocols import UflExpr, UflForm
-from shared.audited import audit
 from stickslip.solvers import effects
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.fem.forms import WeakForms

@@ -10,8 +10,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 
-from stickslip.geometry.errors import SceneError
 from shared.discrete import KINDS, local, random_problem, stored, write
+from stickslip.geometry.errors import SceneError
 from stickslip.solvers.interface.discrete import discrete_problem
 from stickslip.solvers.stepping.discrete_chain import solve
 from stickslip.workflows.formats.fclib import LocalProblem, ReducedProblem, read_problem, write_local, write_solved

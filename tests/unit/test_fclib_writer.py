@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.geometry.errors import SceneError
 from shared.histories import SMALL, Stop
+from stickslip.geometry.errors import SceneError
 from stickslip.solvers.interface.discrete import discrete_problem
 from stickslip.solvers.stepping.discrete_chain import solve
 from stickslip.workflows.formats.fclib import read_problem

@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
+from shared.ranks import mpirun
 from stickslip.geometry.errors import MachineError
 from stickslip.geometry.form_cache import LOCK, find_cache, patient, remove_left_over
-from shared.ranks import mpirun
 
 PROGRAM = "import stickslip; print(len(list(stickslip.steps(stickslip.read('block', ['geometry.mesh_size=1.0'])))))"
 LIMIT = 60  # s; FFCx itself would wait for 600

@@ -12,6 +12,7 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_array_equal
 
+from stickslip import Block
 from stickslip.geometry.arrays import Ints
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.keys import Key
@@ -27,7 +28,6 @@ from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.choice import choose
 from stickslip.solvers.system.system import System, assemble
-from stickslip import Block
 
 Places = tuple[tuple[int, ...], ...]
 CORNERS = {2: [(0, 0), (1, 0), (1, 1), (0, 1)], 3: []}

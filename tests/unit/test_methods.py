@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-import stickslip.solvers
 import stickslip
+import stickslip.solvers
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.methods import METHODS, Solver, method_of
 from stickslip.solvers.methods.method import keys_of
@@ -21,7 +21,7 @@ from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.stepping.choice import chain
 from stickslip.workflows.scene_file.read import read, to_dict
 
-ROOT = Path(stickslip.solvers.__file__).parents[1]
+ROOT = Path(stickslip.solvers.__file__).parents[2]
 NEW = '''
 """Halving: a method that a test adds."""
 
@@ -86,8 +86,8 @@ for words, text in (
 def test_a_new_method_with_a_key_of_its_own_is_one_new_file(tmp_path: Path) -> None:
     for package in ("geometry", "solvers", "workflows"):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
-    for file in ("stickslip.py", "README.md"):
-        shutil.copy(ROOT / file, tmp_path)
+    shutil.copytree(ROOT / "stickslip", tmp_path / "stickslip", symlinks=True)
+    shutil.copy(ROOT / "README.md", tmp_path)
     (tmp_path / "solvers/methods/halving.py").write_text(NEW)
     done = subprocess.run(
         [sys.executable, "-c", ASKED],

@@ -9,10 +9,10 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy import sparse
 
+from shared.overlays import above, ball, below, both, flat, scattered
 from stickslip.geometry.surfaces.facet_map import place
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
 from stickslip.geometry.surfaces.surface import Surface
-from shared.overlays import above, ball, below, both, flat, scattered
 from stickslip.solvers.contact.mortar import mortar_integrals
 
 Array = NDArray[np.float64]

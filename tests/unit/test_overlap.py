@@ -9,10 +9,10 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from shared.overlays import above, ball, below, both, flat, scattered, shaken
 from stickslip.geometry.surfaces.facet_map import locate, place
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
 from stickslip.geometry.surfaces.surface import Surface
-from shared.overlays import above, ball, below, both, flat, scattered, shaken
 
 Array = NDArray[np.float64]
 SHAPES = ("interval", "triangle", "quadrilateral")

@@ -9,8 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 from petsc4py import PETSc
 
-from stickslip.geometry.errors import SceneError
 from shared.cells import Cell
+from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan

@@ -13,7 +13,7 @@ from stickslip.workflows.reference.method_table import HEAD, renewed
 from stickslip.workflows.reference.scene_page import FILE, reference
 from stickslip.workflows.scene_file.read import READY, from_dict, read
 
-README = Path(stickslip.workflows.__file__).parents[1] / "README.md"
+README = Path(stickslip.workflows.__file__).parents[2] / "README.md"
 
 
 def test_scene_reference_is_what_the_dataclasses_say() -> None:
@@ -76,7 +76,7 @@ def test_the_map_of_the_folders_has_every_package() -> None:
         for name in folder_map.PACKAGES
         for path in (root / name).rglob("__init__.py")
     }
-    assert {folder.rstrip("/") for folder, _ in folder_map.rows()} == packages | {"stickslip.py"}
+    assert {folder.rstrip("/") for folder, _ in folder_map.rows()} == packages | {"stickslip"}
 
 
 def test_a_package_whose_first_line_is_no_sentence_is_refused(tmp_path: Path) -> None:

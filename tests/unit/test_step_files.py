@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from stickslip.geometry.errors import MachineError
 from shared.synthetic import job_of, mesh_of, padded, result_of
+from stickslip.geometry.errors import MachineError
 from stickslip.workflows.formats.hdf5 import checksum
 from stickslip.workflows.formats.steps import read_step, write_step
 from stickslip.workflows.writers.xdmf import FieldFiles

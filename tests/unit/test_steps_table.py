@@ -11,8 +11,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import stickslip
-from stickslip.geometry.errors import MachineError
 from shared.synthetic import job_of, mesh_of
+from stickslip.geometry.errors import MachineError
 from stickslip.solvers.results.quantities import values
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.workflows.formats.steps_csv import read_steps_table

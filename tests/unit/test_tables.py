@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from stickslip.geometry.errors import MachineError
 from shared.synthetic import job_of, mesh_of, result_of
+from stickslip.geometry.errors import MachineError
 from stickslip.solvers.results.step_result import MeshData
 from stickslip.workflows.formats.own_files import MARKER, mark
 from stickslip.workflows.writers.contact_tables import ContactTables

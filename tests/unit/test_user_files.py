@@ -12,6 +12,7 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
+from shared.drawn import FACES, GEO, PY, draw, scene_data
 from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
@@ -20,7 +21,6 @@ from stickslip.geometry.mesh.quality import worst_quality
 from stickslip.geometry.user_files.geo_script import parameter_names
 from stickslip.geometry.user_files.parts import find_parts
 from stickslip.geometry.user_files.raw_mesh import check_neighbours
-from shared.drawn import FACES, GEO, PY, draw, scene_data
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.workflows.run.result import scene_hash

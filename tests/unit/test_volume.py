@@ -100,7 +100,9 @@ def test_a_factorisation_that_mumps_gave_too_little_memory_is_repeated_with_more
         return volume.S
 
     expected = schur_complement()
-    monkeypatch.setattr("stickslip.solvers.interface.factorised.WORKSPACE", (-90,))  # nine tenths less than MUMPS asks for
+    monkeypatch.setattr(
+        "stickslip.solvers.interface.factorised.WORKSPACE", (-90,)
+    )  # nine tenths less than MUMPS asks for
     with pytest.raises(MachineError, match="too little memory"):
         schur_complement()
     monkeypatch.setattr("stickslip.solvers.interface.factorised.WORKSPACE", (-90, 100))

@@ -12,9 +12,9 @@ import pytest
 import pyvista as pv
 from numpy.testing import assert_allclose, assert_array_equal
 
-from stickslip.geometry.errors import MachineError, SceneError
 from shared.histories import SMALL, Stop, assert_same, names_in
 from shared.synthetic import FACET, MESHES, SIZE, job_of, mesh_of, padded, result_of
+from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.solvers.results.step_result import MeshData, StepResult
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.formats.own_files import MARKER, claim, mark

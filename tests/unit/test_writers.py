@@ -11,9 +11,9 @@ from typing import Annotated, Any
 import pytest
 
 import stickslip
+from shared.histories import SMALL, Stop
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.keys import Key
-from shared.histories import SMALL, Stop
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output

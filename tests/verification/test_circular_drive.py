@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stickslip.workflows.verification.cases.circular_drive import FRAME_TOLERANCE, first_order, last_turn, steady, turned
+from stickslip.workflows.verification.cases.circular_drive import (
+    FRAME_TOLERANCE,
+    first_order,
+    last_turn,
+    steady,
+    turned,
+)
 from stickslip.workflows.verification.check import failures
 
 METHODS = ("condensed-newton", "uzawa")

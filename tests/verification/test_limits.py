@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stickslip.geometry.arrays import Array
 from shared.command import table
+from stickslip.geometry.arrays import Array
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output, Steps

@@ -8,7 +8,17 @@ import pytest
 
 from stickslip.geometry.errors import SceneError
 from stickslip.workflows.verification.cases import patch as patch_case
-from stickslip.workflows.verification.cases.patch import CONTRASTS, LOADED, NODAL, OVERLAPS, PATCHES, Patch, figures, scene, solve
+from stickslip.workflows.verification.cases.patch import (
+    CONTRASTS,
+    LOADED,
+    NODAL,
+    OVERLAPS,
+    PATCHES,
+    Patch,
+    figures,
+    scene,
+    solve,
+)
 from stickslip.workflows.verification.check import failures
 from stickslip.workflows.verification.prepared import prepare
 

@@ -8,7 +8,15 @@ from stickslip.workflows.verification.cases import shrink_fit as shrink_fit_case
 from stickslip.workflows.verification.cases.shrink_fit import Press, solve
 from stickslip.workflows.verification.check import failures
 from stickslip.workflows.verification.closed_forms import shrink_fit
-from stickslip.workflows.verification.closed_forms.shrink_fit import HUB, INNER, INTERFERENCE, JOINT, OUTER, SHAFT, RingMaterial
+from stickslip.workflows.verification.closed_forms.shrink_fit import (
+    HUB,
+    INNER,
+    INTERFERENCE,
+    JOINT,
+    OUTER,
+    SHAFT,
+    RingMaterial,
+)
 
 # --- the closed form
 

@@ -1,4 +1,4 @@
-"""What adaptive rounds save beside finer meshes of one size: `python -m stickslip.workflows.benchmarks.adaptive -o FILE`.
+"""What adaptive rounds save beside finer meshes of one size: `python -m stickslip.workflows.benchmarks.adaptive`.
 
 The rounds of `--accuracy` begin on a coarse mesh of one size. Beside them the same scene is refined as a whole, from
 the same mesh in order 1 and 2, and from one that is graded towards the contact by hand, until the true error is below

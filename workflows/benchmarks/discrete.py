@@ -1,4 +1,4 @@
-"""Our methods beside Siconos on discrete Coulomb problems: `python -m stickslip.workflows.benchmarks.discrete FILES...`.
+"""Our methods beside Siconos on discrete problems: `python -m stickslip.workflows.benchmarks.discrete FILES...`.
 
 One process, one thread. Every solver gets the same scaled problem, and every answer is judged by the same residual.
 Siconos is Debian's python3-siconos; without it our methods are measured alone.

@@ -1,4 +1,4 @@
-"""Cost of friction in units of one linear solve: `python -m stickslip.workflows.benchmarks.price [-o DIR]` writes DIR/price.html.
+"""Cost of friction in units of one linear solve: `python -m stickslip.workflows.benchmarks.price` writes price.html.
 
 One core, threads fixed. Every measurement is a process of its own, which also measures the linear reference: prices
 are ratios within one process. A measurement that exists is not repeated; remove DIR to begin anew.

@@ -1,4 +1,4 @@
-"""One measurement of the price of friction: `python -m stickslip.workflows.benchmarks.price_run CASE [SOLVER]`, CASE in JSON.
+"""One measurement of the price: `python -m stickslip.workflows.benchmarks.price_run CASE [SOLVER]`, CASE in JSON.
 
 With SOLVER only this solver is tried for the linear reference, so that the memory is that of the fastest one.
 """

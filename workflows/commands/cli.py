@@ -18,8 +18,8 @@ from typing import Annotated, Any
 
 import typer
 
+from stickslip import VERSION
 from stickslip.geometry.errors import SceneError, StickslipError, shortened
-from stickslip.workflows import VERSION
 from stickslip.workflows.commands.process import STOPPED, STOPPING, leave_together, refused, speaks
 
 LONGEST = 280  # letters of a refusal

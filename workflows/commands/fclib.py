@@ -11,11 +11,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from stickslip import VERSION
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.interface.discrete import discrete_problem, rank
 from stickslip.solvers.stepping.discrete_chain import AUTO, refuse_unusable, solve, usable
-from stickslip.workflows import VERSION
 from stickslip.workflows.formats.fclib import LocalProblem, read_problem, write_solved
 from stickslip.workflows.pictures.performance_profile import FACTORS, draw_profile, shares
 from stickslip.workflows.run.folder import ResultsFolder

@@ -91,7 +91,7 @@ def forms() -> int:
 
 
 def main() -> None:
-    """`python -m stickslip.workflows.cost.child SCENE.json ANSWER.json PARENT [time-steps]`, PARENT being a process number."""
+    """`python -m stickslip.workflows.cost.child SCENE.json ANSWER.json PROCESS [time-steps]`; PROCESS: the parent."""
     end_with(int(sys.argv[3]))
     task, answer = map(Path, sys.argv[1:3])
     found = solve(from_dict(json.loads(task.read_text(encoding="utf-8"))), "time-steps" in sys.argv[4:])

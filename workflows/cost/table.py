@@ -9,9 +9,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from stickslip import VERSION
 from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows import VERSION
 from stickslip.workflows.cost.run_record import PHASES, Run
 from stickslip.workflows.cost.sentence import headline, sentence
 from stickslip.workflows.cost.study import Study

@@ -1,4 +1,4 @@
-"""README's map of the folders, from the packages' docstrings: `python -m stickslip.workflows.reference.folder_map` renews it.
+"""README's map of the folders, from their docstrings: `python -m stickslip.workflows.reference.folder_map` renews it.
 
 A row is the first line of a package's docstring. What stands outside the two marker lines is written by hand.
 """
@@ -9,7 +9,7 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).absolute().parents[3]
 README = ROOT / "README.md"
 PACKAGES = ("geometry", "solvers", "workflows")
 BEGIN = "<!-- folders: generated from the packages' docstrings, do not edit -->"
@@ -17,12 +17,12 @@ END = "<!-- end of folders -->"
 
 
 def rows() -> Iterator[tuple[str, str]]:
-    """Each package as `folder/` and the first line of its docstring; the file `stickslip.py` first.
+    """Each package as `folder/` and the first line of its docstring; the face first.
 
     Raises:
         ValueError: a package says nothing, or its first line is no sentence on one line.
     """
-    yield "stickslip.py", first_line(ROOT / "stickslip.py")
+    yield "stickslip/", first_line(ROOT / "stickslip" / "__init__.py")
     for package in PACKAGES:
         for path in sorted((ROOT / package).rglob("__init__.py")):
             yield f"{path.parent.relative_to(ROOT).as_posix()}/", first_line(path)

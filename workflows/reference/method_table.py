@@ -1,4 +1,4 @@
-"""README's table of methods, written from their classes: `python -m stickslip.workflows.reference.method_table` renews it."""
+"""README's table of methods, from their classes: `python -m stickslip.workflows.reference.method_table` renews it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from stickslip.solvers.methods import METHODS
 from stickslip.solvers.methods.applicability import Applicability
 
-README = Path(__file__).parents[2] / "README.md"
+README = Path(__file__).absolute().parents[3] / "README.md"
 COLUMNS = ("normal laws", "friction", "operators", "bodies", "`solver.surface`")
 HEAD = f"| `solver.method` | when | {' | '.join(COLUMNS)} |"
 

@@ -1,4 +1,4 @@
-"""workflows/SCENE.md, written from the dataclasses themselves: `python -m stickslip.workflows.reference.scene_page` renews it."""
+"""workflows/SCENE.md, from the dataclasses: `python -m stickslip.workflows.reference.scene_page` renews it."""
 
 from __future__ import annotations
 

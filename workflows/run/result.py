@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from stickslip import VERSION
 from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.results.audit import Audit
@@ -22,7 +23,6 @@ from stickslip.solvers.results.verdict import limits
 from stickslip.solvers.scene.quantities import CONTACT_NUMBERS, STRESSES
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows import VERSION
 from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.run.audit import Audited
 from stickslip.workflows.run.packages import packages

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from stickslip import VERSION
 from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.geometry.errors import DamagedError, FolderError, MachineError
 from stickslip.solvers.parallel.serialise import broadcast, deserialise
@@ -16,7 +17,6 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.checkpoint import Checkpoint
 from stickslip.solvers.simulation.simulation import Seconds
-from stickslip.workflows import VERSION
 from stickslip.workflows.formats.aside import disk_errors
 from stickslip.workflows.formats.own_files import is_certified, own_files, remove_unfinished
 from stickslip.workflows.formats.regular import parse_json, read_json, read_regular

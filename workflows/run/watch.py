@@ -17,7 +17,7 @@ from stickslip.workflows.run.folder import at_work
 from stickslip.workflows.run.mesh_report import MeshReport
 from stickslip.workflows.run.resume import EarlierRun
 
-LOGGERS = ("geometry", "solvers", "workflows")
+LOGGERS = ("stickslip",)
 log = logging.getLogger(__name__)
 
 

@@ -1,4 +1,4 @@
-"""The page: `python -m stickslip.workflows.studies.block_price [-o DIR] [--page FILE] [--small]`, one process on one thread.
+"""The page: `python -m stickslip.workflows.studies.block_price [-o DIR] [--page FILE] [--small]`, on one thread.
 
 Every measurement is saved in DIR/rows when it ends; one that exists is not repeated, unless it was stopped by a shorter
 --limit. Remove DIR to begin anew.
@@ -51,7 +51,7 @@ def main(
     limit: Annotated[float, typer.Option("--limit", help="seconds of CPU time for one measurement")] = LIMIT,
 ) -> None:
     """Measure block-uzawa and the condensed methods side by side, and write the page."""
-    logging.getLogger("solvers").setLevel(logging.ERROR)  # a method that fails is a row, not a warning
+    logging.getLogger("stickslip.solvers").setLevel(logging.ERROR)  # a method that fails is a row, not a warning
     rows = measured(output, SMALL if small else Sizes(), min(limit, FEW) if small else limit)
     print(write_page(page or output / NAME, rows))
 

@@ -1,4 +1,4 @@
-"""Claims and measurements: `python -m stickslip.workflows.studies.published [-o DIR] [--small]` writes DIR/published.md.
+"""Claims and measured values: `python -m stickslip.workflows.studies.published [-o DIR]` writes DIR/published.md.
 
 Every measurement is saved when it ends; one that exists is not repeated. Remove DIR to begin anew.
 """
@@ -39,7 +39,7 @@ def main(
     small: Annotated[bool, typer.Option("--small", help="coarse meshes, in a minute")] = False,
 ) -> None:
     """Measure the published methods and write the page."""
-    logging.getLogger("solvers").setLevel(logging.ERROR)  # a method that fails is a row, not a warning
+    logging.getLogger("stickslip.solvers").setLevel(logging.ERROR)  # a method that fails is a row, not a warning
     print(write_page(output, measured(output, SMALL if small else Sizes())))
 
 

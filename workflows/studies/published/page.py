@@ -17,8 +17,8 @@ INTRODUCTION = """# The published methods, measured
 
 N. Pop, *On the inexact Uzawa methods for saddle point problems arising from contact problem* (1999), what it claims and
 what its references stand for there, on the ready scenes `block` (2D) and `cube` (3D), n cells over the height, pressed
-onto a rigid plane and dragged. Everything below is computed by `python -m stickslip.workflows.studies.published`; verdicts follow
-from the rows by code. The source names no GMRES: it lists [5] H. C. Elman, *Relaxed and stabilised incomplete
+onto a rigid plane and dragged. `python -m stickslip.workflows.studies.published` computes everything below; verdicts
+follow from the rows by code. The source names no GMRES: it lists [5] H. C. Elman, *Relaxed and stabilised incomplete
 factorizations for non-self-adjoint linear systems*, BIT 29 (1989), for systems that are nonsymmetric; what is claimed
 under [5] is what that reference is about, not a sentence of the source."""
 SECTIONS: Mapping[str, tuple[str, str]] = {

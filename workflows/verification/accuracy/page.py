@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stickslip.workflows import VERSION
+from stickslip import VERSION
 from stickslip.workflows.scene_file.read import READY, read, to_dict
 from stickslip.workflows.verification.accuracy.answer import ITERATION, KINDS, MESH, PARTS, TIME, TOTAL, kind
 from stickslip.workflows.verification.accuracy.judge import (

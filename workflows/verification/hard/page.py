@@ -10,7 +10,7 @@ from statistics import median
 
 import numpy as np
 
-from stickslip.workflows import VERSION
+from stickslip import VERSION
 from stickslip.workflows.verification.hard.judge import Outcome
 from stickslip.workflows.verification.hard.suite import Row
 from stickslip.workflows.verification.hard.variations import FIXED

@@ -1,0 +1,4 @@
+from stickslip.public import *
+
+VERSION: str
+__version__: str
