@@ -62,9 +62,8 @@ class Audit:
     penetration: float  # max (u_n - g)_+ / u_top; with compliance, distance of p_n and u_n - g from the law
     negative_pressure: float  # max (-p_n)_+ / p_top
     cone: float  # max (|t| - s)_+ / s_top, s the friction bound
-    complementarity: (
-        float  # max of min(p_n / p_top, open gap / u_top), and of |t - P_s(t + (s_top / u_top) du)| / s_top
-    )
+    # max of min(p_n / p_top, open gap / u_top), and of |t - P_s(t + (s_top / u_top) du)| / s_top
+    complementarity: float
     dissipation: float  # max(-friction work, 0) / (sum of |friction work| at all points + s_top u_top area)
     fields: float  # largest difference of a stored field from what displacement and tractions give / its largest value
 
@@ -119,10 +118,8 @@ class Auditor:
     def _forces_of_bodies(self) -> UflForm:
         """The inner forces of the bodies, and of effects that stiffen them, by the effects' own forms."""
         problem, weak = self.start.problem, self.start.weak
-        form = forces_of_energy(weak, self._u)
-        for effect in active(problem):
-            form = sum(effect.stiffness(problem, weak, self._u), start=form)
-        return form
+        more = (form for effect in active(problem) for form in effect.stiffness(problem, weak, self._u))
+        return sum(more, start=forces_of_energy(weak, self._u))
 
     def _set_system(self, system: System) -> None:
         """Use the contact rows of `system`."""

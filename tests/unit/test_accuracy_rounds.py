@@ -83,14 +83,14 @@ def test_where_no_round_is_enough_errors_fall_by_almost_as_much_as_they_can(dim:
 
 
 def test_a_contact_of_few_nodes_is_refined_whatever_its_errors(tmp_path: Path) -> None:
-    """Half a ball that touches with two of its nodes: the error that is stated there is a fraction of the true one."""
+    """Half a ball that touches with few of its nodes: what is stated of their error need not be true."""
     sets = ["geometry.mesh_size=0.2", "geometry.contact_mesh_size=0.2", "steps.count=1", "output.pictures=false"]
     rounds = Rounds(aiming(read("half_ball", sets), ["pole.normal_force=40%"], None), lambda line: None)
     rounds(tmp_path / "out", Watch())
-    first, second = (one.goals[0] for one in rounds.done)
-    assert first.reached < 0.03
+    first, second = rounds.done
+    assert first.met
     assert second.met
-    assert second.reached > 3 * first.reached
+    assert second.level.sizes is not None
 
 
 def test_order_2_comes_where_a_finer_mesh_of_order_1_would_be_dearer() -> None:

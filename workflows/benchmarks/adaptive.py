@@ -53,10 +53,13 @@ PAGE = f"""# What adaptive rounds save
 `stickslip run --accuracy NUMBER=1%` begins on a coarse mesh of one size. Beside it stands the same scene refined as a
 whole from that mesh, in order 1 and 2, and from one that is graded towards the contact by hand. Of those the last run
 alone counts, on the coarsest mesh from which on the true error stays below what is asked, as if it had been known. Of
-the rounds all count, with their estimates of errors. s: CPU seconds, one thread. true: distance to order 2 on a far
-finer mesh; for the ball to that of the axisymmetric model. ~: beyond what was solved, by the trend of the finest
-{TREND} meshes. The ball is asked for 5 % and 1 %: a tenth of an error takes about 30 times the unknowns in 3D at order
-1, so that .1 % of it would not fit into minutes.
+the rounds all count, with their estimates of errors; order: of the last one. s: CPU seconds, one thread. true: distance
+to order 2 on a far finer mesh; for the ball to that of the axisymmetric model. ~: beyond what was solved, by the trend
+of the finest {TREND} meshes. The ball is asked for 5 % and 1 %: a tenth of an error takes about 30 times the unknowns
+in 3D at order 1, so that .1 % of it would not fit into minutes.
+
+Rounds save most where a corner or an edge of contact decides (`punch`). The friction force of `raous` is smooth: meshes
+of one size are near the best ones for it, and below a second what each round costs beside its unknowns decides.
 """
 WAYS = ("one size, order 1", "one size, order 2", "graded by hand, order 1")
 
@@ -182,6 +185,7 @@ class Row:
     stated: float
     rounds: Price
     count: int  # of rounds
+    order: int  # of the last one
     others: Mapping[str, Price]  # by the way of refining, see `WAYS`
 
     @property
@@ -193,7 +197,7 @@ class Row:
         """The line of the table, in Markdown."""
         told = f"{100 * self.stated:.2g} % | {100 * self.rounds.error:.2g} %"
         prices = " | ".join(map(str, (self.rounds, *self.others.values())))
-        return f"| {self.number} | {100 * self.asked:g} % | {self.count} | {told} | {prices} |"
+        return f"| {self.number} | {100 * self.asked:g} % | {self.count} | {self.order} | {told} | {prices} |"
 
 
 def rows(case: Case, name: str) -> Iterator[Row]:
@@ -209,7 +213,9 @@ def rows(case: Case, name: str) -> Iterator[Row]:
         told = last["goals"][case.goal]
         price = Price(last["unknowns"], seconds, abs(told["value"] / truth - 1))
         others = {way: _whole(case, way, asked, truth, last["steps"]) for way in WAYS}
-        yield Row(name, case.goal, asked, told["error"], price, len(content["accuracy"]["rounds"]), others)
+        yield Row(
+            name, case.goal, asked, told["error"], price, len(content["accuracy"]["rounds"]), last["order"], others
+        )
 
 
 def _rounds(case: Case, asked: float) -> tuple[dict[str, Any], float]:
@@ -292,7 +298,7 @@ def measured(name: str) -> list[Row]:
 def page(found: Sequence[Row]) -> str:
     """The page docs/adaptive.md."""
     ways = "".join(f" {way}: unknowns | s |" for way in WAYS)
-    head = f"| number | asked | rounds | stated | true | unknowns | s |{ways}"
+    head = f"| number | asked | rounds | order | stated | true | unknowns | s |{ways}"
     lines = [PAGE, head, "|" + " --- |" * (head.count("|") - 1), *(row.line() for row in found), "", *_saved(found)]
     return "\n".join(lines) + "\n"
 
