@@ -289,6 +289,6 @@ def test_nonsense_is_refused_with_one_line(name: str) -> None:
 def test_a_shape_has_the_name_of_its_file_and_what_shapes_share_is_none_itself() -> None:
     names = {get_args(get_type_hints(kind)["builder"])[0]: kind for kind in Builder.kinds}
     assert len(Builder.kinds) == len(names)
-    assert all(kind.__module__ == f"geometry.builders.{name}" for name, kind in names.items())
+    assert all(kind.__module__ == f"stickslip.geometry.builders.{name}" for name, kind in names.items())
     assert {"block", "half_disc", "arch", "two_blocks"} <= set(names)
     assert not {Assembly, Cuboid, Dome, Sector} & set(Builder.kinds)
