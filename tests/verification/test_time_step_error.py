@@ -27,7 +27,10 @@ EXPECTED = {"half_disc": (LOST, STUCK), "axisymmetric": (LOST, STUCK, WORK)}  # 
 LARGE = 0.01  # of the largest value; smaller errors are those of single nodes that slip a step earlier or later
 
 
-@pytest.mark.parametrize("name", CASES)
+LONG = ("half_disc", "hysteresis")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n in LONG else n for n in CASES])
 def test_stated_errors_are_of_the_size_of_the_true_ones(name: str) -> None:
     scene = read(*CASES[name])
     simulation = prepare(scene)
