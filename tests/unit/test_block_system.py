@@ -67,7 +67,8 @@ def dense(matrix: Any) -> Array:
     """A PETSc matrix of one rank, as an array."""
     from petsc4py import PETSc
 
-    return np.array(matrix.convert("dense", PETSc.Mat()).getDenseArray())
+    found = matrix.convert("dense", PETSc.Mat())  # named: petsc4py's array does not keep its matrix alive
+    return np.array(found.getDenseArray())
 
 
 def with_solver(scene: Scene, **keys: Any) -> Scene:

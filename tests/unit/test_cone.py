@@ -97,7 +97,8 @@ def test_symbols_have_the_gradient_that_numbers_have_on_the_surface_too(
     distance = cone.distance([x[0], x[1]], ufl.sqrt)
     cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
     places, values, slopes = (
-        dx.fem.Expression(e, corners).eval(cells).reshape(len(cells) * 4, -1) for e in (x, distance, ufl.grad(distance))
+        dx.CellExpression(e, corners, domain)(cells).reshape(len(cells) * 4, -1)
+        for e in (x, distance, ufl.grad(distance))
     )
     off_axis = places[:, 0] > 1e-9  # on it the distance has an edge
     assert_allclose(values[:, 0], cone.signed_gap(places), atol=1e-14)
