@@ -48,6 +48,8 @@ SCRIPTS = {  # each of these reaches beyond the model
 DISGUISED = {"b.msh": "// $MeshFormat\n", "b.Step": "// ISO-10303-21\n", "b.STP": "/* ISO-10303-21 */\n",
              "b.Brep": "// CASCADE Topology\n", "b.geo.GZ": ""}  # fmt: skip
 
+WAITS = 6.0  # [s] for gmsh, which waits without end for the program that it may not start
+
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
@@ -66,7 +68,7 @@ def use(file: Path) -> str:
     """Outline and mesh of the file; what is wrong with it, "" if nothing is."""
     sizes = {} if file.suffix in (".geo", ".msh", ".GZ") else {"mesh_size": 0.5}
     try:
-        scene = from_dict(scene_data(file, **sizes))
+        scene = from_dict(scene_data(file, time_limit=WAITS, **sizes))
         build_mesh(scene.geometry, scene.request(), MPI.COMM_SELF)
     except GeometryError as error:
         return str(error)

@@ -35,8 +35,8 @@ SMALL = {
     "arch": (),  # seven stones that contact alone holds
     "stack": (),
     "sliding": (),
-    "axisymmetric": (),
-    "ring": (),
+    "axisymmetric": ("steps.count=8",),
+    "ring": ("steps.count=8",),
     "shaft": (),
     "strip": (),  # slender
 }
