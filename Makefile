@@ -4,13 +4,14 @@
 # make test      lint, and every test that is not slow
 # make verify    every test, then the verification problems
 # make fuzz      inputs, files, environments, kills and tampering drawn by lot; N=20000: so many of each kind
+# make dist      a wheel and a source archive, in dist
 # make mutants   changes the code in small ways: does a test notice? ONLY="laws path": some modules of tests/mutation
 
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .ONESHELL:
 .DEFAULT_GOAL := install
-.PHONY: install run lint test verify fuzz mutants again
+.PHONY: install run lint test verify dist fuzz mutants again
 
 PYTHON := /usr/bin/python3# Debian's own: its python3-* packages belong to no other
 WORKERS ?= 2
@@ -86,6 +87,12 @@ verify: install
 	.venv/bin/stickslip verify
 
 N ?= 1000
+dist: install
+	rm -rf dist build/lib
+	.venv/bin/python -m pip wheel -q --disable-pip-version-check --no-index --no-build-isolation --no-deps -w dist .
+	.venv/bin/python -c 'from setuptools import build_meta; build_meta.build_sdist("dist")' >/dev/null
+	ls dist
+
 fuzz: install
 	FUZZ=$(N) .venv/bin/python -m pytest -n $(WORKERS) --timeout 0 tests/fuzz
 
