@@ -23,6 +23,7 @@ from stickslip.geometry.shape import Request, Shape
 class Mesh:
     """Distributed mesh; a name stands for the tag of cells (bodies) or of facets (sides, named body.side)."""
 
+    comm: Comm  # the caller's: dolfinx frees its copy with the mesh, and PETSc's objects on it would be lost
     domain: DolfinxMesh
     cell_tags: MeshTags
     facet_tags: MeshTags
@@ -36,10 +37,6 @@ class Mesh:
     @property
     def dim(self) -> int:
         return int(self.domain.geometry.dim)
-
-    @property
-    def comm(self) -> Comm:
-        return self.domain.comm
 
     @property
     def part_count(self) -> int:
@@ -133,6 +130,7 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
     if shape.degree > 1:
         refuse_inverted_cells(domain, shape.degree)
     return Mesh(
+        comm=comm,
         domain=domain,
         cell_tags=cells,
         facet_tags=facets,
