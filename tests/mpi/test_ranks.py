@@ -90,7 +90,7 @@ def compared(result: Any) -> dict[tuple[str, ...], Any]:
     return dict(leaves({key: value for key, value in result.items() if key not in EXCEPTED}))
 
 
-ALWAYS_RUN = {2: ("block", "foundation", "two_blocks", "axisymmetric", "half_space"), 3: ("cube", "sliding")}
+ALWAYS_RUN = {2: ("block", "foundation", "two_blocks", "sliding"), 3: ("cube",)}
 RUNS = [  # the others when there is time
     pytest.param((name, ranks), id=f"{name}-{ranks}", marks=[] if name in ALWAYS_RUN[ranks] else pytest.mark.slow)
     for name in SCENES
@@ -197,9 +197,11 @@ def test_volume_is_solved_by_all_ranks_at_the_price_of_one(alone: tuple[str, Pat
     ("override", "said"),
     [
         ("bodies.block.nu=0.5", "bodies.block.nu = 0.5: must lie between"),  # read from the file
-        ("solver.method=uzava", "did you mean uzawa?"),
+        pytest.param("solver.method=uzava", "did you mean uzawa?", marks=pytest.mark.slow),
         ("probes.corner.point=[9.0,9.0]", "probes.corner.point = [9.0, 9.0]: lies outside"),  # known when meshed
-        ("supports.new={point=[0.123,0.7],displacement={x=0.0}}", "no mesh vertex there"),
+        pytest.param(
+            "supports.new={point=[0.123,0.7],displacement={x=0.0}}", "no mesh vertex there", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_wrong_scene_ends_on_every_rank_with_one_line(override: str, said: str, tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ SCRIPTS = {  # each of these reaches beyond the model
 DISGUISED = {"b.msh": "// $MeshFormat\n", "b.Step": "// ISO-10303-21\n", "b.STP": "/* ISO-10303-21 */\n",
              "b.Brep": "// CASCADE Topology\n", "b.geo.GZ": ""}  # fmt: skip
 
-WAITS = 6.0  # [s] for gmsh, which waits without end for the program that it may not start
+WAITS = 3.0  # [s] for gmsh, which waits without end for the program that it may not start
 
 
 @pytest.fixture

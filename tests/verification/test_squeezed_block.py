@@ -127,7 +127,7 @@ def test_more_weight_than_friction_can_hold_has_no_equilibrium(dim: int, scene: 
     assert holds - 2 / 256 < reached[2] < holds
 
 
-@pytest.mark.parametrize("scene", [between_planes, between_bodies])
+@pytest.mark.parametrize("scene", [between_planes, pytest.param(between_bodies, marks=pytest.mark.slow)])
 def test_what_only_elasticity_limits_is_not_called_solved(scene: Any) -> None:
     """Platens that are held where they are would press as hard as need be on rigid bodies: no proof, but no answer."""
     with pytest.raises(StepError, match="rigid bodies could rest under these loads") as caught:
