@@ -26,6 +26,8 @@ PARTS: dict[str, list[tuple[int, ...]]] = {
     "quadrilateral": [(0, 1, 2), (1, 3, 2)],
 }  # corners of simplices
 
+Edge = tuple[Bools, Array, Bools | None]  # inside, outside, among: see `beyond_nodes`
+
 
 class Crossing(NamedTuple):
     """Where the edge of an area lies between two neighbouring nodes."""
@@ -40,11 +42,8 @@ def scatter(side: Surface, contact: ContactState, weights: Array) -> dict[str, f
 
     Arguments as in `areas_between_nodes`.
     """
-    opened, sticks, slips = (contact.status == k for k in (OPEN, STICK, SLIP))
-    gap, slip = np.where(weights > 0, contact.gap, 0.0), np.linalg.norm(contact.slip_increment, axis=1)
-    touching = _squares(side, ~opened, gap)
-    sticking = _squares(side, sticks, slip, among=sticks | slips) + _squares(side, sticks, gap, among=sticks | opened)
-    squares = {"contact_area": touching, "stick_area": sticking, "slip_area": touching + sticking}
+    touching, *sticking = (_squares(side, *edge) for edge in _edges(contact, weights))
+    squares = {"contact_area": touching, "stick_area": sum(sticking), "slip_area": touching + sum(sticking)}
     return {name: float(np.sqrt(square)) for name, square in squares.items()}
 
 
@@ -56,12 +55,17 @@ def areas_between_nodes(side: Surface, contact: ContactState, weights: Array) ->
         contact: at these nodes.
         weights: (n,) area that each node stands for [m^(d-1)]; 0 where it faces nothing.
     """
+    beyond_touching, *beyond_sticking = (beyond_nodes(side, *edge) for edge in _edges(contact, weights))
+    touching = float(weights[contact.status != OPEN].sum()) + beyond_touching
+    sticking = float(weights[contact.status == STICK].sum()) + sum(beyond_sticking)
+    return {"contact_area": touching, "stick_area": sticking, "slip_area": touching - sticking}
+
+
+def _edges(contact: ContactState, weights: Array) -> tuple[Edge, Edge, Edge]:
+    """The edge of what touches; those of what sticks, towards slip and towards what is open."""
     opened, sticks, slips = (contact.status == k for k in (OPEN, STICK, SLIP))
     gap, slip = np.where(weights > 0, contact.gap, 0.0), np.linalg.norm(contact.slip_increment, axis=1)
-    touching = float(weights[~opened].sum()) + beyond_nodes(side, ~opened, gap)
-    sticking = float(weights[sticks].sum()) + beyond_nodes(side, sticks, slip, among=sticks | slips)
-    sticking += beyond_nodes(side, sticks, gap, among=sticks | opened)
-    return {"contact_area": touching, "stick_area": sticking, "slip_area": touching - sticking}
+    return (~opened, gap, None), (sticks, slip, sticks | slips), (sticks, gap, sticks | opened)
 
 
 def areas_of_order_2(side: Surface, contact: ContactState, weights: Array) -> dict[str, float]:

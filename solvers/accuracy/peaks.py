@@ -13,9 +13,7 @@ import numpy as np
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.surfaces.surface import Surface
 
-STEEP = (
-    0.15  # part by which the nearest nodes have less; smooth pressures that were tried: .10 at most on shipped meshes
-)
+STEEP = 0.15  # part by which the nearest nodes have less; smooth pressures: .10 at most on the meshes that were tried
 END = 0.05  # the same at the end of a side
 CORNERS = {"interval": 2, "triangle": 3, "quadrilateral": 4}
 CONVEX = 1.5  # times the next fall; r^(-1/2) has 2.3, r^(-1/10) 1.8

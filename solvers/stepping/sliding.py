@@ -13,7 +13,7 @@ from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.update import flat_rows
 from stickslip.solvers.system.system import System
 
-SLID_OFF = 0.05  # part of the smallest facet; if a point slides farther, the pairs are searched again
+SLID = 0.05  # part of the smallest facet; if a point slides farther, the pairs are searched again
 
 
 def relative_positions(system: System, state: State, names: Iterable[str]) -> dict[str, Array]:
@@ -51,7 +51,7 @@ def carried_over(state: State, system: System) -> State:
 
 
 def pairs_hold(system: System, searched: Mapping[str, Array], now: Mapping[str, Array]) -> bool:
-    """Whether no point has slid off its facet since the pairs were searched.
+    """Whether no point has slid far since the pairs were searched.
 
     Args:
         system: its contact rows are those of the pairs.
@@ -63,6 +63,6 @@ def pairs_hold(system: System, searched: Mapping[str, Array], now: Mapping[str, 
             slid = np.linalg.norm(c.node_motion(now[c.name] - searched[c.name])[1][c.node_weights > 0], axis=1)
             corners = c.surface.points[c.surface.facets]
             smallest = float(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1).min())
-            if slid.max(initial=0.0) > SLID_OFF * smallest:
+            if slid.max(initial=0.0) > SLID * smallest:
                 return False
     return True

@@ -32,7 +32,7 @@ from stickslip.solvers.stepping.update import displacement, new_state, relative_
 from stickslip.solvers.system.system import System
 
 log = logging.getLogger(__name__)
-SEARCHES = 6  # of the pairs, in one substep whose points slide off their facets
+SEARCHES = 6  # of the pairs, in one substep
 ROUNDING = 1e-12  # relative; times that differ by less are equal
 FAR = 100.0  # times the last substep; an extrapolation farther ahead would amplify what its iteration left
 PAIRS = 0.5  # of an error, what pairs that are searched elsewhere add to the next step; measured: .02 to .15
@@ -249,8 +249,8 @@ class Stepper:
         """One attempt at a substep from `state` to the time `end`; the stepper has the pairs that it was solved with.
 
         `can_be_cut`: see `_solve`.
-        Sliding contacts take the pairs of where the substep starts. If points slide off their facets, it is solved
-        again with the pairs of where it ends.
+        Sliding contacts take the pairs of where the substep starts. If points slide by more than a small part of a
+        facet, it is solved again with the pairs of where it ends.
         """
         self.chain.begin()
         names = [c.name for c in self.system.contacts if self.system.problem.pairs[c.name].contact.sliding]

@@ -1,12 +1,10 @@
 """The audit on several ranks finds what it finds on one, also of tractions that are wrong."""
 
-import json
 from pathlib import Path
-from typing import Any
 
 from numpy.testing import assert_allclose
 
-from shared.ranks import mpirun
+from shared.ranks import told
 
 SCRIPT = """
 import json
@@ -31,16 +29,8 @@ if comm.rank == 0:
 """
 
 
-def told(ranks: int, folder: Path) -> Any:
-    """By rank and step: the largest defect, and that of equilibrium where all tractions are 1 % too large."""
-    (folder / "script.py").write_text(SCRIPT, encoding="utf-8")
-    done = mpirun(ranks, [], folder, ("script.py",))
-    assert done.returncode == 0, done.stderr[-2000:]
-    return json.loads(done.stdout.splitlines()[-1])
-
-
 def test_two_ranks_audit_as_one_does(tmp_path: Path) -> None:
-    (alone,), (one, other) = told(1, tmp_path), told(2, tmp_path)
+    (alone,), (one, other) = (told(SCRIPT, ranks, tmp_path) for ranks in (1, 2))
     assert one == other
     assert len(alone) == len(one) == 8
     assert max(defect for step in (*alone, *one) for defect in step[:1]) < 1e-9  # the solver's tolerance is 1e-11

@@ -1,13 +1,11 @@
 """With order 2, the error of the mesh is the same on any number of ranks."""
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.testing import assert_allclose
 
-from shared.ranks import mpirun
+from shared.ranks import told
 
 SCRIPT = """
 import json
@@ -24,16 +22,8 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-def told(ranks: int, folder: Path) -> Any:
-    """The errors that each rank has found, by step."""
-    (folder / "script.py").write_text(SCRIPT, encoding="utf-8")
-    done = mpirun(ranks, [], folder, ("script.py",))
-    assert done.returncode == 0, done.stderr[-2000:]
-    return json.loads(done.stdout.splitlines()[-1])
-
-
 def test_ranks_find_the_errors_of_one(tmp_path: Path) -> None:
-    (alone,), (one, other) = told(1, tmp_path), told(2, tmp_path)
+    (alone,), (one, other) = (told(SCRIPT, ranks, tmp_path) for ranks in (1, 2))
     assert one == other
     assert np.shape(alone) == np.shape(one) == (2, len(alone[0]))
     assert np.min(alone) >= 0

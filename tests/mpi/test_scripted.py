@@ -1,13 +1,11 @@
 """A scripted history on several ranks: the script reads contacts, decides on every rank alike, and goes on."""
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.testing import assert_allclose
 
-from shared.ranks import mpirun
+from shared.ranks import told
 
 SCRIPT = """
 import json
@@ -28,16 +26,8 @@ if MPI.COMM_WORLD.rank == 0:
 """
 
 
-def told(ranks: int, folder: Path) -> Any:
-    """What each rank has seen, by step."""
-    (folder / "script.py").write_text(SCRIPT, encoding="utf-8")
-    done = mpirun(ranks, [], folder, ("script.py",))
-    assert done.returncode == 0, done.stderr[-2000:]
-    return json.loads(done.stdout.splitlines()[-1])
-
-
 def test_ranks_decide_alike_and_have_the_answer_of_one(tmp_path: Path) -> None:
-    (alone,), (one, other) = told(1, tmp_path), told(2, tmp_path)
+    (alone,), (one, other) = (told(SCRIPT, ranks, tmp_path) for ranks in (1, 2))
     assert one == other
     assert len(alone) == len(one) == 5  # slips as a whole at x = 0.15
     assert_allclose(one, alone, rtol=0, atol=1e-9 * np.abs(alone).max())  # two decades above the solver's tolerance

@@ -30,6 +30,7 @@ ROOT = Path(__file__).parents[2]
 WORK = ROOT / "build" / "mutants"  # copies of the code, a folder for each module
 TABLE = Path(__file__).with_name("mutants.toml")
 REVERSED = Path(__file__).with_name("reversed_order.py")  # a plugin of pytest
+PACKAGE = "stickslip"
 COPIED = ("geometry", "solvers", "workflows", "tests", "stickslip", "pyproject.toml")
 NOTICED = ("killed", "timeout", "segfault", "suspicious")  # endings by which a test has noticed the change
 
@@ -105,8 +106,8 @@ def mutate(module: str, files: Sequence[str], tests: Sequence[str]) -> Tally:
     for name in COPIED:
         (folder / name).symlink_to(ROOT / name)
     lines = {
-        "source_paths": sorted({name.split("/")[0] for name in files}),
-        "only_mutate": files,
+        "source_paths": sorted({f"{PACKAGE}/{name.split('/')[0]}" for name in files}),  # named as they are imported
+        "only_mutate": [f"{PACKAGE}/{name}" for name in files],
         "also_copy": COPIED,
         "pytest_add_cli_args": ["-p", "no:cacheprovider", "-m", "not slow"],
         "pytest_add_cli_args_test_selection": tests,
@@ -169,7 +170,7 @@ def _results(folder: Path, code: int) -> tuple[Mapping[str, int], tuple[Mutant, 
 def _mutant(name: str, path: Path) -> Mutant:
     from mutmut.mutation.diff_apply import get_diff_for_mutant
 
-    module, _, function = name.partition("__mutmut_")[0].rpartition(".")
+    module, _, function = name.partition("__mutmut_")[0].removeprefix(f"{PACKAGE}.").rpartition(".")
     function = function.removeprefix("x_").removeprefix("xǁ").replace("ǁ", ".")
     changed = [line for line in get_diff_for_mutant(name, path=path).splitlines()[2:] if line[:1] in ("-", "+")]
     was, now = (" ".join(line[1:].strip() for line in changed if line[0] == sign) for sign in "-+")

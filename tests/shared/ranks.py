@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 LIMIT = 100  # s; a rank that waits for the others for ever must not hold up the tests
 PATH = os.pathsep.join(str(Path(__file__).parents[up]) for up in (1, 2))  # shared, and the packages
@@ -48,3 +50,11 @@ def started(
 
 def options(overrides: Sequence[str]) -> list[str]:
     return [word for override in overrides for word in ("--set", override)]
+
+
+def told(script: str, ranks: int, folder: Path) -> Any:
+    """What a script prints in JSON, in its last line, on several ranks."""
+    (folder / "script.py").write_text(script, encoding="utf-8")
+    done = mpirun(ranks, [], folder, ("script.py",))
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout.splitlines()[-1])

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from stickslip.geometry.errors import MachineError, SceneError, nearest, require
+from stickslip.geometry.errors import SceneError, nearest, require
+from stickslip.workflows.commands.suite_folder import made, writing
 from stickslip.workflows.verification.accuracy.page import line, passed, sentence, write_page
 from stickslip.workflows.verification.accuracy.problems import PROBLEMS
 from stickslip.workflows.verification.accuracy.suite import Study, studies
@@ -35,10 +36,7 @@ def accuracy(names: Sequence[str] = (), jobs: int = 1, folder: Path | None = Non
             raise SceneError(f"--scenes {name}: no such problem; {nearest(name, PROBLEMS)}")
     require(jobs >= 1, "--jobs", jobs, "must be at least 1")
     if folder is not None:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise MachineError(f"{folder}: cannot be written: {error.strerror}") from None
+        made(folder)
     found, began = list[Study](), clock.monotonic()
     for study in studies(tuple(names) or tuple(PROBLEMS), jobs):
         found.append(study)
@@ -46,11 +44,9 @@ def accuracy(names: Sequence[str] = (), jobs: int = 1, folder: Path | None = Non
     print(f"{sentence(found)}; {clock.monotonic() - began:.0f} s")
     if folder is not None:
         words = ["stickslip", "verify", "accuracy", *(["--scenes", ",".join(names)] if names else [])]
-        try:
+        with writing(folder):
             write_page(folder / "accuracy.md", found, shlex.join([*words, "-o", str(folder)]))
             (folder / "accuracy.jsonl").write_text("".join(map(_text, found)), encoding="utf-8")
-        except OSError as error:
-            raise MachineError(f"{folder}: cannot be written: {error.strerror}") from None
     return passed(found)
 
 

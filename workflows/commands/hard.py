@@ -11,6 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from stickslip.geometry.errors import MachineError, SceneError, nearest, require
+from stickslip.workflows.commands.suite_folder import made, writing
 from stickslip.workflows.verification.hard.judge import Outcome, Verdict
 from stickslip.workflows.verification.hard.page import BAD, sentence, write_page
 from stickslip.workflows.verification.hard.page import again as repeated
@@ -52,10 +53,7 @@ def hard(
     require(seed >= 0, "--seed", seed, "must not be negative")
     require(jobs >= 1, "--jobs", jobs, "must be at least 1")
     if folder is not None:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise MachineError(f"{folder}: cannot be written: {error.strerror}") from None
+        made(folder)
     earlier: list[Row] = []
     if again:
         require(folder is not None, "--again", "", "needs the folder of an earlier run, with -o")
@@ -78,11 +76,9 @@ def hard(
         words += ["--scenes", ",".join(scenes)] if scenes else []
         words += ["-o", str(folder)]
         command = shlex.join(words) + (f" && {shlex.join([*words, '--again'])}" if again else "")
-        try:
+        with writing(folder):
             write_page(folder / "hard.md", rows, command)
             (folder / LINES).write_text("".join(map(_line, rows)), encoding="utf-8")
-        except OSError as error:
-            raise MachineError(f"{folder}: cannot be written: {error.strerror}") from None
     return not any(row.verdict.outcome in BAD for row in rows)
 
 

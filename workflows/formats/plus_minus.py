@@ -36,14 +36,26 @@ def plus_minus(value: float, error: float | None, converges: bool | None = None,
     return f"{value:.{places}e} ± {error:.0e}{star}" if value else f"0 ± {error:.0e}{star}"
 
 
+def missing(parts: ErrorParts) -> list[str]:
+    """Parts that a stated error lacks; without that of the mesh, seldom the least, none is stated."""
+    return [] if parts.mesh is None else [name for name in PARTS if getattr(parts, name) is None]
+
+
+def of_parts(value: float, parts: ErrorParts) -> str:
+    """The same with the sum of the known parts of its error.
+
+    >>> of_parts(0.242957, ErrorParts(mesh=1e-4, time_step=1e-4)), of_parts(0.242957, ErrorParts(converges=False))
+    ('0.2430 ± 0.0002*', '0.24 (grows)')
+    """
+    known = [float(np.asarray(part)) for part in (getattr(parts, name) for name in PARTS) if part is not None]
+    return plus_minus(value, None if parts.mesh is None else sum(known), parts.converges, bool(missing(parts)))
+
+
 def with_error(value: float, parts: ErrorParts | None, unit: str) -> str:
-    """The same with its unit, and the sum of the known parts of its error, if that of the mesh is among them.
+    """The same with its unit.
 
     >>> with_error(0.242957, ErrorParts(converges=False), "Pa"), with_error(0.242957, ErrorParts(mesh=1e-4), "Pa")
     ('0.24 Pa (grows)', '0.2430 ± 0.0001* Pa')
     """
-    parts = parts or ErrorParts()
-    known = [float(np.asarray(part)) for part in (getattr(parts, name) for name in PARTS) if part is not None]
-    stated = None if parts.mesh is None else sum(known)
-    number, grows, rest = plus_minus(value, stated, parts.converges, parts.total is None).partition(" (")
+    number, grows, rest = of_parts(value, parts or ErrorParts()).partition(" (")
     return f"{number} {unit}{grows}{rest}"

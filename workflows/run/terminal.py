@@ -11,12 +11,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from stickslip.solvers.results.error_parts import PARTS
+from stickslip.solvers.results.error_parts import PARTS, ErrorParts
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.history import HistoryRow
-from stickslip.workflows.formats.plus_minus import MISSING, plus_minus
+from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.watch import Watch
@@ -202,44 +202,23 @@ def _contacts(content: Content) -> Table:
         cost = (str(step["iterations"]), str(step["volume_solves"]))
         for name, c in (step["contacts"] or {"-": None}).items():
             keys = ("normal_force", "tangential_force", "contact_area", "stick_area", "slip_area")
-            numbers = [_with_error(c, k) for k in (*keys, "max_pressure", "max_penetration")] if c else ["-"] * 7
+            numbers = (
+                [of_parts(c[k], _parts(c, k)) for k in (*keys, "max_pressure", "max_penetration")] if c else ["-"] * 7
+            )
             table.add_row(f"{step['time']:g}", name, *numbers, *cost)
     return table
 
 
-def _with_error(numbers: Content, key: str) -> str:
-    """A number with its error.
-
-    >>> known = {"mesh": 0.0001, "geometry": 0.0, "time_step": 0.0001, "converges": True}
-    >>> _with_error({"force": 0.242957, "error": {"force": {**known, "total": 0.0002}}}, "force")
-    '0.2430 ± 0.0002'
-    >>> _with_error({"force": 0.242957, "error": {"force": {**known, "time_step": None, "total": None}}}, "force")
-    '0.2430 ± 0.0001*'
-    >>> _with_error({"force": 0.242957, "error": {"force": {**known, "converges": False}}}, "force")
-    '0.24 (grows)'
-    >>> _with_error({"force": 0.242957, "error": None}, "force")
-    '0.24296'
-    """
-    parts = (numbers["error"] or {}).get(key, {})
-    return plus_minus(numbers[key], _stated(parts), parts.get("converges"), bool(_missing(parts)))
-
-
-def _stated(parts: Content) -> float | None:
-    """The sum of the parts that are known, if those of the mesh are: they are seldom the least."""
-    if parts.get("mesh") is None:
-        return None
-    return sum((float(parts[name]) for name in PARTS if parts.get(name) is not None), start=0.0)
-
-
-def _missing(parts: Content) -> list[str]:
-    """Parts that a number with a stated error lacks."""
-    return [] if parts.get("mesh") is None else [name for name in PARTS if name in parts and parts[name] is None]
+def _parts(numbers: Content, key: str) -> ErrorParts:
+    """The error of a number of a contact, from result.json."""
+    told = (numbers["error"] or {}).get(key, {})
+    return ErrorParts(**{name: told.get(name) for name in (*PARTS, "converges")})
 
 
 def _incomplete(content: Content) -> list[str]:
     """Parts that some stated error of a contact lacks."""
     contacts = [c for step in content["steps"] for c in (step["contacts"] or {}).values()]
-    lacking = {name for c in contacts for parts in (c["error"] or {}).values() for name in _missing(parts)}
+    lacking = {name for c in contacts for key in c["error"] or {} for name in missing(_parts(c, key))}
     return [name.replace("_", " ") for name in PARTS if name in lacking]
 
 
