@@ -4,8 +4,10 @@ Stated is FACTOR times the difference. Part of it is that of the geometry: the s
 bulges, beside what the finite element space adds; where these have opposite signs, OPPOSED of their sum is the least
 that is stated. Areas of touching, sticking and slipping nodes are multiples of a node's area: theirs is BETWEEN times
 the difference to areas whose edges lie between nodes, and EDGE times the facets that these cross, see `areas`. The
-largest slip of the nodes that touch is compared with that up to the same edge. A largest pressure that grows without
-end as the mesh is refined has no error, see `peaks`, nor have the penetration that it causes and the slip beside it.
+largest slip of the nodes that touch is compared with that up to the same edge. Of a contact's sums and largest values
+no less is stated than `by_chance` says of the differences at its nodes, which may cancel. A largest pressure that grows
+without end as the mesh is refined has no error, see `peaks`, nor have the penetration that it causes and the slip
+beside it.
 
 The stress at a probe, which is that at the midpoint of its cell, is compared with the mean of the stress with bubbles
 at the point and of the recovered stress there of their nodes; stated is STRESS times the difference. Stated / true
@@ -26,13 +28,14 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array, Bools
 from stickslip.solvers.accuracy.areas import areas_between_nodes, crossings, scatter
+from stickslip.solvers.accuracy.by_chance import by_chance
 from stickslip.solvers.accuracy.peaks import grows, grows_in
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.error_parts import ErrorParts, Quantity, Value
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import OPEN, ContactState, StepResult
+from stickslip.solvers.results.step_result import OPEN, ContactState, Numbers, StepResult
 from stickslip.solvers.scene.quantities import STRESSES
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted
@@ -43,6 +46,7 @@ ROUNDING = 1e-14  # of the bodies' size: shorter slips are none
 EQUAL = 1e-6  # relative: both ends of a symmetric side, whoever rounds
 STRESS = 1.25
 SMALL = 0.15  # of the size of a stress's error: no component is known better than by that
+DISSIPATED = Quantity("energy", "", "dissipated")  # by all contacts
 Values = dict[Quantity, Value]
 
 
@@ -51,12 +55,20 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
     refined, found = accepted.state.refined, quantities(result)
     if refined is None:
         return {}, {}
-    corrected = _numbers(observe, accepted, refined, result)
-    straight = corrected if refined.unbent is None else _numbers(observe, accepted, refined.unbent, result)
-    errors, chances = dict[Quantity, ErrorParts](), dict[Quantity, float]()
+    with_bubbles = _observed(observe, accepted, refined)
+    corrected = _values(observe, accepted, refined, with_bubbles, result)
+    straight = corrected
+    if refined.unbent is not None:
+        flat_sides = _observed(observe, accepted, refined.unbent)
+        straight = _values(observe, accepted, refined.unbent, flat_sides, result)
+    errors, chances, least = dict[Quantity, ErrorParts](), dict[Quantity, float](), dict[Quantity, Value]()
     for c in accepted.stepper.system.contacts:
-        own = scatter(c.surface, result.contacts[c.name], c.node_weights)
-        chances |= {Quantity("contacts", c.name, name): chance for name, chance in own.items()}
+        own, better = result.contacts[c.name], with_bubbles.contacts[c.name]
+        edges = scatter(c.surface, own, c.node_weights)
+        chances |= {Quantity("contacts", c.name, name): chance for name, chance in edges.items()}
+        local = by_chance(c, own, better)
+        least |= {Quantity("contacts", c.name, name): chance for name, chance in local.items()}
+        least[DISSIPATED] = np.hypot(least.get(DISSIPATED, 0.0), local["dissipation"])
     for key, value in corrected.items():
         bent, flat = np.abs(value - straight[key]), np.abs(straight[key] - found[key])
         off = np.maximum(np.abs(value - found[key]), OPPOSED * (bent + flat))
@@ -64,6 +76,7 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
             whole = BETWEEN * np.abs(value - found[key]) + EDGE * chances[key]
         else:
             whole = STRESS * _of_stress(np.asarray(off)) if key.quantity == "stress" else FACTOR * off
+        whole = np.maximum(whole, least.get(key, 0.0))
         share = bent / np.maximum(bent + flat, np.finfo(float).tiny)
         errors[key] = ErrorParts(mesh=whole * (1 - share), geometry=whole * share, converges=True)
     for c in accepted.stepper.system.contacts:
@@ -99,11 +112,15 @@ def _of_stress(error: Array) -> Array:
     return np.where(error == 0, 0.0, np.maximum(error, SMALL * float(np.linalg.norm(error))))
 
 
-def _numbers(observe: Observer, accepted: Accepted, state: State, result: StepResult) -> Values:
-    """Numbers of another state at the end of the same step, whose result is known; collective."""
+def _observed(observe: Observer, accepted: Accepted, state: State) -> Numbers:
+    """What another state at the end of the same step exerts; collective."""
     start, before = accepted.start, accepted.substep_start
     same = replace(accepted, state=state, start=start.refined or start, substep_start=before.refined or before)
-    numbers = observe.numbers(same)
+    return observe.numbers(same)
+
+
+def _values(observe: Observer, accepted: Accepted, state: State, numbers: Numbers, result: StepResult) -> Values:
+    """Numbers of another state, and of what it exerts, at the end of the step with a known result; collective."""
     values = quantities(numbers)
     companion = observe.stepper.companion
     if observe.probes and isinstance(companion, MeshCorrection):

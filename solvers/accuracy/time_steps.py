@@ -15,6 +15,11 @@ errors of the dissipation come from single nodes that slip a step earlier, and m
 maximum pressure converges slower than with the first power; its errors were below .5 % unless pairs slide, and stated /
 true without `SLOW` .05 to 1.
 
+Where a body begins to slip within one step, friction bounds change while it does, and shorter histories, which begin to
+slip in one step as well, end with the same dissipation. So at least `PATH` of the work by which changes of the bounds
+within the steps can change it is stated: without, 16 % of all errors of dissipations are stated below half of what they
+are, with it 3 %.
+
 At times that a shorter history leaves out, what adds up over steps takes the difference interpolated between those that
 it has (share .98; the next one's .81), all else that of the next time (areas .75; interpolated .54): the last
 increment decides it. An odd number of steps is halved by making one of the first three: without the last step alone the
@@ -42,6 +47,7 @@ from stickslip.solvers.stepping.stepper import StepError, Stepper
 
 log = logging.getLogger(__name__)
 SLOW = 4.0  # times the differences of largest pressures, which converge slower than with the first power of the step
+PATH = 0.1  # of half the changes of friction bounds, times the slips: fitted to `stickslip verify accuracy`
 SAFETY = 1.25  # where two histories are compared alone; stated / true without it: .41 to 1.8, median 1.0
 OVERLAP = 1e-9  # relative to the bodies; a smaller initial interference is rounding
 SHORT = 1e-6  # of the first step: loads and motions of an infinitely short one do not count beside an interference
@@ -186,9 +192,14 @@ class TimeStepErrors:
         plan = stretches(times.tolist(), self._problem.timeline)
         run = Solved(plan, times, np.array([columns.row(each) for each in values]))
         with self._stepper.chain.repeating(self._stepper.system):
-            compared = self._compare(run) if remembers(self._problem) else Compared()
+            path_matters = remembers(self._problem)
+            compared = self._compare(run) if path_matters else Compared()
             jump = self._jump(steps)
         found = estimates(run, compared, columns, jump)
+        if path_matters:
+            for key, work in _along_the_path(steps).items():
+                place = columns.which(key.__eq__)
+                found[:, place] = np.maximum(found[:, place], PATH * work[:, None])
         cut = next((k for k, step in enumerate(steps) if step.substeps > 1), len(steps))
         found[cut:] = np.nan
         return tuple(columns.errors(row) for row in found)
@@ -237,6 +248,21 @@ class TimeStepErrors:
         except StepError:
             return float("nan")
         return first.state.energy.time_remainder
+
+
+def _along_the_path(steps: Sequence[StepResult]) -> dict[Quantity, Array]:
+    """By dissipation, the work (n,) [J] by which the friction bounds' changes within steps can change it."""
+    found, dissipated = dict[Quantity, Array](), Quantity("energy", "", "dissipated")
+    for name in steps[0].contacts:
+        states = [step.contacts[name] for step in steps]
+        bounds = np.array([np.where(np.isfinite(state.bound), state.bound, 0.0) for state in states])
+        changes = np.abs(np.diff(bounds, axis=0, prepend=0.0))
+        slips = np.array([state.weight * np.linalg.norm(state.slip_increment, axis=1) for state in states])
+        work = (changes * slips).sum(axis=1) / 2
+        found[Quantity("contacts", name, "dissipation")] = work
+        found[Quantity("contacts", name, "dissipation_total")] = np.cumsum(work)
+        found[dissipated] = found.get(dissipated, 0.0) + np.cumsum(work)
+    return found
 
 
 def remembers(problem: Problem) -> bool:

@@ -1,7 +1,7 @@
 """Sizes from errors, the cheapest next round, and goals of the command line."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -12,7 +12,8 @@ from stickslip.geometry.size_field import SizeField, adapted, volumes
 from stickslip.solvers.results.error_parts import ErrorParts, Quantity
 from stickslip.solvers.simulation.simulation import Seconds, prepare
 from stickslip.workflows.accuracy.level import AIM, ALIKE, FINEST, GAIN, Level, Move, next_move
-from stickslip.workflows.accuracy.rounds import Rounds, aiming, parsed
+from stickslip.workflows.accuracy.round import Round
+from stickslip.workflows.accuracy.rounds import Rounds, _in_vain, _lowered, aiming, parsed
 from stickslip.workflows.accuracy.standing import Standing, standings
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read
@@ -104,18 +105,28 @@ def test_order_2_comes_where_a_finer_mesh_of_order_1_would_be_dearer() -> None:
     assert later.cells(2) == pytest.approx(1 / later.finer)  # the energy error falls as h²
 
 
-def test_rounds_of_order_2_that_are_in_vain_give_way_to_order_1(tmp_path: Path) -> None:
-    """Block of Raous: the energy of the error sits at a held corner, which the friction force hardly feels."""
+def test_rounds_of_order_2_refine_the_contact(tmp_path: Path) -> None:
+    """Block of Raous: the energy of the error sits at a held corner, that of the friction force at the contact."""
     sets = ["geometry.mesh_size=0.005", "output.pictures=false", "steps.count=2"]
     rounds = Rounds(aiming(read("raous", sets), ["base.tangential_force=0.1%"], None), lambda line: None)
     outcome, content = rounds(tmp_path / "out", Watch())
-    orders = [one.level.order for one in rounds.done]
-    assert orders[:2] == [1, 2]
-    assert orders[-1] == 1
     assert outcome.status == "converged"
-    assert content["accuracy"]["rounds"][-1]["order"] == orders[-1]
+    assert [one.level.order for one in rounds.done][:2] == [1, 2]
+    assert rounds.done[-1].level.order == 2
+    assert rounds.done[-1].unknowns < 3400  # a fifth of what a mesh of one size needs
     exact = 1.4054e6  # converged figure of an independent program
-    assert abs(content["steps"][-1]["contacts"]["base"]["tangential_force"] / exact - 1) < 0.0015
+    assert abs(content["steps"][-1]["contacts"]["base"]["tangential_force"] / exact - 1) < 0.001
+
+
+def test_order_2_is_in_vain_where_it_comes_no_closer() -> None:
+    def one(order: Literal[1, 2], mesh: float) -> Round:
+        return Round(Level(order=order), [Standing("N", asked=0.01, value=1.0, mesh=mesh, time_step=0.0, rest=0.0)])
+
+    assert _in_vain([one(1, 0.1), one(2, 0.02), one(2, 0.03)])
+    assert not _in_vain([one(1, 0.1), one(2, 0.03), one(2, 0.02)])
+    assert not _in_vain([one(1, 0.01), one(2, 0.03)])
+    lowered = _lowered(Level(order=2, factor=0.5))
+    assert (lowered.order, lowered.highest, lowered.factor) == (1, 1, 0.25)
 
 
 def test_the_price_grows_with_cells_and_steps() -> None:

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
@@ -29,6 +28,7 @@ from stickslip.solvers.results.step_result import OPEN, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Accuracy
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.workflows.accuracy.contact_sizes import finer_sides, nearness
 from stickslip.workflows.accuracy.kept import KeptRounds
 from stickslip.workflows.accuracy.level import ITERATION, SMALLEST, Level, Move, next_move
 from stickslip.workflows.accuracy.round import Round
@@ -258,9 +258,10 @@ class Rounds:
         modulus = np.array([problem.bodies[name].E for name in mesh.bodies])[mesh.body]
         error = self._error * np.sqrt(volume / modulus)
         if near:
-            error = error * _nearness(simulation, steps, middle)
+            error = error * nearness(simulation, steps, middle)
         used, place = np.unique(cells, return_inverse=True)
-        return adapted(mesh.points[used], place.reshape(cells.shape), error, move.finer, move.order)
+        wanted = adapted(mesh.points[used], place.reshape(cells.shape), error, move.finer, move.order)
+        return finer_sides(wanted, simulation, steps, move.finer) if move.order == 2 else wanted
 
     def _orders(self, simulation: Simulation) -> Sequence[Literal[1, 2]]:
         """The order of this round, and 2 where the next one may have it: in the plane its errors are known too."""
@@ -293,18 +294,6 @@ def _resolved(simulation: Simulation, steps: Sequence[StepResult]) -> bool:
     states = [[step.contacts[c.name].status != OPEN for step in steps] for c in simulation.system.contacts]
     touching = [int(np.any(closed, axis=0).sum()) for closed in states]
     return all(count == 0 or count >= TOUCHING[simulation.scene.dim] for count in touching)
-
-
-def _nearness(simulation: Simulation, steps: Sequence[StepResult], points: Array) -> Array:
-    """Weight (p,) of points (p, d): 1 where bodies touch, less with the square of distance by the contact's size."""
-    weight = np.zeros(len(points))
-    for c in simulation.system.contacts:
-        touched = np.any([step.contacts[c.name].status != OPEN for step in steps], axis=0)
-        if touched.any():
-            size = float(np.ptp(c.surface.points[touched], axis=0).max()) / 2
-            far = cKDTree(c.surface.points[touched]).query(points)[0]
-            weight = np.maximum(weight, (size / (size + far)) ** 2 if size else 1.0)
-    return weight if weight.any() else np.ones(len(points))
 
 
 def aiming(scene: Scene, goals: Sequence[str], budget: float | None) -> Scene:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +31,7 @@ class Case:
     stated: float | None  # None: nothing is stated
     true: float
     scale: float
+    known: bool = True  # whether the truth is near enough to judge it
 
     @property
     def size(self) -> float:
@@ -85,15 +86,24 @@ class Share:
 
 
 def counted(cases: Iterable[Case]) -> list[Case]:
-    """Those with a true error that is large enough, and a stated one."""
-    return [case for case in cases if case.stated is not None and case.size > COUNTS]
+    """Those with a stated error, and a true one that is large enough, and known."""
+    return [case for case in cases if case.stated is not None and case.size > COUNTS and case.known]
 
 
-def compare(problem: str, order: int, mesh: float, part: str, run: Answer, truth: Answer) -> Iterator[Case]:
+def compare(
+    problem: str,
+    order: int,
+    mesh: float,
+    part: str,
+    run: Answer,
+    truth: Answer,
+    doubt: Mapping[str, Array] | None = None,
+) -> Iterator[Case]:
     """One case for each number of each step of a run; numbers that are the same under several names once.
 
     Args:
         truth: at the times of the run.
+        doubt: how far the truth itself may be off, by number at these times; errors below it are not known.
     """
     for k, time in enumerate(run.times):
         seen = set[tuple[int, int, float]]()
@@ -108,6 +118,7 @@ def compare(problem: str, order: int, mesh: float, part: str, run: Answer, truth
                 yield Case(
                     problem=problem, order=order, mesh=mesh, time=float(time), name=name, part=part,
                     stated=None if np.isnan(stated) else stated, true=true, scale=scale,
+                    known=doubt is None or true >= float(doubt[name][k]),
                 )  # fmt: skip
 
 

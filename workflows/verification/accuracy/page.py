@@ -109,7 +109,8 @@ def _lines(studies: Sequence[Study], command: str, picture: str) -> Iterator[str
         " largest pressure; lengths, of the largest displacement of the contact; energies, of the stored energy;"
         " dissipations, of themselves where they are above a thousandth of it. What the iteration leaves is stated as a"
         " bound. Errors of the time steps below half a per cent come from single nodes that slip a step earlier or"
-        " later, which shorter histories do not show."
+        f" later, which shorter histories do not show. {sum(not case.known for case in cases)} errors of order 1 do"
+        " not count: order 2 on the finest of the three meshes is farther from the truth than they are."
     )
     yield ""
     yield f"![Stated over true errors, by the size of the true error]({picture})"

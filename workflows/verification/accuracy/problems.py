@@ -141,7 +141,7 @@ PROBLEMS: Mapping[str, Problem] = {
     "punch_friction": Problem(scene=_punch(bonded=False)),
     "hertz_plane": Problem(scene=_hertz(hertz.Touch(model="plane strain", load=hertz.ROLLER, cells=12.0, order=1))),
     "hertz_axisymmetric": Problem(scene=_hertz(hertz.Touch(cells=12.0, order=1))),
-    "hertz_3d": Problem(scene=_hertz(hertz.Touch(model="3d", cells=3.0, order=1))),
+    "hertz_3d": Problem(scene=_hertz(hertz.Touch(model="3d", cells=4.5, order=1)), fine=0.5),
     "cattaneo": Problem(scene=_cattaneo),
     "shear_lag": Problem(scene=_shear_lag),
     "shrink_fit": Problem(scene=_shrink_fit, exact=_fit(), source="Lamé"),
