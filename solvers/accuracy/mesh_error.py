@@ -80,12 +80,12 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
         share = bent / np.maximum(bent + flat, np.finfo(float).tiny)
         errors[key] = ErrorParts(mesh=whole * (1 - share), geometry=whole * share, converges=True)
     for c in accepted.stepper.system.contacts:
-        errors |= _without_limit(c, result.contacts[c.name], ROUNDING * accepted.stepper.system.extent)
+        errors |= without_limit(c, result.contacts[c.name], ROUNDING * accepted.stepper.system.extent)
     errors |= {Quantity("probes", name, "stress"): ErrorParts(converges=False) for name in _at_corners(observe, result)}
     return corrected, errors
 
 
-def _without_limit(c: ContactRows, contact: ContactState, rounding: float) -> dict[Quantity, ErrorParts]:
+def without_limit(c: ContactRows, contact: ContactState, rounding: float) -> dict[Quantity, ErrorParts]:
     """What is said in place of an error where the largest pressure of a contact grows without end.
 
     With compliance it has a limit, which no mesh of that size comes near. The slip close by converges slowly as well,

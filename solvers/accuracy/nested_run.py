@@ -21,8 +21,8 @@ to 24 steps, share in [.7, 3] (below .5): of 1652 errors above 1e-3 of the scale
 .78 where bodies are large; with bubbles alone .53, and with all cells cut once .89. The difference removed, the number
 has a twelfth of the error.
 
-Not in 3D, where the edge of contact is a line along which many cells would be cut. A run's script has no such error:
-its history is not solved again.
+Not in 3D, where the edge of contact is a line along which many cells would be cut: see `lower_order`. A run's script
+has no such error: its history is not solved again.
 
 Source: of the bubbles Bank & Smith, SIAM J. Numer. Anal. 30 (1993); cutting cells nested: Bank, Sherman & Weiser, in
 Scientific Computing (1983).
@@ -37,26 +37,21 @@ from dataclasses import replace
 import numpy as np
 
 from stickslip.geometry.errors import StickslipError
-from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.geometry.nested_mesh import FlatMesh
-from stickslip.geometry.surfaces.surface import gather_surface
 from stickslip.solvers.accuracy.areas import areas_of_order_2
 from stickslip.solvers.accuracy.iteration_errors import AREAS
 from stickslip.solvers.accuracy.mesh_error import Values
+from stickslip.solvers.accuracy.other_mesh import on_other_mesh, sides_of
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.accuracy.where_to_refine import Places
 from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.parallel.gather import nodes_of
 from stickslip.solvers.results.error_parts import ErrorParts, Errors, Quantity
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import MeshData, StepResult
-from stickslip.solvers.scene.settings import Solver
 from stickslip.solvers.stepping.choice import Size
 from stickslip.solvers.stepping.history import HistoryRow
-from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.stepper import Accepted, StepError, Stepper
-from stickslip.solvers.system.system import assemble
 
 log = logging.getLogger(__name__)
 FACTOR = {2: 1.3, 1: 1.6}  # stated error over difference, by the number of times that cells are cut
@@ -132,7 +127,7 @@ class NestedRun:
         Raises:
             StickslipError: the mesh cannot be prepared, or a step cannot be solved as a whole.
         """
-        stepper = self._prepared(mesh, counters)
+        stepper = on_other_mesh(self._stepper.system, mesh, counters)
         observe, follow = Observer.of(stepper), MeshCorrection(stepper, quick=True)
         state = stepper.start()
         for time in times:
@@ -151,13 +146,6 @@ class NestedRun:
             yield values | {Quantity("probes", name, "displacement"): value for name, value in moved.items()}
             state = replace(accepted.state, refined=refined)
 
-    def _prepared(self, mesh: FlatMesh, counters: Counters) -> Stepper:
-        """The bodies on the finer mesh; collective."""
-        own = self._stepper.system.problem
-        problem = replace(own, solver=replace(Solver.default(), tolerance=own.solver.tolerance))
-        system = assemble(problem, build_mesh(mesh, problem.request, self._stepper.system.mesh.comm), counters)
-        return Stepper(system, MethodChain(system))
-
     def _cut_mesh(self, steps: Sequence[StepResult]) -> tuple[int, FlatMesh | None]:
         """How often cells are cut, and the finer mesh, on every rank; None: it would be too dear; collective."""
         system = self._stepper.system
@@ -171,10 +159,8 @@ class NestedRun:
     def _flat(self) -> FlatMesh | None:
         """The mesh of the run, on rank 0; collective."""
         system, data = self._stepper.system, self._data
-        mesh, nodes = system.mesh, system.nodes
-        known = nodes_of(mesh, nodes)(nodes.input[: nodes.owned])
-        sides = {name: gather_surface(mesh, system.space, nodes, name) for name in mesh.sides}
-        if mesh.comm.rank:
+        sides = sides_of(system)
+        if system.mesh.comm.rank:
             return None
         return FlatMesh(
             kind=data.shape,
@@ -182,7 +168,7 @@ class NestedRun:
             cells=data.cells,
             body=data.body,
             names=data.bodies,
-            sides={name: np.searchsorted(known, side.input)[side.facets] for name, side in sides.items()},
+            sides=sides,
             periodic=system.problem.request.periodic,
         )
 

@@ -10,6 +10,7 @@ from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.protocols import Comm
 from stickslip.geometry.size_field import SizeField
 from stickslip.solvers.accuracy.errors import joined, with_errors
+from stickslip.solvers.accuracy.lower_order import LowerOrderRun
 from stickslip.solvers.accuracy.nested_run import NestedRun
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
 from stickslip.solvers.accuracy.two_level import MeshCorrection
@@ -164,23 +165,25 @@ class Simulation:
     def mesh_errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
     ) -> tuple[Errors, ...]:
-        """Error of the mesh of every number of a run of order 2 in the plane, from the same history on a finer mesh.
+        """Error of the mesh of every number of a run of order 2, from the same history on another mesh.
 
-        Call it after the last step; the history is solved now, in `seconds.error`. With order 1 the results of `steps`
-        have that error already, and nothing is solved; collective.
+        Call it after the last step; the history is solved now, in `seconds.error`: in the plane on a finer mesh, in 3D
+        with cells of order 1. With order 1 the results of `steps` have that error already, and nothing is solved;
+        collective.
 
         Args:
             steps: results of `steps`, all from the first on.
-            on_iteration: as in `steps`, for the iterations on the finer mesh.
+            on_iteration: as in `steps`, for the iterations on the other mesh.
 
         Returns:
             For each step its numbers' errors, in `mesh` and `geometry`, for as many steps as they are known for.
         """
-        if not NestedRun.works_for(self.stepper):
+        way = next((way for way in (NestedRun, LowerOrderRun) if way.works_for(self.stepper)), None)
+        if way is None:
             return ()
         began = clock.perf_counter()
         try:
-            return NestedRun(self.stepper, self.data, on_iteration)(steps)
+            return way(self.stepper, self.data, on_iteration)(steps)
         finally:
             self.seconds.error += clock.perf_counter() - began
 

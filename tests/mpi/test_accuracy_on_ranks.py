@@ -1,7 +1,9 @@
-"""The rounds towards an accuracy are the same on any number of ranks."""
+"""Rounds towards an accuracy, and errors, are the same on any number of ranks."""
 
 import json
 from pathlib import Path
+
+import pytest
 
 from shared.ranks import mpirun
 
@@ -17,3 +19,22 @@ def test_ranks_take_the_same_rounds(tmp_path: Path) -> None:
         rounds.append(json.loads((tmp_path / f"on_{ranks}" / "result.json").read_text())["accuracy"]["rounds"])
     assert len(rounds[0]) > 1
     assert [one["unknowns"] for one in rounds[0]] == [one["unknowns"] for one in rounds[1]]
+
+
+def test_ranks_state_the_same_errors_of_order_2_in_3d(tmp_path: Path) -> None:
+    stated = []
+    words = [
+        "run",
+        "cube",
+        "--set=geometry.order=2",
+        "--set=geometry.mesh_size=0.5",
+        "--set=output.pictures=false",
+        "-q",
+    ]
+    for ranks in (1, 2):
+        ended = mpirun(ranks, [*words, "-o", f"on_{ranks}"], tmp_path)
+        assert ended.returncode == 0, ended.stderr
+        step = json.loads((tmp_path / f"on_{ranks}" / "result.json").read_text())["steps"][-1]
+        stated.append(step["contacts"]["base"]["error"]["normal_force"]["mesh"])
+    assert stated[0] > 0
+    assert stated[1] == pytest.approx(stated[0], rel=1e-6)
