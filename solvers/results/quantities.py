@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
 
 from stickslip.geometry.arrays import Array
-from stickslip.solvers.results.error_parts import Errors
+from stickslip.solvers.results.error_parts import Errors, Quantity, Value
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.quantities import CONTACT_NUMBERS, ENERGIES, STRESSES
@@ -42,14 +42,16 @@ def total_errors(step: StepResult, errors: Errors) -> dict[str, float]:
     """Total error of every number by the names that `values` has, and of moments; NaN: not known."""
     found: dict[str, float] = {}
     for key, value in quantities(step).items():
-        name = ".".join(filter(None, (f"{SINGULAR[key.kind]}{key.name}", key.quantity)))
         total = errors[key].total if key in errors else None
         parts = np.full(np.shape(value), np.nan if total is None else total)
-        axes: Iterable[str] = STRESSES if key.quantity == "stress" else "xyz"
-        if key.quantity == "moment" and not parts.shape:
-            parts, axes = parts[None], "z"
-        if parts.shape:
-            found |= {f"{name}.{axis}": float(part) for axis, part in zip(axes, parts, strict=False)}
-        else:
-            found[name] = float(parts)
+        found |= {name: float(parts if axis is None else parts[axis]) for name, axis in names_of(key, value)}
     return found
+
+
+def names_of(key: Quantity, value: Value) -> Sequence[tuple[str, int | None]]:
+    """Names of a number as `values` has them, and the component that each is; None: it has no components."""
+    whole = ".".join(filter(None, (f"{SINGULAR[key.kind]}{key.name}", key.quantity)))
+    if np.ndim(value) == 0:
+        return [(f"{whole}.z" if key.quantity == "moment" else whole, None)]
+    axes = [*STRESSES] if key.quantity == "stress" else [*"xyz"]
+    return [(f"{whole}.{axis}", i) for i, axis in enumerate(axes[: np.size(value)])]

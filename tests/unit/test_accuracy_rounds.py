@@ -10,6 +10,8 @@ from numpy.testing import assert_allclose
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.size_field import SizeField, adapted, volumes
 from stickslip.solvers.results.error_parts import ErrorParts, Quantity
+from stickslip.solvers.results.quantities import names_of
+from stickslip.solvers.scene.quantities import STRESSES
 from stickslip.solvers.simulation.simulation import Seconds, prepare
 from stickslip.workflows.accuracy.level import AIM, ALIKE, FINEST, GAIN, Level, Move, next_move
 from stickslip.workflows.accuracy.round import Round
@@ -116,6 +118,12 @@ def test_rounds_of_order_2_refine_the_contact(tmp_path: Path) -> None:
     assert rounds.done[-1].unknowns < 3400  # a fifth of what a mesh of one size needs
     exact = 1.4054e6  # converged figure of an independent program
     assert abs(content["steps"][-1]["contacts"]["base"]["tangential_force"] / exact - 1) < 0.001
+
+
+def test_stresses_at_probes_are_goals_by_component() -> None:
+    stress = Quantity("probes", "tip", "stress")
+    assert [name for name, _ in names_of(stress, np.zeros(6))] == [f"probe.tip.stress.{ij}" for ij in STRESSES]
+    assert names_of(Quantity("supports", "top", "moment"), 1.0) == [("support.top.moment.z", None)]
 
 
 def test_order_2_is_in_vain_where_it_comes_no_closer() -> None:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from stickslip.geometry.errors import SceneError
-from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Errors, Quantity, Value
+from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Errors, Value
 from stickslip.solvers.results.numbers import quantities
-from stickslip.solvers.results.quantities import SINGULAR, values
+from stickslip.solvers.results.quantities import names_of, values
 from stickslip.solvers.results.step_result import StepResult
 
-AXES = "xyz"
 LEAST = 1e-3  # of the largest number of its kind: a smaller one is not what a relative error is asked of
 
 
@@ -78,15 +77,6 @@ def standings(goals: Mapping[str, float], step: StepResult, errors: Errors) -> l
         rest = share["law"] + share["iteration"] + share["linear_solver"]
         found.append(Standing(name, asked, value, share["mesh"] + share["geometry"], share["time_step"], rest))
     return found
-
-
-def names_of(key: Quantity, value: Value) -> Sequence[tuple[str, int | None]]:
-    """Names of a number as `values` has them, and the component that each is."""
-    kind, name, quantity = key
-    whole = ".".join(filter(None, (f"{SINGULAR[kind]}{name}", quantity)))
-    if np.ndim(value) == 0:
-        return [(whole, None)]
-    return [(f"{whole}.{axis}", i) for i, axis in enumerate(AXES[: np.size(value)])]
 
 
 def _missing(parts: ErrorParts) -> str:

@@ -14,12 +14,11 @@ import numpy as np
 from stickslip.geometry.dolfinx_versions import form_cache
 from stickslip.geometry.errors import GeometryError, MachineError, SceneError, SolverError
 from stickslip.geometry.user_files.child import end_with
-from stickslip.solvers.results.quantities import values
+from stickslip.solvers.results.quantities import names_of, values
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import NoEquilibriumError
-from stickslip.workflows.accuracy.standing import names_of
 from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.scene_file.read import from_dict
 
