@@ -1,4 +1,4 @@
-"""How much memory a process may still take, by the machine, its control groups (cgroups) and its own limit."""
+"""How much memory a process has had, and may still take by the machine, its control groups and its own limit."""
 
 from __future__ import annotations
 
@@ -18,6 +18,12 @@ def available(root: Path = Path("/")) -> int:
         root: the folder that holds proc and sys.
     """
     return min((_of_machine(root), *_of_groups(root), _of_process(root)))
+
+
+def peak() -> float:
+    """The most that this process has had [bytes]; ru_maxrss would include what its parent held when it was started."""
+    lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+    return 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 
 
 def is_full(process: int) -> bool:

@@ -120,6 +120,20 @@ def test_rounds_of_order_2_refine_the_contact(tmp_path: Path) -> None:
     assert abs(content["steps"][-1]["contacts"]["base"]["tangential_force"] / exact - 1) < 0.001
 
 
+def test_rounds_end_before_memory_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stickslip.workflows.accuracy.rounds.available", lambda: 1_000_000)
+    scene = aiming(
+        read("raous", ["geometry.mesh_size=0.005", "output.pictures=false"]), ["base.normal_force=0.1%"], None
+    )
+    rounds = Rounds(scene, lambda line: None)
+    rounds._before -= 1e9  # as if the first round took so much
+    outcome, content = rounds(tmp_path / "out", Watch())
+    assert outcome.status == "inaccurate"
+    assert "the next round would take about" in outcome.sentence
+    assert len(rounds.done) == 1
+    assert content["steps"]
+
+
 def test_stresses_at_probes_are_goals_by_component() -> None:
     stress = Quantity("probes", "tip", "stress")
     assert [name for name, _ in names_of(stress, np.zeros(6))] == [f"probe.tip.stress.{ij}" for ij in STRESSES]

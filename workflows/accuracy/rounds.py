@@ -19,6 +19,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
+from stickslip.geometry.memory import available, peak
 from stickslip.geometry.protocols import Comm
 from stickslip.geometry.size_field import SizeField, adapted, volumes
 from stickslip.geometry.user_files.user_file import UserFile
@@ -47,6 +48,7 @@ log = logging.getLogger(__name__)
 LOCAL = ("max_pressure", "contact_area", "stick_area", "slip_area", "max_slip")  # decided near the contact
 COARSE = Move(0.5, 1)  # where a contact is too coarse for its errors to be known
 MOST = 12  # rounds
+LIBRARIES = 5e8  # bytes that the first round takes for libraries, on each rank
 ADAPTABLE = ("triangle", "tetrahedron")
 TOUCHING = {2: 4, 3: 9}  # nodes; with fewer nothing is known of a contact, its errors least of all
 RESOLVING = 3  # rounds at most that are there for that: a corner never touches with more
@@ -68,6 +70,7 @@ class Rounds:
         self._level = Level()
         self._kept: KeptRounds | None = None  # on rank 0
         self._stuck = ""  # why the mesh cannot be refined
+        self._before = peak()  # memory without any round [bytes]
 
     def __call__(self, folder: str | Path, watch: Watch, resume: bool = False) -> tuple[Outcome, dict[str, Any]]:
         """Run until the goals are reached or the budget is spent; results as `run` leaves them; collective.
@@ -230,8 +233,9 @@ class Rounds:
             near: whether the mesh is refined around the contacts first.
 
         Raises:
-            SceneError: the mesh cannot be refined.
+            SceneError: the mesh cannot be refined, or the next round does not fit into the memory.
         """
+        self._refuse_too_large(simulation.mesh.comm, move)
         level, tolerance = self._level, self._level.tolerance or self.scene.solver.tolerance
         if any(goal.rest > ITERATION * goal.asked for goal in goals):
             tolerance = max(tolerance / 100, SMALLEST)
@@ -244,6 +248,13 @@ class Rounds:
             return level
         self.scene.geometry.refuse_sizes(self.scene.request())
         return replace(level, sizes=self._sizes(simulation, steps, move, near))
+
+    def _refuse_too_large(self, comm: Comm, move: Move) -> None:
+        """Refuse a move to more unknowns than there is memory for, by what the rounds have taken; collective."""
+        taken = float(comm.allreduce(max(peak() - self._before - LIBRARIES, 0.0)))
+        needed, free = taken * move.cells(self.scene.dim), taken + comm.bcast(available())
+        if needed > free:
+            raise SceneError(f"the next round would take about {needed / 1e9:.1f} GB of memory, of {free / 1e9:.1f} GB")
 
     def _sizes(self, simulation: Simulation, steps: Sequence[StepResult], move: Move, near: bool) -> SizeField | None:
         """Sizes of the next mesh, on rank 0."""

@@ -16,6 +16,7 @@ from typing import Any
 from mpi4py import MPI
 
 from stickslip.geometry.errors import StickslipError
+from stickslip.geometry.memory import peak
 from stickslip.geometry.mesh.mesh import build_mesh
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.linear_reference import linear_reference
@@ -23,7 +24,6 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.system.system import assemble
-from stickslip.workflows.cost.child import peak_memory
 from stickslip.workflows.scene_file.read import read
 
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
@@ -110,10 +110,10 @@ def _solve(case: Case, only: str = "") -> dict[str, Any]:
         simulation = prepare(scene)
         system, prepared, counters = simulation.system, simulation.seconds.prepare, simulation.counters
         steps, status = _march(simulation)
-    memory = peak_memory() / GIGABYTE  # before the reference
+    memory = peak() / GIGABYTE  # before the reference
     reference = linear_reference(system, only)
     if case.method == REFERENCE:
-        memory = peak_memory() / GIGABYTE
+        memory = peak() / GIGABYTE
     return {
         "case": asdict(case),
         "status": status,

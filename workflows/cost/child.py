@@ -13,6 +13,7 @@ import numpy as np
 
 from stickslip.geometry.dolfinx_versions import form_cache
 from stickslip.geometry.errors import GeometryError, MachineError, SceneError, SolverError
+from stickslip.geometry.memory import peak
 from stickslip.geometry.user_files.child import end_with
 from stickslip.solvers.results.quantities import names_of, values
 from stickslip.solvers.results.step_result import StepResult
@@ -41,7 +42,7 @@ def solve(scene: Scene, time_steps: bool = False) -> dict[str, Any]:
         found = {"status": "out_of_memory" if "memory" in str(error) else "failed", "sentence": str(error)}
     except MemoryError:
         found = {"status": "out_of_memory", "sentence": "not enough memory"}
-    measured = {"memory": peak_memory(), "cpu": clock.process_time() - began, "compiled": forms() != before}
+    measured = {"memory": peak(), "cpu": clock.process_time() - began, "compiled": forms() != before}
     return measured | found
 
 
@@ -57,7 +58,7 @@ def _figures(scene: Scene, time_steps: bool) -> dict[str, Any]:
     found = {
         "status": "converged",
         "cpu": clock.process_time() - began,
-        "memory": peak_memory(),
+        "memory": peak(),
         "phases": dict(vars(simulation.seconds)),
         "dofs": simulation.system.constraints.free_total,
         "contact_points": sum(len(c.W_n) for c in simulation.system.contacts),
@@ -76,12 +77,6 @@ def _of_time_steps(simulation: Simulation, steps: Sequence[StepResult]) -> Itera
         if parts.time_step is not None:
             for name, axis in names_of(key, parts.time_step):
                 yield name, float(np.asarray(parts.time_step)[() if axis is None else axis])
-
-
-def peak_memory() -> float:
-    """Peak memory of this process [bytes]; ru_maxrss would include what its parent held when it was started."""
-    lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
-    return 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 
 
 def forms() -> int:
