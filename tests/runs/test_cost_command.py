@@ -41,7 +41,7 @@ def quick(scene: Scene, rung: Rung, seconds: float, stop: Any) -> Run:
 
 def test_two_meshes_are_compared_and_told(call: Call, folder: Path) -> None:
     """Level -4 of a 4 x 2 block is two cells: whatever the machine, two meshes of it fit."""
-    code, out, err = call(*SMALL, "--budget", "8", "--quantity", "base.normal_force", "--quantity", "energy.stored")
+    code, out, err = call(*SMALL, "--budget", "12", "--quantity", "base.normal_force", "--quantity", "energy.stored")
     assert code == 0, err
     done = content(folder / "out")
     said = out.strip().splitlines()[-2:]
