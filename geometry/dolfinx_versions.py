@@ -23,6 +23,7 @@ except RuntimeError:  # a user without name or home, as in containers; dolfinx a
 _flags, _words = sys.getdlopenflags(), sys.argv
 sys.argv = _words[:1]  # dolfinx takes words of the command line for its own, and refuses some characters
 
+import mpi4py.MPI  # noqa: F401, I001  first: it finds the libmpi of PyPI's wheels, which the next ones then share
 import basix
 import dolfinx
 import dolfinx.fem.petsc

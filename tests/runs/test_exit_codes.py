@@ -158,3 +158,13 @@ def test_too_little_memory_for_the_libraries_ends_in_one_line(kilobytes: int, fo
     assert (done.returncode, done.stdout) == (4, b"")
     (line,) = done.stderr.decode().splitlines()
     assert line.endswith("a library, a file or memory is missing (see ulimit -v)")
+
+
+def test_without_dolfinx_the_line_says_where_it_comes_from(folder: Path) -> None:
+    words = "import sys; sys.modules['dolfinx'] = None; from stickslip.workflows.commands.cli import main; main()"
+    environment = child_environment()
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", words, "plan", "block"], cwd=folder, env=environment, capture_output=True
+    )
+    (line,) = done.stderr.decode().splitlines()
+    assert (done.returncode, "pip install 'stickslip[wheels]'" in line) == (4, True)

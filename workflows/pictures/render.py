@@ -11,6 +11,7 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonCore import vtkLogger
+from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.workflows.formats.shapes import corner_cells
@@ -74,6 +75,15 @@ def grid_of(points: Array, cells: Ints, shape: str) -> pv.UnstructuredGrid:
     """Cells in dolfinx's order, points (n, 2 or 3), as a grid of VTK with straight sides."""
     corners, kind = corner_cells(shape, cells)
     return pv.UnstructuredGrid({kind: corners}, three(points))
+
+
+def surface_of(grid: pv.UnstructuredGrid) -> pv.PolyData:
+    """Outer faces of cells with all data; by VTK, since pyvista's own filter warns in one version and lacks in another
+    the argument that stops it."""
+    found = vtkDataSetSurfaceFilter()
+    found.SetInputData(grid)
+    found.Update()
+    return pv.wrap(found.GetOutput())
 
 
 def render(view: View, width: int, add: Callable[[Any], None]) -> Image:
