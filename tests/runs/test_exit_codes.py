@@ -168,3 +168,13 @@ def test_without_dolfinx_the_line_says_where_it_comes_from(folder: Path) -> None
     )
     (line,) = done.stderr.decode().splitlines()
     assert (done.returncode, "pip install 'stickslip[wheels]'" in line) == (4, True)
+
+
+def test_without_a_library_that_draws_the_results_stand(
+    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr("stickslip.workflows.pictures.render.OFF_SCREEN", ("libnothing.so.1",))
+    code, _, err = call("run", "block", "-q", "-o", "out", *COARSE, "--set=output.pictures=true")
+    assert (code, "no pictures could be drawn" in err, "libegl1" in err) == (0, True, True)
+    assert (folder / "out" / "result.json").exists()

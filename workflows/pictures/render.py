@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -20,6 +22,7 @@ from stickslip.workflows.formats.steps import three
 Image = NDArray[np.uint8]
 MARGIN = 0.04  # relative to the longer side of the view
 SHADED: dict[str, Any] = {"lighting": True, "ambient": 0.6, "diffuse": 0.45}  # edges show, colours stay near the bar's
+OFF_SCREEN = ("libEGL.so.1", "libOSMesa.so.8")  # VTK crashes where it finds none of them
 FLATTEST = 6.0  # largest ratio of the view's sides; slimmer bodies get empty space around them
 
 
@@ -87,7 +90,13 @@ def surface_of(grid: pv.UnstructuredGrid) -> pv.PolyData:
 
 
 def render(view: View, width: int, add: Callable[[Any], None]) -> Image:
-    """Draw what `add` puts on the stage, `width` pixels wide, on white."""
+    """Draw what `add` puts on the stage, `width` pixels wide, on white.
+
+    Raises:
+        RuntimeError: there is neither a display nor a library that draws without.
+    """
+    if not os.environ.get("DISPLAY") and not any(map(_loads, OFF_SCREEN)):
+        raise RuntimeError("without a display VTK needs a library: Debian's libegl1 or libosmesa6")
     window = (width, max(1, round(width / view.aspect)))
     with _quiet():
         stage: Any = pv.Plotter(off_screen=True, window_size=list(window), lighting="none")
@@ -100,6 +109,14 @@ def render(view: View, width: int, add: Callable[[Any], None]) -> Image:
             return np.asarray(stage.screenshot(return_img=True), np.uint8)
         finally:
             stage.close()
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
 
 
 def _aim(stage: Any, view: View) -> None:
