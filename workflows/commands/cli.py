@@ -23,8 +23,9 @@ from stickslip.geometry.errors import SceneError, StickslipError, shortened
 from stickslip.workflows.commands.process import STOPPED, STOPPING, leave_together, refused, speaks
 
 LONGEST = 280  # letters of a refusal
+WHEEL = f"stickslip-{VERSION}-py3-none-any.whl"  # as `make dist` builds it
 LIBRARIES = (
-    "dolfinx, gmsh and h5py come from Debian, from conda-forge, or by pip install 'stickslip[wheels]' "
+    f"dolfinx, gmsh and h5py come from Debian, from conda-forge, or by pip install '{WHEEL}[wheels]' "
     "(Linux on x86_64, Python 3.12 or later)"
 )
 
