@@ -2,7 +2,8 @@
 # make run       the first scene; its results are then in results/block
 # make lint      style, types, and bandit for what could be unsafe
 # make test      lint, and every test that is not slow
-# make verify    every test, then the verification problems
+# make verify    every test, the verification problems, then `make debian13`
+# make debian13  on another Debian, as root: Debian 13 in a root of its own; see tests/platforms/debian13.sh
 # make fuzz      inputs, files, environments, kills and tampering drawn by lot; N=20000: so many of each kind
 # make dist      a wheel and a source archive, in dist
 # make mutants   changes the code in small ways: does a test notice? ONLY="laws path": some modules of tests/mutation
@@ -11,7 +12,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .ONESHELL:
 .DEFAULT_GOAL := install
-.PHONY: install run lint test verify dist fuzz mutants again
+.PHONY: install run lint test verify debian13 dist fuzz mutants again
 
 PYTHON := /usr/bin/python3# Debian's own: its python3-* packages belong to no other
 WORKERS ?= 2
@@ -85,6 +86,10 @@ test: lint
 verify: install
 	.venv/bin/python -m pytest -n $(WORKERS)
 	.venv/bin/stickslip verify
+	tests/platforms/debian13.sh
+
+debian13: install
+	tests/platforms/debian13.sh
 
 N ?= 1000
 dist: install

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import sys
 from functools import reduce
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,8 @@ except RuntimeError:  # a user without name or home, as in containers; dolfinx a
 _flags, _words = sys.getdlopenflags(), sys.argv
 sys.argv = _words[:1]  # dolfinx takes words of the command line for its own, and refuses some characters
 
+if find_spec("dolfinx_solver"):  # PyPI's wheel of dolfinx: MPI is loaded first, and a second PETSc is refused
+    import dolfinx_solver  # noqa: F401
 import basix
 import dolfinx
 import dolfinx.fem.petsc

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import permutations
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -27,17 +27,19 @@ from stickslip.geometry.user_files.raw_mesh import RawMesh
 from stickslip.geometry.user_files.reader import Question, ask
 
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "km": 1e3, "in": 0.0254, "ft": 0.3048}
-PACKAGES = {Path("/usr/share/doc/gmsh-doc"): "gmsh-doc"}  # Debian packages with files that ready scenes use
-RENAMED = ("demos", "examples")  # gmsh-doc's folder in Debian 12 and 13
+DEBIAN = Path("/usr/share/doc/gmsh-doc/doc/gmsh")  # gmsh's own files, of which ready scenes use some
+WHEEL = Path(sys.prefix, "share/doc/gmsh")  # the same ones, not compressed, in gmsh from PyPI
+EXAMPLES = ("demos", "examples")  # their folder, older and newer
 WITH_PARAMETERS = ("geo", "py")  # kinds of file
 
 
 def installed(path: Path) -> Path:
-    """The path itself, or where the other version of its Debian package has that file."""
-    if not any(place in path.parents for place in PACKAGES) or path.exists():
+    """The path itself, or of a file of Debian's gmsh-doc, where another version or PyPI's gmsh has it."""
+    if DEBIAN not in path.parents or path.exists():
         return path
-    others = (Path(*(new if part == old else part for part in path.parts)) for old, new in permutations(RENAMED))
-    return next((other for other in others if other.exists()), path)
+    parts = path.relative_to(DEBIAN).parts[1:]
+    others = (Path(place, folder, *parts) for place in (DEBIAN, WHEEL) for folder in EXAMPLES)
+    return next((found for other in others for found in (other, other.with_suffix("")) if found.is_file()), path)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,8 +86,7 @@ class UserFile(Noun, Shape):
         path = Path(self.file)
         kind = kind_of(path)
         require(kind is not None, "file", self.file, f"unknown ending; expected one of {', '.join(KINDS)}")
-        package = [name for place, name in PACKAGES.items() if place in path.parents]
-        hint = f"; it is in Debian's package {package[0]}: apt-get install {package[0]}" if package else ""
+        hint = "; it is in Debian's package gmsh-doc: apt-get install gmsh-doc" if DEBIAN in path.parents else ""
         require(path.is_file(), "file", self.file, f"no such file{hint}")
         for key in ("mesh_size", "contact_mesh_size"):
             value = getattr(self, key)

@@ -158,3 +158,23 @@ def test_too_little_memory_for_the_libraries_ends_in_one_line(kilobytes: int, fo
     assert (done.returncode, done.stdout) == (4, b"")
     (line,) = done.stderr.decode().splitlines()
     assert line.endswith("a library, a file or memory is missing (see ulimit -v)")
+
+
+def test_without_dolfinx_the_line_says_where_it_comes_from(folder: Path) -> None:
+    words = "import sys; sys.modules['dolfinx'] = None; from stickslip.workflows.commands.cli import main; main()"
+    environment = child_environment()
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", words, "plan", "block"], cwd=folder, env=environment, capture_output=True
+    )
+    (line,) = done.stderr.decode().splitlines()
+    assert (done.returncode, "any.whl[wheels]'" in line) == (4, True)
+
+
+def test_without_a_library_that_draws_the_results_stand(
+    call: Call, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setattr("stickslip.workflows.pictures.render.OFF_SCREEN", ("libnothing.so.1",))
+    code, _, err = call("run", "block", "-q", "-o", "out", *COARSE, "--set=output.pictures=true")
+    assert (code, "no pictures could be drawn" in err, "libegl1" in err) == (0, True, True)
+    assert (folder / "out" / "result.json").exists()

@@ -12,6 +12,7 @@ from PIL import Image
 from shared.command import COARSE, Call, result
 from shared.drawn import draw, scene_data
 from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.geometry.user_files.user_file import DEBIAN
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.system.system import assemble
@@ -190,7 +191,7 @@ def test_cells_behind_curved_faces_keep_their_shape() -> None:
 
 
 def test_a_ready_part_that_is_not_there_says_how_to_get_it(call: Call) -> None:
-    code, _, err = call("mesh", "cad_part", "--set", "geometry.file=/usr/share/doc/gmsh-doc/nowhere/component8.step.gz")
+    code, _, err = call("mesh", "cad_part", "--set", f"geometry.file={DEBIAN}/nowhere/component8.step.gz")
     assert (code, err.count("\n")) == (2, 1)
     assert "no such file; it is in Debian's package gmsh-doc: apt-get install gmsh-doc" in err
 

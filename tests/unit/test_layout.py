@@ -94,10 +94,10 @@ def room_of(module: str) -> str:
     return ".".join(module.split(".")[:3])
 
 
-def floor_of(module: str) -> int:
-    """Number of the floor, from the ground up; a package itself, whose version others read, lies below its rooms."""
+def floor_of(module: str) -> float:
+    """Number of the floor, from the ground up; a package itself lies just below its rooms."""
     room = room_of(module)
-    return ROOMS.index(room) if room in ROOMS else -1
+    return ROOMS.index(room) if room in ROOMS else next(n for n, r in enumerate(ROOMS) if r.startswith(room)) - 0.5
 
 
 def arrows() -> dict[str, set[str]]:

@@ -3,6 +3,8 @@
 import re
 from pathlib import Path
 
+import pytest
+
 from stickslip.workflows.run.packages import packages
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -15,6 +17,14 @@ def test_what_the_numbers_depend_on_is_listed_with_debians_versions() -> None:
     assert found["numpy"] == "1.24.2"
     assert all(re.match(r"(\d+:)?\d+\.\d+", version) for version in found.values())
     assert not any(name.endswith(("-dev", "-doc")) for name in found)
+
+
+def test_where_dolfinx_is_a_wheel_debians_packages_are_no_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stickslip.workflows.run.packages.version", lambda name: f"1.0+{name}")
+    found = packages.__wrapped__()
+    assert found["dolfinx-solver-real"] == "1.0+dolfinx-solver-real"
+    assert {"gmsh", "h5py", "mpich", "numpy"} < set(found)
+    assert not any(name.startswith(("lib", "python3-")) for name in found)
 
 
 def test_every_package_of_pypi_is_pinned_with_a_hash() -> None:

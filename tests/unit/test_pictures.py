@@ -29,7 +29,7 @@ from stickslip.workflows.pictures.draw import _said, draw, draw_course
 from stickslip.workflows.pictures.focus import focus
 from stickslip.workflows.pictures.history_picture import draw_history, errors_of, most, panels_of
 from stickslip.workflows.pictures.loops import Panel, _draw, draw_loops, driving, from_rest, largest, sliding
-from stickslip.workflows.pictures.render import View, grid_of
+from stickslip.workflows.pictures.render import View, grid_of, surface_of
 from stickslip.workflows.pictures.sheet import Sheet
 from stickslip.workflows.writers.steps_table import StepsTable
 from stickslip.workflows.writers.writer import Job
@@ -283,7 +283,7 @@ def test_bodies_that_touch_are_not_drawn_into_each_other(gap: float, scale: floa
 @pytest.mark.parametrize("shape", ["tetrahedron", "hexahedron"])
 def test_only_sharp_edges_are_outlined_even_of_mirrored_cells(shape: str) -> None:
     mesh = block(shape)  # half of these tetrahedra are mirror images
-    outline = _outline(grid_of(mesh.points, mesh.cells, mesh.shape), solid=True)
+    outline = _outline(surface_of(grid_of(mesh.points, mesh.cells, mesh.shape)), solid=True)
     assert outline.compute_cell_sizes()["Length"].sum() == pytest.approx(4 * (2 + 1 + 1))
 
 

@@ -21,6 +21,7 @@ from stickslip.geometry.mesh.quality import worst_quality
 from stickslip.geometry.user_files.geo_script import parameter_names
 from stickslip.geometry.user_files.parts import find_parts
 from stickslip.geometry.user_files.raw_mesh import check_neighbours
+from stickslip.geometry.user_files.user_file import installed
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.workflows.run.result import scene_hash
@@ -410,3 +411,17 @@ def test_a_side_that_lies_inside_is_refused(tmp_path: Path) -> None:
     text = GEO.split("Physical")[0] + INSIDE
     with pytest.raises(GeometryError, match=r"side block\.top: edge 10 is not on the boundary of block"):
         from_dict(scene_data(write(tmp_path / "b.geo", text)))
+
+
+def test_gmshs_own_files_are_found_where_this_machine_has_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Debian 12, Debian 13, and gmsh from PyPI, whose files are not compressed."""
+    debian, wheel = tmp_path / "debian", tmp_path / "wheel"
+    monkeypatch.setattr("stickslip.geometry.user_files.user_file.DEBIAN", debian)
+    monkeypatch.setattr("stickslip.geometry.user_files.user_file.WHEEL", wheel)
+    named = debian / "demos/boolean/part.step.gz"
+    assert installed(named) == named
+    for place in (wheel / "examples/boolean/part.step", debian / "examples/boolean/part.step.gz", named):
+        place.parent.mkdir(parents=True)
+        place.touch()
+        assert installed(named) == place
+    assert installed(tmp_path / "demos/part.step.gz") == tmp_path / "demos/part.step.gz"

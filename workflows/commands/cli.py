@@ -23,6 +23,11 @@ from stickslip.geometry.errors import SceneError, StickslipError, shortened
 from stickslip.workflows.commands.process import STOPPED, STOPPING, leave_together, refused, speaks
 
 LONGEST = 280  # letters of a refusal
+WHEEL = f"stickslip-{VERSION}-py3-none-any.whl"  # as `make dist` builds it
+LIBRARIES = (
+    f"dolfinx, gmsh and h5py come from Debian, from conda-forge, or by pip install '{WHEEL}[wheels]' "
+    "(Linux on x86_64, Python 3.12 or later)"
+)
 
 app = typer.Typer(
     help="Frictional contact between elastic bodies in FEniCSx.",
@@ -305,6 +310,8 @@ def guarded(act: Callable[[], object]) -> int:
         return _say("interrupted", STOPPED)
     except BrokenPipeError:
         raise
+    except ModuleNotFoundError as error:
+        return _say(f"{error}; {LIBRARIES}", 4)
     except (ImportError, OSError) as error:
         if isinstance(error, ImportError) or error.errno is None:  # a library that does not fit under `ulimit -v`
             return _say(f"{shortened(error, 200)}; a library, a file or memory is missing (see ulimit -v)", 4)

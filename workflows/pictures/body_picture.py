@@ -13,7 +13,7 @@ from matplotlib.colors import LogNorm, Normalize
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.results.step_result import OPEN, MeshData, StepResult
 from stickslip.workflows.formats.steps import StoredStep, three
-from stickslip.workflows.pictures.render import SHADED, View, grid_of, render
+from stickslip.workflows.pictures.render import SHADED, View, grid_of, render, surface_of
 from stickslip.workflows.pictures.sheet import COLOURS, DPI, LINE, Sheet, decades, show_image, span
 
 VISIBLE = (0.02, 0.2)  # relative to the size of the bodies: displacements in this range are drawn to scale
@@ -82,11 +82,10 @@ def body_on_stage(mesh: MeshData, moved: Array, values: Array, norm: Normalize) 
         norm: range of the colours [Pa].
     """
     solid = mesh.points.shape[1] == 3
-    before = grid_of(mesh.points, mesh.cells, mesh.shape)
-    before.cell_data["values"] = np.maximum(values, float(norm.vmin or 0.0)) if isinstance(norm, LogNorm) else values
-    before.point_data["moved"] = moved
-    if solid:  # only the surface is visible
-        before = before.extract_surface()
+    cells = grid_of(mesh.points, mesh.cells, mesh.shape)
+    cells.cell_data["values"] = np.maximum(values, float(norm.vmin or 0.0)) if isinstance(norm, LogNorm) else values
+    cells.point_data["moved"] = moved
+    before = surface_of(cells) if solid else cells  # only the surface is visible
     after = before.copy()
     after.points = after.point_data["moved"]
 
@@ -135,7 +134,7 @@ def displacement_scale(mesh: MeshData, result: StepResult | StoredStep) -> float
 def _outline(grid: Any, solid: bool) -> Any:
     """Border of a plane body, or sharp edges of a solid."""
     if solid:  # cells may be mirror images: normals are made consistent before angles are measured
-        grid = grid.extract_surface().compute_normals(point_normals=False, consistent_normals=True)
+        grid = grid.compute_normals(point_normals=False, consistent_normals=True)
     return grid.extract_feature_edges(
         feature_angle=30.0,
         boundary_edges=not solid,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,6 +13,7 @@ import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
 from vtkmodules.vtkCommonCore import vtkLogger
+from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
 
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.workflows.formats.shapes import corner_cells
@@ -19,6 +22,7 @@ from stickslip.workflows.formats.steps import three
 Image = NDArray[np.uint8]
 MARGIN = 0.04  # relative to the longer side of the view
 SHADED: dict[str, Any] = {"lighting": True, "ambient": 0.6, "diffuse": 0.45}  # edges show, colours stay near the bar's
+OFF_SCREEN = ("libEGL.so.1", "libOSMesa.so.8")  # VTK crashes where it finds none of them
 FLATTEST = 6.0  # largest ratio of the view's sides; slimmer bodies get empty space around them
 
 
@@ -76,8 +80,23 @@ def grid_of(points: Array, cells: Ints, shape: str) -> pv.UnstructuredGrid:
     return pv.UnstructuredGrid({kind: corners}, three(points))
 
 
+def surface_of(grid: pv.UnstructuredGrid) -> pv.PolyData:
+    """Outer faces of cells with all data; by VTK, since pyvista's own filter warns in one version and lacks in another
+    the argument that stops it."""
+    found = vtkDataSetSurfaceFilter()
+    found.SetInputData(grid)
+    found.Update()
+    return pv.wrap(found.GetOutput())
+
+
 def render(view: View, width: int, add: Callable[[Any], None]) -> Image:
-    """Draw what `add` puts on the stage, `width` pixels wide, on white."""
+    """Draw what `add` puts on the stage, `width` pixels wide, on white.
+
+    Raises:
+        RuntimeError: there is neither a display nor a library that draws without.
+    """
+    if not os.environ.get("DISPLAY") and not any(map(_loads, OFF_SCREEN)):
+        raise RuntimeError("without a display VTK needs a library: Debian's libegl1 or libosmesa6")
     window = (width, max(1, round(width / view.aspect)))
     with _quiet():
         stage: Any = pv.Plotter(off_screen=True, window_size=list(window), lighting="none")
@@ -90,6 +109,14 @@ def render(view: View, width: int, add: Callable[[Any], None]) -> Image:
             return np.asarray(stage.screenshot(return_img=True), np.uint8)
         finally:
             stage.close()
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
 
 
 def _aim(stage: Any, view: View) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -13,17 +14,16 @@ DEBIAN = re.compile(  # the rest of a name is the version of the library's inter
     r"hdf5-openmpi-|seccomp)[0-9.t-]*|python3-(dolfinx-real|ffcx|ufl|gmsh|petsc4py-real|scipy|h5py-mpi|seccomp)"
 )
 PYPI = ("numpy", "pydantic")
+WHEEL = "dolfinx-solver-real"  # PETSc, SLEPc, MUMPS, OpenBLAS and HDF5 are in it
+BESIDE_WHEEL = ("fenics-ffcx", "fenics-ufl", "gmsh", "h5py", "mpi4py", "mpich", "scipy")
 
 
 @cache
 def packages() -> dict[str, str]:
-    """Version of each package by name; without Debian's on a machine that has no dpkg."""
-    found: dict[str, str] = {}
-    for name in PYPI:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
+    """Version of each package by name: PyPI's alone where dolfinx is a wheel, else Debian's too where there is dpkg."""
+    found = _of_pypi(*PYPI, WHEEL)
+    if WHEEL in found:
+        return dict(sorted((found | _of_pypi(*BESIDE_WHEEL)).items()))
     try:
         text = DPKG.read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -33,3 +33,11 @@ def packages() -> dict[str, str]:
         if DEBIAN.fullmatch(fields.get("Package", "")) and fields.get("Status", "").endswith(" installed"):
             found[fields["Package"]] = fields["Version"]
     return dict(sorted(found.items()))
+
+
+def _of_pypi(*names: str) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for name in names:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
