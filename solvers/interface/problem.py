@@ -65,6 +65,11 @@ class SurfaceProblem:
         area = sum(float(c.node_weights.sum()) for c in self.cone.contacts)
         return self.force / area if area else 0.0
 
+    @property
+    def carried_along(self) -> float:
+        """Largest prescribed motion of a row [m]: floating bodies follow it, without force but for rounding."""
+        return float(np.abs(self.offset - self.gap).max(initial=0.0))
+
     def _closing(self, u_n: Array) -> float:
         """Largest entry of u_n (normal rows,) [m] that contact resists: closing, and opening where it also pulls."""
         pulls = np.concatenate(
@@ -132,14 +137,18 @@ class SurfaceProblem:
         return max(float(np.abs(p).max(initial=0.0)), LEAST * self.p_ref)
 
     def imbalance(self, p: Array) -> float:
-        """Forces R^T (f - B^T p) out of balance on the rigid modes, relative to all forces on them; 0 without modes."""
+        """Forces R^T (f - B^T p) out of balance on the rigid modes, relative to all forces on them; 0 without modes.
+
+        What the last digits of a common motion decide is in balance.
+        """
         surface = self.surface
         if not surface.floating:
             return 0.0
         forces, least = surface.forces(p), np.abs(surface.forces(np.full(len(p), LEAST * self.p_ref)))
         work = np.abs(surface.R).T @ np.maximum(np.abs(forces), least)  # larger than that of any p that balances
         scale = max(float(work.sum()), float(np.abs(self.load.resultant).sum()))
-        return float(np.abs(self.load.resultant - surface.R.T @ forces).sum() / scale) if scale else 0.0
+        left = float(np.abs(self.load.resultant - surface.R.T @ forces).sum())
+        return max(left - LAST_DIGITS * surface.total * self.carried_along, 0.0) / scale if scale else 0.0
 
     def natural_residual(self, p: Array, w: Array) -> float:
         """Largest `defect` relative to the largest traction; collective.
