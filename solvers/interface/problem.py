@@ -65,11 +65,6 @@ class SurfaceProblem:
         area = sum(float(c.node_weights.sum()) for c in self.cone.contacts)
         return self.force / area if area else 0.0
 
-    @property
-    def carried_along(self) -> float:
-        """Largest prescribed motion of a row [m]: floating bodies follow it, without force but for rounding."""
-        return float(np.abs(self.offset - self.gap).max(initial=0.0))
-
     def _closing(self, u_n: Array) -> float:
         """Largest entry of u_n (normal rows,) [m] that contact resists: closing, and opening where it also pulls."""
         pulls = np.concatenate(
@@ -148,7 +143,8 @@ class SurfaceProblem:
         work = np.abs(surface.R).T @ np.maximum(np.abs(forces), least)  # larger than that of any p that balances
         scale = max(float(work.sum()), float(np.abs(self.load.resultant).sum()))
         left = float(np.abs(self.load.resultant - surface.R.T @ forces).sum())
-        return max(left - LAST_DIGITS * surface.total * self.carried_along, 0.0) / scale if scale else 0.0
+        carried_along = float(np.abs(self.offset - self.gap)[p != 0].max(initial=0.0))
+        return max(left - LAST_DIGITS * surface.total * carried_along, 0.0) / scale if scale else 0.0
 
     def natural_residual(self, p: Array, w: Array) -> float:
         """Largest `defect` relative to the largest traction; collective.

@@ -42,7 +42,8 @@ def solve(laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
     p, u_c = by_tractions(laws, surface) if bodies is None or few else by_motion(laws, bodies)
     load, held = problem.load.f_c, surface.forces(p)
     allowed = BALANCE * (np.abs(load).sum() + np.abs(held).sum())
-    allowed += ROUNDING * surface.total * problem.carried_along
+    carried_along = np.abs(problem.offset - problem.gap).max(initial=0.0)
+    allowed += ROUNDING * surface.total * carried_along  # a common motion causes no force but rounding
     if np.abs(surface.R.T @ (load - held)).sum() > allowed:
         raise np.linalg.LinAlgError("the system is singular: some rigid motion is not held")
     return p, u_c
