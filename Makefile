@@ -77,7 +77,8 @@ run: install
 lint: install
 	.venv/bin/ruff check
 	.venv/bin/ruff format --check
-	.venv/bin/mypy $(SOURCES)
+	if [[ $$(.venv/bin/python -c 'import numpy; print(numpy.__version__)') = 1.* ]]; then .venv/bin/mypy $(SOURCES)
+	else echo 'make lint: mypy is left out, for numpy 2 has other types than the numpy 1 of Debian 12'; fi
 	.venv/bin/bandit -q -r -c pyproject.toml geometry solvers workflows stickslip
 
 test: lint

@@ -199,6 +199,7 @@ def assemble_matrix(form: CompiledForm) -> Mat:
     """PETSc matrix of a compiled bilinear form, without boundary conditions; collective."""
     matrix: Mat = fem.petsc.assemble_matrix(form)
     matrix.assemble()
+    matrix.setAttr("form", form)  # keeps the mesh: PETSc 3.22 makes the vectors of a matrix on the mesh's communicator
     return matrix
 
 

@@ -201,6 +201,8 @@ def _answer_or_why_not(question: Question, folder: Path) -> Outline | RawMesh | 
     except MemoryError:
         return NO_MEMORY
     except Exception as error:
+        if isinstance(error, ImportError | OSError) and is_full(os.getpid()):  # gmsh's own libraries do not fit
+            return NO_MEMORY
         if type(error) is not Exception:  # gmsh raises bare Exception
             return f"reading it fails: {type(error).__name__}: {error}"
         if not str(error):  # gmsh has caught an error of C++ that is none of its own

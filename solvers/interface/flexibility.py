@@ -52,6 +52,7 @@ class DelassusOperator(ABC):
 
     rho: float  # [N/m]
     exact: bool = False  # volume solves are right to rounding, for every `error`
+    total: float = 0.0  # [N/m] sum of the magnitudes of the entries of S, if it is formed: scale of rounding of forces
     linear_error: float = 0.0  # of the displacement last recovered: relative, in energy norm; zero: rounding only
 
     def __init__(self, *, N: Sparse, W: Array, R: Array, normal_rows: int, driven: int, counters: Counters) -> None:

@@ -132,14 +132,19 @@ class SurfaceProblem:
         return max(float(np.abs(p).max(initial=0.0)), LEAST * self.p_ref)
 
     def imbalance(self, p: Array) -> float:
-        """Forces R^T (f - B^T p) out of balance on the rigid modes, relative to all forces on them; 0 without modes."""
+        """Forces R^T (f - B^T p) out of balance on the rigid modes, relative to all forces on them; 0 without modes.
+
+        What the last digits of a common motion decide is in balance.
+        """
         surface = self.surface
         if not surface.floating:
             return 0.0
         forces, least = surface.forces(p), np.abs(surface.forces(np.full(len(p), LEAST * self.p_ref)))
         work = np.abs(surface.R).T @ np.maximum(np.abs(forces), least)  # larger than that of any p that balances
         scale = max(float(work.sum()), float(np.abs(self.load.resultant).sum()))
-        return float(np.abs(self.load.resultant - surface.R.T @ forces).sum() / scale) if scale else 0.0
+        left = float(np.abs(self.load.resultant - surface.R.T @ forces).sum())
+        carried_along = float(np.abs(self.offset - self.gap)[p != 0].max(initial=0.0))
+        return max(left - LAST_DIGITS * surface.total * carried_along, 0.0) / scale if scale else 0.0
 
     def natural_residual(self, p: Array, w: Array) -> float:
         """Largest `defect` relative to the largest traction; collective.

@@ -6,7 +6,6 @@ S is the discrete Steklov-Poincaré operator; its inverse gives the Delassus ope
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -91,6 +90,7 @@ class CondensedSurface(DelassusOperator):
         super().__init__(N=N, W=W, R=R, normal_rows=normal_rows, driven=driven, counters=volume.counters)
         self.volume = volume
         self.S = block_diag(volume.S, np.zeros((driven, driven))) if driven else volume.S
+        self.total = float(np.abs(self.S).sum())
         self.rho = float(np.trace(self.S) / max(len(self.S), 1))
         self._condensed = MemoisedMap(volume.condense, len(volume.S))
         self._forces = 0  # number of forces whose displacement was asked for
@@ -104,11 +104,6 @@ class CondensedSurface(DelassusOperator):
             self._dense["held"] = self.factor(None)
         factor: CholeskyFactor = self._dense["held"]
         return factor
-
-    @cached_property
-    def total(self) -> float:
-        """Sum of the magnitudes of the entries of S [N/m]: the scale of rounding of forces per metre moved."""
-        return float(np.abs(self.S).sum())
 
     @property
     def flexibility(self) -> Array:

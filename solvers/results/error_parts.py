@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import reduce
+from operator import add
 from typing import NamedTuple
 
 from stickslip.geometry.arrays import Array
@@ -46,7 +48,8 @@ class ErrorParts:
     def total(self) -> Value | None:
         """Sum of all parts; None if one of them is not computed."""
         parts = [getattr(self, name) for name in PARTS]
-        return None if any(part is None for part in parts) else sum(parts[1:], start=parts[0])
+        # not sum(): from Python 3.12 on it rounds floats, which a resumed run reads, otherwise than numpy's numbers
+        return None if any(part is None for part in parts) else reduce(add, parts)
 
     def joined(self, other: ErrorParts) -> ErrorParts:
         """The parts of both; where both have one, that of `other`."""

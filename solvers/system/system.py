@@ -41,6 +41,7 @@ def free_stiffness(K: Mat, T: Mat, constraints: Constraints) -> Mat:
         stiffness, free = K.copy(), K.getDiagonal()
         free.array[own - low] = 0.0
         stiffness.zeroRowsColumns(own, diag=free.sum() / constraints.free_total)
+        stiffness.setAttr("form", K.getAttr("form"))  # a copy shares the layout, which needs the mesh
         return stiffness
     stiffness = K.PtAP(T)
     mean = stiffness.getDiagonal().sum() / constraints.free_total

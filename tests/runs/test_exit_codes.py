@@ -150,14 +150,34 @@ def test_program_error_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
         guarded(lambda: app(["plan", "block"], standalone_mode=False))
 
 
-@pytest.mark.parametrize("kilobytes", [200_000, 700_000])
+@pytest.mark.parametrize("kilobytes", [200_000, 500_000, 700_000, 999_999])
 def test_too_little_memory_for_the_libraries_ends_in_one_line(kilobytes: int, folder: Path) -> None:
     """`ulimit -v`, as batch queues set it."""
-    words = f"ulimit -v {kilobytes}; exec {sys.executable} -P -m stickslip.workflows.commands.cli plan block --mesh"
+    words = f"ulimit -v {kilobytes}; exec {sys.executable} -P -m stickslip plan block --mesh"
     done = subprocess.run(["bash", "-c", words], cwd=folder, env=child_environment(), capture_output=True, timeout=100)
     assert (done.returncode, done.stdout) == (4, b"")
     (line,) = done.stderr.decode().splitlines()
-    assert line.endswith("a library, a file or memory is missing (see ulimit -v)")
+    assert line == f"stickslip: ulimit -v {kilobytes}: too little memory, the libraries alone take nearly 1000000 kB"
+
+
+def test_library_that_cannot_be_loaded_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As the dynamic loader says it: without a number."""
+
+    def wrong(*arguments: object) -> None:
+        raise OSError("libmumps.so: failed to map segment from shared object")
+
+    monkeypatch.setattr("stickslip.workflows.scene_file.read.read", wrong)
+    assert guarded(lambda: app(["plan", "block"], standalone_mode=False)) == 4
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith("shared object; a library, a file or memory is missing (see ulimit -v)")
+
+
+def test_with_just_enough_memory_a_scene_is_meshed(folder: Path) -> None:
+    words = f"ulimit -v 1000000; exec {sys.executable} -P -m stickslip plan block --mesh"
+    done = subprocess.run(["bash", "-c", words], cwd=folder, env=child_environment(), capture_output=True, timeout=100)
+    assert (done.returncode, done.stderr) == (0, b"")
 
 
 def test_without_dolfinx_the_line_says_where_it_comes_from(folder: Path) -> None:

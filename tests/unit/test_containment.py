@@ -95,7 +95,8 @@ def test_a_script_starts_nothing_and_writes_nothing(name: str, folder: Path) -> 
     says = use(script)
     assert "\n" not in says
     assert len(says) < 300
-    assert says or name in ("CreateDir", "ExternalProcess")  # of these gmsh says nothing
+    # of these gmsh says nothing; the last one newer versions skip to its end
+    assert says or name in ("CreateDir", "ExternalProcess", "in a skipped block")
 
 
 @pytest.mark.parametrize("name", DISGUISED)

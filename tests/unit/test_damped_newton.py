@@ -316,7 +316,7 @@ def test_a_single_closed_point_holds_a_body_by_the_proximal_term(weight: float, 
     p_hat[floating.surface.normal_rows :] = 0.0
     laws = linearise(floating, p_hat, floating.gamma)
     before = 0.01 * np.random.default_rng(0).normal(size=floating.surface.size)
-    with pytest.raises(np.linalg.LinAlgError, match="not held"):
+    with pytest.raises(np.linalg.LinAlgError, match=r"[Ss]ingular"):  # numpy says so of a pivot that is exactly zero
         condensed_system.solve(laws, before)
     near = laws.proximal(np.zeros(len(p_hat)), weight)
     p, u_c = condensed_system.solve(near, before)

@@ -387,7 +387,7 @@ def test_a_level_between_is_put_in_where_newton_stalls(
     simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With levels that are too far apart; without the ones between, the step is halved."""
-    scene = read("block", ["geometry.mesh_size=0.4", "geometry.contact_mesh_size=0.2"])
+    scene = read("block", ["geometry.cells=tensor", "geometry.mesh_size=0.2", "geometry.contact_mesh_size=0.1"])
     scene = replace(scene, solver=Solver(method="perturbed-lagrangian", augment=False, tolerance=1e-11))
     monkeypatch.setattr(module, "FACTOR", 1e3)
     assert [step.substeps for step in simulation_of(scene).steps()] == [1, 1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import resource
 import signal
 import sys
 from contextlib import suppress
@@ -12,6 +13,8 @@ from typing import NoReturn
 
 from stickslip.workflows.commands.process import STOPPED, STOPPING, speaks
 
+LIBRARIES = 1_000_000  # kB; where less is allowed, OpenBLAS may ask for its memory for ever
+
 
 def main() -> None:
     """Entry point of the console script."""
@@ -19,6 +22,9 @@ def main() -> None:
         if signal.getsignal(number) is not signal.SIG_IGN:  # nohup, or a shell's background
             signal.signal(number, _stop)
     _open_streams()
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if 0 <= limit < 1024 * LIBRARIES:
+        _end(f"ulimit -v {limit // 1024}: too little memory, the libraries alone take nearly {LIBRARIES} kB")
     try:
         os.getcwd()
     except OSError as error:

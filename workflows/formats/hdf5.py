@@ -54,9 +54,9 @@ def write_arrays(path: Path, arrays: Mapping[str, AnyArray], numbers: Numbers) -
             file[name] = array
         file.attrs.update(numbers)
         file.attrs["checksum"] = total
-    rest = content.getbuffer()[USER_BLOCK:]
-    line = LINE.format(bytes=hashlib.sha256(rest).hexdigest(), arrays=total)
-    write_aside(path, line.encode().ljust(USER_BLOCK, b"\0"), rest)
+    with content.getbuffer() as whole, whole[USER_BLOCK:] as rest:
+        line = LINE.format(bytes=hashlib.sha256(rest).hexdigest(), arrays=total)
+        write_aside(path, line.encode().ljust(USER_BLOCK, b"\0"), rest)
 
 
 def read_arrays(path: Path) -> tuple[dict[str, AnyArray], dict[str, float | int]]:
