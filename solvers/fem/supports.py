@@ -41,7 +41,10 @@ def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: 
         for axis in support.displacement:
             directions = normals if axis == "normal" else np.eye(mesh.dim)[[AXES[axis]]]
             drive = Place("supports", name, "displacement", axis)
-            alike = [Row(direction, drive, name) for direction in directions]
+            if drive in problem.timeline.expressions:
+                alike = [Row(directions[i % len(directions)], drive, name, point) for i, point in enumerate(x)]
+            else:
+                alike = [Row(direction, drive, name) for direction in directions]
             for i, node in enumerate(where.tolist()):
                 rows.setdefault(root.get(node, node), []).append(alike[i % len(alike)])
     if mesh.axisymmetric:

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.expression import Varying, check_varying
 from stickslip.geometry.keys import Key, Noun
 
 
@@ -16,8 +17,8 @@ class Load(Noun):
     """Exactly one of traction, pressure, force."""
 
     boundary: Annotated[str, Key("-", "side, as body.side")]
-    traction: Annotated[tuple[Amplitude, ...] | None, Key("Pa", "force per area, by component")] = None
-    pressure: Annotated[Amplitude | None, Key("Pa", "positive pushes inward")] = None
+    traction: Annotated[tuple[Varying, ...] | None, Key("Pa", "force per area, by component")] = None
+    pressure: Annotated[Varying | None, Key("Pa", "positive pushes inward")] = None
     force: Annotated[tuple[Amplitude, ...] | None, Key("N", "resultant, spread evenly; per metre in plane models")] = (
         None
     )
@@ -29,10 +30,10 @@ class Load(Noun):
                 f"{' / '.join(given) or 'traction / pressure / force'}: exactly one of the three is needed"
             )
         for amplitude in self.amplitudes():
-            check(amplitude, given[0])
+            check_varying(amplitude, given[0])
 
-    def amplitudes(self) -> tuple[Amplitude, ...]:
-        """Values in time of the pressure, or of each component of traction or force."""
+    def amplitudes(self) -> tuple[Varying, ...]:
+        """Values of the pressure, or of each component of traction or force."""
         if self.pressure is not None:
             return (self.pressure,)
         return self.traction or self.force or ()
@@ -45,7 +46,7 @@ Direction = Literal["x", "y", "z", "normal"]
 class Support(Noun):
     """Prescribed displacement; components that are not named stay free."""
 
-    displacement: Annotated[Mapping[Direction, Amplitude], Key("m", "by component x, y, z or normal (outward)")]
+    displacement: Annotated[Mapping[Direction, Varying], Key("m", "by component x, y, z or normal (outward)")]
     boundary: Annotated[str | None, Key("-", "side, as body.side")] = None
     point: Annotated[tuple[float, ...] | None, Key("m", "a mesh vertex lies here; instead of boundary")] = None
 
@@ -54,7 +55,7 @@ class Support(Noun):
             raise SceneError("boundary / point: a support needs exactly one of the two")
         require(len(self.displacement) > 0, "displacement", "{}", "name at least one of x, y, z, normal")
         for axis, amplitude in self.displacement.items():
-            check(amplitude, f"displacement.{axis}")
+            check_varying(amplitude, f"displacement.{axis}")
         if self.point is not None:
             require(
                 "normal" not in self.displacement, "displacement.normal", "given", "a point has no normal; use x, y, z"

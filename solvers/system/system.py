@@ -26,7 +26,8 @@ from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.scene.problem import Problem
-from stickslip.solvers.scene.timeline import Course, Drive
+from stickslip.solvers.scene.timeline import Course
+from stickslip.solvers.system.applied_loads import AppliedLoads
 from stickslip.solvers.system.contact_interface import ContactInterface, components
 from stickslip.solvers.system.initial_strain import InitialStrains
 from stickslip.solvers.system.obstacles import Obstacles
@@ -66,7 +67,7 @@ class System:
     contacts: tuple[ContactRows, ...]
     assembled: Callable[[], Mat]  # assembles K at the first call
     T: Mat  # (all, all), columns of eliminated entries are zero
-    load_terms: tuple[tuple[Drive, Vec], ...]  # value in time, and PETSc vector at value 1 [N]
+    loads: AppliedLoads
     initial: InitialStrains
 
     @property
@@ -91,8 +92,7 @@ class System:
     def load(self, time: float) -> Vec:
         """External forces at a time [s], without reactions and initial strains, over all displacements [N]."""
         total = self.vector()
-        for drive, vector in self.load_terms:
-            total.axpy(self.course.value(drive, time), vector)
+        self.loads.add_to(total, self.course, time)
         return total
 
     def prescribed(self, time: float) -> Vec:
@@ -210,6 +210,12 @@ def inner_forces(problem: Problem, weak: WeakForms, u: UflExpr | None = None) ->
     return form
 
 
+def applied_loads(problem: Problem, weak: WeakForms) -> AppliedLoads:
+    """The loads of the scene and of all active effects; collective."""
+    of_effects = (term for effect in active(problem) for term in effect.loads(problem, weak))
+    return AppliedLoads(weak, [*weak.loads(), *of_effects])
+
+
 def _initial_strains(problem: Problem, weak: WeakForms) -> InitialStrains:
     """Assemble the initial strains of all active effects; collective."""
     strains = tuple(strain for effect in active(problem) for strain in effect.initial_strains(problem))
@@ -239,7 +245,6 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
         raise SceneError("supports: prescribe every displacement of the mesh; nothing is left to solve")
     for time in problem.timeline.times:
         constraints.prescribed(time)  # refuses supports that contradict each other, before any solve
-    loads = weak.loads() + [term for effect in active(problem) for term in effect.loads(problem, weak)]
     contacts = contact_rows(problem, mesh, space, nodes, constraints)
     counters.searches += sum(1 for c in contacts if c.master)
     return System(
@@ -253,6 +258,6 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
         contacts=contacts,
         assembled=cache(lambda: dx.assemble_matrix(weak.compile(inner_forces(problem, weak)))),
         T=constraints.transformation(mesh.comm),
-        load_terms=tuple((term.drive, dx.assemble_vector(weak.compile(term.form))) for term in loads),
+        loads=applied_loads(problem, weak),
         initial=_initial_strains(problem, weak),
     )

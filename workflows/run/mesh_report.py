@@ -122,9 +122,10 @@ def can_touch(scene: Scene, gap: Any, size: float) -> Any:
         size: of the bodies [m].
     """
     end = scene.steps.end
-    moved = [a for support in scene.supports.values() for a in support.displacement.values()]
-    moved += [a for obstacle in scene.obstacles.values() for a in obstacle.displacement.values()]
+    moved = [a for place, a in scene.drives().items() if place.quantity == "displacement"]
+    of_place = [place for place in scene.expressions() if place.quantity == "displacement"]
     reach = float(np.sum([_largest(a, end) for a in moved]))
+    reach += sum(float(np.abs([scene.sampled(p, t) for t in scene.requested_times()]).max()) for p in of_place)
     turned = [_largest(o.rotation.angle, end) for o in scene.obstacles.values() if o.rotation is not None]
     reach += size * float(np.sum(turned))
     forced = bool(scene.loads) or "gravity" in scene.sections or any(o.driven() for o in scene.obstacles.values())
