@@ -56,6 +56,11 @@ class Effect(ABC):
         """Whether the effect adds stiffness: a rigid motion of the bodies is then no longer free of force."""
         return type(self).stiffness is not Effect.stiffness
 
+    @property
+    def acts(self) -> bool:
+        """Whether the effect can move bodies: it adds loads or initial strains."""
+        return type(self).loads is not Effect.loads or type(self).initial_strains is not Effect.initial_strains
+
     def columns(self, problem: Problem, timeline: Timeline, time: float) -> Mapping[str, float]:
         """Numbers for steps.csv at a reported time [s], by name; the table's values in time are listed without this."""
         return {}

@@ -213,6 +213,13 @@ class WeakForms:
         form = value * density * measure(2 * self.mesh.degree + SMOOTH)
         return LoadTerm(drive=place, form=form, clock=clock if expression.in_time else None)
 
+    def linear(self, matrix: Array, shift: Array) -> UflExpr:
+        """(matrix x + shift) . v, x the coordinates (d,) [m]."""
+        x, rows = ufl.SpatialCoordinate(self.mesh.domain), range(self.mesh.dim)
+        field = [sum(self.constant(matrix[i, j]) * x[j] for j in rows) + self.constant(shift[i]) for i in rows]
+        found: UflExpr = sum(field[i] * self.v[i] for i in rows)
+        return found
+
     def field(self, components: Field) -> UflExpr:
         """A vector field given as a function of the coordinates."""
         x = ufl.SpatialCoordinate(self.mesh.domain)

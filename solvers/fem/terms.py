@@ -15,6 +15,7 @@ class LoadTerm:
 
     drive: Drive
     form: UflForm
+    power: int = 1  # of the value in time
     clock: Constant | None = None  # t [s] in the form, of an expression that changes in time: assembled at each time
 
 

@@ -24,7 +24,7 @@ class AppliedLoads:
             SceneError: an expression has no finite value, at a requested time if it changes in time.
         """
         forms = [(term, weak.compile(term.form)) for term in terms]
-        self._fixed = [(term.drive, _assembled(term, form, 0.0)) for term, form in forms if term.clock is None]
+        self._fixed = [(term, _assembled(term, form, 0.0)) for term, form in forms if term.clock is None]
         self._changing = [(term, form) for term, form in forms if term.clock is not None]
         for term, form in self._changing:
             for time in weak.problem.timeline.times:
@@ -39,8 +39,8 @@ class AppliedLoads:
         Raises:
             SceneError: an expression has no finite value.
         """
-        for drive, vector in self._fixed:
-            total.axpy(course.value(drive, time), vector)
+        for term, vector in self._fixed:
+            total.axpy(course.value(term.drive, time) ** term.power, vector)
         for term, form in self._changing:
             total.axpy(1.0, _assembled(term, form, time))
 
