@@ -49,6 +49,15 @@ class Alike:
 
 
 @dataclass(frozen=True)
+class Sprung:
+    """Directions at nodes in which springs resist motion, m of them."""
+
+    points: Array  # (m, d) [m]
+    directions: Array  # (m, d)
+    part: Ints  # (m,) part of the mesh
+
+
+@dataclass(frozen=True)
 class Constraints:
     """Which displacements are prescribed, periodic or free; the same on every rank."""
 
@@ -59,6 +68,7 @@ class Constraints:
     root: Mapping[int, int]  # eliminated periodic node -> the node whose displacement it has
     points: Mapping[int, Array]  # coordinates (d,) [m] of the nodes above
     part: Mapping[int, int]  # part of the mesh that each of them belongs to
+    sprung: Sprung
     parts: int  # number of parts
     axisymmetric: bool
 

@@ -1,4 +1,4 @@
-"""What acts on the sides of bodies: loads, and supports, which prescribe displacements."""
+"""What acts on the sides of bodies: loads, supports, which prescribe displacements, and springs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+import numpy as np
+
 from stickslip.geometry.amplitude import Amplitude
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.expression import Varying, check_varying
 from stickslip.geometry.keys import Key, Noun
@@ -60,3 +63,19 @@ class Support(Noun):
             require(
                 "normal" not in self.displacement, "displacement.normal", "given", "a point has no normal; use x, y, z"
             )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Springs:
+    """Linear springs per area between a side and the ground, that an effect declares: they hold bodies."""
+
+    boundary: str  # side, as body.side
+    normal: float  # stiffness along the normal [Pa/m]
+    tangential: float  # stiffness along the side [Pa/m]
+    key: str  # of the scene
+
+    def directions(self, normals: Array) -> list[Array]:
+        """Directions (m, d) in which they resist motion, of normals (m, d); together they span all of them."""
+        axes = np.eye(normals.shape[1])
+        across = [axis - (normals @ axis)[:, None] * normals for axis in axes] if self.tangential else []
+        return across + [normals] * (self.normal > 0)

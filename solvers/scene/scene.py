@@ -19,7 +19,7 @@ from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import Model, Request
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Load, Support
+from stickslip.solvers.scene.loads import Load, Springs, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.quantities import names
 from stickslip.solvers.scene.settings import Accuracy, Exact, Output, Probe, Solver, Steps
@@ -44,6 +44,14 @@ class EffectTable(Noun):
 
     def periodic_pairs(self) -> tuple[tuple[str, str], ...]:
         """Slave and master sides whose meshes must match and whose displacements are the same."""
+        return ()
+
+    def springs(self, key: str) -> tuple[Springs, ...]:
+        """All the stiffness that the effect adds, if it is that of springs to the ground: then they hold bodies.
+
+        Args:
+            key: dotted key of the table in the scene.
+        """
         return ()
 
     def check(self, scene: Scene, key: str) -> None:
@@ -87,8 +95,8 @@ class Scene(Noun):
             self.geometry.refuse_too_large(self.request())
         self.exact.check(self.quantities())
         self.accuracy.check(self.quantities())
-        for (section, name), table in self.effect_tables().items():
-            table.check(self, f"{section}.{name}" if name else section)
+        for key, table in self._tables_by_key().items():
+            table.check(self, key)
 
     @property
     def dim(self) -> int:
@@ -147,6 +155,14 @@ class Scene(Noun):
             named = tables if isinstance(tables, Mapping) else {"": tables}
             found |= {(section, name): table for name, table in named.items()}
         return found
+
+    def springs(self) -> tuple[Springs, ...]:
+        """Springs to the ground of all effects."""
+        return tuple(springs for key, table in self._tables_by_key().items() for springs in table.springs(key))
+
+    def _tables_by_key(self) -> dict[str, EffectTable]:
+        tables = self.effect_tables().items()
+        return {f"{section}.{name}" if name else section: table for (section, name), table in tables}
 
     def timeline(self) -> Timeline:
         """Every value in time, and the times that are requested."""

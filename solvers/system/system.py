@@ -130,9 +130,10 @@ class System:
     def rigid_motion(self, time: float) -> Array | None:
         """Coefficients of a rigid motion that is all that is prescribed and that nothing resists, or None.
 
-        See `RigidModes.followed`; where an effect adds stiffness, every motion is resisted.
+        See `RigidModes.followed`; where an effect adds other stiffness than springs, every motion is resisted.
         """
-        return None if any(effect.stiffens for effect in active(self.problem)) else self.lifting.followed(time)
+        unknown = any(effect.other_stiffness(self.problem) for effect in active(self.problem))
+        return None if unknown else self.lifting.followed(time)
 
     @cached_property
     def lifting(self) -> RigidModes:

@@ -9,6 +9,7 @@ from stickslip.workflows.verification.cases import agreement as agreement_case
 from stickslip.workflows.verification.cases import cattaneo as cattaneo_case
 from stickslip.workflows.verification.cases import circular_drive as circular_drive_case
 from stickslip.workflows.verification.cases import column as column_case
+from stickslip.workflows.verification.cases import elastic_bed as elastic_bed_case
 from stickslip.workflows.verification.cases import hertz as hertz_case
 from stickslip.workflows.verification.cases import incline as incline_case
 from stickslip.workflows.verification.cases import lifted as lifted_case
@@ -69,6 +70,7 @@ CASES: Mapping[str, Case] = {
     "spinning_rings": Case(
         about="a ring, a cylinder and a shrink fit spin: closed form", checks=spinning_rings_case.checks, methods=TWO
     ),
+    "elastic_bed": Case(about="a column that only springs hold, pressed and sheared", checks=elastic_bed_case.checks),
     "cattaneo": Case(about="two cylinders pressed and sheared: Hertz, Cattaneo, Mindlin", checks=cattaneo_case.checks),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
     "units": Case(about="every scene in mm, N, MPa: the same answers", checks=units_case.checks, methods=TWO),
