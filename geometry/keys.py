@@ -197,7 +197,9 @@ def _explain(error: ValidationError, kind: Any, data: Any, at: tuple[str, ...]) 
         wanted = [name.strip(" '") for name in context["expected"].replace(" or ", ",").split(",")]
         return f"{key} = {found}: not one of these; {nearest(str(node), wanted)}"
     if what == "float_type" and "float" in problem["loc"]:  # one branch of a value in time
-        return f"{key} = {found}: expected a number, or a table [[time, value], ...]"
+        texts = any(e["type"] == "string_type" and e["loc"][:-1] == problem["loc"][:-1] for e in error.errors())
+        more = ", or an expression in quotes" if texts else ""
+        return f"{key} = {found}: expected a number, or a table [[time, value], ...]{more}"
     if what == "dataclass_exact_type":
         return f"{key} = {found}: expected a {context['class_name']}"
     return f"{key} = {found}: {EXPECTED.get(what, problem['msg'][0].lower() + problem['msg'][1:])}"

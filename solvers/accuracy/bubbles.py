@@ -25,7 +25,7 @@ from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.results.recovered_stress import InCell
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.system.contact_interface import components
-from stickslip.solvers.system.system import System
+from stickslip.solvers.system.system import System, applied_loads
 
 
 class Bubbles:
@@ -49,8 +49,7 @@ class Bubbles:
         self._linear = dx.fem.Function(system.space)
         self._inner = [weak.compile(form) for form in _inner_forces(problem, weak, self._whole)]
         self._pull = [coarse.compile(form) for form in _inner_forces(problem, coarse, self._alone)]
-        loads = weak.loads() + [term for effect in active(problem) for term in effect.loads(problem, weak)]
-        self._loads = [(term.drive, dx.assemble_vector(weak.compile(term.form))) for term in loads]
+        self._loads = applied_loads(problem, weak)
         self.initial = [dx.assemble_vector(weak.compile(weak.initial_load(s))) for s in system.initial.strains]
         self._corners = len(dx.reference_nodes(mesh.domain.topology.cell_type.name, 1))
         self._between = np.ones(len(self.nodes.number), bool)
@@ -74,8 +73,7 @@ class Bubbles:
     def load(self, time: float) -> Vec:
         """External forces at a time [s], those of initial strains included [N]."""
         total, course = self.zero(), self.system.course
-        for drive, vector in self._loads:
-            total.axpy(course.value(drive, time), vector)
+        self._loads.add_to(total, course, time)
         for value, vector in zip(self.system.initial.values(course, time), self.initial, strict=True):
             total.axpy(value, vector)
         return total

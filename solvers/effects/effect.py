@@ -43,8 +43,9 @@ class Effect(ABC):
     def stiffness(self, problem: Problem, weak: WeakForms, u: UflExpr) -> Iterable[UflForm]:
         """Forms, linear in u and in `weak.v`, symmetric and positive, that are added to a(u, v).
 
-        They enter the stiffness matrix, the stored energy and the audit's inner forces. They do not count as supports:
-        a scene with a body that no support holds is refused. UFL is `stickslip.geometry.dolfinx_versions.ufl`.
+        They enter the stiffness matrix, the stored energy and the audit's inner forces. They do not count as supports,
+        unless they are those of `EffectTable.springs`: a scene with a body that no support holds is refused. UFL is
+        `stickslip.geometry.dolfinx_versions.ufl`.
 
         Args:
             u: trial function, or a displacement Function [m].
@@ -55,6 +56,15 @@ class Effect(ABC):
     def stiffens(self) -> bool:
         """Whether the effect adds stiffness: a rigid motion of the bodies is then no longer free of force."""
         return type(self).stiffness is not Effect.stiffness
+
+    def other_stiffness(self, problem: Problem) -> bool:
+        """Whether it adds stiffness that is not that of springs, so that it is not known which motions it resists."""
+        return self.stiffens and not any(springs.key.split(".")[0] == self.name for springs in problem.springs)
+
+    @property
+    def acts(self) -> bool:
+        """Whether the effect can move bodies: it adds loads or initial strains."""
+        return type(self).loads is not Effect.loads or type(self).initial_strains is not Effect.initial_strains
 
     def columns(self, problem: Problem, timeline: Timeline, time: float) -> Mapping[str, float]:
         """Numbers for steps.csv at a reported time [s], by name; the table's values in time are listed without this."""

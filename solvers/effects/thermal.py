@@ -9,7 +9,6 @@ from typing import Annotated
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
-from stickslip.geometry.errors import SceneError, nearest
 from stickslip.geometry.keys import Key
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.fem.terms import InitialStrain
@@ -32,9 +31,7 @@ class Thermal(EffectTable):
         return {("temperature", ""): self.temperature}
 
     def check(self, scene: Scene, key: str) -> None:
-        body = key.removeprefix("thermal.")
-        if body not in scene.bodies:
-            raise SceneError(f"{key}: no such body in the geometry; {nearest(body, scene.bodies)}")
+        scene.require_body(key)
 
 
 class _Thermal(Effect):

@@ -19,10 +19,11 @@ from stickslip.geometry.arrays import Array, Bools, Ints, cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Comm, Mat
-from stickslip.solvers.scene.timeline import Course, Drive
+from stickslip.solvers.scene.timeline import Course, Drive, Place
 
 AXES = {"x": 0, "y": 1, "z": 2}
 AXIS = "axis of symmetry"
+ROUNDED = 1e-14  # of the largest value of an expression: smaller ones are zero, as sin(pi) is
 SMALL = 1e-10  # sine of the angle below which two directions count as parallel
 
 
@@ -33,6 +34,7 @@ class Row:
     direction: Array  # (d,) unit
     drive: Drive
     support: str
+    point: Array | None = None  # (d,) where the drive is an expression [m]
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,15 @@ class Alike:
 
 
 @dataclass(frozen=True)
+class Sprung:
+    """Directions at nodes in which springs resist motion, m of them."""
+
+    points: Array  # (m, d) [m]
+    directions: Array  # (m, d)
+    part: Ints  # (m,) part of the mesh
+
+
+@dataclass(frozen=True)
 class Constraints:
     """Which displacements are prescribed, periodic or free; the same on every rank."""
 
@@ -57,6 +68,7 @@ class Constraints:
     root: Mapping[int, int]  # eliminated periodic node -> the node whose displacement it has
     points: Mapping[int, Array]  # coordinates (d,) [m] of the nodes above
     part: Mapping[int, int]  # part of the mesh that each of them belongs to
+    sprung: Sprung
     parts: int  # number of parts
     axisymmetric: bool
 
@@ -183,7 +195,24 @@ class Constraints:
     def wanted(self, time: float) -> list[Array]:
         """Prescribed values (k, r) [m] at a time [s], for each group of `alike`."""
         values = np.array([self.course.value(drive, time) for drive in self._drives])
-        return [values[alike.drives] for alike in self.alike]
+        found = [values[alike.drives] for alike in self.alike]
+        for place, points in self._points.items():
+            exact = self.course.timeline.values(place, points, time)
+            exact = np.where(np.abs(exact) > ROUNDED * np.abs(exact).max(), exact, 0.0)
+            for group, alike in zip(found, self.alike, strict=True):
+                at = alike.drives == self._drives[place]
+                group[at], exact = exact[: at.sum()], exact[at.sum() :]
+        return found
+
+    @cached_property
+    def _points(self) -> dict[Place, Array]:
+        """Points (n, d) [m] at which each expression prescribes a displacement, in the order of `alike`."""
+        ordered = [row for alike in self.alike for place in alike.at for row in self.rows[int(self.held[place])]]
+        found: dict[Place, list[Array]] = {}
+        for row in ordered:
+            if row.point is not None and isinstance(row.drive, Place):
+                found.setdefault(row.drive, []).append(row.point)
+        return {place: np.array(points) for place, points in found.items()}
 
     def prescribed(self, time: float) -> Array:
         """u_s (k, d) [m] at `prescribed_nodes` at a time [s].

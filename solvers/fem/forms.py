@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,11 @@ from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Place
 
 Field = Callable[..., tuple[Any, ...]]  # from coordinates to components, by arithmetic operators only
+SMOOTH = 4  # degree up to which the quadrature of an expression is exact, beyond that of order 1 or 2
+SYMBOLS: Mapping[str, Callable[..., Any]] = {
+    "sin": ufl.sin, "cos": ufl.cos, "tan": ufl.tan, "exp": ufl.exp, "sqrt": ufl.sqrt, "log": ufl.ln, "abs": abs,
+    "min": ufl.min_value, "max": ufl.max_value,
+}  # fmt: skip
 
 
 def elastic_stress(strain: Array, material: Material, plane_stress: bool) -> Array:
@@ -178,18 +183,41 @@ class WeakForms:
         found: list[LoadTerm] = []
         normal = ufl.FacetNormal(self.mesh.domain)
         for name, load in self.problem.loads.items():
-            ds = self.boundary(load.boundary)
+            on_side = partial(self.boundary, load.boundary)
             if load.pressure is not None:
-                form = -ufl.inner(normal, self.v) * ds
-                found.append(LoadTerm(drive=Place("loads", name, "pressure"), form=form))
+                found.append(self.load(Place("loads", name, "pressure"), -ufl.inner(normal, self.v), on_side))
                 continue
             spread = self.constant(1 / self.area(load.boundary) if load.force is not None else 1.0)
             quantity = "force" if load.force is not None else "traction"
             found += [
-                LoadTerm(drive=Place("loads", name, quantity, "xyz"[i]), form=spread * self.v[i] * ds)
+                self.load(Place("loads", name, quantity, "xyz"[i]), spread * self.v[i], on_side)
                 for i, a in enumerate(load.amplitudes())
                 if a != 0
             ]
+        return found
+
+    def load(self, place: Place, density: UflExpr, measure: Callable[[int | None], Measure]) -> LoadTerm:
+        """The load ∫ value density dx, whose value is a value in time or an expression of the scene.
+
+        Args:
+            place: of the value in the scene.
+            density: linear in the test function.
+            measure: takes the degree of the quadrature, None: the default.
+        """
+        expression = self.problem.timeline.expressions.get(place)
+        if expression is None:
+            return LoadTerm(drive=place, form=density * measure(None))
+        x, clock = ufl.SpatialCoordinate(self.mesh.domain), self.constant(0.0)
+        values = {axis: x[i] for i, axis in enumerate("xyz"[: self.mesh.dim])} | {"t": clock}
+        value = expression.build(values, self.constant, SYMBOLS)
+        form = value * density * measure(2 * self.mesh.degree + SMOOTH)
+        return LoadTerm(drive=place, form=form, clock=clock if expression.in_time else None)
+
+    def linear(self, matrix: Array, shift: Array) -> UflExpr:
+        """(matrix x + shift) . v, x the coordinates (d,) [m]."""
+        x, rows = ufl.SpatialCoordinate(self.mesh.domain), range(self.mesh.dim)
+        field = [sum(self.constant(matrix[i, j]) * x[j] for j in rows) + self.constant(shift[i]) for i in rows]
+        found: UflExpr = sum(field[i] * self.v[i] for i in rows)
         return found
 
     def field(self, components: Field) -> UflExpr:

@@ -77,13 +77,15 @@ class RigidModes:
 
     @cached_property
     def resisted(self) -> Array:
-        """(rows, parts k): motion of each mode along prescribed directions, between periodic sides, and in joints."""
+        """(rows, parts k): motion of each mode along supports and springs, between periodic sides, and in joints."""
         of, kinds = self.constraints, len(rigid_names(self.constraints.dim, self.constraints.axisymmetric))
         held = self._of_nodes(of.held)
         blocks = [np.einsum("krd,kdc->krc", alike.directions, held[alike.at]) for alike in of.alike]
         blocks.append(self._of_nodes(of.followers) - self._of_nodes(of.roots(of.followers)))
         one, other = self.joints.parts.T
         blocks.append(self._of_parts(self.joints.points, one) - self._of_parts(self.joints.points, other))
+        fields = self._of_parts(of.sprung.points, of.sprung.part)
+        blocks.append(np.einsum("md,mdc->mc", of.sprung.directions, fields))
         nothing = np.zeros((1, of.parts * kinds))
         return np.concatenate([nothing, *(block.reshape(-1, of.parts * kinds) for block in blocks)])
 

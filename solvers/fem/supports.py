@@ -11,7 +11,7 @@ from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import FunctionSpace
 from stickslip.geometry.surfaces.surface import gather_surface
-from stickslip.solvers.fem.constraints import AXES, AXIS, Constraints, Row
+from stickslip.solvers.fem.constraints import AXES, AXIS, Constraints, Row, Sprung
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Course, Place
 
@@ -41,7 +41,10 @@ def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: 
         for axis in support.displacement:
             directions = normals if axis == "normal" else np.eye(mesh.dim)[[AXES[axis]]]
             drive = Place("supports", name, "displacement", axis)
-            alike = [Row(direction, drive, name) for direction in directions]
+            if drive in problem.timeline.expressions:
+                alike = [Row(directions[i % len(directions)], drive, name, point) for i, point in enumerate(x)]
+            else:
+                alike = [Row(direction, drive, name) for direction in directions]
             for i, node in enumerate(where.tolist()):
                 rows.setdefault(root.get(node, node), []).append(alike[i % len(alike)])
     if mesh.axisymmetric:
@@ -57,9 +60,22 @@ def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: 
         root=root,
         points=points,
         part=part,
+        sprung=_sprung(problem, mesh, space, nodes),
         parts=mesh.part_count,
         axisymmetric=mesh.axisymmetric,
     )
+
+
+def _sprung(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) -> Sprung:
+    """What springs to the ground resist, collected from all ranks."""
+    points, directions, part = [np.zeros((0, mesh.dim))], [np.zeros((0, mesh.dim))], [np.zeros(0, np.int64)]
+    for springs in problem.springs:
+        side = gather_surface(mesh, space, nodes, springs.boundary)
+        for along in springs.directions(side.node_normals()):
+            points.append(side.points)
+            directions.append(along)
+            part.append(mesh.parts_of(side.input))
+    return Sprung(np.concatenate(points), np.concatenate(directions), np.concatenate(part))
 
 
 def _on_axis(mesh: Mesh, nodes: Nodes) -> list[tuple[int, Array, int]]:

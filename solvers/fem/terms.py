@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.protocols import UflForm
+from stickslip.geometry.protocols import Constant, UflForm
 from stickslip.solvers.scene.timeline import Drive
 
 
@@ -15,6 +15,8 @@ class LoadTerm:
 
     drive: Drive
     form: UflForm
+    power: int = 1  # of the value in time
+    clock: Constant | None = None  # t [s] in the form, of an expression that changes in time: assembled at each time
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,7 +27,7 @@ from stickslip.solvers.fem.contact_forms import ComplianceForms
 from stickslip.solvers.fem.elastic_energy import forces_of_energy
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.results.closed_formulas import bound, gap, in_time, penetration, pressure
+from stickslip.solvers.results.closed_formulas import bound, gap, penetration, prescribed, pressure
 from stickslip.solvers.results.multiplier_forces import MultiplierForces
 from stickslip.solvers.results.stored_fields import (
     StoredFields,
@@ -129,8 +129,9 @@ class Auditor:
     def shared(self) -> tuple[str, ...]:
         """What has no second formula, so that the solver's own is used: an error in it is not seen."""
         problem, zero = self.start.problem, np.zeros(1)
-        found = ["loads"] * bool(self.start.load_terms)
+        found = ["loads"] * bool(self.start.loads)
         found += [f"{effect.name}: stiffness" for effect in active(problem) if effect.stiffens]
+        found += [f"{place}: expression" for place in problem.timeline.expressions if place.table == "supports"]
         found += [f"initial strain of {strain.body}" for strain in self.start.initial.strains]
         for name, obstacle in problem.obstacles.items():
             if gap(obstacle, np.zeros((1, problem.dim))) is None:
@@ -299,31 +300,30 @@ class Auditor:
         """Prescribed displacements that are not met, see `Audit` [-]; periodic sides move alike."""
         system, problem = self.system, self.system.problem
         largest, off = float(np.abs(record.displacement).max(initial=0.0)), 0.0
-        for name, nodes, directions in self._supported:
-            for axis, amplitude in problem.supports[name].displacement.items():
-                wanted = in_time(amplitude, record.time, problem.timeline.end)
+        for name, nodes, points, directions in self._supported:
+            for axis in problem.supports[name].displacement:
+                wanted = prescribed(problem, name, axis, points, record.time)
                 along = directions if axis == "normal" else np.eye(problem.dim)["xyz".index(axis)]
                 found = np.sum(record.displacement[nodes] * along, axis=1)
-                largest = max(largest, abs(wanted))
-                off = max(off, float(np.abs(found - wanted).max(initial=0.0)))
+                largest, off = max(largest, _largest(np.abs(wanted))), max(off, _largest(np.abs(found - wanted)))
         if system.constraints.root or system.mesh.axisymmetric:
             alike = system.T * system.free_part(u, record.time) + system.prescribed(record.time)
             off = max(off, float((u - alike).norm(PETSc.NormType.INFINITY)))
         return float(off / largest) if largest else 0.0
 
     @cached_property
-    def _supported(self) -> list[tuple[str, Ints, Array]]:
-        """Name of each support, the gmsh numbers (k,) of its nodes, and the side's normals (k, d) there."""
+    def _supported(self) -> list[tuple[str, Ints, Array, Array]]:
+        """Name of each support, gmsh numbers (k,), points (k, d) [m] and normals (k, d) of its nodes."""
         system, found = self.start, []
         for name, support in system.problem.supports.items():
             if support.boundary is not None:
                 side = gather_surface(system.mesh, system.space, system.nodes, support.boundary)
-                found.append((name, side.input, side.node_normals()))
+                found.append((name, side.input, side.points, side.node_normals()))
                 continue
             distance = np.linalg.norm(system.nodes.points - np.array(support.point), axis=1)
             nearest = int(np.argmin(distance))
             offers = system.mesh.comm.allgather((float(distance[nearest]), int(system.nodes.input[nearest])))
-            found.append((name, np.array([min(offers)[1]]), np.zeros((1, system.mesh.dim))))
+            found.append((name, np.array([min(offers)[1]]), np.array([support.point]), np.zeros((1, system.mesh.dim))))
         return found
 
     def _fields(self, record: Record, before: Record | None, w: Array, scales: Scales) -> float:

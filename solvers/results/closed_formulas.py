@@ -26,6 +26,9 @@ from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.laws.tied import Tied
 from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.scene.loads import Direction
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.timeline import Place
 
 
 def gap(obstacle: Obstacle, x: Array) -> Array | None:
@@ -100,6 +103,14 @@ def bound(
         depth = (np.where(p > 0, p, 0.0) / normal.c_n) ** (1 / normal.m_n)
         return np.asarray(np.maximum(average @ (law.c_T * depth**law.m_T), 0.0))
     return None
+
+
+def prescribed(problem: Problem, support: str, axis: Direction, points: Array, time: float) -> Array:
+    """Displacement (m,) [m] that a support prescribes at points (m, d) [m]; expressions have no second formula."""
+    value = problem.supports[support].displacement[axis]
+    if isinstance(value, str):
+        return problem.timeline.values(Place("supports", support, "displacement", axis), points, time)
+    return np.full(len(points), in_time(value, time, problem.timeline.end))
 
 
 def in_time(amplitude: Amplitude, time: float, end: float) -> float:

@@ -1,4 +1,4 @@
-"""What acts on the sides of bodies: loads, and supports, which prescribe displacements."""
+"""What acts on the sides of bodies: loads, supports, which prescribe displacements, and springs."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from stickslip.geometry.amplitude import Amplitude, check
+import numpy as np
+
+from stickslip.geometry.amplitude import Amplitude
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.expression import Varying, check_varying
 from stickslip.geometry.keys import Key, Noun
 
 
@@ -16,8 +20,8 @@ class Load(Noun):
     """Exactly one of traction, pressure, force."""
 
     boundary: Annotated[str, Key("-", "side, as body.side")]
-    traction: Annotated[tuple[Amplitude, ...] | None, Key("Pa", "force per area, by component")] = None
-    pressure: Annotated[Amplitude | None, Key("Pa", "positive pushes inward")] = None
+    traction: Annotated[tuple[Varying, ...] | None, Key("Pa", "force per area, by component")] = None
+    pressure: Annotated[Varying | None, Key("Pa", "positive pushes inward")] = None
     force: Annotated[tuple[Amplitude, ...] | None, Key("N", "resultant, spread evenly; per metre in plane models")] = (
         None
     )
@@ -29,10 +33,10 @@ class Load(Noun):
                 f"{' / '.join(given) or 'traction / pressure / force'}: exactly one of the three is needed"
             )
         for amplitude in self.amplitudes():
-            check(amplitude, given[0])
+            check_varying(amplitude, given[0])
 
-    def amplitudes(self) -> tuple[Amplitude, ...]:
-        """Values in time of the pressure, or of each component of traction or force."""
+    def amplitudes(self) -> tuple[Varying, ...]:
+        """Values of the pressure, or of each component of traction or force."""
         if self.pressure is not None:
             return (self.pressure,)
         return self.traction or self.force or ()
@@ -45,7 +49,7 @@ Direction = Literal["x", "y", "z", "normal"]
 class Support(Noun):
     """Prescribed displacement; components that are not named stay free."""
 
-    displacement: Annotated[Mapping[Direction, Amplitude], Key("m", "by component x, y, z or normal (outward)")]
+    displacement: Annotated[Mapping[Direction, Varying], Key("m", "by component x, y, z or normal (outward)")]
     boundary: Annotated[str | None, Key("-", "side, as body.side")] = None
     point: Annotated[tuple[float, ...] | None, Key("m", "a mesh vertex lies here; instead of boundary")] = None
 
@@ -54,8 +58,24 @@ class Support(Noun):
             raise SceneError("boundary / point: a support needs exactly one of the two")
         require(len(self.displacement) > 0, "displacement", "{}", "name at least one of x, y, z, normal")
         for axis, amplitude in self.displacement.items():
-            check(amplitude, f"displacement.{axis}")
+            check_varying(amplitude, f"displacement.{axis}")
         if self.point is not None:
             require(
                 "normal" not in self.displacement, "displacement.normal", "given", "a point has no normal; use x, y, z"
             )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Springs:
+    """Linear springs per area between a side and the ground, that an effect declares: they hold bodies."""
+
+    boundary: str  # side, as body.side
+    normal: float  # stiffness along the normal [Pa/m]
+    tangential: float  # stiffness along the side [Pa/m]
+    key: str  # of the scene
+
+    def directions(self, normals: Array) -> list[Array]:
+        """Directions (m, d) in which they resist motion, of normals (m, d); together they span all of them."""
+        axes = np.eye(normals.shape[1])
+        across = [axis - (normals @ axis)[:, None] * normals for axis in axes] if self.tangential else []
+        return across + [normals] * (self.normal > 0)

@@ -15,7 +15,7 @@ class Material(Noun):
 
     E: Annotated[float, Key("Pa", "Young's modulus")]
     nu: Annotated[float, Key("-", "Poisson's ratio")]
-    density: Annotated[float, Key("kg/m³", "mass density, used with [gravity]")] = 0.0
+    density: Annotated[float, Key("kg/m³", "mass density, used with [gravity] and [centrifugal]")] = 0.0
 
     def __post_init__(self) -> None:
         require(self.E > 0, "E", self.E, "must be positive, in pascal")

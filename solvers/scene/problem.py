@@ -10,7 +10,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import Model, Request, Shape
 from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Load, Support
+from stickslip.solvers.scene.loads import Load, Springs, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.settings import Probe, Solver
 from stickslip.solvers.scene.timeline import Timeline
@@ -53,11 +53,12 @@ class Problem:
     pairs: Mapping[str, Pair]
     supports: Mapping[str, Support]
     loads: Mapping[str, Load]
+    springs: tuple[Springs, ...]  # to the ground, of effects
     probes: Mapping[str, Probe]
     tables: Mapping[str, Any]  # of the active effects, by the effect's name: a frozen table, or several by name
     plan: tuple[PlanRow, ...]
     timeline: Timeline
-    rigid_modes: Array  # (k, r) rigid modes of the bodies that no support resists, see `UnresistedModes`
+    rigid_modes: Array  # (k, r) rigid modes of the bodies that no support or spring resists, see `UnresistedModes`
     bedded: bool  # whether supports and compliant pressures together resist all rigid modes
     unheld: str  # in words, a rigid mode that no support, contact or friction resists; empty if all are resisted
     solver: Solver

@@ -7,15 +7,19 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
+import numpy as np
+
 from stickslip.geometry.amplitude import Amplitude
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders import Builder
-from stickslip.geometry.errors import SceneError, nearest, require
+from stickslip.geometry.errors import SceneError, nearest, require, shortened
+from stickslip.geometry.expression import Expression, Varying
 from stickslip.geometry.keys import Key, Noun
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import Model, Request
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Load, Support
+from stickslip.solvers.scene.loads import Load, Springs, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.quantities import names
 from stickslip.solvers.scene.settings import Accuracy, Exact, Output, Probe, Solver, Steps
@@ -24,18 +28,30 @@ from stickslip.solvers.scene.timeline import Place, Timeline
 SOFTER = 10.0  # ratio of E from which the softer body's side carries the tractions
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 Change = Callable[[Place, Amplitude], Amplitude]
-Driven = tuple[Place, Amplitude]
+Driven = tuple[Place, Varying]
+SAMPLES = 30  # points of a body at which an expression is looked at before there is a mesh
 
 
 class EffectTable(Noun):
     """A table of the scene that an effect owns: [gravity], or several by name, [periodic.NAME]."""
 
-    def amplitudes(self) -> Mapping[tuple[str, str], Amplitude]:
-        """The table's values in time by key and component ("" if it has none); steps end exactly at their times."""
+    def amplitudes(self) -> Mapping[tuple[str, str], Varying]:
+        """The table's values in time by key and component ("" if it has none); steps end exactly at their times.
+
+        Expressions are for [EFFECT.BODY] only, and as loads, see `WeakForms.load`.
+        """
         return {}
 
     def periodic_pairs(self) -> tuple[tuple[str, str], ...]:
         """Slave and master sides whose meshes must match and whose displacements are the same."""
+        return ()
+
+    def springs(self, key: str) -> tuple[Springs, ...]:
+        """All the stiffness that the effect adds, if it is that of springs to the ground: then they hold bodies.
+
+        Args:
+            key: dotted key of the table in the scene.
+        """
         return ()
 
     def check(self, scene: Scene, key: str) -> None:
@@ -74,12 +90,13 @@ class Scene(Noun):
         self._check_names()
         self._check_dimensions()
         self._check_references()
+        self._check_expressions()
         with prefixed("geometry"):
             self.geometry.refuse_too_large(self.request())
         self.exact.check(self.quantities())
         self.accuracy.check(self.quantities())
-        for (section, name), table in self.effect_tables().items():
-            table.check(self, f"{section}.{name}" if name else section)
+        for key, table in self._tables_by_key().items():
+            table.check(self, key)
 
     @property
     def dim(self) -> int:
@@ -117,6 +134,16 @@ class Scene(Noun):
         """
         require(side in self.sides(), key, side, f"no such side; {nearest(side, self.sides())}")
 
+    def require_body(self, key: str) -> None:
+        """Check that the table [EFFECT.BODY] of a key has the name of a body.
+
+        Raises:
+            SceneError: the geometry does not have it; the nearest name is given.
+        """
+        body = key.split(".")[-1]
+        if body not in self.bodies:
+            raise SceneError(f"{key}: no such body in the geometry; {nearest(body, self.bodies)}")
+
     def quantities(self) -> tuple[str, ...]:
         """Names of the numbers that every step of this scene has."""
         return names(self.dim, self.contacts, self.supports, self.obstacles, self.probes)
@@ -129,9 +156,19 @@ class Scene(Noun):
             found |= {(section, name): table for name, table in named.items()}
         return found
 
+    def springs(self) -> tuple[Springs, ...]:
+        """Springs to the ground of all effects."""
+        return tuple(springs for key, table in self._tables_by_key().items() for springs in table.springs(key))
+
+    def _tables_by_key(self) -> dict[str, EffectTable]:
+        tables = self.effect_tables().items()
+        return {f"{section}.{name}" if name else section: table for (section, name), table in tables}
+
     def timeline(self) -> Timeline:
         """Every value in time, and the times that are requested."""
-        return Timeline(self.drives(), self.steps.end, self.steps.count)
+        moving = [place for place, found in self.expressions().items() if found.in_time]
+        jumps = any(self.sampled(place, 0.0).any() for place in moving)
+        return Timeline(self.drives(), self.steps.end, self.steps.count, self.expressions(), jumps)
 
     def requested_times(self) -> tuple[float, ...]:
         """Times [s] at which results are asked for; see `Timeline.times`."""
@@ -139,13 +176,40 @@ class Scene(Noun):
 
     def drives(self) -> dict[Place, Amplitude]:
         """Every value in time by its place: loads, motions, friction bounds and those of effects."""
-        return dict(self._drives())
+        return {place: value for place, value in self._varying() if not isinstance(value, str)}
 
-    def _drives(self) -> Iterator[Driven]:
-        def parts(table: str, name: str, quantity: str, values: Mapping[Any, Amplitude]) -> Iterator[Driven]:
+    def expressions(self) -> dict[Place, Expression]:
+        """Every expression by its place, with the constants of the body that it acts on."""
+        found: dict[Place, Expression] = {}
+        for place, value in self._varying():
+            if isinstance(value, str):
+                acts = self._acting(place)
+                body = self.bodies.get(place.name if acts is None else (acts.boundary or "").split(".")[0])
+                found[place] = Expression(value, {"E": body.E, "nu": body.nu} if body is not None else {})
+        return found
+
+    def sampled(self, place: Place, time: float) -> Array:
+        """Values (m,) of an expression at points where it acts, at a time [s]; inf or NaN where it has none."""
+        acts = self._acting(place)
+        if acts is None:
+            low, high = self.geometry.box(self.dim)
+            points = low + (high - low) * np.random.default_rng(0).random((SAMPLES, self.dim))
+        elif acts.boundary is None:
+            points = np.array([acts.point], float)
+        else:
+            points = self.geometry.sample(acts.boundary, self.dim)[0]
+        return self.expressions()[place](points, time, self.steps.end)
+
+    def _acting(self, place: Place) -> Load | Support | None:
+        """The load or support with a place; None for the tables of effects."""
+        acting: Mapping[str, Mapping[str, Load | Support]] = {"supports": self.supports, "loads": self.loads}
+        return acting[place.table][place.name] if place.table in acting else None
+
+    def _varying(self) -> Iterator[Driven]:
+        def parts(table: str, name: str, quantity: str, values: Mapping[Any, Varying]) -> Iterator[Driven]:
             return ((Place(table, name, quantity, part), amplitude) for part, amplitude in values.items())
 
-        def vector(table: str, name: str, quantity: str, values: tuple[Amplitude, ...] | None) -> Iterator[Driven]:
+        def vector(table: str, name: str, quantity: str, values: tuple[Varying, ...] | None) -> Iterator[Driven]:
             return parts(table, name, quantity, dict(zip("xyz", values or (), strict=False)))
 
         for name, support in self.supports.items():
@@ -200,6 +264,16 @@ class Scene(Noun):
         for name, support in self.supports.items():
             if self.dim == 2 and "z" in support.displacement:
                 raise SceneError(f"supports.{name}.displacement.z: a plane model has x and y only")
+
+    def _check_expressions(self) -> None:
+        for place, expression in self.expressions().items():
+            for name, ok, why in (
+                ("z", self.dim == 3, "a plane model has x and y only"),
+                ("E", expression.constants, "no body has it here; only sides and bodies do"),
+                ("nu", expression.constants, "no body has it here; only sides and bodies do"),
+            ):
+                known = ok or name not in expression.names
+                require(bool(known), str(place), f'"{shortened(expression.text)}"', f"{name}: {why}")
 
     def slave_and_master(self, name: str) -> tuple[str, str | None]:
         """The side of a contact that carries the tractions, and the other one, None for an obstacle.
@@ -273,20 +347,25 @@ class prefixed:  # noqa: N801  reads as a word in `with`
 
 
 def over(scene: Scene, change: Change) -> Scene:
-    """The scene with every value in time changed.
+    """The scene with every value in time changed; expressions stay.
 
     Args:
         change: takes the place of a value and the value, and returns the new value.
     """
+    return with_values(scene, {place: change(place, amplitude) for place, amplitude in scene.drives().items()})
+
+
+def with_values(scene: Scene, values: Mapping[Place, Varying]) -> Scene:
+    """The scene with other values in time, or expressions, at places that it has."""
     tables: dict[str, Any] = {}
-    for place, amplitude in scene.drives().items():
+    for place, value in values.items():
         root = "sections" if place.table in scene.sections else place.table
         path = [word for word in (place if root == "sections" else place[1:]) if word]
-        tables[root] = _with(tables.get(root, getattr(scene, root)), path, change(place, amplitude))
+        tables[root] = _with(tables.get(root, getattr(scene, root)), path, value)
     return replace(scene, **tables)
 
 
-def _with(noun: Any, path: list[str], amplitude: Amplitude) -> Any:
+def _with(noun: Any, path: list[str], amplitude: Varying) -> Any:
     """A copy of a dataclass, a table of them or a vector, with the value at the end of the path replaced."""
     if not path:
         return amplitude

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, listed_times, turns, value_at
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.expression import Expression
 
 CLOSE = 1e-12  # relative to the end: requested times that differ by less count as one
 
@@ -43,6 +46,8 @@ class Timeline:
     amplitudes: Mapping[Place, Amplitude]
     end: float  # [s]
     count: int  # equal steps up to the end
+    expressions: Mapping[Place, Expression] = field(default_factory=dict)
+    jumps: bool = False  # whether an expression is not zero at t = 0
 
     @cached_property
     def times(self) -> tuple[float, ...]:
@@ -53,7 +58,7 @@ class Timeline:
         found = {self.end * (k + 1) / self.count for k in range(self.count)}
         found |= {t for a in self.amplitudes.values() for t in listed_times(a) if 0 < t <= self.end}
         moving = [a for place, a in self.amplitudes.items() if place.table != "contacts"]
-        if any(0.0 in listed_times(a) and value_at(a, 0.0, self.end) != 0 for a in moving):
+        if self.jumps or any(0.0 in listed_times(a) and value_at(a, 0.0, self.end) != 0 for a in moving):
             found.add(0.0)
         ordered = sorted(found)
         later = [*ordered[1:], np.inf]
@@ -61,13 +66,28 @@ class Timeline:
 
     @cached_property
     def turns(self) -> frozenset[float]:
-        """Times [s] at which the rate of a value changes."""
+        """Times [s] at which the rate of a value changes; those of expressions are not known."""
         return frozenset(t for a in self.amplitudes.values() for t in turns(a, self.end))
 
     def value(self, drive: Drive, time: float) -> float:
-        """Value of a drive at `time` [s], in the unit of its key."""
+        """Value of a drive at `time` [s], in the unit of its key; of an expression the factor of its formula."""
+        if isinstance(drive, Place) and drive in self.expressions:
+            return self.expressions[drive].ramp(time, self.end)
         amplitude = self.amplitudes[drive] if isinstance(drive, Place) else drive
         return value_at(amplitude, time, self.end)
+
+    def values(self, place: Place, points: Array, time: float) -> Array:
+        """Values (m,) of the expression at a place, at points (m, d) [m] and a time [s].
+
+        Raises:
+            SceneError: it has no finite value at a point.
+        """
+        found = self.expressions[place](points, time, self.end)
+        wrong = ~np.isfinite(found)
+        if wrong.any():
+            at = ", ".join(f"{x:.6g}" for x in points[np.argmax(wrong)])
+            raise SceneError(f"{place}: the expression has no finite value at the point ({at}) at t = {time:g}")
+        return found
 
 
 class Course:

@@ -38,7 +38,7 @@ def refuse_loose_parts(system: System) -> None:
             "contact alone holds one; use condensed-newton"
         )
     for effect in active(problem):
-        if effect.stiffens:
+        if effect.other_stiffness(problem):
             raise SceneError(f"{effect.name}: needs bodies that their supports hold in all parts; add a support")
 
 
@@ -48,7 +48,7 @@ def _refuse_dangling(system: System) -> None:
     It needs no list of all motions, which would be long for a mesh that falls into thousands of parts.
     """
     mesh, joints = system.mesh, system.mesh.joints
-    touched = set(system.constraints.part.values())
+    touched = {*system.constraints.part.values(), *system.constraints.sprung.part.tolist()}
     touched.update(*(np.unique(mesh.parts[rows.input]).tolist() for rows in system.contacts))
     for part in range(mesh.part_count) if mesh.part_count > 1 else ():
         points = joints.points[(joints.parts == part).any(axis=1)]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stickslip.geometry.errors import SceneError
+from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.user_files.containment import walls
 from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.user_file import UserFile
@@ -16,7 +16,7 @@ from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.applicable import refuse_method
 from stickslip.solvers.simulation.resolve import resolve
-from stickslip.solvers.simulation.unresisted_modes import is_faint
+from stickslip.solvers.simulation.unresisted_modes import is_faint, least_springs
 
 FACING = 1e-6  # cosine of the angle between normals, below which two surfaces do not face each other
 AXIS = 1e-9  # relative to the scene's size: points closer than this to the axis of symmetry lie on it
@@ -42,13 +42,14 @@ def planned(scene: Scene) -> Problem:
     """
     _refuse_on_axis(scene)
     _refuse_reversed(scene)
+    _refuse_faint(scene)
     problem = resolve(scene)
     if problem.unheld:
         faint = [name for name, contact in scene.contacts.items() if is_faint(scene, contact)]
         but = f" (contacts.{faint[0]}.friction.k_T is too soft beside the bodies)" if faint else ""
         raise SceneError(f"supports: nothing resists the {problem.unheld}{but}; add a support, a contact or friction")
     for effect in active(problem):
-        if effect.stiffens and problem.rigid_modes.shape[1]:
+        if effect.other_stiffness(problem) and problem.rigid_modes.shape[1]:
             raise SceneError(f"{effect.name}: needs bodies that their supports hold; add a support")
     refuse_method(problem)
     return problem
@@ -93,6 +94,18 @@ def _refuse_on_axis(scene: Scene) -> None:
     for key, side in sides.items():
         if np.all(scene.geometry.sample(side, scene.dim)[0][:, 0] <= small):
             raise SceneError(f"{key} = {side}: lies on the axis of symmetry and has no area; name another side")
+
+
+def _refuse_faint(scene: Scene) -> None:
+    """Refuse springs that are so much softer than the bodies that rounding errors would move these.
+
+    Raises:
+        SceneError: the key, the stiffness, and the least one.
+    """
+    least = least_springs(scene)
+    for springs in scene.springs():
+        stiffness = min(k for k in (springs.normal, springs.tangential) if k > 0)
+        require(stiffness >= least, springs.key, stiffness, f"too soft beside the bodies, at least {least:.1e} Pa/m")
 
 
 def _refuse_reversed(scene: Scene) -> None:

@@ -32,6 +32,7 @@ def resolve(scene: Scene) -> Problem:
         pairs=pairs,
         supports=scene.supports,
         loads=scene.loads,
+        springs=scene.springs(),
         probes=scene.probes,
         tables={row.effect: scene.sections[row.effect] for row in plan if row.on and row.effect in scene.sections},
         plan=plan,

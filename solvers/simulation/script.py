@@ -13,7 +13,7 @@ from stickslip.geometry.amplitude import Amplitude, value_at
 from stickslip.geometry.errors import SceneError, nearest, require
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene, over
+from stickslip.solvers.scene.scene import Scene, over, with_values
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.history import HistoryRow
@@ -114,13 +114,16 @@ class Script:
     def scene(self) -> Scene:
         """The history so far as a scene, for `run` or `steps` to repeat.
 
-        Every value in time is a table with a row for each time that was solved.
+        Every value in time is a table with a row for each time that was solved; expressions stay.
 
         Raises:
             SceneError: no step has been solved yet.
         """
         require(len(self._times) > 0, "script", "no step yet", "there is nothing to repeat")
-        return replace(over(self._scene, lambda place, now: self._so_far(now)), steps=Steps(end=self.time))
+        scene, end = over(self._scene, lambda place, now: self._so_far(now)), self._scene.steps.end
+        ramps = {place: found.text for place, found in scene.expressions().items() if not found.in_time}
+        ramped = {place: f"({text})*min(t/{end!r}, 1)" for place, text in ramps.items()}
+        return replace(with_values(scene, ramped), steps=Steps(end=self.time))
 
     def _times_to_hit(self, scene: Scene, to: float) -> tuple[float, ...]:
         """Times [s] of the scene's tables after the last step, then `to`; where the ramp of a number ends is one."""

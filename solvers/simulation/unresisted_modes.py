@@ -26,7 +26,7 @@ class UnresistedModes:
     Coefficients run over the k rigid motions of all bodies, body by body, see `rigid_fields`.
     """
 
-    rigid_modes: Array  # (k, r) orthonormal basis of the modes that no support resists
+    rigid_modes: Array  # (k, r) orthonormal basis of the modes that no support or spring resists
     bedded: bool  # supports and compliant pressures together resist all modes of the bodies
     unheld: str  # a mode, in words, that no support, contact or friction resists either; empty if there is none
 
@@ -43,6 +43,10 @@ def unresisted_modes(scene: Scene) -> UnresistedModes:
     blocks = [np.zeros((1, len(motions.kinds)))]
     for support in scene.supports.values():
         blocks += _supported(scene, support, motions)
+    for springs in scene.springs():
+        points, normals = scene.geometry.sample(springs.boundary, scene.dim)
+        fields = motions.fields(springs.boundary.split(".")[0], points)
+        blocks += [np.einsum("kd,kdj->kj", along, fields) for along in springs.directions(normals)]
     for slave, master in scene.request().periodic:
         here, there = (
             motions.fields(side.split(".")[0], scene.geometry.sample(side, scene.dim)[0]) for side in (slave, master)
@@ -135,11 +139,14 @@ def _touching(scene: Scene, contact: Contact, motions: RigidMotions) -> list[Arr
 
 def is_faint(scene: Scene, contact: Contact) -> bool:
     """Whether the tangential springs of a contact are too soft to hold a body, beside the softest body's stiffness."""
-    stiffness = min(material.E for material in scene.bodies.values()) / float(
-        np.ptp(scene.geometry.box(scene.dim), axis=0).max()
-    )
     k_T = contact.tangential.k_T if contact.tangential else None
-    return k_T is not None and k_T < FAINT * stiffness
+    return k_T is not None and k_T < least_springs(scene)
+
+
+def least_springs(scene: Scene) -> float:
+    """Stiffness [Pa/m] of the softest springs that can hold a body."""
+    softest = min(material.E for material in scene.bodies.values())
+    return FAINT * softest / float(np.ptp(scene.geometry.box(scene.dim), axis=0).max())
 
 
 def _nearest_body(scene: Scene, point: Array) -> str:

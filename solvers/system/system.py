@@ -26,7 +26,8 @@ from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.scene.problem import Problem
-from stickslip.solvers.scene.timeline import Course, Drive
+from stickslip.solvers.scene.timeline import Course
+from stickslip.solvers.system.applied_loads import AppliedLoads
 from stickslip.solvers.system.contact_interface import ContactInterface, components
 from stickslip.solvers.system.initial_strain import InitialStrains
 from stickslip.solvers.system.obstacles import Obstacles
@@ -67,7 +68,7 @@ class System:
     contacts: tuple[ContactRows, ...]
     assembled: Callable[[], Mat]  # assembles K at the first call
     T: Mat  # (all, all), columns of eliminated entries are zero
-    load_terms: tuple[tuple[Drive, Vec], ...]  # value in time, and PETSc vector at value 1 [N]
+    loads: AppliedLoads
     initial: InitialStrains
 
     @property
@@ -92,8 +93,7 @@ class System:
     def load(self, time: float) -> Vec:
         """External forces at a time [s], without reactions and initial strains, over all displacements [N]."""
         total = self.vector()
-        for drive, vector in self.load_terms:
-            total.axpy(self.course.value(drive, time), vector)
+        self.loads.add_to(total, self.course, time)
         return total
 
     def prescribed(self, time: float) -> Vec:
@@ -131,9 +131,10 @@ class System:
     def rigid_motion(self, time: float) -> Array | None:
         """Coefficients of a rigid motion that is all that is prescribed and that nothing resists, or None.
 
-        See `RigidModes.followed`; where an effect adds stiffness, every motion is resisted.
+        See `RigidModes.followed`; where an effect adds other stiffness than springs, every motion is resisted.
         """
-        return None if any(effect.stiffens for effect in active(self.problem)) else self.lifting.followed(time)
+        unknown = any(effect.other_stiffness(self.problem) for effect in active(self.problem))
+        return None if unknown else self.lifting.followed(time)
 
     @cached_property
     def lifting(self) -> RigidModes:
@@ -211,6 +212,12 @@ def inner_forces(problem: Problem, weak: WeakForms, u: UflExpr | None = None) ->
     return form
 
 
+def applied_loads(problem: Problem, weak: WeakForms) -> AppliedLoads:
+    """The loads of the scene and of all active effects; collective."""
+    of_effects = (term for effect in active(problem) for term in effect.loads(problem, weak))
+    return AppliedLoads(weak, [*weak.loads(), *of_effects])
+
+
 def _initial_strains(problem: Problem, weak: WeakForms) -> InitialStrains:
     """Assemble the initial strains of all active effects; collective."""
     strains = tuple(strain for effect in active(problem) for strain in effect.initial_strains(problem))
@@ -240,7 +247,6 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
         raise SceneError("supports: prescribe every displacement of the mesh; nothing is left to solve")
     for time in problem.timeline.times:
         constraints.prescribed(time)  # refuses supports that contradict each other, before any solve
-    loads = weak.loads() + [term for effect in active(problem) for term in effect.loads(problem, weak)]
     contacts = contact_rows(problem, mesh, space, nodes, constraints)
     counters.searches += sum(1 for c in contacts if c.master)
     return System(
@@ -254,6 +260,6 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
         contacts=contacts,
         assembled=cache(lambda: dx.assemble_matrix(weak.compile(inner_forces(problem, weak)))),
         T=constraints.transformation(mesh.comm),
-        load_terms=tuple((term.drive, dx.assemble_vector(weak.compile(term.form))) for term in loads),
+        loads=applied_loads(problem, weak),
         initial=_initial_strains(problem, weak),
     )

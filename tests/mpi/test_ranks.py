@@ -20,7 +20,7 @@ from stickslip.workflows.scene_file.read import read
 
 SCENES = {
     "block": ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25"],
-    "cube": ["geometry.mesh_size=0.25"],
+    "cube": ["geometry.mesh_size=0.25", "body_force.block.force=['1e-3*E*sin(pi*x)', 0.0, 'y*z*t*1e-3']"],
     "foundation": ["geometry.mesh_size=0.2"],
     "half_ball": ["geometry.order=2", "geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.1", "steps.count=2"],
     "axisymmetric": ["geometry.mesh_size=0.2", "geometry.contact_mesh_size=0.02", "steps.count=4"],

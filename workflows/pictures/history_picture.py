@@ -90,7 +90,8 @@ def panels_of(scene: Scene, steps: Columns) -> Iterator[tuple[str, Curves]]:
         axis = place.component if place.component in ("x", "y", "z", "normal") else ""
         label = ", ".join(word for word in (place.name, axis) if word)
         curve = np.concatenate([[at_rest], steps[column(place)][1:]])
-        panel = panels[place.quantity] if place.quantity in panels else _panel_of_effect(scene, place)
+        known = place.quantity in panels and (place.table not in scene.sections or place.table == "gravity")
+        panel = panels[place.quantity] if known else _panel_of_effect(scene, place)
         prescribed.setdefault(panel, {})[label] = curve
     yield from prescribed.items()
     found: Curves = {}

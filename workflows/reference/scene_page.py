@@ -25,6 +25,12 @@ Generated from the dataclasses; do not edit. Every table and key that a scene ma
 A *value in time* is a number, reached at `steps.end` from 0 at t = 0, or a table `[[time, value], ...]`: piecewise
 linear, constant after the last, 0 at t = 0 unless listed. Units are SI; any consistent set works, no constant in the
 program knows them. Plane models: forces and areas per metre of thickness.
+
+An *expression* is a formula in quotes, such as `"-0.2*E*sin(pi*x/2)"`: numbers, `+ - * / **`, parentheses; `x`, `y`,
+`z` [m] of the undeformed body, `t` [s], `pi`, `E` [Pa] and `nu` of the body; `sin cos tan exp sqrt log abs`, `min` and
+`max` of two or more. Without `t` it is reached at `steps.end` from 0 at t = 0, like a number; with `t` it is what it
+says at every time that is solved. When its rate turns is not known: request such times by `steps.count` or a table.
+Loads integrate it exactly up to degree 5 at order 1, 6 at order 2; supports follow it at the nodes.
 """
 TABLES = (
     "bodies",
@@ -105,7 +111,7 @@ def _table(rows: Iterator[tuple[str, ...]]) -> Iterator[str]:
 
 def _type_text(kind: Any) -> str:
     if kind == Amplitude or set(get_args(Amplitude)) <= set(get_args(kind)):
-        return "value in time"
+        return "value in time" + " or expression" * (str in get_args(kind))
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Annotated:
         return _type_text(parts[0])

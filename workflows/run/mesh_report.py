@@ -18,6 +18,7 @@ from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.mesh.quality import worst_quality
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.effects import EFFECTS
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
@@ -122,12 +123,14 @@ def can_touch(scene: Scene, gap: Any, size: float) -> Any:
         size: of the bodies [m].
     """
     end = scene.steps.end
-    moved = [a for support in scene.supports.values() for a in support.displacement.values()]
-    moved += [a for obstacle in scene.obstacles.values() for a in obstacle.displacement.values()]
+    moved = [a for place, a in scene.drives().items() if place.quantity == "displacement"]
+    of_place = [place for place in scene.expressions() if place.quantity == "displacement"]
     reach = float(np.sum([_largest(a, end) for a in moved]))
+    reach += sum(float(np.abs([scene.sampled(p, t) for t in scene.requested_times()]).max()) for p in of_place)
     turned = [_largest(o.rotation.angle, end) for o in scene.obstacles.values() if o.rotation is not None]
     reach += size * float(np.sum(turned))
-    forced = bool(scene.loads) or "gravity" in scene.sections or any(o.driven() for o in scene.obstacles.values())
+    forced = bool(scene.loads) or any(o.driven() for o in scene.obstacles.values())
+    forced = forced or any(effect.acts and effect.because(scene) for effect in EFFECTS)
     if forced:
         gap, reach = gap - max(0.0, float(np.min(gap))), reach + INDENTED * size
     return gap <= reach + 1e-9 * size

@@ -9,6 +9,7 @@ from stickslip.workflows.verification.cases import agreement as agreement_case
 from stickslip.workflows.verification.cases import cattaneo as cattaneo_case
 from stickslip.workflows.verification.cases import circular_drive as circular_drive_case
 from stickslip.workflows.verification.cases import column as column_case
+from stickslip.workflows.verification.cases import elastic_bed as elastic_bed_case
 from stickslip.workflows.verification.cases import hertz as hertz_case
 from stickslip.workflows.verification.cases import incline as incline_case
 from stickslip.workflows.verification.cases import lifted as lifted_case
@@ -23,6 +24,8 @@ from stickslip.workflows.verification.cases import shear_lag as shear_lag_case
 from stickslip.workflows.verification.cases import sheared_column as sheared_column_case
 from stickslip.workflows.verification.cases import shrink_fit as shrink_fit_case
 from stickslip.workflows.verification.cases import slivers as slivers_case
+from stickslip.workflows.verification.cases import spinning_rings as spinning_rings_case
+from stickslip.workflows.verification.cases import two_bars as two_bars_case
 from stickslip.workflows.verification.cases import units as units_case
 from stickslip.workflows.verification.cases import zeros as zeros_case
 from stickslip.workflows.verification.check import Check
@@ -63,6 +66,11 @@ CASES: Mapping[str, Case] = {
     ),
     "pair": Case(about="two bodies with friction, turned as a whole: nothing changes", checks=pair_case.checks),
     "shrink_fit": Case(about="a ring pressed into another one, Lamé's closed form", checks=shrink_fit_case.checks),
+    "two_bars": Case(about="bars that sinusoidal body forces push together, closed form", checks=two_bars_case.checks),
+    "spinning_rings": Case(
+        about="a ring, a cylinder and a shrink fit spin: closed form", checks=spinning_rings_case.checks, methods=TWO
+    ),
+    "elastic_bed": Case(about="a column that only springs hold, pressed and sheared", checks=elastic_bed_case.checks),
     "cattaneo": Case(about="two cylinders pressed and sheared: Hertz, Cattaneo, Mindlin", checks=cattaneo_case.checks),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
     "units": Case(about="every scene in mm, N, MPa: the same answers", checks=units_case.checks, methods=TWO),

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from stickslip.geometry.amplitude import Amplitude, listed_times, value_at
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.expression import Varying
 from stickslip.geometry.obstacles.obstacle import AXES, Obstacle
 from stickslip.geometry.obstacles.plane import Plane
 from stickslip.geometry.obstacles.rotation import unit
@@ -46,11 +47,12 @@ def _plane(obstacle: Obstacle, Q: Array) -> Plane:
     return replace(obstacle, point=_times(Q, obstacle.point), normal=_times(Q, obstacle.normal))
 
 
-def _path(displacement: Mapping[Direction, Amplitude], Q: Array, end: float) -> dict[Direction, Amplitude]:
-    """A table of the same times for each component, turned; numbers alone are ramps."""
-    times = sorted({time for table in displacement.values() for time in listed_times(table)}) or [0.0, end]
+def _path(displacement: Mapping[Direction, Varying], Q: Array, end: float) -> dict[Direction, Amplitude]:
+    """A table of the same times for each component, turned; numbers alone are ramps, expressions are not known."""
+    tables = {axis: value for axis, value in displacement.items() if not isinstance(value, str)}
+    times = sorted({time for table in tables.values() for time in listed_times(table)}) or [0.0, end]
     axes = AXES[: len(Q)]
-    path = np.array([[value_at(displacement[axis], time, end) for axis in axes] for time in times]) @ Q.T
+    path = np.array([[value_at(tables[axis], time, end) for axis in axes] for time in times]) @ Q.T
     return {axis: tuple(zip(times, column, strict=True)) for axis, column in zip(axes, path.T.tolist(), strict=True)}
 
 

@@ -12,12 +12,14 @@ import numpy as np
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.builders.block import Block
 from stickslip.geometry.obstacles.plane import Plane
+from stickslip.solvers.fem.terms import LoadTerm
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.system.applied_loads import AppliedLoads
 from stickslip.solvers.system.system import System
 from stickslip.workflows.verification.check import Check
 from stickslip.workflows.verification.closed_forms.manufactured import LAWS, MU, NU, RATES, SLIP, E, Manufactured
@@ -72,7 +74,7 @@ def loaded(scene: Scene, exact: Manufactured) -> tuple[System, Any]:
     system = system_of(scene)
     field = system.weak.field(exact.displacement)
     form = system.weak.balance(field, "block", ("block.left", "block.right"), DEGREE)
-    return replace(system, load_terms=((1.0, dx.assemble_vector(system.weak.compile(form))),)), field
+    return replace(system, loads=AppliedLoads(system.weak, [LoadTerm(drive=1.0, form=form)])), field
 
 
 @lru_cache

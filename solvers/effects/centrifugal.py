@@ -1,0 +1,69 @@
+"""Centrifugal load: bodies that spin about an axis are pulled away from it by density times speed² times distance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.obstacles.rotation import unit
+from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.fem.terms import LoadTerm
+from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.scene.scene import EffectTable, Scene
+from stickslip.solvers.scene.timeline import Place
+
+
+@dataclass(frozen=True, kw_only=True)
+class Centrifugal(EffectTable):
+    """Speed of rotation of all bodies with a density; the load is that of the undeformed bodies."""
+
+    speed: Annotated[Amplitude, Key("rad/s", "angular velocity, in time; its square loads the bodies")]
+    point: Annotated[tuple[float, ...] | None, Key("m", "a point of the axis; absent: the origin")] = None
+    axis: Annotated[tuple[float, ...] | None, Key("-", "3D: direction of the axis; else z, if axisymmetric y")] = None
+
+    def __post_init__(self) -> None:
+        check(self.speed, "speed")
+        require(self.axis is None or any(self.axis), "axis", self.axis, "must not be zero")
+
+    def amplitudes(self) -> Mapping[tuple[str, str], Amplitude]:
+        return {("speed", ""): self.speed}
+
+    def check(self, scene: Scene, key: str) -> None:
+        if (self.axis is None) == (scene.dim == 3):
+            require(self.axis is None, f"{key}.axis", self.axis, "only a 3D model chooses its axis; remove the key")
+            raise SceneError(f"{key}.axis: missing, a 3D model needs it")
+        if scene.axisymmetric:
+            require(self.point is None, f"{key}.point", self.point, "an axisymmetric body spins about its axis")
+        for name, vector in (("point", self.point), ("axis", self.axis)):
+            expected = f"expected {scene.dim} components in this model"
+            require(vector is None or len(vector) == scene.dim, f"{key}.{name}", list(vector or ()), expected)
+        if not any(material.density for material in scene.bodies.values()):
+            raise SceneError(f"{key}: no body has a density; set bodies.NAME.density, in kg/m³")
+
+
+class _Centrifugal(Effect):
+    name = "centrifugal"
+    table = Centrifugal
+
+    def loads(self, problem: Problem, weak: WeakForms) -> Iterable[LoadTerm]:
+        table, drive = problem.tables["centrifugal"], Place("centrifugal", "", "speed")
+        across = np.eye(problem.dim)  # the part of a vector that is perpendicular to the axis
+        if problem.model == "axisymmetric":
+            across[1, 1] = 0.0
+        if table.axis is not None:
+            across -= np.outer(unit(table.axis), unit(table.axis))
+        origin = np.zeros(problem.dim) if table.point is None else np.array(table.point)
+        for body, material in problem.bodies.items():
+            if material.density:
+                pull = weak.linear(material.density * across, -material.density * across @ origin)
+                yield LoadTerm(drive=drive, power=2, form=pull * weak.volume(body))
+
+
+EFFECT = _Centrifugal()

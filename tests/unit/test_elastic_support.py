@@ -1,0 +1,97 @@
+"""Springs under a side: what they hold and what they do not, rigid motions, joints with supports, refusals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from shared.audited import audit
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.plan import make_plan, planned
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
+
+K, E = 500.0, 1000.0
+NORMAL, WHOLE = {"normal": K}, {"normal": K, "tangential": K}
+
+
+def scene(model: str = "plane strain", bed: dict[str, Any] = WHOLE, side: str = "bottom", **tables: Any) -> Scene:
+    """A block 2 x 1 on springs."""
+    data = {
+        "model": model,
+        "geometry": {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.5},
+        "bodies": {"block": {"E": E, "nu": 0.0, "density": 1.0}},
+        "elastic_support": {"bed": {"boundary": f"block.{side}", **bed}},
+    }
+    return from_dict(data | tables)
+
+
+def test_a_floating_block_needs_springs_in_every_direction() -> None:
+    assert planned(scene()).rigid_modes.shape == (3, 0)
+    assert planned(scene("axisymmetric", NORMAL)).rigid_modes.shape == (1, 0)
+    with pytest.raises(SceneError, match=r"supports: nothing resists the translation along x"):
+        make_plan(scene(bed=NORMAL))
+    with pytest.raises(SceneError, match=r"supports: nothing resists the translation along y"):
+        make_plan(scene(bed={"tangential": K}))
+    (row,) = (row for row in make_plan(scene()) if row.effect == "elastic_support")
+    assert (row.on, row.because) == (True, "elastic_support.bed")
+
+
+def test_what_springs_leave_free_is_held_by_contact_and_friction() -> None:
+    """A floor on springs beside it: the motion along x is left to friction, and costs no spring."""
+    tables: dict[str, Any] = {
+        "obstacles": {
+            "lid": {"shape": "plane", "point": [0.0, 1.0], "normal": [0.0, -1.0], "displacement": {"y": -0.03}}
+        },
+        "contacts": {"top": {"surface": "block.top", "against": "lid", "friction": {"law": "coulomb", "mu": 0.5}}},
+        "loads": {"push": {"boundary": "block.right", "traction": [-0.5, 0.0]}},
+    }
+    found = scene(bed=NORMAL, **tables)
+    assert planned(found).rigid_modes.shape == (3, 1)
+    simulation = prepare(found)
+    (step,) = simulation.steps()
+    assert_allclose(step.contacts["top"].force, [0.5, -2.0 * 0.03 / (1 / K + 1 / E)], rtol=1e-8)
+    assert max(audit(simulation, step).values()) < 1e-8
+    assert step.energy.external == pytest.approx(step.energy.stored + step.energy.contact, rel=1e-8)
+
+
+def test_springs_carry_the_weight() -> None:
+    gravity = {"gravity": {"acceleration": [3.0, -2.0]}}
+    simulation = prepare(scene(**gravity))
+    (step,) = simulation.steps()
+    base = np.flatnonzero(simulation.data.points[:, 1] < 1e-9)
+    base = base[np.argsort(simulation.data.points[base, 0])]
+    u = step.displacement[base]
+    mean = (u[1:] + u[:-1]).mean(axis=0) / 2  # of equal facets
+    assert_allclose(mean, [3.0 / K, -2.0 / K], rtol=1e-10)
+    assert step.energy.external == pytest.approx(step.energy.stored, rel=1e-10)
+    assert max(audit(simulation, step).values()) < 1e-10
+
+
+def test_a_rigid_motion_that_supports_prescribe_strains_the_springs_that_resist_it() -> None:
+    lid = {"lid": {"boundary": "block.top", "displacement": {"x": 0.01, "y": 0.0}}}
+    for bed, resisted in ((NORMAL, False), (WHOLE, True)):
+        simulation = prepare(scene(bed=bed, supports=lid))
+        (step,) = simulation.steps()
+        assert step.energy.stored == pytest.approx(step.energy.external, rel=1e-9, abs=1e-15)
+        assert (step.energy.stored > 1e-6) == resisted
+        assert max(audit(simulation, step).values()) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("bed", "side", "message"),
+    [
+        (WHOLE, "botom", r"elastic_support\.bed\.boundary = block\.botom: no such side; did you mean"),
+        ({}, "bottom", r"elastic_support\.bed\.normal = 0\.0: springs need a stiffness"),
+        ({"normal": -1.0}, "bottom", r"elastic_support\.bed\.normal = -1\.0: must not be negative"),
+        ({"normal": 1e-8, "tangential": K}, "bottom", r"elastic_support\.bed = 1e-08: too soft beside the bodies"),
+        ({"stiffness": K}, "bottom", r"elastic_support\.bed\.stiffness: unknown key"),
+    ],
+)
+def test_what_is_wrong_is_refused_in_one_line(bed: dict[str, float], side: str, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        make_plan(scene(bed=bed, side=side))
