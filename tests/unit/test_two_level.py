@@ -148,7 +148,7 @@ def test_stated_errors_are_true(name: str, sets: list[str], fine: list[str]) -> 
         key = f"contacts.{contact}.{number}"
         true = abs(numbers(step)[key] - truth[key])
         parts = step.errors[key]
-        assert 0.7 < (parts.mesh + parts.geometry) / true < 2.0, key
+        assert 0.7 < (parts.mesh + parts.geometry) / true < 3.0, key
         assert abs(step.corrected[key] - truth[key]) < 0.5 * true, key
 
 
