@@ -296,11 +296,11 @@ def new_command(
     from stickslip.workflows.scene_file.read import READY
 
     if source is not None:
-        from stickslip.workflows.commands.contacts import write_scene
+        from stickslip.workflows.commands.contacts import stem, write_scene
 
         if file is not None:
             raise SceneError(f"--from {source}: takes one name, that of the scene to write; found {name} and {file}")
-        write_scene(source, unit, within, Path(name or f"{source.name.split('.')[0]}.toml"))
+        write_scene(source, unit, within, Path(name or f"{stem(source)}.toml"))
         return
     if name is None:
         raise SceneError("new: name a ready scene (stickslip scenes lists them), or a geometry file with --from")

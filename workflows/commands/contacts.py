@@ -7,6 +7,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
 from rich.table import Table
 
@@ -47,10 +48,19 @@ def write_scene(path: Path, unit: str | None, within: float | None, target: Path
     raise_together(MPI.COMM_WORLD, lambda: _write(path, unit, within, target))
 
 
+def stem(path: Path) -> str:
+    """Name of a geometry file without its ending.
+
+    >>> stem(Path("a/pump.v2.step.gz"))
+    'pump.v2'
+    """
+    return Path(path.name.removesuffix(".gz")).stem
+
+
 def found_in(source: str, unit: str | None, within: float | None) -> Assembly:
     """The pairs of a geometry file, or of a scene's file."""
-    if within is not None and not within >= 0:
-        raise SceneError(f"--within {within}: must not be negative, in metres")
+    if within is not None and not 0 <= within < np.inf:
+        raise SceneError(f"--within {within}: must be a number that is not negative, in metres")
     path = Path(source)
     if kind_of(path) is not None:
         return assembly(path, unit, within)
@@ -64,7 +74,7 @@ def found_in(source: str, unit: str | None, within: float | None) -> Assembly:
 
 
 def _list(source: str, unit: str | None, within: float | None, folder: Path | None) -> None:
-    folder = folder or Path(f"{Path(source).name.split('.')[0]}_contacts")
+    folder = folder or Path(f"{stem(Path(source))}_contacts")
     if folder.exists():
         raise FolderError(f"{folder}: exists already; choose another folder with -o")
     found, out = found_in(source, unit, within), console(160)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +24,8 @@ BONDED = ("weld", "glue", "adhesive", "bond", "solder")
 DECLARES = {".step": "mm", ".stp": "mm"}  # gmsh turns the unit that such a file declares into mm
 ENDS = {2: ("left", "right", "bottom", "top"), 3: ("left", "right", "front", "back", "bottom", "top")}
 LARGE = 0.3  # of the assembly's diagonal: bodies whose ends get names
-POINTS = {2: 100, 3: 1500}  # of contact
+GRAVITY = 9.81  # [m/s^2]
+POINTS = {2: 100, 3: 600}  # of contact
 ACROSS = 2  # cells across the smallest pair, at least
 LONGEST = 3  # bodies in the name of a side
 
@@ -88,11 +89,8 @@ def scene_text(found: Assembly, target: Path) -> str:
     Args:
         target: where it will be written, for the path of the geometry's file.
     """
-    pairs, dim = found.pairs, found.dim
-    names, ends = side_names(found), _ends(found)
-    slave = slaves(pairs)
+    names, ends, word = side_names(found), _ends(found), FACET_WORD[found.dim]
     size, fine = sizes(found)
-    gravity = "xyz"[:dim]
     lines = [
         f"# Written by `stickslip new --from {found.path.name}`. Materials, laws, sizes, support and load are first",
         "# proposals. Sides are named after the bodies that they touch; `stickslip contacts` draws each pair.",
@@ -101,47 +99,41 @@ def scene_text(found: Assembly, target: Path) -> str:
         "",
         "[geometry]",
         f"file = {json.dumps(_relative(found.path, target))}",
-        f'length_unit = "{found.geometry.length_unit}"'
-        + ("" if found.path.suffix.lower() != ".brep" else "  # the file does not say its unit"),
+        f'length_unit = "{found.geometry.length_unit}"',
+        *([] if size is None else [f"mesh_size = {size:.3g}"]),
+        *([] if fine is None else [f"contact_mesh_size = {fine:.3g}"]),
+        "",
+        "[geometry.names]",
     ]
-    if size is not None:
-        lines.append(f"mesh_size = {size:.3g}")
-        if fine is not None and fine < size:
-            lines.append(f"contact_mesh_size = {fine:.3g}")
-    own = {side: name for side, name in [*names.items(), *ends.items()] if not side.name}
-    if own:
-        lines += ["", "[geometry.names]"]
-        word = FACET_WORD[dim]
-        for side, name in own.items():
-            lines.append(f'"{name}" = [{", ".join(f"{chr(34)}{word} {n}{chr(34)}" for n in side.numbers)}]')
+    for side, name in {**names, **ends}.items():
+        if not side.name:
+            lines.append(f'"{name}" = {json.dumps([f"{word} {number}" for number in side.numbers])}')
     lines += ["", "[bodies]  # steel"]
     lines += [f"{body} = {{ E = 210e9, nu = 0.3, density = 7850.0 }}" for body in found.outline.bodies]
-    labels = numbered(f"{pair.one.body}_{pair.other.body}" for pair in pairs)
-    for k, (pair, label) in enumerate(zip(pairs, labels, strict=True)):
-        side, other = (pair.one, pair.other) if slave[k] is not pair.other else (pair.other, pair.one)
-        if slave[k] is None:
-            lines += [
-                "",
-                f"# {names[side]} against {names[other]}: left out, both carry the pressure of another contact",
-            ]
-            continue
-        law, why = proposed_law(pair)
-        lines += ["", f"[contacts.{label}]", f'surface = "{names[side]}"', f'against = "{names[other]}"']
-        if law == "tied":
-            lines.append(f'normal = {{ law = "tied" }}  # {why}')
-            continue
-        lines.append('friction = { law = "coulomb", mu = 0.2 }')
-        if pair.exact:
-            lines.append(f"gap = {pair.fit:.6g}  # of the exact shapes")
-    support = _support(found, ends)
-    lines += ["", "# TODO: where the assembly is held, and what loads it"]
-    if support is not None:
-        name, normal = support
-        zero = ", ".join(f"{axis} = 0.0" for axis in gravity)
-        lines += ["[supports.base]", f'boundary = "{name}"', f"displacement = {{ {zero} }}", ""]
-        pull = ", ".join(f"{9.81 * x + 0.0:.4g}" for x in normal[:dim].round(6))
-        lines += ["[gravity]", f"acceleration = [{pull}]"]
+    labels = numbered(f"{pair.one.body}_{pair.other.body}" for pair in found.pairs)
+    for pair, label, slave in zip(found.pairs, labels, slaves(found.pairs), strict=True):
+        lines += ["", *_contact(pair, label, slave, names)]
+    lines += ["", "# where it is held, and what loads it: to begin with, its weight presses the largest of the planes"]
+    if ends:
+        side = max(ends, key=lambda side: side.area)
+        held = ", ".join(f"{axis} = 0.0" for axis in "xyz"[: found.dim])
+        lines += ["[supports.base]", f'boundary = "{ends[side]}"', f"displacement = {{ {held} }}", ""]
+    pull = ", ".join(f"{x:.4g}" for x in _downwards(found)[: found.dim])
+    lines += ["[gravity]", f"acceleration = [{pull}]"]
     return "\n".join(lines) + "\n"
+
+
+def _contact(pair: Pair, label: str, slave: Side | None, names: Mapping[Side, str]) -> list[str]:
+    """The table of a contact."""
+    one, other = (pair.other, pair.one) if slave is pair.other else (pair.one, pair.other)
+    if slave is None:
+        return [f"# {names[one]} and {names[other]}: left out, each is the slave of another contact; split one of them"]
+    law, why = proposed_law(pair)
+    lines = [f"[contacts.{label}]", f'surface = "{names[one]}"', f'against = "{names[other]}"']
+    if law == "tied":
+        return [*lines, f'normal = {{ law = "tied" }}  # {why}']
+    lines.append('friction = { law = "coulomb", mu = 0.2 }')
+    return [*lines, f"gap = {pair.fit:.6g}  # of the exact shapes"] if pair.exact else lines
 
 
 def side_names(found: Assembly) -> dict[Side, str]:
@@ -197,7 +189,7 @@ def sizes(found: Assembly) -> tuple[float | None, float | None]:
     area = sum(pair.area for pair in found.pairs)
     smallest = min(pair.area for pair in found.pairs)
     fine = min((area / POINTS[dim]) ** (1 / (dim - 1)), smallest ** (1 / (dim - 1)) / ACROSS)
-    return size, min(size, fine)
+    return size, fine if fine < size else None
 
 
 def _ends(found: Assembly) -> dict[Side, str]:
@@ -224,12 +216,11 @@ def _ends(found: Assembly) -> dict[Side, str]:
     return ends
 
 
-def _support(found: Assembly, ends: dict[Side, str]) -> tuple[str, Array] | None:
-    """The largest of the ends, and the direction out of it."""
-    if not ends:
-        return None
-    side = max(ends, key=lambda side: side.area)
-    return ends[side], side.form.axis
+def _downwards(found: Assembly) -> Array:
+    """Gravity (3,) [m/s^2] that presses the largest of the plane pairs; without any, along the last axis."""
+    flat = [pair for pair in found.pairs if pair.kind == "plane"]
+    down = max(flat, key=lambda pair: pair.area).one.form.axis if flat else -np.eye(3)[found.dim - 1]
+    return np.asarray((GRAVITY * down).round(6) + 0.0)
 
 
 def _relative(path: Path, target: Path) -> str:
