@@ -26,6 +26,7 @@ class Request:
 
     model: Model
     contact_sides: tuple[str, ...] = ()  # sides to refine to `contact_mesh_size`
+    facing: tuple[tuple[str, str], ...] = ()  # of them pairs that need it only where they are close to each other
     periodic: tuple[tuple[str, str], ...] = ()  # pairs of sides whose meshes must match
     sizes: SizeField | None = None  # instead of the shape's own mesh sizes
 

@@ -23,8 +23,9 @@ class MeshOptions:
     """What the scene says about the mesh; lengths in the model's unit."""
 
     size: float | None  # edge length; None: the file's own sizes
-    fine_size: float | None  # edge length at `fine_sides`; None: `size`
+    fine_size: float | None  # edge length at `fine_sides` and `fine_points`; None: `size`
     fine_sides: Sequence[str]
+    fine_points: Array  # (p, 3)
     periodic: Sequence[tuple[str, str]]  # the first side of each pair gets the mesh of the second
     order: int
     sizes: SizeField | None = None  # instead of all other sizes
@@ -35,7 +36,7 @@ def mesh_parts(gmsh: Gmsh, dim: int, parts: Parts, options: MeshOptions) -> RawM
     if len(gmsh.model.mesh.getElementTypes(dim)) == 0:
         size = options.size
         if size is not None:
-            _set_sizes(gmsh, dim, parts, size, options.fine_size or size, options.fine_sides)
+            _set_sizes(gmsh, dim, parts, size, options)
         if options.sizes is not None:
             options.sizes.impose(gmsh)
         for slave, master in options.periodic:
@@ -52,18 +53,24 @@ def mesh_parts(gmsh: Gmsh, dim: int, parts: Parts, options: MeshOptions) -> RawM
     return read_raw_mesh(gmsh, dim, parts)
 
 
-def _set_sizes(gmsh: Gmsh, dim: int, parts: Parts, size: float, fine_size: float, fine_sides: Sequence[str]) -> None:
-    """Set the mesh size to min(size, fine_size + GROWTH * distance from the fine sides)."""
-    field = gmsh.model.mesh.field
+def _set_sizes(gmsh: Gmsh, dim: int, parts: Parts, size: float, options: MeshOptions) -> None:
+    """Set the mesh size to min(size, fine_size + GROWTH * distance from the fine sides and points)."""
+    field, fine_size = gmsh.model.mesh.field, options.fine_size or size
     fields = [field.add("MathEval")]
     field.setString(fields[0], "F", f"{size:.17g}")
-    tags = [tag for side in fine_sides for tag in parts.sides[side]]
-    if tags and fine_size < size:
-        distance = field.add("Distance")
-        field.setNumbers(distance, "FacesList" if dim == 3 else "EdgesList", tags)
-        field.setNumber(distance, "NumPointsPerCurve", 200)
-        fields.append(field.add("MathEval"))
-        field.setString(fields[-1], "F", f"{fine_size:.17g} + {GROWTH} * F{distance}")
+    tags = [tag for side in options.fine_sides for tag in parts.sides[side]]
+    points = [
+        gmsh.model.addDiscreteEntity(0) for _ in options.fine_points
+    ]  # nodes of no cell: the mesh leaves them out
+    for tag, x in zip(points, options.fine_points.tolist(), strict=True):
+        gmsh.model.setCoordinates(tag, *x)
+    for kind, near in (("FacesList" if dim == 3 else "EdgesList", tags), ("NodesList", points)):
+        if near and fine_size < size:
+            distance = field.add("Distance")
+            field.setNumbers(distance, kind, near)
+            field.setNumber(distance, "NumPointsPerCurve", 200)
+            fields.append(field.add("MathEval"))
+            field.setString(fields[-1], "F", f"{fine_size:.17g} + {GROWTH} * F{distance}")
     least = field.add("Min")
     field.setNumbers(least, "FieldsList", fields)
     field.setAsBackgroundMesh(least)

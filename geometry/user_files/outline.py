@@ -7,11 +7,11 @@ from itertools import product
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.user_files.parts import FACET_WORD, Parts, nodes_at
-from stickslip.geometry.user_files.raw_mesh import CORNERS, TYPES, RawMesh, read_raw_mesh
+from stickslip.geometry.user_files.raw_mesh import RawMesh, facets_among, read_raw_mesh
 
 COARSE = 8  # cells along the box's diagonal, for sampling and drawing
 ROUND = 16  # cells on a full circle
@@ -27,8 +27,9 @@ class Facets:
 
     number: int  # gmsh's tag
     name: str
-    corners: Array  # (f, k, 3) [m]
+    corners: Array  # (f, k, 3) [m]; their order makes normals point out of the first of `bodies`
     exact: float | None  # area or length [m^2 or m], if the CAD kernel gives it
+    bodies: tuple[str, ...] = ()  # that it bounds; two where they are joined there
 
     @property
     def size(self) -> float:
@@ -84,30 +85,24 @@ def read_outline(gmsh: Gmsh, dim: int, parts: Parts, unit: float) -> Outline:
     raw = read_raw_mesh(gmsh, dim, parts) if meshed else None
     if raw is None:
         _mesh_facets(gmsh, dim)
-    entities = [
-        Facets(
-            int(tag),
-            gmsh.model.getEntityName(dim - 1, tag),
-            unit * _corners(gmsh, dim - 1, tag),
-            _exact_size(gmsh, dim - 1, tag, unit),
-        )
-        for _, tag in gmsh.model.getEntities(dim - 1)
-    ]
-    of = {facets.number: facets for facets in entities if len(facets.corners)}
-    samples = {}
-    for side in parts.sides:
-        if raw is not None:
-            samples[side] = _sample(*_outward_of_mesh(raw, side, unit))
-        else:
-            samples[side] = _sample(*_outward_of_cad(gmsh, dim, side, parts, of))
-    if raw is not None:
-        corners = unit * raw.points
-    elif of:
-        corners = np.concatenate([facets.corners.reshape(-1, 3) for facets in of.values()])
+    entities = [int(tag) for _, tag in gmsh.model.getEntities(dim - 1)]
+    corners = {tag: found for tag in entities if len(found := unit * _corners(gmsh, dim - 1, tag))}
+    if raw is None:
+        bodies, corners = _outward_of_cad(gmsh, dim, parts, corners)
     else:
+        bodies, corners = _outward_of_mesh(gmsh, dim, raw, corners, unit)
+    of = {
+        tag: Facets(
+            tag, gmsh.model.getEntityName(dim - 1, tag), found, _exact_size(gmsh, dim - 1, tag, unit), bodies[tag]
+        )
+        for tag, found in corners.items()
+    }
+    if raw is None and not of:
         raise GeometryError("has no boundary")
+    samples = {side: _sample(*_outward(dim, side, tags, of)) for side, tags in parts.sides.items()}
+    points = unit * raw.points if raw else np.concatenate([f.corners.reshape(-1, 3) for f in of.values()])
     sides = {body: tuple(s.split(".")[1] for s in parts.sides if s.split(".")[0] == body) for body in parts.bodies}
-    box = np.array([corners.min(axis=0), corners.max(axis=0)])
+    box = np.array([points.min(axis=0), points.max(axis=0)])
     side_of = {tag: side for side, tags in parts.sides.items() for tag in tags}
     exact = [_exact_size(gmsh, dim, tag, unit) for _, tag in gmsh.model.getEntities(dim)]
     volume = sum(size or np.inf for size in exact)
@@ -115,54 +110,91 @@ def read_outline(gmsh: Gmsh, dim: int, parts: Parts, unit: float) -> Outline:
     return Outline(sides, box, volume, tuple(of.values()), samples, side_of)
 
 
-def _outward_of_mesh(raw: RawMesh, side: str, unit: float) -> tuple[Array, Array]:
-    """Corners (f, k, 3) and outward normals (f, 3) of a side's facets: they point away from the cells behind them."""
-    rows, cells = raw.facets[side], raw.cells[side.split(".")[0]]
-    corners = unit * raw.points[rows[:, : CORNERS[TYPES[raw.kind]]]]
-    normals = normals_of(corners)
-    behind = unit * raw.points[cells[raw.behind(side)]].mean(axis=1)
-    away = np.einsum("fd,fd->f", corners.mean(axis=1) - behind, normals)
-    return corners, normals * np.sign(away)[:, None]
-
-
-def _outward_of_cad(gmsh: Gmsh, dim: int, side: str, parts: Parts, of: dict[int, Facets]) -> tuple[Array, Array]:
-    """Corners and outward normals as above, without a volume mesh.
-
-    A normal of an entity points outward if a small step along it from the largest facet leads out of the body's closed
-    boundary.
-    """
+def _outward(dim: int, side: str, tags: list[int], of: dict[int, Facets]) -> tuple[Array, Array]:
+    """Corners (f, k, 3) and outward normals (f, 3) of a side's facets."""
     body = side.split(".")[0]
-    entities = [(dim, tag) for tag in parts.bodies[body]]
-    boundary = [tag for _, tag in gmsh.model.getBoundary(entities, combined=True, oriented=False) if tag in of]
-    corners, normals = [], []
-    for tag in parts.sides[side]:
-        if tag not in boundary:
+    for tag in tags:
+        if tag not in of or body not in of[tag].bodies:
             raise GeometryError(f"side {side}: {FACET_WORD[dim]} {tag} is not on the boundary of {body}")
-        normal = of[tag].normals()
-        area = np.linalg.norm(normal, axis=1)
-        largest = int(np.argmax(area))
-        step = STEP * area[largest] ** (1 / (dim - 1)) * normal[largest] / area[largest]
-        point = of[tag].corners[largest].mean(axis=0) + step
-        corners.append(of[tag].corners)
-        normals.append(-normal if is_inside(point, [of[t].corners for t in boundary], dim) else normal)
-    return np.concatenate(corners), np.concatenate(normals)
+    normals = [of[tag].normals() * (1 if of[tag].bodies[0] == body else -1) for tag in tags]
+    return np.concatenate([of[tag].corners for tag in tags]), np.concatenate(normals)
 
 
-def is_inside(point: Array, boundary: list[Array], dim: int) -> bool:
-    """Whether a closed boundary of facets (f, k, 3) encloses a point: a ray from it crosses an odd number of facets."""
-    along = RAY * ([1, 1, 0] if dim == 2 else 1)
-    crossed = 0
-    for corners in boundary:
-        for last in range(dim - 1, corners.shape[1]):  # a quadrilateral counts as two triangles
-            origin = corners[:, 0]
-            edges = [corners[:, last - 1] - origin, corners[:, last] - origin] if dim == 3 else [corners[:, 1] - origin]
-            matrix = np.stack([*edges, np.broadcast_to(-along, origin.shape)], axis=2)[:, :dim]
-            matrix[np.abs(np.linalg.det(matrix)) == 0] = np.inf  # facets along the ray are not crossed
-            with np.errstate(invalid="ignore"):
-                found = np.linalg.solve(matrix, (point - origin)[:, :dim, None])[..., 0]
-            where, far = found[:, :-1], found[:, -1]
-            crossed += int(np.sum((far > 0) & np.all(where >= 0, axis=1) & (where.sum(axis=1) <= 1)))
-    return crossed % 2 == 1
+Oriented = tuple[dict[int, tuple[str, ...]], dict[int, Array]]  # bodies and corners of each entity, as in `Facets`
+
+
+def _outward_of_mesh(gmsh: Gmsh, dim: int, raw: RawMesh, corners: dict[int, Array], unit: float) -> Oriented:
+    """Each facet's normal points away from the cell behind it."""
+    numbers = np.unique(np.asarray(gmsh.model.mesh.getElementsByType(raw.kind)[1], np.int64))
+    middles = {body: raw.points[rows].mean(axis=1) for body, rows in raw.cells.items()}
+    bodies: dict[int, tuple[str, ...]] = {}
+    oriented: dict[int, Array] = {}
+    for tag, x in corners.items():
+        rows = _nodes_of_facets(gmsh, dim - 1, tag)
+        known = np.where(
+            np.isin(rows, numbers), np.searchsorted(numbers, rows), len(raw.points)
+        )  # the last: of no cell
+        wanted, place = np.unique(np.sort(known, axis=1), axis=0, return_inverse=True)
+        behind, found = np.full((len(wanted), 3), np.nan), []
+        for body, cells in raw.cells.items():
+            facet, cell = facets_among(cells, raw.kind, wanted)
+            found += [body] * bool(len(facet))
+            new = np.isnan(behind[facet, 0])
+            behind[facet[new]] = middles[body][cell[new]]
+        bodies[tag] = tuple(found)
+        away = np.einsum("fd,fd->f", x.mean(axis=1) - unit * behind[place.ravel()], normals_of(x))
+        oriented[tag] = np.where((away < 0)[:, None, None], x[:, ::-1], x)
+    return bodies, oriented
+
+
+def _outward_of_cad(gmsh: Gmsh, dim: int, parts: Parts, corners: dict[int, Array]) -> Oriented:
+    """Normals of an entity point outward if a small step along that of its largest facet leads out of the body."""
+    bodies: dict[int, tuple[str, ...]] = dict.fromkeys(corners, ())
+    oriented = dict(corners)
+    for body, tags in parts.bodies.items():
+        boundary = gmsh.model.getBoundary([(dim, tag) for tag in tags], combined=True, oriented=False)
+        own = [tag for _, tag in boundary if tag in corners]
+        shell = Shell([corners[tag] for tag in own], dim) if own else None
+        for tag in own:
+            bodies[tag] += (body,)
+            if len(bodies[tag]) > 1 or shell is None:
+                continue
+            normals = normals_of(corners[tag])
+            area = np.linalg.norm(normals, axis=1)
+            largest = int(np.argmax(area))
+            step = STEP * area[largest] ** (1 / (dim - 1)) * normals[largest] / area[largest]
+            if shell.encloses(corners[tag][largest].mean(axis=0) + step):
+                oriented[tag] = corners[tag][:, ::-1]
+    return bodies, oriented
+
+
+class Shell:
+    """A closed boundary of facets; a ray from a point that it encloses crosses an odd number of them."""
+
+    def __init__(self, boundary: list[Array], dim: int) -> None:
+        """Facets (f, k, 3) of each entity; a quadrilateral counts as two triangles."""
+        parts = [
+            np.concatenate([x[:, [0, last - 1, last]] for last in range(2, x.shape[1])]) if dim == 3 else x
+            for x in boundary
+        ]
+        self.corners, self.dim = np.concatenate(parts), dim
+        self.along = RAY * ([1, 1, 0] if dim == 2 else 1)
+        self.across = np.linalg.svd(self.along[None, :dim])[2][1:]  # the ray is a point in this projection
+        seen = self.corners[..., :dim] @ self.across.T
+        slack = 1e-9 * np.ptp(seen.reshape(-1, dim - 1), axis=0)
+        self.low, self.high = seen.min(axis=1) - slack, seen.max(axis=1) + slack
+
+    def encloses(self, point: Array) -> bool:
+        at = self.across @ point[: self.dim]
+        corners = self.corners[np.all((self.low <= at) & (at <= self.high), axis=1)]
+        origin = corners[:, 0]
+        edges = [corners[:, i] - origin for i in range(1, self.dim)]
+        matrix = np.stack([*edges, np.broadcast_to(-self.along, origin.shape)], axis=2)[:, : self.dim]
+        matrix[np.abs(np.linalg.det(matrix)) == 0] = np.inf  # facets along the ray are not crossed
+        with np.errstate(invalid="ignore"):
+            found = np.linalg.solve(matrix, (point - origin)[:, : self.dim, None])[..., 0]
+        where, far = found[:, :-1], found[:, -1]
+        return bool(np.sum((far > 0) & np.all(where >= 0, axis=1) & (where.sum(axis=1) <= 1)) % 2 == 1)
 
 
 def _sample(corners: Array, normals: Array) -> tuple[Array, Array]:
@@ -200,9 +232,14 @@ def _exact_size(gmsh: Gmsh, dim: int, tag: int, unit: float) -> float | None:
 
 def _corners(gmsh: Gmsh, dim: int, tag: int) -> Array:
     """Corners (f, k, 3) of an entity's elements; no rows if it has no elements, or elements of several kinds."""
+    rows = _nodes_of_facets(gmsh, dim, tag)
+    return nodes_at(gmsh, dim, tag, rows) if len(rows) else np.zeros((0, dim + 1, 3))
+
+
+def _nodes_of_facets(gmsh: Gmsh, dim: int, tag: int) -> Ints:
+    """gmsh's tags (f, k) of the corners of an entity's elements, as in `_corners`."""
     kinds, _, nodes = gmsh.model.mesh.getElements(dim, tag)
     if len(kinds) != 1:
-        return np.zeros((0, dim + 1, 3))
+        return np.zeros((0, dim + 1), np.int64)
     count, _, corners = gmsh.model.mesh.getElementProperties(kinds[0])[3:6]
-    rows = np.reshape(nodes[0], (-1, count))[:, :corners].astype(np.int64)
-    return nodes_at(gmsh, dim, tag, rows)
+    return np.reshape(nodes[0], (-1, count))[:, :corners].astype(np.int64)

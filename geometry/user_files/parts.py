@@ -34,7 +34,7 @@ def find_parts(gmsh: Gmsh, dim: int, named_by_entity: bool, names: Mapping[str, 
 
     Args:
         named_by_entity: if the model has no physical groups, bodies are the parts of the CAD file with their names.
-        names: sides that the scene's `[geometry.names]` adds.
+        names: the scene's `[geometry.names]`: new names of bodies, and sides, as body.side, that it adds.
         unit: length of the model's unit [m].
 
     Raises:
@@ -47,9 +47,40 @@ def find_parts(gmsh: Gmsh, dim: int, named_by_entity: bool, names: Mapping[str, 
     sides = _sides_by_group(gmsh, dim, bodies)
     if named_by_entity:
         sides |= _sides_by_entity(gmsh, dim, bodies)
+    bodies, sides = _renamed(bodies, sides, {name: of for name, of in names.items() if "." not in name})
     for name, selection in names.items():
-        _add_side(gmsh, dim, bodies, sides, name, _select(gmsh, dim, name, selection, unit))
+        if "." in name:
+            _add_side(gmsh, dim, bodies, sides, name, _select(gmsh, dim, name, selection, unit))
     return Parts(bodies, sides)
+
+
+def _renamed(
+    bodies: dict[str, list[int]], sides: dict[str, list[int]], names: Mapping[str, Selection]
+) -> tuple[dict[str, list[int]], dict[str, list[int]]]:
+    """Bodies and sides with the new names of bodies; a name for several makes them one body."""
+    new: dict[str, str] = {}
+    for name, selection in names.items():
+        key = f'names."{name}"'
+        if not NAME.fullmatch(name):
+            raise GeometryError(f"{key}: a body's name is made of a-z, 0-9 and _, and begins with a letter")
+        for old in selection:
+            if isinstance(selection, Mapping) or old not in bodies:
+                hint = nearest(old, bodies)
+                raise GeometryError(f'{key}: expected names that the file gives to bodies, not "{old}"; {hint}')
+            if old in new:
+                raise GeometryError(f"{key}: {old} is {new[old]} already")
+            new[old] = name
+    for name in names:
+        if name in bodies and name not in new:
+            raise GeometryError(f'names."{name}": the file has another body of this name')
+    found: dict[str, list[int]] = {}
+    for body, tags in bodies.items():
+        found.setdefault(new.get(body, body), []).extend(tags)
+    moved: dict[str, list[int]] = {}
+    for side, tags in sides.items():
+        body, own = side.split(".")
+        moved.setdefault(f"{new.get(body, body)}.{own}", []).extend(tags)
+    return found, moved
 
 
 def _check_dimension(gmsh: Gmsh, dim: int) -> None:
@@ -86,7 +117,7 @@ def _bodies_by_group(gmsh: Gmsh, dim: int, groups: list[tuple[str, int]]) -> dic
 def _bodies_by_entity(gmsh: Gmsh, dim: int) -> dict[str, list[int]]:
     """Each volume (3D) or surface (2D) is a body, with the name that the CAD file gives it."""
     entities = [tag for _, tag in gmsh.model.getEntities(dim)]
-    labels = _numbered(label(gmsh.model.getEntityName(dim, tag), "part") for tag in entities)
+    labels = numbered(label(gmsh.model.getEntityName(dim, tag), "part") for tag in entities)
     return {name: [tag] for name, tag in zip(labels, entities, strict=True)}
 
 
@@ -110,7 +141,7 @@ def _sides_by_entity(gmsh: Gmsh, dim: int, bodies: Mapping[str, list[int]]) -> d
             name = gmsh.model.getEntityName(dim - 1, tag)
             if name:
                 found.append((f"{body}.{label(name, 'side')}", tag))
-    labels = _numbered(name for name, _ in found)
+    labels = numbered(name for name, _ in found)
     return {name: [tag] for name, (_, tag) in zip(labels, found, strict=True)}
 
 
@@ -128,10 +159,10 @@ def label(name: str, default: str) -> str:
     return plain if plain[0].isalpha() else f"{default}_{plain}"
 
 
-def _numbered(names: Iterable[str]) -> list[str]:
+def numbered(names: Iterable[str]) -> list[str]:
     """Make names unique by numbers.
 
-    >>> _numbered(["bolt", "ring", "bolt"])
+    >>> numbered(["bolt", "ring", "bolt"])
     ['bolt', 'ring', 'bolt_2']
     """
     seen: Counter[str] = Counter()

@@ -46,16 +46,6 @@ class RawMesh:
                 gmsh.model.addPhysicalGroup(dim, [number], number)
                 gmsh.model.setPhysicalName(dim, number, name)
 
-    def behind(self, side: str) -> Ints:
-        """Cells (f,) behind a side's facets: rows of `cells` of its body."""
-        corners = CORNERS[TYPES[self.kind]]
-        cells, facets = self.cells[side.split(".")[0]], np.sort(self.facets[side][:, :corners], axis=1)
-        wanted, place = np.unique(facets, axis=0, return_inverse=True)
-        found, cell = _facets_among(cells, self.kind, wanted)
-        owner = np.zeros(len(wanted), np.int64)
-        owner[found] = cell
-        return np.asarray(owner[place.ravel()])
-
 
 def read_raw_mesh(gmsh: Gmsh, dim: int, parts: Parts) -> RawMesh:
     """Read cells and facets of the current gmsh model.
@@ -161,7 +151,7 @@ def _check_facets(kind: int, cells: dict[str, Ints], facets: dict[str, Ints]) ->
         if len(wanted) < len(rows):
             raise GeometryError(f"side {side}: names {len(rows) - len(wanted)} of its facets twice")
         touching = {
-            name: np.bincount(_facets_among(rows, kind, wanted)[0], minlength=len(wanted))
+            name: np.bincount(facets_among(rows, kind, wanted)[0], minlength=len(wanted))
             for name, rows in cells.items()
         }
         if np.any(touching[body] == 0):
@@ -172,7 +162,7 @@ def _check_facets(kind: int, cells: dict[str, Ints], facets: dict[str, Ints]) ->
             raise GeometryError(f"side {side}: lies inside, its facets have cells on both sides")
 
 
-def _facets_among(cells: Ints, kind: int, wanted: Ints) -> tuple[Ints, Ints]:
+def facets_among(cells: Ints, kind: int, wanted: Ints) -> tuple[Ints, Ints]:
     """Find wanted facets among those of cells.
 
     Args:

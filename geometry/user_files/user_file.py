@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -25,11 +25,13 @@ from stickslip.geometry.user_files.open_file import KINDS, Parameter, kind_of
 from stickslip.geometry.user_files.outline import Outline
 from stickslip.geometry.user_files.raw_mesh import RawMesh
 from stickslip.geometry.user_files.reader import Question, ask
+from stickslip.geometry.user_files.touching import Pair, close_pairs, thinned
 
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "km": 1e3, "in": 0.0254, "ft": 0.3048}
 DEBIAN = Path("/usr/share/doc/gmsh-doc/doc/gmsh")  # gmsh's own files, of which ready scenes use some
 WHEEL = Path(sys.prefix, "share/doc/gmsh")  # the same ones, not compressed, in gmsh from PyPI
 EXAMPLES = ("demos", "examples")  # their folder, older and newer
+CELLS = 20_000  # of a CAD file that comes without mesh_size
 WITH_PARAMETERS = ("geo", "py")  # kinds of file
 
 
@@ -63,10 +65,14 @@ class UserFile(Noun, Shape):
         Literal["m", "dm", "cm", "mm", "um", "nm", "km", "in", "ft"],
         Key("-", "unit of the file's coordinates; gmsh turns STEP files that declare a unit into mm"),
     ] = "m"
-    mesh_size: Annotated[float | None, Key("m", "edge length of the cells; .geo, .py: absent for the file's own")] = (
-        None
-    )
-    contact_mesh_size: Annotated[float | None, Key("m", "edge length at contact surfaces; absent: mesh_size")] = None
+    mesh_size: Annotated[
+        float | None,
+        Key("m", "edge length of the cells; absent: the file's own, of CAD files one that makes 20 000 cells"),
+    ] = None
+    contact_mesh_size: Annotated[
+        float | None,
+        Key("m", "edge length at contact surfaces, between bodies where they are close; absent: mesh_size"),
+    ] = None
     cells: Annotated[Literal["simplex"], Key("-", "triangles and tetrahedra; a .geo may recombine them itself")] = (
         "simplex"
     )
@@ -76,7 +82,11 @@ class UserFile(Noun, Shape):
     ] = None
     names: Annotated[
         Mapping[str, tuple[str, ...] | Box],
-        Key("-", 'sides to name: "part.base" = ["face 12"] (2D: "edge 3"), or { box = [x0, y0, z0, x1, y1, z1] } in m'),
+        Key(
+            "-",
+            'sides to name: "part.base" = ["face 12"] (2D: "edge 3"), or { box = [x0, y0, z0, x1, y1, z1] } in m; '
+            'bodies to rename: clamp = ["part_2"], or to make one: clamp = ["part", "part_2"]',
+        ),
     ] = field(default_factory=dict)
     parameters: Annotated[
         Mapping[str, Parameter], Key("-", "what .geo (numbers) or build(model, parameters) of .py is given")
@@ -92,12 +102,12 @@ class UserFile(Noun, Shape):
             value = getattr(self, key)
             require(value is None or value > 0, key, value, "must be positive, in metres")
             require(value is None or kind != "msh", key, value, "a .msh file has its own mesh; remove the key")
-        require(self.mesh_size is not None or kind != "cad", "mesh_size", None, "missing, a CAD file says no size")
         limit = self.time_limit
         require(limit is None or limit > 0, "time_limit", limit, "must be positive, in seconds")
         fine = self.contact_mesh_size
-        require(fine is None or self.mesh_size is not None, "contact_mesh_size", fine, "needs mesh_size too")
-        require(fine is None or fine <= (self.mesh_size or 0), "contact_mesh_size", fine, "must not exceed mesh_size")
+        size = self.mesh_size if kind != "cad" else self.mesh_size or np.inf
+        require(fine is None or size is not None, "contact_mesh_size", fine, "needs mesh_size too")
+        require(fine is None or fine <= (size or 0), "contact_mesh_size", fine, "must not exceed mesh_size")
         self._check_parameters(kind or "")
 
     def _check_parameters(self, kind: str) -> None:
@@ -139,15 +149,28 @@ class UserFile(Noun, Shape):
             require(left >= -1e-9 * np.ptp(self.box(2)), "file", self.file, f"reaches x = {left:g}; x is the radius")
 
     def cell_count(self, request: Request) -> float:
-        if self.mesh_size is None:
+        dim, size = request.dim, self.size(request.dim)
+        if size is None:
             return 0.0
-        outline, dim = self.outline(request.dim), request.dim
-        near = 0.0
-        if self.contact_mesh_size is not None:
-            fine, depth = self.contact_mesh_size, float(np.ptp(outline.box, axis=0).max())
-            areas = (f.size for f in outline.entities if outline.side_of.get(f.number) in request.contact_sides)
-            near = sum(refined_near(area, depth, fine, self.mesh_size, dim) for area in areas)
-        return filled(outline.volume, self.mesh_size, dim) + near
+        outline, near = self.outline(dim), 0.0
+        fine = self.contact_mesh_size
+        if fine is not None and fine < size:
+            depth, whole = float(np.ptp(outline.box, axis=0).max()), self._whole(request)
+            areas = [f.size for f in outline.entities if outline.side_of.get(f.number) in whole]
+            areas += [area for p in _close(self._key(dim), request.facing, fine) for area in (p.area, p.area)]
+            near = sum(refined_near(area, depth, fine, size, dim) for area in areas)
+        return filled(outline.volume, size, dim) + near
+
+    def size(self, dim: int) -> float | None:
+        """Edge length of the cells [m]; where a CAD file comes without one, that of CELLS cells of its volume."""
+        if self.mesh_size is not None or kind_of(Path(self.file)) != "cad":
+            return self.mesh_size
+        size: float = filled(self.outline(dim).volume / CELLS, 1.0, dim) ** (1 / dim)
+        return max(size, self.contact_mesh_size or 0.0)
+
+    def _whole(self, request: Request) -> tuple[str, ...]:
+        """The contact sides to refine everywhere; of the others only what is close to another one."""
+        return tuple(side for side in request.contact_sides if not any(side in pair for pair in request.facing))
 
     def box(self, dim: int) -> Array:
         return self.outline(dim).box[:, :dim]
@@ -179,10 +202,15 @@ class UserFile(Noun, Shape):
     def put(self, gmsh: Gmsh, request: Request) -> float:
         unit = self.unit
         sizes = request.sizes and request.sizes.in_units_of(unit)
+        size, fine, points = self.size(request.dim), self.contact_mesh_size, np.zeros((0, 3))
+        if fine is not None and sizes is None:
+            apart = 2 * fine  # cells between have grown little
+            points = thinned(_close(self._key(request.dim), request.facing, fine, apart), apart)
         options = MeshOptions(
-            size=None if self.mesh_size is None else self.mesh_size / unit,
-            fine_size=None if self.contact_mesh_size is None else self.contact_mesh_size / unit,
-            fine_sides=request.contact_sides,
+            size=None if size is None else size / unit,
+            fine_size=None if fine is None else fine / unit,
+            fine_sides=self._whole(request),
+            fine_points=points / unit,
             periodic=request.periodic,
             order=1 if self.own_mesh and sizes else self.order,
             sizes=None if self.own_mesh else sizes,
@@ -235,3 +263,8 @@ def _outline(key: _Key) -> Outline:
     found = ask(key.question)
     assert isinstance(found, Outline)
     return found
+
+
+@lru_cache(maxsize=8)
+def _close(key: _Key, facing: tuple[tuple[str, str], ...], fine: float, spacing: float = np.inf) -> Sequence[Pair]:
+    return close_pairs(_outline(key), key.question.dim, facing, fine, spacing)

@@ -202,7 +202,8 @@ class BubbleRows:
             n, t, relative, nearer = _rows_of(c, slave, master)
             straight = [(c.surface, slave)] + ([(c.master, master)] if c.master and master else [])
             bulging = np.concatenate([bulges(*side) for side in straight])
-            closer.append(np.zeros(len(c.W_n)) if c.normal.ties else n @ bulging.ravel() + nearer)
+            known = c.normal.ties or pair.contact.gap is not None
+            closer.append(np.zeros(len(c.W_n)) if known else n @ bulging.ravel() + nearer)
             normal.append(n)
             tangential.append(t)
             self.relative.append(relative)

@@ -186,11 +186,13 @@ def build_rows(
     for name, (contact, coupling) in contacts.items():
         weights, friction = coupling.weights, contact.tangential
         degree = contact.degree(coupling.surface.degree)
-        gap = contact.gap_offset + (0.0 * coupling.gap if contact.normal.ties else coupling.gap)
+        known = 0.0 if contact.normal.ties else contact.gap
+        gap = contact.gap_offset + (coupling.gap if known is None else np.full_like(coupling.gap, known))
         if contact.normal.at_quadrature:
             points = coupling.points(degree)
             N_n = along(points.relative, points.normals[:, None])
-            W_n, psi, gap_n = points.weights, points.psi, points.gap + contact.gap_offset
+            W_n, psi = points.weights, points.psi
+            gap_n = contact.gap_offset + (points.gap if known is None else np.full_like(points.gap, known))
             directions = points.normals
             dropped = 0
         else:

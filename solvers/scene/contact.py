@@ -27,6 +27,13 @@ class Contact(Noun):
     ] = "auto"
     gap_offset: Annotated[float, Key("m", "added to the geometric gap; negative: interference")] = 0.0
 
+    gap: Annotated[
+        float | None,
+        Key(
+            "m", "everywhere, instead of that of the meshes, whose facets overlap in a fit of cylinders; between bodies"
+        ),
+    ] = None
+
     operator: Annotated[
         Literal["mortar", "node-to-segment", "node-to-face"] | None,
         Key("-", "between bodies; absent: mortar"),
@@ -43,6 +50,9 @@ class Contact(Noun):
         reach = self.search_distance
         require(reach is None or reach > 0, "search_distance", reach, "must be positive, in metres")
         require(not (self.sliding and self.normal.ties), "sliding", "true", "a tied surface does not slide")
+        given = self.gap is not None
+        require(not (given and self.sliding), "gap", self.gap, "a side that slides has the gap that its mesh has there")
+        require(not (given and self.normal.ties), "gap", self.gap, "a tied surface closes none; see gap_offset")
         if self.friction is not None:
             reason = "a tied surface sticks, leave it out" if self.normal.ties else self.friction.refuses(self.normal)
             if reason:

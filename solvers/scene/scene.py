@@ -108,8 +108,11 @@ class Scene(Noun):
 
     def request(self) -> Request:
         """Sides and periodic pairs that the mesh must have."""
+        rigid = {c.surface for c in self.contacts.values() if c.against in self.obstacles}
+        pairs = [(c.surface, c.against) for c in self.contacts.values() if c.against not in self.obstacles]
         return Request(
             model=self.model,
+            facing=tuple(pair for pair in pairs if rigid.isdisjoint(pair)),
             contact_sides=tuple(
                 dict.fromkeys(
                     s for c in self.contacts.values() for s in (c.surface, c.against) if s not in self.obstacles
@@ -325,6 +328,8 @@ class Scene(Noun):
         require(not itself, f"contacts.{name}.against", against, "a side of the same body; contact needs two bodies")
         rigid = against in self.obstacles
         require(not rigid or contact.slave != "against", f"contacts.{name}.slave", "against", "an obstacle is no slave")
+        given = f"contacts.{name}.gap"
+        require(not rigid or contact.gap is None, given, contact.gap, "an obstacle has its exact shape; see gap_offset")
         if contact.operator is not None:
             key = f"contacts.{name}.operator"
             require(against not in self.obstacles, key, contact.operator, "a rigid obstacle needs none; remove the key")

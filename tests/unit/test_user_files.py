@@ -292,7 +292,6 @@ def test_a_run_goes_on_and_tells_of_the_file_that_it_meshed(becomes: str | None,
         ("b.geo", {"names": {"block.top": ["edge 4"]}}, "has a side of this name already"),
         ("b.msh", {"mesh_size": 0.1}, r"geometry\.mesh_size = 0\.1: a \.msh file has its own mesh"),
         ("b.msh", {"mesh_sise": 0.1}, r"geometry\.mesh_sise: unknown key; did you mean mesh_size\?"),
-        ("b.brep", {}, r"geometry\.mesh_size = None: missing, a CAD file says no size"),
     ],
 )  # fmt: skip
 def test_wrong_tables_are_refused_in_one_line(name: str, geometry: dict[str, Any], says: str, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The command line: stickslip run | plan | mesh | cost | verify | fclib | scenes | new."""
+"""The command line: stickslip run | plan | mesh | contacts | cost | verify | fclib | scenes | new."""
 
 from __future__ import annotations
 
@@ -36,6 +36,13 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="a scene file, or a ready scene's name")]
+UnitOption = Annotated[
+    str | None,
+    typer.Option("--unit", metavar="UNIT", help="of the geometry file: mm, in, ... [what it declares, or m]"),
+]
+WithinOption = Annotated[
+    float | None, typer.Option("--within", metavar="METRES", help="largest gap of a pair [.001 of the assembly's size]")
+]
 SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override a key of the scene")]
 
 
@@ -265,14 +272,45 @@ def scenes_command() -> None:
         typer.echo(f"{path.stem:<12} {title_of(path)}")
 
 
+@app.command("contacts")
+def contacts_command(
+    source: Annotated[str, typer.Argument(metavar="FILE", help="a geometry file, or a scene with one")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="for a picture of each pair [NAME_contacts]")
+    ] = None,
+    unit: UnitOption = None,
+    within: WithinOption = None,
+) -> None:
+    """List and draw the pairs of faces of an assembly that touch, or lie close to each other."""
+    from stickslip.workflows.commands.contacts import list_contacts
+
+    list_contacts(source, unit, within, output)
+
+
 @app.command("new")
 def new_command(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="a ready scene to start from")],
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="a ready scene to start from")] = None,
     file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="where to put it [NAME.toml]")] = None,
+    source: Annotated[
+        Path | None, typer.Option("--from", metavar="GEOMETRY", help="write a scene for a geometry file instead")
+    ] = None,
+    unit: UnitOption = None,
+    within: WithinOption = None,
 ) -> None:
-    """Copy a ready scene to a file of one's own."""
+    """Copy a ready scene to a file of one's own, or write one for the contacts of an assembly."""
     from stickslip.workflows.scene_file.read import READY
 
+    if source is not None:
+        from stickslip.workflows.commands.contacts import stem, write_scene
+
+        if file is not None:
+            raise SceneError(f"--from {source}: takes one name, that of the scene to write; found {name} and {file}")
+        write_scene(source, unit, within, Path(name or f"{stem(source)}.toml"))
+        return
+    if name is None:
+        raise SceneError("new: name a ready scene (stickslip scenes lists them), or a geometry file with --from")
+    if unit is not None or within is not None:
+        raise SceneError("new: --unit and --within belong to --from")
     if not speaks():
         return
     path, ready = file or Path(f"{name}.toml"), {p.stem: p for p in READY.glob("*.toml")}

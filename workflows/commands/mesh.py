@@ -15,6 +15,7 @@ from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.geometry.mesh.msh_file import write_msh
 from stickslip.geometry.shape import Model, Request, Shape
 from stickslip.geometry.user_files.outline import Facets
+from stickslip.geometry.user_files.touching import touching
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.geometry.user_files.window import open_window
 from stickslip.solvers.scene.scene import Scene
@@ -73,14 +74,27 @@ def _list(geometry: Shape, dim: int, picture: Path, out: Console) -> None:
         out.print("a builder's sides have names only; numbers are those of CAD files")
         return
     outline, word = geometry.outline(dim), "face" if dim == 3 else "edge"
+    meets: dict[int, list[str]] = {}
+    for pair in touching(outline, dim):
+        for side, partner in ((pair.one, pair.other), (pair.other, pair.one)):
+            for number in side.numbers:
+                meets.setdefault(number, []).append(partner.body)
     table = Table()
-    for head in (word, "side", "name in the file", "area [m²]" if dim == 3 else "length [m]", "centre [m]"):
+    for head in (
+        word,
+        "body",
+        "side",
+        "touches",
+        "name in the file",
+        "area [m²]" if dim == 3 else "length [m]",
+        "centre [m]",
+    ):
         table.add_column(head)
     table.add_column("box [m]")
     for facets in outline.entities:
-        table.add_row(
-            str(facets.number), outline.side_of.get(facets.number, "-"), facets.name or "-", *_measures(facets)
-        )
+        number, partners = facets.number, dict.fromkeys(meets.get(facets.number, ["-"]))
+        words = (", ".join(facets.bodies) or "-", outline.side_of.get(number, "-"), ", ".join(partners))
+        table.add_row(str(number), *words, facets.name or "-", *_measures(facets))
     print_table(table, out)
     draw_picture(picture, outline.entities, Path(geometry.file).name)
     out.print(f"drawn in {picture}")

@@ -1,0 +1,115 @@
+"""`stickslip contacts` and `new --from`: from a file of several solids to results."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from shared.assemblies import stacked, write_assembly
+from shared.command import Call, assert_one_line, result
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.workflows.scene_file.read import read
+
+
+def test_pairs_are_listed_and_drawn(call: Call, folder: Path) -> None:
+    write_assembly(folder / "stack.brep", stacked)
+    code, out, err = call("contacts", "stack.brep")
+    assert (code, err) == (0, "")
+    (row,) = [line for line in out.splitlines() if line.startswith("│")]
+    assert [cell.strip() for cell in row.split("│")[2:-1]] == [
+        *("plane", "part_2.to_part", "11", "part.to_part_2", "6", "1", "0", "0", "unilateral")
+    ]
+    assert [path.name for path in (folder / "stack_contacts").iterdir()] == ["01_part_2_part.png"]
+    code, _, err = call("contacts", "stack.brep")
+    assert_one_line(err)
+    assert (code, "stack_contacts: exists already" in err) == (2, True)
+
+
+def test_from_an_assembly_to_results_without_a_line_typed(call: Call, folder: Path) -> None:
+    """A block stands on a plate, and its weight is all that presses: the plate's end is held, and it lies sideways."""
+    write_assembly(
+        folder / "stack.step", lambda occ: (stacked(occ), occ.dilate(occ.getEntities(3), 0, 0, 0, *[0.1] * 3))
+    )
+    code, out, err = call("new", "--from", "stack.step")
+    assert (code, err) == (0, "")
+    assert "2 bodies, 1 contacts" in out
+    scene = read(folder / "stack.toml")
+    assert scene.geometry.length_unit == "mm"  # type: ignore[union-attr]
+    ((name, contact),) = scene.contacts.items()
+    assert (name, contact.gap) == ("part_2_part", 0.0)
+    assert contact.surface == "part_2.to_part"
+    assert call("new", "--from", "stack.step")[0] == 2  # nothing is overwritten
+    coarse = ("--set=geometry.mesh_size=1e-4", "--set=geometry.contact_mesh_size=5e-5")
+    up = "--set=gravity.acceleration=[0.0,0.0,-9.81]"
+    words = (
+        up,
+        *coarse,
+        "--set=supports.base.boundary=part.bottom",
+        "--set=output.pictures=false",
+        "--set=output.error=false",
+    )
+    code, _, err = call("run", "stack.toml", "-o", "out", *words)
+    assert code == 0, err
+    weight = 7850 * 9.81 * 1e-4**3  # of the cube of .1 mm: the file is in mm, and drawn ten times smaller
+    force = result(folder / "out")["steps"][0]["contacts"][name]["normal_force"]
+    assert force == pytest.approx(weight, rel=1e-6)
+
+
+def test_bodies_get_names_and_lists_tell_partners(call: Call, folder: Path) -> None:
+    write_assembly(folder / "stack.brep", stacked)
+    (folder / "s.toml").write_text(
+        'model = "3d"\ngeometry = { file = "stack.brep", names = { plate = ["part"], cube = ["part_2"] } }\n'
+    )
+    code, out, _ = call("mesh", "s.toml", "--list")
+    assert code == 0
+    touching = [line.split("│")[2:5] for line in out.splitlines() if line.startswith("│") and "│ -       │" not in line]
+    assert {(body.strip(), partner.strip()) for body, _, partner in touching} >= {("plate", "cube"), ("cube", "plate")}
+    code, out, _ = call("contacts", "s.toml", "-o", "drawn")
+    assert (code, "cube.to_plate" in out) == (0, True)
+
+
+def test_refinement_is_where_bodies_are_close(call: Call, folder: Path) -> None:
+    """A plate of 16 m² that a cube touches on 1 m² gets fine cells there alone."""
+    write_assembly(folder / "stack.brep", stacked)
+    assert call("new", "--from", "stack.brep")[0] == 0
+    scene = read(folder / "stack.toml", ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.2"])
+    near = scene.request()
+    assert near.facing == (("part_2.to_part", "part.to_part_2"),)
+    counts, expected = [], []
+    for request in (near, replace(near, facing=())):
+        mesh = build_mesh(scene.geometry, request, MPI.COMM_SELF)
+        counts.append(mesh.domain.topology.index_map(3).size_global)
+        expected.append(scene.geometry.cell_count(request))
+        at = mesh.domain.geometry.x
+        patch = at[np.abs(at - [2, 2, 1]).max(axis=1) < 0.49]
+        assert len(patch) > 2 * 0.98**2 / 0.2**2  # nodes of both sides on the square, about .2 m apart
+    assert counts[0] < 0.4 * counts[1]
+    assert expected[0] < 0.4 * expected[1]
+    with pytest.raises(SceneError, match="contact_mesh_size"):
+        read(folder / "stack.toml", ["geometry.contact_mesh_size=1e-5"])
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("contacts", "none.step"), "no such file"),
+        (("contacts", "two_blocks"), "a builder's bodies touch at the sides that README names"),
+        (("contacts", "block.xyz"), "no such file, nor a ready scene"),
+        (("contacts", "cad_part", "--unit", "mm"), "--unit mm: a scene has its own"),
+        (("contacts", "cad_part", "--within", "-1"), "--within -1.0: must be a number that is not negative"),
+        (("contacts", "none.step", "--unit", "yd"), 'length_unit = "yd": not one of these'),
+        (("new", "--from", "block.toml"), "expected a geometry file"),
+        (("new", "--from", "none.step"), "no such file"),
+        (("new", "--from", "none.step", "a", "b"), "takes one name"),
+        (("new",), "name a ready scene"),
+        (("new", "block", "--unit", "mm"), "belong to --from"),
+    ],
+)
+def test_wrong_words_are_refused_in_one_line(words: tuple[str, ...], says: str, call: Call, folder: Path) -> None:
+    code, _, err = call(*words)
+    assert_one_line(err)
+    assert (code, says in err) == (2, True), err
+    assert list(folder.iterdir()) == []

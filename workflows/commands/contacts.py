@@ -1,0 +1,142 @@
+"""`stickslip contacts` and `new --from`: pairs of faces that touch, listed, drawn, and as a scene."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from rich.table import Table
+
+from stickslip.geometry.errors import FolderError, SceneError
+from stickslip.geometry.user_files.open_file import kind_of
+from stickslip.geometry.user_files.parts import FACET_WORD
+from stickslip.geometry.user_files.touching import joined
+from stickslip.geometry.user_files.user_file import UserFile
+from stickslip.workflows.formats.aside import disk_errors
+from stickslip.workflows.run.collective import raise_together
+from stickslip.workflows.run.terminal import console, print_table
+from stickslip.workflows.scene_file.proposal import (
+    Assembly,
+    assembly,
+    from_geometry,
+    proposed_law,
+    scene_text,
+    side_names,
+)
+from stickslip.workflows.scene_file.read import find, named, read_geometry
+
+
+def list_contacts(source: str, unit: str | None, within: float | None, folder: Path | None) -> None:
+    """Print the pairs of a geometry file, or of a scene's, and draw each in a new folder; collective.
+
+    Raises:
+        SceneError: the folder exists already.
+    """
+    raise_together(MPI.COMM_WORLD, lambda: _list(source, unit, within, folder))
+
+
+def write_scene(path: Path, unit: str | None, within: float | None, target: Path) -> None:
+    """Write a scene for a geometry file; collective.
+
+    Raises:
+        SceneError: the target exists already.
+    """
+    raise_together(MPI.COMM_WORLD, lambda: _write(path, unit, within, target))
+
+
+def stem(path: Path) -> str:
+    """Name of a geometry file without its ending.
+
+    >>> stem(Path("a/pump.v2.step.gz"))
+    'pump.v2'
+    """
+    return Path(path.name.removesuffix(".gz")).stem
+
+
+def found_in(source: str, unit: str | None, within: float | None) -> Assembly:
+    """The pairs of a geometry file, or of a scene's file."""
+    if within is not None and not 0 <= within < np.inf:
+        raise SceneError(f"--within {within}: must be a number that is not negative, in metres")
+    path = Path(source)
+    if kind_of(path) is not None:
+        return assembly(path, unit, within)
+    if unit is not None:
+        raise SceneError(f"--unit {unit}: a scene has its own, geometry.length_unit")
+    model, geometry = read_geometry(source)
+    if not isinstance(geometry, UserFile):
+        raise SceneError(f"{source}: a builder's bodies touch at the sides that README names; expected a geometry file")
+    with named(source):
+        return from_geometry(find(source), geometry, model, within)
+
+
+def _list(source: str, unit: str | None, within: float | None, folder: Path | None) -> None:
+    folder = folder or Path(f"{stem(Path(source))}_contacts")
+    if folder.exists():
+        raise FolderError(f"{folder}: exists already; choose another folder with -o")
+    found, out = found_in(source, unit, within), console(160)
+    names, word = side_names(found), FACET_WORD[found.dim]
+    out.print(f"{len(found.outline.bodies)} bodies, {len(found.pairs)} pairs of sides that touch or nearly do")
+    for (one, other), faces in joined(found.outline).items():
+        out.print(f"{one} and {other} are joined at {word} {', '.join(map(str, faces))}: no contact can open there")
+    table = Table()
+    for head in ("pair", "kind", "side", f"{word}s", "against", f"{word}s"):
+        table.add_column(head)
+    for head in ("area [m²]" if found.dim == 3 else "length [m]", "gap [m]", "overlap [m]"):
+        table.add_column(head, justify="right")
+    table.add_column("proposed")
+    for k, pair in enumerate(found.pairs, start=1):
+        row = [str(k), pair.kind]
+        for side in (pair.one, pair.other):
+            row += [names[side], ", ".join(map(str, side.numbers))]
+        low, high = (pair.fit, pair.fit) if pair.exact else pair.gap
+        gap = f"{max(0.0, low):.3g}" + (f" to {high:.3g}" if high > max(0.0, low) else "")
+        table.add_row(*row, f"{pair.area:.3g}", gap, f"{max(0.0, -low):.3g}", proposed_law(pair)[0])
+    print_table(table, out)
+    if found.pairs:
+        _draw(found, folder)
+        out.print(f"drawn in {folder}/")
+
+
+def _draw(found: Assembly, folder: Path) -> None:
+    """Draw each pair in a new folder, which appears whole or not at all; only this function imports VTK."""
+    from stickslip.workflows.pictures.pairs import draw_pair
+
+    names = side_names(found)
+    with disk_errors(folder):
+        aside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.absolute().parent))
+        try:
+            for k, pair in enumerate(found.pairs, start=1):
+                sides = names[pair.one], names[pair.other]
+                draw_pair(aside / f"{k:02d}_{pair.one.body}_{pair.other.body}.png", found.outline, pair, sides)
+            aside.chmod(0o777 & ~_umask())
+            aside.rename(folder)
+        except BaseException:
+            shutil.rmtree(aside, ignore_errors=True)
+            raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _write(path: Path, unit: str | None, within: float | None, target: Path) -> None:
+    if kind_of(path) is None:
+        raise SceneError(f"--from {path}: expected a geometry file: .step, .stp, .brep, .geo, .msh or .py")
+    if target.exists():
+        raise SceneError(f"{target}: exists already; choose another name")
+    found = found_in(str(path), unit, within)
+    text = scene_text(found, target)
+    try:
+        with target.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except OSError as error:
+        raise SceneError(f"{target}: cannot be written: {error.strerror}") from None
+    out = console(160)
+    out.print(f"wrote {target}: {len(found.outline.bodies)} bodies, {len(found.pairs)} contacts")
+    out.print(f"change what holds and loads it, then solve it with: stickslip run {target}", soft_wrap=True)
