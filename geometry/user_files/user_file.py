@@ -30,7 +30,7 @@ from stickslip.geometry.user_files.touching import Pair, close_pairs, thinned
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "km": 1e3, "in": 0.0254, "ft": 0.3048}
 PACKAGES = {Path("/usr/share/doc/gmsh-doc"): "gmsh-doc"}  # Debian packages with files that ready scenes use
 RENAMED = ("demos", "examples")  # gmsh-doc's folder in Debian 12 and 13
-CELLS = 20_000  # of a CAD file that comes without mesh_size
+CELLS, AROUND = 20_000, 8  # of a CAD file without mesh_size: in its volume, and on a full circle
 WITH_PARAMETERS = ("geo", "py")  # kinds of file
 
 
@@ -65,7 +65,10 @@ class UserFile(Noun, Shape):
     ] = "m"
     mesh_size: Annotated[
         float | None,
-        Key("m", "edge length of the cells; absent: the file's own, of CAD files one that makes 20 000 cells"),
+        Key(
+            "m",
+            "edge length of the cells; absent: the file's own, of CAD files for 20 000 cells, and more on curved faces",
+        ),
     ] = None
     contact_mesh_size: Annotated[
         float | None,
@@ -210,6 +213,7 @@ class UserFile(Noun, Shape):
             fine_size=None if fine is None else fine / unit,
             fine_sides=self._whole(request),
             fine_points=points / unit,
+            around=AROUND if self.mesh_size is None and kind_of(Path(self.file)) == "cad" else 0,
             periodic=request.periodic,
             order=1 if self.own_mesh and sizes else self.order,
             sizes=None if self.own_mesh else sizes,

@@ -100,7 +100,11 @@ def scene_text(found: Assembly, target: Path) -> str:
         "[geometry]",
         f"file = {json.dumps(_relative(found.path, target))}",
         f'length_unit = "{found.geometry.length_unit}"',
-        *([] if size is None else [f"mesh_size = {size:.3g}"]),
+        *(
+            []
+            if size is None
+            else [f"# mesh_size = {size:.3g}  # what it is without this key, but smaller on curved faces"]
+        ),
         *([] if fine is None else [f"contact_mesh_size = {fine:.3g}"]),
         "",
         "[geometry.names]",
