@@ -15,6 +15,7 @@ from stickslip.geometry.user_files.open_file import raise_gmsh_error
 from stickslip.geometry.user_files.parts import Parts
 from stickslip.geometry.user_files.raw_mesh import RawMesh, read_raw_mesh
 
+LEAST = 0.25  # of the size: as small as cells get on curved faces
 GROWTH = 0.3  # of the cell size per distance from a contact side
 
 
@@ -26,6 +27,7 @@ class MeshOptions:
     fine_size: float | None  # edge length at `fine_sides` and `fine_points`; None: `size`
     fine_sides: Sequence[str]
     fine_points: Array  # (p, 3)
+    around: int  # cells on a full circle, at least; 0: no rule
     periodic: Sequence[tuple[str, str]]  # the first side of each pair gets the mesh of the second
     order: int
     sizes: SizeField | None = None  # instead of all other sizes
@@ -74,10 +76,11 @@ def _set_sizes(gmsh: Gmsh, dim: int, parts: Parts, size: float, options: MeshOpt
     least = field.add("Min")
     field.setNumbers(least, "FieldsList", fields)
     field.setAsBackgroundMesh(least)
-    for option in ("FromPoints", "FromCurvature", "ExtendFromBoundary"):
+    for option in ("FromPoints", "ExtendFromBoundary"):
         gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", options.around)
     gmsh.option.setNumber("Mesh.MeshSizeFactor", 1)
-    gmsh.option.setNumber("Mesh.MeshSizeMin", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeMin", min(fine_size, LEAST * size) if options.around else 0)
     gmsh.option.setNumber("Mesh.MeshSizeMax", 1e22)
 
 

@@ -136,7 +136,7 @@ def close_pairs(
         spacing: of `points`, at most [m].
     """
     reach = max(fine, WITHIN * float(np.linalg.norm(np.ptp(outline.box, axis=0))))
-    sides = {name: _named(name, outline, dim) for names in facing for name in names}
+    sides = {name: named(name, outline, dim) for names in facing for name in names}
     pairs = (sorted((sides[a], sides[b]), key=lambda side: side.area) for a, b in facing)
     found = (_measure(one, other, reach, dim, spacing) for one, other in pairs)
     return [pair_found for pair_found in found if pair_found is not None]
@@ -150,7 +150,8 @@ def thinned(pairs: Sequence[Pair], spacing: float) -> Array:
     return found
 
 
-def _named(name: str, outline: Outline, dim: int) -> Side:
+def named(name: str, outline: Outline, dim: int) -> Side:
+    """The side of a name that the outline has, as body.side."""
     faces = tuple(f for f in outline.entities if outline.side_of.get(f.number) == name)
     return Side.of(name.split(".")[0], faces, dim, name)
 
@@ -158,7 +159,7 @@ def _named(name: str, outline: Outline, dim: int) -> Side:
 def _sides(faces: Sequence[Facets], outline: Outline, dim: int) -> list[Side]:
     """Faces by the file's names, or by the plane or cylinder on which they lie."""
     names = dict.fromkeys(outline.side_of[face.number] for face in faces if face.number in outline.side_of)
-    sides = [_named(name, outline, dim) for name in names]
+    sides = [named(name, outline, dim) for name in names]
     for face in faces:
         if face.number in outline.side_of:
             continue

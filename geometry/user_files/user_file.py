@@ -31,7 +31,7 @@ UNITS = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "k
 DEBIAN = Path("/usr/share/doc/gmsh-doc/doc/gmsh")  # gmsh's own files, of which ready scenes use some
 WHEEL = Path(sys.prefix, "share/doc/gmsh")  # the same ones, not compressed, in gmsh from PyPI
 EXAMPLES = ("demos", "examples")  # their folder, older and newer
-CELLS = 20_000  # of a CAD file that comes without mesh_size
+CELLS, AROUND = 20_000, 8  # of a CAD file without mesh_size: in its volume, and on a full circle
 WITH_PARAMETERS = ("geo", "py")  # kinds of file
 
 
@@ -67,7 +67,10 @@ class UserFile(Noun, Shape):
     ] = "m"
     mesh_size: Annotated[
         float | None,
-        Key("m", "edge length of the cells; absent: the file's own, of CAD files one that makes 20 000 cells"),
+        Key(
+            "m",
+            "edge length of the cells; absent: the file's own, of CAD files for 20 000 cells, and more on curved faces",
+        ),
     ] = None
     contact_mesh_size: Annotated[
         float | None,
@@ -211,6 +214,7 @@ class UserFile(Noun, Shape):
             fine_size=None if fine is None else fine / unit,
             fine_sides=self._whole(request),
             fine_points=points / unit,
+            around=AROUND if self.mesh_size is None and kind_of(Path(self.file)) == "cad" else 0,
             periodic=request.periodic,
             order=1 if self.own_mesh and sizes else self.order,
             sizes=None if self.own_mesh else sizes,

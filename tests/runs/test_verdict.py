@@ -131,6 +131,12 @@ def test_misuse_is_named_after_the_solve(words: list[str], said: str, call: Call
     assert any(line.startswith(said) for line in warned(call, folder, *words)), said
 
 
+def test_a_given_gap_is_not_that_of_flat_facets(call: Call, folder: Path) -> None:
+    words, _ = MISUSE["order 1 on a curved side"]
+    lines = warned(call, folder, *words, "--set=contacts.fit.gap=-1e-3")
+    assert not [line for line in lines if "flat facets" in line]
+
+
 def test_warnings_of_before_the_solve_stand_in_the_file_too(call: Call, folder: Path) -> None:
     lines = warned(call, folder, "block", *COARSE, "--set=bodies.block.nu=0.495")
     assert any(line.startswith("bodies.block.nu = 0.495: displacements of order 1 lock") for line in lines)

@@ -210,6 +210,11 @@ def test_a_box_selects_what_lies_wholly_inside(tmp_path: Path) -> None:
     assert_allclose(scene.geometry.sample("part.top", 3)[0][:, 2], 2, atol=1e-6)
 
 
+def test_a_cad_file_without_a_size_gets_one_from_its_volume(tmp_path: Path) -> None:
+    geometry = from_dict(scene_data(draw(tmp_path / "b.brep"), 3, "part", names=FACES)).geometry
+    assert_allclose(geometry.size(3), (8 * 16.0 / 20_000) ** (1 / 3))  # type: ignore[union-attr]  # m; 16 m³
+
+
 def test_parameters_of_a_script_change_its_shape(tmp_path: Path) -> None:
     geo = scene_data(write(tmp_path / "b.geo", GEO), length=6, height=3.0)
     assert_allclose(from_dict(geo).geometry.box(2)[1], [6, 3], atol=1e-6)

@@ -240,7 +240,7 @@ def _few_points(rows: ContactRows, state: ContactState) -> Iterator[str]:
 def _cut_corners(rows: ContactRows, problem: Problem, state: ContactState) -> Iterator[str]:
     """Facets of order 1 whose distance from a curved side counts beside the motion that the pressure causes."""
     closed = state.status != OPEN
-    if rows.surface.degree > 1:
+    if rows.surface.degree > 1 or problem.pairs[rows.name].contact.gap is not None:
         return
     cut = _sagitta(rows.surface, closed)
     if rows.master is not None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from types import TracebackType
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -116,7 +117,7 @@ class Reporter:
         )
         out.print(f"method {content['method']}, {counters['volume_solves']} volume solves, {content['dofs']} unknowns")
         out.print(f"seconds: {phases}, total {seconds['total']:.2f}")
-        if (error := content["error"]["discretisation"]) is not None:
+        if np.isfinite(error := content["error"]["discretisation"] or np.nan):
             out.print(f"the mesh leaves an error of about {error:.1%} (displacement, energy norm)")
         defects = ", ".join(
             f"{name.replace('_', ' ')} {value:.0e}" for name, value in audit.items() if value is not None

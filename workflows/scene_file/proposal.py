@@ -16,7 +16,7 @@ from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.shape import Model
 from stickslip.geometry.user_files.outline import Outline
 from stickslip.geometry.user_files.parts import FACET_WORD, numbered
-from stickslip.geometry.user_files.touching import Pair, Side, touching
+from stickslip.geometry.user_files.touching import Pair, Side, named, touching
 from stickslip.geometry.user_files.user_file import UserFile
 
 THREADED = ("nut", "mutter", "din934", "iso4032")  # ends of words in names of bodies that have a thread
@@ -100,25 +100,28 @@ def scene_text(found: Assembly, target: Path) -> str:
         "[geometry]",
         f"file = {json.dumps(_relative(found.path, target))}",
         f'length_unit = "{found.geometry.length_unit}"',
-        *([] if size is None else [f"mesh_size = {size:.3g}"]),
+        *(
+            []
+            if size is None
+            else [f"# mesh_size = {size:.3g}  # what it is without this key, but smaller on curved faces"]
+        ),
         *([] if fine is None else [f"contact_mesh_size = {fine:.3g}"]),
-        "",
-        "[geometry.names]",
     ]
-    for side, name in {**names, **ends}.items():
-        if not side.name:
-            lines.append(f'"{name}" = {json.dumps([f"{word} {number}" for number in side.numbers])}')
+    new = {side: name for side, name in {**names, **ends}.items() if not side.name}
+    lines += ["", "[geometry.names]"] if new else []
+    lines += [f'"{name}" = {json.dumps([f"{word} {number}" for number in side.numbers])}' for side, name in new.items()]
     lines += ["", "[bodies]  # steel"]
     lines += [f"{body} = {{ E = 210e9, nu = 0.3, density = 7850.0 }}" for body in found.outline.bodies]
     labels = numbered(f"{pair.one.body}_{pair.other.body}" for pair in found.pairs)
     for pair, label, slave in zip(found.pairs, labels, slaves(found.pairs), strict=True):
         lines += ["", *_contact(pair, label, slave, names)]
     lines += ["", "# where it is held, and what loads it: to begin with, its weight presses the largest of the planes"]
+    down = _downwards(found)
     if ends:
-        side = max(ends, key=lambda side: side.area)
+        side = max(ends, key=lambda side: (side.form.kind == "plane" and side.form.axis @ down > 0, side.area))
         held = ", ".join(f"{axis} = 0.0" for axis in "xyz"[: found.dim])
         lines += ["[supports.base]", f'boundary = "{ends[side]}"', f"displacement = {{ {held} }}", ""]
-    pull = ", ".join(f"{x:.4g}" for x in _downwards(found)[: found.dim])
+    pull = ", ".join(f"{x:.4g}" for x in down[: found.dim])
     lines += ["[gravity]", f"acceleration = [{pull}]"]
     return "\n".join(lines) + "\n"
 
@@ -193,12 +196,12 @@ def sizes(found: Assembly) -> tuple[float | None, float | None]:
 
 
 def _ends(found: Assembly) -> dict[Side, str]:
-    """Flat ends of the large bodies along the axes, which touch nothing, with their names."""
+    """Sides that touch nothing, with their names: those of the file, and flat ends of large bodies along the axes."""
     outline, dim = found.outline, found.dim
     whole = float(np.linalg.norm(np.ptp(outline.box, axis=0)))
     used = {n for pair in found.pairs for side in (pair.one, pair.other) for n in side.numbers} | outline.side_of.keys()
-    ends: dict[Side, str] = {}
-    taken = set(_names(outline))
+    met, taken = {side.name for pair in found.pairs for side in (pair.one, pair.other)}, _names(outline)
+    ends = {named(name, outline, dim): name for name in taken if name not in met}
     for body in outline.bodies:
         faces = [face for face in outline.entities if face.bodies == (body,)]
         if not faces:
