@@ -91,7 +91,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-VERSION = __version__ = "0.1.0"
+VERSION = __version__ = "0.2.0"
 
 
 def __getattr__(name: str) -> Any:
