@@ -23,7 +23,7 @@ from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Place
 
 Field = Callable[..., tuple[Any, ...]]  # from coordinates to components, by arithmetic operators only
-SMOOTH = 4  # degree up to which the quadrature of an expression is exact, beyond that of order 1 or 2
+SMOOTH = 4  # degree of the quadrature of an expression, beyond twice the order
 SYMBOLS: Mapping[str, Callable[..., Any]] = {
     "sin": ufl.sin, "cos": ufl.cos, "tan": ufl.tan, "exp": ufl.exp, "sqrt": ufl.sqrt, "log": ufl.ln, "abs": abs,
     "min": ufl.min_value, "max": ufl.max_value,

@@ -66,8 +66,9 @@ class Timeline:
 
     @cached_property
     def turns(self) -> frozenset[float]:
-        """Times [s] at which the rate of a value changes; those of expressions are not known."""
-        return frozenset(t for a in self.amplitudes.values() for t in turns(a, self.end))
+        """Times [s] at which the rate of a value changes; those of expressions with t are not known."""
+        ramps = [1.0 for expression in self.expressions.values() if not expression.in_time]
+        return frozenset(t for a in [*self.amplitudes.values(), *ramps] for t in turns(a, self.end))
 
     def value(self, drive: Drive, time: float) -> float:
         """Value of a drive at `time` [s], in the unit of its key; of an expression the factor of its formula."""

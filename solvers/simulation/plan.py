@@ -102,8 +102,8 @@ def _refuse_faint(scene: Scene) -> None:
     Raises:
         SceneError: the key, the stiffness, and the least one.
     """
-    least = least_springs(scene)
     for springs in scene.springs():
+        least = least_springs(scene)
         stiffness = min(k for k in (springs.normal, springs.tangential) if k > 0)
         require(stiffness >= least, springs.key, stiffness, f"too soft beside the bodies, at least {least:.1e} Pa/m")
 

@@ -132,6 +132,8 @@ class Script:
         end = scene.steps.end
         tables = over(scene, lambda _, now: ((end, now),) if isinstance(now, float | int) and now else now)
         *listed, last = replace(tables, steps=Steps(end=to)).requested_times()
+        if to > end and any(not found.in_time for found in scene.expressions().values()):
+            listed = sorted({*listed, end})
         return (*(t for t in listed if t - self.time > ROUNDING * to or not self._times), last)
 
     def _reach(self, times: tuple[float, ...], on_iteration: Callable[[HistoryRow], None]) -> Accepted:

@@ -98,6 +98,9 @@ def test_a_script_repeats_them() -> None:
     _, steps = solved(script.scene)
     assert_allclose(steps[-1].displacement, last.displacement, atol=1e-12)
     assert steps[-1].energy.stored == pytest.approx(last.energy.stored, rel=1e-10)
+    script.step(to=3.0)
+    assert script.scene.requested_times() == (0.5, 1.0, 2.0, 3.0)  # where the ramp ends is hit
+    assert scene(**tables).timeline().turns == {0.0, 2.0}
 
 
 @pytest.mark.parametrize(
