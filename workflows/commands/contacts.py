@@ -93,8 +93,8 @@ def _list(source: str, unit: str | None, within: float | None, folder: Path | No
         low, high = (pair.fit, pair.fit) if pair.exact else pair.gap
         gap = f"{max(0.0, low):.3g}" + (f" to {high:.3g}" if high > max(0.0, low) else "")
         table.add_row(*row, f"{pair.area:.3g}", gap, f"{max(0.0, -low):.3g}", proposed_law(pair)[0])
-    print_table(table, out)
     if found.pairs:
+        print_table(table, out)
         _draw(found, folder)
         out.print(f"drawn in {folder}/")
 
