@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -26,10 +26,10 @@ class MeshOptions:
     size: float | None  # edge length; None: the file's own sizes
     fine_size: float | None  # edge length at `fine_sides` and `fine_points`; None: `size`
     fine_sides: Sequence[str]
-    fine_points: Array  # (p, 3)
-    around: int  # cells on a full circle, at least; 0: no rule
     periodic: Sequence[tuple[str, str]]  # the first side of each pair gets the mesh of the second
     order: int
+    fine_points: Array = field(default_factory=lambda: np.zeros((0, 3)))  # (p, 3)
+    around: int = 0  # cells on a full circle, at least; 0: no rule
     sizes: SizeField | None = None  # instead of all other sizes
 
 

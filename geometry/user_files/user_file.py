@@ -214,7 +214,7 @@ class UserFile(Noun, Shape):
             fine_size=None if fine is None else fine / unit,
             fine_sides=self._whole(request),
             fine_points=points / unit,
-            around=AROUND if self.mesh_size is None and kind_of(Path(self.file)) == "cad" else 0,
+            around=AROUND if self.mesh_size is None and size is not None and sizes is None else 0,
             periodic=request.periodic,
             order=1 if self.own_mesh and sizes else self.order,
             sizes=None if self.own_mesh else sizes,

@@ -31,12 +31,13 @@ def test_every_command_of_the_help_has_its_code(name: str, call: Call) -> None:
         "run": ["block", "-q", *COARSE],
         "plan": ["block"],
         "mesh": ["block"],
+        "contacts": ["block"],
         "cost": ["block", "--budget", "0"],
         "verify": ["no such case"],
         "new": ["block"],
     }
     code, _, err = call(name, *words.get(name, []))
-    assert code in {"verify": (1, 2), "cost": (2,), "fclib": (2,)}.get(name, (0,))
+    assert code in {"verify": (1, 2), "contacts": (2,), "cost": (2,), "fclib": (2,)}.get(name, (0,))
     assert "Traceback" not in err
 
 

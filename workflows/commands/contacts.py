@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -95,8 +93,8 @@ def _list(source: str, unit: str | None, within: float | None, folder: Path | No
         low, high = (pair.fit, pair.fit) if pair.exact else pair.gap
         gap = f"{max(0.0, low):.3g}" + (f" to {high:.3g}" if high > max(0.0, low) else "")
         table.add_row(*row, f"{pair.area:.3g}", gap, f"{max(0.0, -low):.3g}", proposed_law(pair)[0])
-    print_table(table, out)
     if found.pairs:
+        print_table(table, out)
         _draw(found, folder)
         out.print(f"drawn in {folder}/")
 
@@ -106,23 +104,18 @@ def _draw(found: Assembly, folder: Path) -> None:
     from stickslip.workflows.pictures.pairs import draw_pair
 
     names = side_names(found)
+    aside = folder.with_name(f".{folder.name}.part")
     with disk_errors(folder):
-        aside = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.absolute().parent))
+        shutil.rmtree(aside, ignore_errors=True)  # of a run that was killed
+        aside.mkdir()
         try:
             for k, pair in enumerate(found.pairs, start=1):
                 sides = names[pair.one], names[pair.other]
                 draw_pair(aside / f"{k:02d}_{pair.one.body}_{pair.other.body}.png", found.outline, pair, sides)
-            aside.chmod(0o777 & ~_umask())
             aside.rename(folder)
         except BaseException:
             shutil.rmtree(aside, ignore_errors=True)
             raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def _write(path: Path, unit: str | None, within: float | None, target: Path) -> None:
