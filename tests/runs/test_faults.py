@@ -88,8 +88,14 @@ def test_working_folder_that_is_gone_is_said(words: list[str], start: Start, fol
 # streams
 
 
-@pytest.mark.parametrize("words", [SPEAKS, ["scenes"], ["mesh", "block", *COARSE[:2]]])
-@pytest.mark.parametrize("closed", [(1,), (2,), (0, 1, 2)])
+@pytest.mark.parametrize(
+    ("words", "closed"),
+    [  # each with each when there is time
+        pytest.param(words, closed, marks=[] if i == j else pytest.mark.slow)
+        for i, words in enumerate([SPEAKS, ["scenes"], ["mesh", "block", *COARSE[:2]]])
+        for j, closed in enumerate([(1,), (2,), (0, 1, 2)])
+    ],
+)
 def test_closed_streams_change_nothing(words: list[str], closed: tuple[int, ...], start: Start, folder: Path) -> None:
     done = start(*words, preexec_fn=lambda: [os.close(number) for number in closed])
     assert done.returncode == 0, done.stderr
