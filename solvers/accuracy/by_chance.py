@@ -1,8 +1,9 @@
 """How far sums and largest values of a contact may be off although they agree with those of a better solution.
 
 Differences at nodes cancel in a sum by chance. As if they were independent, that of the sum is at least a part of the
-root of the sum of their squares. A largest value is off by as much as the values around it. The parts are fitted to the
-problems of `stickslip verify accuracy`: they hardly raise what is stated, but where it would be .05 to .5 of the error.
+root of the sum of their squares; of the dissipation since t = 0 that of the last step counts alone. A largest value is
+off by as much as the values around it. The parts are fitted to the problems of `stickslip verify accuracy`: they hardly
+raise what is stated, but where it would be .05 to .5 of the error.
 """
 
 from __future__ import annotations

@@ -14,20 +14,19 @@ eighth of the unknowns.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from stickslip.geometry.corner_mesh import CornerMesh
 from stickslip.geometry.errors import StickslipError
 from stickslip.solvers.accuracy.mesh_error import ROUNDING, without_limit
-from stickslip.solvers.accuracy.other_mesh import on_other_mesh, sides_of
+from stickslip.solvers.accuracy.other_mesh import OtherMeshRun, on_other_mesh, sides_of
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.error_parts import ErrorParts, Errors, Quantity
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import MeshData, StepResult
-from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.stepping.stepper import Stepper
 
 log = logging.getLogger(__name__)
@@ -35,32 +34,12 @@ SHARE, ROUGH = 0.33, 1.5
 AT_THE_EDGE = ("contact_area", "stick_area", "slip_area", "max_pressure", "max_penetration")
 
 
-class LowerOrderRun:
-    """Estimates the error of the mesh of a run of order 2 in 3D that is solved; collective."""
+class LowerOrderRun(OtherMeshRun):
+    """Order 2 in 3D: the same cells with order 1."""
 
-    @staticmethod
-    def works_for(stepper: Stepper) -> bool:
-        """Whether it can: order 2 in 3D, with contact, by a method with the exact contact laws."""
-        mesh, contacts = stepper.system.mesh, stepper.system.contacts
-        return mesh.degree == 2 and mesh.dim == 3 and len(contacts) > 0 and stepper.chain.exact_laws
-
-    def __init__(
-        self, stepper: Stepper, data: MeshData, on_iteration: Callable[[HistoryRow], None] = lambda row: None
-    ) -> None:
-        """
-        Args:
-            stepper: of the run.
-            data: its mesh.
-            on_iteration: called after each iteration, on every rank.
-        """
-        self._stepper, self._data, self._on_iteration = stepper, data, on_iteration
+    DIM = 3
 
     def __call__(self, steps: Sequence[StepResult]) -> tuple[Errors, ...]:
-        """Mesh and geometry of the errors of the first steps, up to one that fails or that the run has cut; collective.
-
-        Args:
-            steps: results at the requested times of a run from rest, without a gap.
-        """
         own, counters, found = self._stepper.system, Counters(), list[Errors]()
         log.info("the same history with cells of order 1, for the error of the mesh")
         mesh = own.mesh.comm.bcast(self._of_order_1())

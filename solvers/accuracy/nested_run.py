@@ -31,7 +31,7 @@ Scientific Computing (1983).
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -41,17 +41,16 @@ from stickslip.geometry.nested_mesh import FlatMesh
 from stickslip.solvers.accuracy.areas import areas_of_order_2
 from stickslip.solvers.accuracy.iteration_errors import AREAS
 from stickslip.solvers.accuracy.mesh_error import Values
-from stickslip.solvers.accuracy.other_mesh import on_other_mesh, sides_of
+from stickslip.solvers.accuracy.other_mesh import OtherMeshRun, on_other_mesh, sides_of
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.accuracy.where_to_refine import Places
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.error_parts import ErrorParts, Errors, Quantity
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import Observer
-from stickslip.solvers.results.step_result import MeshData, StepResult
+from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.stepping.choice import Size
-from stickslip.solvers.stepping.history import HistoryRow
-from stickslip.solvers.stepping.stepper import Accepted, StepError, Stepper
+from stickslip.solvers.stepping.stepper import Accepted, StepError
 
 log = logging.getLogger(__name__)
 FACTOR = {2: 1.3, 1: 1.6}  # stated error over difference, by the number of times that cells are cut
@@ -63,32 +62,12 @@ SOLVES = 3  # problems of contact in a step: that of the step, and that with bub
 WITHOUT_BUBBLES = ("max_pressure", "max_penetration", "max_slip")
 
 
-class NestedRun:
-    """Estimates the error of the mesh of a run of order 2 in the plane that is solved; collective."""
+class NestedRun(OtherMeshRun):
+    """Order 2 in the plane: the own cells cut into smaller ones."""
 
-    @staticmethod
-    def works_for(stepper: Stepper) -> bool:
-        """Whether it can: order 2 in the plane, with contact, by a method with the exact contact laws."""
-        mesh, contacts = stepper.system.mesh, stepper.system.contacts
-        return mesh.degree == 2 and mesh.dim == 2 and len(contacts) > 0 and stepper.chain.exact_laws
-
-    def __init__(
-        self, stepper: Stepper, data: MeshData, on_iteration: Callable[[HistoryRow], None] = lambda row: None
-    ) -> None:
-        """
-        Args:
-            stepper: of the run.
-            data: its mesh.
-            on_iteration: called after each iteration, on every rank.
-        """
-        self._stepper, self._data, self._on_iteration = stepper, data, on_iteration
+    DIM = 2
 
     def __call__(self, steps: Sequence[StepResult]) -> tuple[Errors, ...]:
-        """Mesh and geometry of the errors of the first steps, up to one that fails or that the run has cut; collective.
-
-        Args:
-            steps: results at the requested times of a run from rest, without a gap.
-        """
         whole = steps[: next((k for k, step in enumerate(steps) if step.substeps > 1), len(steps))]
         cuts, mesh = self._cut_mesh(whole) if whole else (0, None)
         if mesh is None:

@@ -58,6 +58,15 @@ def test_dissipation_counts_work_at_nodes() -> None:
     assert_allclose(by_chance(rows(), own, better)["dissipation"], expected)
 
 
+def test_pressure_and_traction_act_together_where_the_side_is_inclined() -> None:
+    """The normal (1, -1) / sqrt(2) pushes to the left as much as the traction pulls to the right."""
+    inclined = rows()
+    inclined.frames[:, 0] = np.array([1.0, -1.0]) / np.sqrt(2)
+    better = state(np.array([1.0, 1.0 + np.sqrt(2), 1.0, 1.0]), np.array([0.0, 1.0, 0.0, 0.0]))
+    found = by_chance(inclined, state(np.ones(4)), better)
+    assert_allclose(found["force"], [0.0, FORCE], atol=1e-15)
+
+
 def test_what_touches_nowhere_is_off_by_nothing() -> None:
     apart = state(np.zeros(4), slip=np.arange(4.0), status=OPEN)
     found = by_chance(rows(), apart, state(np.zeros(4), slip=np.zeros(4), status=OPEN))

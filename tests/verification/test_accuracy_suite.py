@@ -56,6 +56,9 @@ def test_the_same_number_under_two_names_counts_once() -> None:
     found = list(compare("block", 1, 1.0, MESH, answer(1.0), answer(0.9)))
     assert len(found) == 1
     assert found[0].effectivity == pytest.approx(1.0)
+    for doubt, counts in ((0.2, 0), (0.05, 1)):  # how far the truth itself may be off
+        known = compare("block", 1, 1.0, MESH, answer(1.0), answer(0.9), {NAME: np.full(1, doubt)})
+        assert Share.of(known).counted == counts
 
 
 def test_a_pressure_that_slows_down_has_a_limit() -> None:

@@ -38,12 +38,12 @@ def finer_sides(wanted: SizeField, simulation: Simulation, steps: Sequence[StepR
     """
     sizes = wanted.sizes.copy()
     for c in simulation.system.contacts:
-        facets, points = c.surface.facets, c.surface.points
-        used = facets[_touched(c, steps)[facets].any(axis=1)]
-        if len(used):
-            lengths = np.linalg.norm(points[used[:, 1]] - points[used[:, 0]], axis=1)
-            far, near = cKDTree(points[used[:, :2].ravel()]).query(wanted.points)
-            length = np.repeat(lengths, 2)[near]
+        facets = c.surface.facets
+        corners = c.surface.points[facets[_touched(c, steps)[facets].any(axis=1)][:, : c.surface.dim]]
+        if len(corners):
+            lengths = np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1)
+            far, near = cKDTree(corners.reshape(-1, c.surface.dim)).query(wanted.points)
+            length = np.repeat(lengths, c.surface.dim)[near]
             sizes = np.where(far < AT_SIDE * length, np.minimum(sizes, factor * length), sizes)
     return replace(wanted, sizes=sizes)
 
