@@ -49,7 +49,6 @@ from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.stepper import StepError, Stepper
 
 log = logging.getLogger(__name__)
-MORE = 1.1  # times the larger of two differences: most that are too small are so by a little
 SLOW = 4.0  # times the differences of largest pressures, which converge slower than with the first power of the step
 SLIDING = 1.5  # times all differences where pairs slide: each search for new pairs makes numbers jump
 PATH = 0.1  # of half the changes of friction bounds, times the slips: fitted to `stickslip verify accuracy`
@@ -323,9 +322,9 @@ def estimates(run: Solved, compared: Compared, columns: _Columns, jump: float, s
         np.zeros((n, k)) if each is None else _signed(each, run.times, columns) for each in compared
     )
     third = np.zeros((n, 1), bool) if compared.quarter is None else (_factor(compared.quarter, run.times) > 0)[:, None]
-    found: Array = np.where(
-        third, MORE * np.fmax(np.abs(half), np.abs(quarter)), SAFETY * np.abs(half)
-    ) + SAFETY * np.abs(single)
+    found: Array = np.where(third, np.fmax(np.abs(half), np.abs(quarter)), SAFETY * np.abs(half)) + SAFETY * np.abs(
+        single
+    )
     found[:, columns.which(lambda key: key.quantity == "max_pressure")] *= SLOW
     found *= SLIDING if slides else 1.0
     for name, error in _works(run, half + single, columns, jump).items():
