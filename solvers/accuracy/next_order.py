@@ -2,7 +2,8 @@
 
 One step of Jacobi's iteration finds the bubbles, and contact is solved again with them, see `two_level`. Stated is
 FACTOR = 2.0
-does not change by bubbles; see `lower_order`. The part of curved sides is in it, that of the geometry is zero.
+does not change by bubbles; see `lower_order`. Nor do bubbles tell how supports that meet share what they hold, or where
+on periodic sides it is held. The part of curved sides is in it, that of the geometry is zero.
 """
 
 from __future__ import annotations
@@ -45,8 +46,10 @@ def smooth_errors(
         least |= {Quantity("contacts", c.name, name): chance for name, chance in local.items()}
         least[DISSIPATED] = np.hypot(least.get(DISSIPATED, 0.0), local["dissipation"])
     corrected, errors = dict[Quantity, Value](), dict[Quantity, ErrorParts]()
+    mesh, constraints = accepted.stepper.system.mesh, accepted.stepper.system.constraints
+    unknown = () if mesh.comm.allreduce(constraints.apart, min) else ("supports",)
     for key, value in quantities(result).items():
-        if key in better and key.quantity not in (*AT_THE_EDGE, "stress"):
+        if key in better and key.quantity not in (*AT_THE_EDGE, "stress") and key.kind not in unknown:
             corrected[key] = better[key]
             off = np.maximum(FACTOR * np.abs(better[key] - value), least.get(key, 0.0))
             errors[key] = ErrorParts(mesh=off, geometry=0.0 * off, converges=True)
