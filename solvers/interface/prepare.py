@@ -13,7 +13,7 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import block_diag
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.factorised import FactorisedVolume
@@ -32,13 +32,22 @@ SURFACES: Mapping[type, Callable[..., DelassusOperator]] = {
 }
 
 
-def prepare_volume(system: System, form: Form) -> Volume:
-    """The bodies prepared for volume solves: factorised ("condensed"), iterative ("matrix-free"), or as they are."""
+def prepare_volume(system: System, form: Form, pressed: bool = False) -> Volume:
+    """The bodies prepared for volume solves: factorised ("condensed"), iterative ("matrix-free"), or as they are.
+
+    Args:
+        pressed: whether they are condensed on the contact dofs that rows touch alone.
+    """
     if form == "sparse":
         return SparseVolume(system)
     if form == "matrix-free":
         return IterativeVolume(system)
-    return FactorisedVolume(system.K_B, system.interface.dofs, system.counters)
+    return FactorisedVolume(system.K_B, condensed_dofs(system, pressed), system.counters)
+
+
+def condensed_dofs(system: System, pressed: bool) -> Ints:
+    """Free displacements (c,) that the bodies are condensed on, see `prepare_volume`."""
+    return system.interface.pressed if pressed else system.interface.dofs
 
 
 @overload
@@ -51,8 +60,9 @@ def prepare_surface(system: System, volume: SparseVolume) -> SparseSurface: ...
 def prepare_surface(system: System, volume: Volume) -> DelassusOperator: ...
 def prepare_surface(system: System, volume: Volume) -> DelassusOperator:
     """The Delassus operator of all contacts stacked: normal rows first, then tangential rows."""
-    contacts, c = system.contacts, len(system.interface.dofs)
-    traces = [system.interface.trace(rows) for rows in contacts]
+    contacts, c = system.contacts, len(volume.contact.rows)
+    known = np.isin(system.interface.dofs, volume.contact.rows)
+    traces = [system.interface.trace(rows)[:, known] for rows in contacts]
     normal = [rows.N_n @ trace for rows, trace in zip(contacts, traces, strict=True)]
     tangential = [rows.N_t @ trace for rows, trace in zip(contacts, traces, strict=True)]
     count = len(system.obstacles.driven)
@@ -69,7 +79,7 @@ def prepare_surface(system: System, volume: Volume) -> DelassusOperator:
             format="csr",
         ),
         W=np.concatenate([np.zeros(0), *weights]),
-        R=block_diag(system.interface.rigid_modes, np.eye(count)),
+        R=block_diag(system.interface.rigid_modes[known], np.eye(count)),
         driven=count,
         normal_rows=sum(block.shape[0] for block in normal),
     )

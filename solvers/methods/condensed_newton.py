@@ -29,6 +29,7 @@ class CondensedNewton(Stateless):
     )
     WORKS_WITH: ClassVar = Applicability(floating=True, matrix_free=False)
     ROW: ClassVar = 1
+    ROWS_ALONE: ClassVar = True
     TURNS: ClassVar = (Turn("condensed", 1),)
 
     def discrete(self, surface: GivenSurface) -> Solve:

@@ -125,6 +125,7 @@ class Method(Keys, ABC):
     ROW: ClassVar[int] = 100  # order in README's table, ascending; equal numbers: by name
     TURNS: ClassVar[tuple[Turn, ...]] = ()  # in the chain of `auto`
     EXACT_LAWS: ClassVar[bool] = True  # whether it converges to the contact laws themselves
+    ROWS_ALONE: ClassVar[bool] = False  # whether it needs of the bodies only the displacements that rows touch
     COARSE_MESH: ClassVar[bool] = False  # whether it uses an additional coarse mesh
 
     rtol: float = 1e-8  # on the natural residual

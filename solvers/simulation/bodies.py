@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.interface.factorised import FactorisedVolume
@@ -34,11 +32,9 @@ class Bodies:
         return self.mesh if same and _content(problem) == self.content else None
 
     def factor_for(self, system: System) -> FactorisedVolume | None:
-        """The factor, if a system on this mesh has the same stiffness and contact dofs, to the last bit; collective."""
+        """The factor, if a system on this mesh has the same stiffness, to the last bit; collective."""
         factor = self.volume
-        if system.mesh is not self.mesh or not isinstance(factor, FactorisedVolume):
-            return None
-        if not np.array_equal(factor.contact.rows, system.interface.dofs) or not factor.K.equal(system.K_B):
+        if system.mesh is not self.mesh or not isinstance(factor, FactorisedVolume) or not factor.K.equal(system.K_B):
             return None
         return factor.counting(system.counters)
 

@@ -7,11 +7,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 
+import numpy as np
+
 from stickslip.solvers.interface.coarse_mesh import CoarseMesh
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.matrix_free import MatrixFreeSurface
-from stickslip.solvers.interface.prepare import prepare_volume
+from stickslip.solvers.interface.prepare import Volume, condensed_dofs, prepare_volume
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.methods import METHODS
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
@@ -47,6 +49,7 @@ class Reached:
     choice: Choice
     at: int  # index in `choice.stages` that each substep begins with
     switches: tuple[Switch, ...]
+    whole: bool = False  # whether the bodies are condensed on all contact dofs, whatever the method needs
 
 
 class MethodChain:
@@ -68,8 +71,9 @@ class MethodChain:
         """
         reached = reached or Reached(choose(system), 0, ())
         self.choice, self.at, self.switches = reached.choice, reached.at, list(reached.switches)
-        known = factor if self.stage.surface == "condensed" else None
-        self.volume = known or prepare_volume(system, self.stage.surface)
+        self._whole = reached.whole
+        known = factor if self.stage.surface == "condensed" and factor and self._suits(system, factor) else None
+        self.volume = known or self._prepared(system)
         self.coarse = CoarseMesh.beside(system) if self.choice.coarse else None
         self._ready: dict[Stage, Ready] = {}
         self._learnt: dict[str, dict[str, Plain]] = {}  # of methods that are not prepared yet, see `restore`
@@ -89,7 +93,7 @@ class MethodChain:
     @property
     def reached(self) -> Reached:
         """The position, to continue from later."""
-        return Reached(self.choice, self.first, tuple(self.switches))
+        return Reached(self.choice, self.first, tuple(self.switches), self._whole)
 
     def begin(self) -> None:
         """Begin a substep: with the first method that has the present form of the bodies."""
@@ -118,10 +122,25 @@ class MethodChain:
         switch = Switch(time, solution.iterations, str(before), str(self.stage), solution.status.value)
         self.switches.append(switch)
         log.warning("t = %g: %s: %s; goes on with %s", time, switch.before, switch.because, switch.after)
-        if self.stage.surface != before.surface:
+        known = self.stage.surface == before.surface
+        self._whole = self._whole or (known and not METHODS[self.stage.method].ROWS_ALONE)
+        if not known or not self._suits(system, self.volume):
             self.volume.release()
-            self.volume = prepare_volume(system, self.stage.surface)
+            self.volume = self._prepared(system)
         return True
+
+    def _prepared(self, system: System) -> Volume:
+        """The bodies as the present method needs them; collective."""
+        return prepare_volume(system, self.stage.surface, self._pressed)
+
+    def _suits(self, system: System, volume: Volume) -> bool:
+        """Whether bodies in the form of the present method are condensed on what it needs."""
+        dofs = condensed_dofs(system, self._pressed)
+        return not isinstance(volume, FactorisedVolume) or np.array_equal(volume.contact.rows, dofs)
+
+    @property
+    def _pressed(self) -> bool:
+        return METHODS[self.stage.method].ROWS_ALONE and not self._whole
 
     @contextmanager
     def repeating(self, system: System) -> Iterator[None]:

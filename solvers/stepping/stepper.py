@@ -128,14 +128,14 @@ class Stepper:
         self.companion: Companion | None = None  # follows each substep, see `State.refined`
         self.reported: Accepted | None = None  # what the last result of `Simulation.steps` was read from
         self.stage = self.chain.stage
-        self.surface = prepare_surface(system, self.chain.volume)
+        self.volume, self.surface = self.chain.volume, prepare_surface(system, self.chain.volume)
         self.method_after = self.chain.method(system, self.surface)
 
     def _follow(self) -> None:
-        """Take over the current stage of `chain`; the surface stays if the form of the bodies does; collective."""
-        before, self.stage = self.stage, self.chain.stage
-        if self.stage.surface != before.surface:
-            self.surface = prepare_surface(self.system, self.chain.volume)
+        """Take over the current stage of `chain`; the surface stays if the bodies' form does; collective."""
+        self.stage = self.chain.stage
+        if self.volume is not self.chain.volume:
+            self.volume, self.surface = self.chain.volume, prepare_surface(self.system, self.chain.volume)
         self.method_after = self.chain.method(self.system, self.surface)
 
     def start(self) -> State:

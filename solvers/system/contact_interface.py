@@ -20,6 +20,7 @@ from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.system.obstacles import Obstacles
 
 STILL = 1e-9  # of a rigid mode; a part that it moves by less is not moved
+ROUNDED = 1e-14  # of the largest entry of the rows; a displacement with less is not touched
 UNTOUCHED = "that no contact touches "  # a part of the mesh, in words
 
 
@@ -33,6 +34,7 @@ class ContactInterface:
     motions: RigidModes
     obstacles: Obstacles
     T: Mat  # (all, all), from free displacements to all displacements
+    sliding: bool  # whether pairs are searched again
 
     @cached_property
     def dofs(self) -> Ints:
@@ -40,6 +42,20 @@ class ContactInterface:
         found: list[Ints] = [np.zeros(0, np.int64)]
         found += [self.constraints.numbers(c.nodes)[self.constraints.bases(c.nodes)[1]] for c in self.contacts]
         return np.unique(np.concatenate(found))
+
+    @cached_property
+    def pressed(self) -> Ints:
+        """Those of `dofs` that the rows of contacts touch: without friction the normal ones of sides across an axis.
+
+        They are all where bodies float, whose motions have to be seen, and where pairs slide, whose normals turn.
+        """
+        slides = any(c.friction is not None or self.sliding for c in self.contacts)
+        if slides or self.motions.unresisted.shape[1] or not self.contacts:
+            return self.dofs
+        rows = sparse.vstack([c.N_n @ self.trace(c) for c in self.contacts])
+        largest = np.asarray(abs(rows).max(axis=0).todense()).ravel()
+        touched: Ints = self.dofs[largest > ROUNDED * largest.max(initial=0.0)]
+        return touched
 
     def trace(self, c: ContactRows) -> Sparse:
         """Sparse matrix (n_all d, c) from the contact dofs to the displacement of a contact's nodes."""

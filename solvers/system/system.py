@@ -151,6 +151,7 @@ class System:
             motions=self.lifting,
             obstacles=self.obstacles,
             T=self.T,
+            sliding=any(pair.contact.sliding for pair in self.problem.pairs.values()),
         )
 
     @cached_property

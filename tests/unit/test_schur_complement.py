@@ -12,6 +12,8 @@ from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface import schur_complement
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface, RowStiffness
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
+from stickslip.solvers.newton.solution import OnStep, Solution, Status, ignore
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 
@@ -173,3 +175,36 @@ def test_a_driven_obstacle_is_a_dof_without_stiffness(simulation_named: Callable
     assert surface.driven == 1
     assert not surface.S[-1].any()
     assert surface.floating
+
+
+def smooth(make: SceneOf, dim: int, **tables: Any) -> Scene:
+    """A block without friction, pressed from the side and from above."""
+    held = {"top": {"boundary": "block.top", "displacement": dict.fromkeys("xyz"[:dim], -0.1)}}
+    base = {"surface": "block.bottom", "against": "foundation"}
+    return make(dim, **{"contacts": {"base": base}, "supports": held} | tables)
+
+
+@pytest.mark.parametrize(("dim", "count"), [(2, 9), (3, 15)])
+def test_without_friction_only_normal_displacements_are_condensed(
+    dim: int, count: int, scene_of: SceneOf, simulation_of: SimulationOf, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulation = simulation_of(smooth(scene_of, dim))
+    (step,) = simulation.steps()
+    with_friction = simulation_of(smooth(scene_of, dim, contacts={"base": BASE}))
+    assert (simulation.counters.schur_size, with_friction.counters.schur_size) == (count, dim * count)
+    inclined = {"foundation": {"shape": "plane", "point": [0.0] * dim, "normal": [0.1] * (dim - 1) + [1.0]}}
+    assert simulation_of(smooth(scene_of, dim, obstacles=inclined)).counters.schur_size == dim * count
+    whole = simulation_of(smooth(scene_of, dim, solver={"method": "surface-uzawa"}))
+    (other,) = whole.steps()
+    assert whole.counters.schur_size == dim * count
+    assert_allclose(step.displacement, other.displacement, atol=1e-6)
+    monkeypatch.setattr(CondensedNewton, "__call__", broken)  # the next method of the chain needs all of them
+    (instead,) = simulation.steps()
+    assert_allclose(instead.displacement, other.displacement, atol=1e-6)
+    assert simulation.stepper.chain.switches[0].after == "surface-uzawa (condensed)"
+    assert simulation.stepper.chain.reached.whole
+    assert (simulation.counters.factorisations, simulation.counters.schur_size) == (2, dim * count)
+
+
+def broken(method: CondensedNewton, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
+    return Solution(p=p, w=p, u_c=np.zeros(0), status=Status.STALLED, residual=1.0, history=())
