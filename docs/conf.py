@@ -1,11 +1,19 @@
 """How `make docs` makes pages of docs/: Sphinx, MyST, and formulas as MathML, which browsers draw without a script."""
 
+from importlib.util import find_spec
+from pathlib import Path
+
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
 import stickslip
+
+ZIAMATH = find_spec("ziamath")
+assert ZIAMATH is not None
+assert ZIAMATH.origin is not None
+FONT = Path(ZIAMATH.origin).parent / "fonts" / "STIXTwoMath-Regular.ttf"
 
 project = "stickslip"
 author = "the stickslip authors"
@@ -14,6 +22,8 @@ version = release = stickslip.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["conf.py"]
 html_theme = "furo"
+html_static_path = ["style.css", str(FONT)]
+html_css_files = ["style.css"]
 html_title = f"stickslip {version}"
 html_copy_source = False
 html_math_renderer = "mathml"

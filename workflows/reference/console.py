@@ -25,8 +25,9 @@ ROOT = Path(__file__).absolute().parents[3]
 WORK = ROOT / "build" / "pages"
 FENCE = re.compile(r"^```(\w+)([^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 FILE_NAME = re.compile(r"(?:#|//) ([\w./-]+\.\w+)\n")
-NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.]*[A-Za-z_])")
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 RULER = re.compile(r"[─━╌-]{2,}")  # lines of tables, as wide as the widest number
+ROUNDING = 1e-12  # what is smaller is left by the arithmetic, and differs between machines
 LONGEST = 600  # seconds of one command
 
 
@@ -83,7 +84,7 @@ def same(shown: str, printed: str) -> bool:
         return False
     for a, b in zip(NUMBER.finditer(one), NUMBER.finditer(other), strict=True):
         seconds = re.match(r"(?: to [\d.]+)? s\b", one[a.end() :])
-        if not seconds and abs(float(a[0]) - float(b[0])) > 1.001 * last_digit(a[0]):
+        if not seconds and abs(float(a[0]) - float(b[0])) > max(1.001 * last_digit(a[0]), ROUNDING):
             return False
     return True
 
@@ -121,6 +122,7 @@ def printed_by(command: Command, folder: Path) -> list[str]:
     there = {
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
         "OMP_NUM_THREADS": "1",
+        "LC_ALL": "C.UTF-8",
         "COLUMNS": "118",
         "NO_COLOR": "1",
     }
