@@ -14,7 +14,7 @@ import typer.main
 
 from stickslip.workflows.commands.cli import app
 from stickslip.workflows.reference.console import agree, blocks, commands, file_name, played, same
-from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.scene_file.read import READY, from_dict
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "workflows/SCENE.md", ROOT / "solvers/SOURCES.md"]
@@ -117,6 +117,15 @@ def parsed(words: list[str]) -> None:
         return
     command = group.commands[words[0]]  # type: ignore[attr-defined]
     command.make_context(words[0], words[1:])
+
+
+@pytest.mark.parametrize("scene", sorted(READY.glob("*.toml")), ids=lambda path: path.stem)
+def test_the_gallery_shows_the_scene_as_it_is(scene: Path) -> None:
+    """Renew it with `python -m stickslip.workflows.reference.gallery`."""
+    page = (ROOT / "docs/gallery" / f"{scene.stem}.md").read_text(encoding="utf-8")
+    (shown,) = (block[3] for block in blocks(page) if block[1] == "toml")
+    assert shown == scene.read_text(encoding="utf-8")
+    assert all((ROOT / "docs/gallery" / f"{scene.stem}{ending}.png").exists() for ending in ("", "_contact"))
 
 
 def test_a_wrong_option_is_noticed() -> None:
