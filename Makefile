@@ -107,7 +107,6 @@ docs: install build/sphinx/installed
 	.venv/bin/python -m stickslip.workflows.reference.gallery
 	.venv/bin/python -m stickslip.workflows.reference.console README.md docs
 	PYTHONPATH=$(CURDIR)/build/sphinx .venv/bin/python -m sphinx -q -W --keep-going -d build/doctrees docs build/docs
-	echo 'open build/docs/index.html'
 
 build/sphinx/installed: requirements-docs.txt
 	rm -rf build/sphinx

@@ -1,5 +1,6 @@
 """How `make docs` makes pages of docs/: Sphinx, MyST, and formulas as MathML, which browsers draw without a script."""
 
+import re
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import stickslip
 ZIAMATH = find_spec("ziamath")
 assert ZIAMATH is not None
 assert ZIAMATH.origin is not None
+BARS, TIGHT = re.compile("<mo[^>]*>([|‖])</mo>"), r'<mo stretchy="false" lspace="0" rspace="0">\1</mo>'  # of |x|
 FONT = Path(ZIAMATH.origin).parent / "fonts" / "STIXTwoMath-Regular.ttf"
 
 project = "stickslip"
@@ -39,7 +41,7 @@ pygments_style = "friendly"
 def mathml(self: HTML5Translator, node: nodes.math | nodes.math_block) -> None:
     """Write a formula as MathML."""
     block = isinstance(node, nodes.math_block)
-    formula = "".join(tex2mathml(node.astext(), as_block=block))
+    formula = BARS.sub(TIGHT, "".join(tex2mathml(node.astext(), as_block=block)))
     self.body.append(f'<div class="math">{formula}</div>' if block else formula)
     raise nodes.SkipNode
 

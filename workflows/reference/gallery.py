@@ -139,8 +139,8 @@ def contents(found: dict[str, dict[str, Any]]) -> str:
     """The list of all scenes."""
     parts = [
         "# Gallery\n",
-        "The ready scenes, as `stickslip run NAME` solves and draws them. Seconds are those of a whole run with its pictures"
-        " and\nestimates of errors, on one core. ± is the error that the run states of the scene's main number.",
+        "The ready scenes, as `stickslip run NAME` solves and draws them. Seconds are of a whole run with pictures",
+        "and estimates of errors, on one core. ± is the error that the run states of the scene's main number.",
     ]
     for title, machines in (("Machines and structures", True), ("Models to learn from", False)):
         parts += [f"\n## {title}\n", "| | scene | model | unknowns | steps | seconds | main number |", "|---" * 7 + "|"]
