@@ -28,6 +28,7 @@ html_static_path = ["style.css", str(FONT)]
 html_css_files = ["style.css"]
 html_title = f"stickslip {version}"
 html_copy_source = False
+smartquotes = False  # keys and values are quoted as they are typed
 html_math_renderer = "mathml"
 myst_enable_extensions = ["dollarmath"]
 myst_fence_as_directive = ["math"]

@@ -1,10 +1,10 @@
 """The pages' console blocks are run: `python -m stickslip.workflows.reference.console PAGE...` compares what is shown.
 
 A page is a program: a block of TOML, Python or .geo whose first line is a comment with a file's name is written to that
-file, and in a `console` block each line that begins with `$ ` is run by bash, in one folder for the page. What a page
-shows of the output is held against it: words must be the same, numbers agree within one unit of their last digit,
-seconds are free; a line `...` stands for any lines. `--renew` writes what is printed into the page, except where it has
-such a line.
+file, and in a `console` block each line that begins with `$ `, with those behind it that begin with `> `, is run by
+bash, in one folder for the page. What a page shows of the output is held against it: words must be the same, numbers
+agree within one unit of their last digit, seconds are free; a line `...` stands for any lines. `--renew` writes what is
+printed into the page, except where it has such a line.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ LONGEST = 600  # seconds of one command
 class Command:
     """A command of a page, and what the page shows of its output."""
 
-    line: str  # one or more, with the backslashes at their ends
+    line: str  # one or more
     shown: tuple[str, ...]
 
 
@@ -57,8 +57,8 @@ def file_name(content: str) -> str | None:
 def commands(content: str) -> list[Command]:
     """Commands of a console block.
 
-    >>> commands("$ echo 1 \\\\\\n  2\\n1 2\\n$ true\\n")
-    [Command(line='echo 1 \\\\\\n  2', shown=('1 2',)), Command(line='true', shown=())]
+    >>> commands("$ for x in 1 2\\n> do echo $x; done\\n1\\n2\\n$ true\\n")
+    [Command(line='for x in 1 2\\ndo echo $x; done', shown=('1', '2')), Command(line='true', shown=())]
     """
     found: list[tuple[list[str], list[str]]] = []
     for line in content.splitlines():
@@ -66,8 +66,8 @@ def commands(content: str) -> list[Command]:
             found.append(([line[2:]], []))
         elif not found:
             raise ValueError(f"a console block begins with '$ ', not with {line!r}")
-        elif not found[-1][1] and found[-1][0][-1].endswith("\\"):
-            found[-1][0].append(line)
+        elif not found[-1][1] and line.startswith("> "):
+            found[-1][0].append(line[2:])
         else:
             found[-1][1].append(line)
     return [Command("\n".join(line), tuple(shown)) for line, shown in found]
@@ -127,7 +127,7 @@ def printed_by(command: Command, folder: Path) -> list[str]:
         "NO_COLOR": "1",
     }
     done = subprocess.run(
-        ["/bin/bash", "-c", command.line],
+        ["/bin/bash", "-e", "-o", "pipefail", "-c", command.line],
         cwd=folder,
         env={**os.environ, **there},
         stdout=subprocess.PIPE,
@@ -160,7 +160,7 @@ def played(text: str, folder: Path) -> tuple[str, list[str]]:
             cut = any(line.strip() == "..." for line in command.shown)
             if not right:
                 complaints.append("\n".join([f"$ {command.line}", *printed]))
-            lines += [f"$ {command.line}", *(command.shown if right or cut else printed)]
+            lines += ["$ " + command.line.replace("\n", "\n> "), *(command.shown if right or cut else printed)]
         return "\n".join([f"```console{info}", *lines, "```"])
 
     return FENCE.sub(play, text), complaints
