@@ -96,6 +96,7 @@ class Choice(Noun):
 
     tag: ClassVar[str]  # name of the key
     kinds: ClassVar[list[type[Any]]]  # filled by the definitions of the kinds
+    registered: ClassVar[int] = 0  # kinds of all families
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -103,6 +104,7 @@ class Choice(Noun):
             cls.kinds = []
         elif cls.tag in get_annotations(cls):
             cls.kinds.append(cls)
+            Choice.registered += 1
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Callable[[Any], Any]) -> Any:
@@ -149,6 +151,16 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(values)
 
 
+def adapter(kind: Any) -> TypeAdapter[Any]:
+    """Reads and writes values of a type; made once, and again when there are more kinds to choose from."""
+    return _made(kind, Choice.registered)
+
+
+@cache
+def _made(kind: Any, count: int) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
+
+
 def parse(kind: Any, value: Any, at: tuple[str, ...]) -> Any:
     """The value of a key of a scene file, checked against its type.
 
@@ -161,7 +173,7 @@ def parse(kind: Any, value: Any, at: tuple[str, ...]) -> Any:
         SceneError: key, what was found, what is expected, the nearest valid name.
     """
     try:
-        return TypeAdapter(kind).validate_json(json.dumps(value, default=str), strict=True)
+        return adapter(kind).validate_json(json.dumps(value, default=str), strict=True)
     except ValidationError as error:
         raise SceneError(_explain(error, kind, value, at)) from None
 

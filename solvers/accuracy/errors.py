@@ -9,6 +9,7 @@ import numpy as np
 
 from stickslip.solvers.accuracy.iteration_errors import iteration_errors
 from stickslip.solvers.accuracy.mesh_error import mesh_errors
+from stickslip.solvers.accuracy.next_order import smooth_errors
 from stickslip.solvers.results.error_parts import ErrorParts, Errors
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import Observer
@@ -19,7 +20,8 @@ from stickslip.solvers.stepping.stepper import Accepted
 def with_errors(observe: Observer, accepted: Accepted, result: StepResult) -> StepResult:
     """The result of a step with the errors of its numbers, but for those that are found at the end; collective."""
     found = quantities(result)
-    corrected, of_mesh = mesh_errors(observe, accepted, result)
+    of_order_1 = accepted.stepper.system.mesh.degree == 1
+    corrected, of_mesh = (mesh_errors if of_order_1 else smooth_errors)(observe, accepted, result)
     of_iteration = iteration_errors(observe, accepted, found)
     exact_laws = accepted.stepper.chain.exact_laws
     errors = {}

@@ -62,14 +62,15 @@ class MeshCorrection:
 
     @staticmethod
     def works_for(stepper: Stepper) -> bool:
-        """Whether it can follow the steps: of order 1, with contact, by a method with the exact contact laws.
+        """Whether it can follow the steps: of order 1, in 3D also 2, with contact, by a method with exact contact laws.
 
         Bubbles vanish where supports hold: a displacement that is an expression of place would be too large a part.
         """
         system = stepper.system
         expressions = system.problem.timeline.expressions.items()
         uneven = any(place.table == "supports" and found.names & {*"xyz"} for place, found in expressions)
-        return system.mesh.degree == 1 and len(system.contacts) > 0 and stepper.chain.exact_laws and not uneven
+        may = system.mesh.degree == 1 or system.mesh.dim == 3
+        return may and len(system.contacts) > 0 and stepper.chain.exact_laws and not uneven
 
     def __init__(
         self, stepper: Stepper, on_error: Callable[[float], None] = lambda seconds: None, quick: bool = False
@@ -158,10 +159,11 @@ class MeshCorrection:
         if found is None:
             return None
         r, directions, changes = step.residual(found), list[Vec](), list[Vec]()
+        of_order_2 = step.stepper.system.mesh.degree == 1
         for _ in range(1 if self._quick else STEPS):
             z = self._bubbles.relaxed(r)
             moved = self._bubbles.displacement(z)
-            if exact:
+            if exact and (of_order_2 or self._quick):
                 tried = step.answer(x + moved, found.solution.p, solve, same_history=True)
                 if tried is None:
                     return None

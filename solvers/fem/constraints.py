@@ -171,6 +171,11 @@ class Constraints:
         """Index of each support."""
         return {name: i for i, name in enumerate(dict.fromkeys(r.support for n in self.rows.values() for r in n))}
 
+    @property
+    def apart(self) -> bool:
+        """Whether all nodes are held by one support each, and by none that moves with others, on this rank."""
+        return not len(self.followers) and all(len({row.support for row in rows}) == 1 for rows in self.rows.values())
+
     @cached_property
     def alike(self) -> tuple[Alike, ...]:
         """The nodes `held`, grouped by their number of prescribed components."""

@@ -69,4 +69,9 @@ def test_from_a_step_on_that_was_cut_or_fails_nothing_is_known(monkeypatch: pyte
 
     monkeypatch.setattr(Stepper, "reach", fails)
     assert len(whole.mesh_errors([first, second])) == 1
-    assert np.isfinite(whole.mesh_errors([first])[0][Quantity("contacts", "base", "normal_force")].mesh)
+    known = whole.mesh_errors([first])[0]
+    assert np.isfinite(known[Quantity("contacts", "base", "contact_area")].mesh)
+    force = Quantity("contacts", "base", "normal_force")
+    assert force not in known  # it is known from bubbles
+    assert first.errors[str(force)].mesh > 0
+    assert whole.mesh_errors([replace(first, errors={})])[0][force].mesh > 0

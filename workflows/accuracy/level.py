@@ -19,7 +19,7 @@ FINEST = {2: 0.25, 3: 0.5}  # least factor of the energy error in a round, by di
 FACTORS = 12  # of the energy error, tried from 1 down to the least
 SPLITS = (1, 2, 4, 8)  # of the time steps
 SOLVING = 1.3  # power of the number of cells with which solving grows
-UNKNOWNS = 4  # of order 2 for each of order 1 on the same mesh, in the plane
+UNKNOWNS = {2: 4, 3: 7}  # of order 2 for each of order 1 on the same mesh, by dimension
 GAIN = 7.0  # factor by which order 2 has smaller errors on the same mesh: 7 (`raous`), 11 (`cattaneo`), 24 (`punch`)
 SETUP = 2  # steps that take as long as mesh, assembly and preparation; 1.4 to 3 with all errors, 2D and 3D
 RATE = 2.0  # with which errors of numbers fall, by that of the energy norm
@@ -33,7 +33,7 @@ class Level:
     """What a round is solved with."""
 
     order: Literal[1, 2] = 1
-    highest: Literal[1, 2] = 2  # order to which it may go, in the plane
+    highest: Literal[1, 2] = 2  # order to which it may go
     factor: float = 1.0  # of the scene's mesh sizes
     sizes: SizeField | None = None  # instead of them; on rank 0
     splits: int = 1  # time steps for each of the scene
@@ -66,7 +66,7 @@ class Move:
 
     def cells(self, dim: int) -> float:
         """Factor of the number of cells; of unknowns, where the order changes."""
-        return float(self.finer ** (-dim / self.order) * (UNKNOWNS if self.raises else 1))
+        return float(self.finer ** (-dim / self.order) * (UNKNOWNS[dim] if self.raises else 1))
 
     def work(self, steps: int, dim: int) -> float:
         """What it costs, in a unit that no clock decides: the same moves are taken on every machine.

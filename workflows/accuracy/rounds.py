@@ -275,10 +275,11 @@ class Rounds:
         return finer_sides(wanted, simulation, steps, move.finer) if move.order == 2 else wanted
 
     def _orders(self, simulation: Simulation) -> Sequence[Literal[1, 2]]:
-        """The order of this round, and 2 where the next one may have it: in the plane its errors are known too."""
+        """The order of this round, and 2 where the next one may have it: where its errors are known too."""
         shape, level = self.scene.geometry, self._level
         straight = isinstance(shape, UserFile) and shape.own_mesh  # cells are cut without their curved sides
-        may = self.scene.dim == 2 and level.highest == 2 and MeshCorrection.works_for(simulation.stepper)
+        smooth = self.scene.dim == 2 or not any(name.endswith(LOCAL) for name in self.scene.accuracy.goals)
+        may = smooth and level.highest == 2 and MeshCorrection.works_for(simulation.stepper)
         return (level.order, 2) if level.order == 1 and may and not straight else (level.order,)
 
 

@@ -11,11 +11,9 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from pydantic import TypeAdapter
-
 from stickslip.geometry.builders import Builder
 from stickslip.geometry.errors import FolderError, GeometryError, SceneError, nearest, require, shortened
-from stickslip.geometry.keys import parse
+from stickslip.geometry.keys import adapter, parse
 from stickslip.geometry.shape import Model
 from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.user_file import WITH_PARAMETERS, UserFile, installed
@@ -196,7 +194,7 @@ def to_dict(scene: Scene) -> dict[str, Any]:
     """The scene as plain data, every default filled in; `from_dict` reads it back."""
     hints = kinds_of_keys() | {"geometry": type(scene.geometry)}
     plain = {
-        f.name: TypeAdapter(hints[f.name]).dump_python(
+        f.name: adapter(hints[f.name]).dump_python(
             getattr(scene, f.name), mode="json", by_alias=True, exclude_none=True
         )
         for f in fields(Scene)
@@ -205,8 +203,8 @@ def to_dict(scene: Scene) -> dict[str, Any]:
     plain["output"] |= plain["output"].pop("writers")
     for effect in EFFECTS:
         if effect.name in scene.sections:
-            adapter = TypeAdapter(effect.table)
-            plain[effect.name] = adapter.dump_python(scene.sections[effect.name], mode="json", by_alias=True)
+            table = scene.sections[effect.name]
+            plain[effect.name] = adapter(effect.table).dump_python(table, mode="json", by_alias=True)
     return plain
 
 
@@ -217,8 +215,7 @@ def with_method(solver: Settings, words: str) -> Settings:
         SceneError: an unknown key, or a value that it refuses.
     """
     name, *keys = words.split("+")
-    adapter: TypeAdapter[Any] = TypeAdapter(Solver)
-    table = adapter.dump_python(solver, mode="json", by_alias=True, exclude_none=True) | {"method": name}
+    table = adapter(Solver).dump_python(solver, mode="json", by_alias=True, exclude_none=True) | {"method": name}
     for key in keys:
         _override(table, key)
     found: Settings = parse(Solver, table, ("solver",))

@@ -1,0 +1,56 @@
+"""Error of the mesh of the smooth numbers of each step, order 2 in 3D: the same step with bubbles of order 3.
+
+One step of Jacobi's iteration finds the bubbles, and contact is solved again with them, see `two_level`. Stated is
+FACTOR = 2.0
+does not change by bubbles; see `lower_order`. Nor do bubbles tell how supports that meet share what they hold, or where
+on periodic sides it is held. The part of curved sides is in it, that of the geometry is zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from stickslip.solvers.accuracy.by_chance import by_chance
+from stickslip.solvers.accuracy.mesh_error import DISSIPATED, Values
+from stickslip.solvers.accuracy.two_level import MeshCorrection
+from stickslip.solvers.results.error_parts import ErrorParts, Quantity, Value
+from stickslip.solvers.results.numbers import quantities
+from stickslip.solvers.results.observe import Observer
+from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.stepping.stepper import Accepted
+
+FACTOR = 2.0
+AT_THE_EDGE = ("contact_area", "stick_area", "slip_area", "max_pressure", "max_penetration")
+
+
+def smooth_errors(
+    observe: Observer, accepted: Accepted, result: StepResult
+) -> tuple[Values, dict[Quantity, ErrorParts]]:
+    """Numbers of a step with bubbles, and the errors of its result's, but for those that an edge decides; collective.
+
+    Nothing if the step was not followed.
+    """
+    refined, companion = accepted.state.refined, observe.stepper.companion
+    if refined is None or not isinstance(companion, MeshCorrection):
+        return {}, {}
+    start, before = accepted.start, accepted.substep_start
+    same = replace(accepted, state=refined, start=start.refined or start, substep_start=before.refined or before)
+    numbers = observe.numbers(same)
+    better, least = quantities(numbers), dict[Quantity, Value]()
+    moved = companion.displacement_at(refined, observe.probes)
+    better |= {Quantity("probes", name, "displacement"): value for name, value in moved.items()}
+    for c in accepted.stepper.system.contacts:
+        local = by_chance(c, result.contacts[c.name], numbers.contacts[c.name])
+        least |= {Quantity("contacts", c.name, name): chance for name, chance in local.items()}
+        least[DISSIPATED] = np.hypot(least.get(DISSIPATED, 0.0), local["dissipation"])
+    corrected, errors = dict[Quantity, Value](), dict[Quantity, ErrorParts]()
+    mesh, constraints = accepted.stepper.system.mesh, accepted.stepper.system.constraints
+    unknown = () if mesh.comm.allreduce(constraints.apart, min) else ("supports",)
+    for key, value in quantities(result).items():
+        if key in better and key.quantity not in (*AT_THE_EDGE, "stress") and key.kind not in unknown:
+            corrected[key] = better[key]
+            off = np.maximum(FACTOR * np.abs(better[key] - value), least.get(key, 0.0))
+            errors[key] = ErrorParts(mesh=off, geometry=0.0 * off, converges=True)
+    return corrected, errors
