@@ -91,7 +91,7 @@ def shrunk(source: Path, target: Path) -> None:
     with Image.open(source) as picture:
         found = picture.convert("RGB")
     found.thumbnail((WIDTH, WIDTH), Image.Resampling.LANCZOS)
-    found.quantize(COLOURS).save(target, optimize=True)
+    found.quantize(COLOURS, Image.Quantize.MAXCOVERAGE).save(target, optimize=True)
 
 
 def amount(value: float, error: dict[str, Any]) -> str:
