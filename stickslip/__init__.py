@@ -10,7 +10,7 @@ A first script
 t = 1.0 s: N = 0.246 N, T = 0.000 N
 t = 2.0 s: N = 0.245 N, T = 0.033 N
 
-Four ways to solve a scene
+Five ways to solve a scene
 --------------------------
 steps(scene)
     yields a `StepResult` for each requested time; writes nothing.
@@ -19,6 +19,8 @@ run(scene, folder)
 prepare(scene)
     returns a `Simulation`: meshed, assembled and factorised once. `.steps()` solves the scene's
     history, `.data` is the mesh as arrays (`MeshData`), `.plan` lists the effects and why each is on.
+sweep(scene, {"contacts.base.friction.mu": [0.1, 0.2]}, folder)
+    runs it with other values, in processes beside each other; `.rows` and `.to_pandas()` are its table.
 prepare(scene).script()
     returns a `Script`, which is told each step: `script.step(to=1.0, supports={"top": {"x": 0.01}})`.
 
@@ -64,7 +66,7 @@ nothing can balance the loads. `MachineError` (with `DamagedError`) is about dis
 
 Names
 -----
-Functions         read, prepare, steps, run
+Functions         read, prepare, steps, run, sweep
 Scene             Scene, Material, Contact, Support, Load, Probe, Steps, Solver, Gram, Output, Exact,
                   Accuracy
 Geometry          UserFile, Box; builders: Arch, Block, Cylinders, HalfBall, HalfDisc, HalfSpace, Ring,
@@ -77,7 +79,8 @@ Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: Hi
                   HistoryTuple, Step, Status
 Results           StepResult, ContactState, OPEN, SLIP, STICK, Reaction, ObstacleState, ProbeValue,
                   Energy, MeshData, SurfaceMesh, Convergence; errors: Quantity, ErrorParts
-Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended)
+Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended);
+                  sweeps: Sweep, Solved
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,
                   NoEquilibriumError, MachineError, DamagedError
 Bases             Builder, Obstacle, NormalLaw, FrictionLaw, Key: to write a kind of one's own

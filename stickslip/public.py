@@ -76,6 +76,7 @@ from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.sweep.sweep import Solved, Sweep, sweep
 
 
 def steps(scene: Scene) -> Iterator[StepResult]:
@@ -182,6 +183,7 @@ __all__ = [
     "Script",
     "Seconds",
     "Simulation",
+    "Solved",
     "Solver",
     "SolverError",
     "Sphere",
@@ -197,6 +199,7 @@ __all__ = [
     "Strip",
     "Support",
     "SurfaceMesh",
+    "Sweep",
     "TangentialCompliance",
     "Tied",
     "Tresca",
@@ -208,4 +211,5 @@ __all__ = [
     "read",
     "run",
     "steps",
+    "sweep",
 ]

@@ -7,6 +7,7 @@ on several ranks K_ii is factorised and a block of right-hand sides gives S.
 from __future__ import annotations
 
 import ctypes
+from copy import copy
 
 import numpy as np
 from petsc4py import PETSc
@@ -51,6 +52,13 @@ class FactorisedVolume:
         else:
             self._factor_interior(contact_dofs)
         self.counters.factorisations += 1
+
+    def counting(self, counters: Counters) -> FactorisedVolume:
+        """The same factor for another system, whose counters count its solves; it was factorised before."""
+        other = copy(self)
+        other.counters = counters
+        counters.schur_size = len(self.contact.rows)
+        return other
 
     def condense(self, f: Vec) -> Array:
         """Condense forces [N] onto the contact dofs: f_c - K_ci K_ii^-1 f_i (c,); one volume solve; collective."""

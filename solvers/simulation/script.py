@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from numbers import Real
 from reprlib import repr as shortly
 from typing import Any, TypeGuard
@@ -13,10 +13,11 @@ from stickslip.geometry.amplitude import Amplitude, value_at
 from stickslip.geometry.errors import SceneError, nearest, require
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene, over, with_values
+from stickslip.solvers.scene.scene import Scene, over, prefixed, with_values
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import ROUNDING, Accepted, Stepper
 
 Values = Mapping[str, Mapping[str, float]]  # by name and component
@@ -26,6 +27,7 @@ CHANGEABLE = {
     "loads": "traction, force or pressure, other than a bare 0,",
     "obstacles": "displacement, force or rotation",
 }
+NOT_LAWS = ("law", "k_T")  # keys of friction laws that stay: the kind, and how far a traction has bent the surface
 
 
 class Script:
@@ -53,7 +55,7 @@ class Script:
         """
         self._stepper, self._observer = stepper, observer
         self._scene, self._named = scene, frozenset[Place]()
-        self._state = stepper.start()
+        self._state, self._altered = stepper.start(), False
         self._times: tuple[float, ...] = ()
 
     @property
@@ -68,6 +70,7 @@ class Script:
         supports: Values = UNCHANGED,
         loads: Values = UNCHANGED,
         obstacles: Values = UNCHANGED,
+        contacts: Values = UNCHANGED,
         on_iteration: Callable[[HistoryRow], None] = lambda row: None,
     ) -> StepResult:
         """Solve one step, up to a time, in which the named values change linearly to those given; collective.
@@ -81,6 +84,8 @@ class Script:
                 pressure [Pa], positive when pressing.
             obstacles: {name: {component: value}}; x, y, z: displacement [m] or force [N], whichever the scene has;
                 angle [rad].
+            contacts: {name: {component: value}}; `gap_offset` [m], and numbers of the friction law, such as `mu`: they
+                hold from the start of this step on. A `bound` [Pa] changes linearly over the step.
             on_iteration: called with a `HistoryRow` after each iteration of each attempt, on every rank.
 
         Returns:
@@ -95,17 +100,22 @@ class Script:
         require(_is_number(to), "to", _in_words(to), "expected a number")
         begins = not self._times and to == 0
         require(to > self.time or begins, "to", to, f"expected a time after {self.time:g}")
-        wanted = self._places(supports=supports, loads=loads, obstacles=obstacles)
+        bounds, laws = self._of_contacts(contacts)
+        wanted = self._places(supports=supports, loads=loads, obstacles=obstacles) | bounds
         scene = over(
-            self._scene, lambda place, now: self._continued(place, now, to, wanted[place]) if place in wanted else now
+            laws, lambda place, now: self._continued(place, now, to, wanted[place]) if place in wanted else now
         )
         times = self._times_to_hit(scene, float(to))
-        system = self._stepper.system
+        stepper, state = self._stepper, self._state
+        if scene.contacts != self._scene.contacts:
+            stepper, state = stepper.with_laws(scene.contacts, state)
+        system = stepper.system
         with system.course.following(scene.timeline()):
             for time in times:
                 system.constraints.prescribed(time)  # raises here if supports contradict each other, before any solve
-            accepted = self._reach(times, on_iteration)
+            accepted = _reach(stepper, state, times, on_iteration)
             result = self._observer(accepted)
+        self._stepper, self._altered = stepper, self._altered or laws is not self._scene
         self._scene, self._named = scene, self._named | wanted.keys()
         self._state, self._times = accepted.state, (*self._times, *times)
         return result
@@ -117,8 +127,9 @@ class Script:
         Every value in time is a table with a row for each time that was solved; expressions stay.
 
         Raises:
-            SceneError: no step has been solved yet.
+            SceneError: no step has been solved yet; or a law's parameter has changed: in a scene it does not.
         """
+        require(not self._altered, "script", "other laws", "parameters of contacts have changed; a scene's do not")
         require(len(self._times) > 0, "script", "no step yet", "there is nothing to repeat")
         scene, end = over(self._scene, lambda place, now: self._so_far(now)), self._scene.steps.end
         ramps = {place: found.text for place, found in scene.expressions().items() if not found.in_time}
@@ -136,20 +147,33 @@ class Script:
             listed = sorted({*listed, end})
         return (*(t for t in listed if t - self.time > ROUNDING * to or not self._times), last)
 
-    def _reach(self, times: tuple[float, ...], on_iteration: Callable[[HistoryRow], None]) -> Accepted:
-        """Solve up to each of the times [s]; all together count as one step."""
-        state, parts = self._state, list[Accepted]()
-        for time in times:
-            parts.append(self._stepper.reach(state, time, on_iteration))
-            state = parts[-1].state
-        return replace(
-            parts[-1],
-            start=self._state,
-            substeps=sum(part.substeps for part in parts),
-            iterations=sum(part.iterations for part in parts),
-            volume_solves=sum(part.volume_solves for part in parts),
-            history=tuple(row for part in parts for row in part.history),
-        )
+    def _of_contacts(self, given: Values) -> tuple[dict[Place, float], Scene]:
+        """Values in time of friction laws by their place, and the scene with all else that contacts are given.
+
+        Raises:
+            SceneError: there is no such contact or number, or it refuses the value.
+        """
+        bounds, contacts = dict[Place, float](), dict(self._scene.contacts)
+        for name, parts in _items("contacts", given, "{ name: { component: number } }"):
+            if name not in contacts:
+                raise SceneError(f"contacts.{name}: nothing there to change; {nearest(str(name), contacts)}")
+            for part, value in _items(f"contacts.{name}", parts, "{ component: number }"):
+                key, friction = f"contacts.{name}.{part}", contacts[name].friction
+                in_time = friction.amplitudes() if friction else {}
+                numbers = {f.name for f in fields(friction) if f.name not in NOT_LAWS} if friction else set()
+                if part not in {"gap_offset", *numbers}:
+                    raise SceneError(f"{key}: nothing there to change; {nearest(str(part), {'gap_offset', *numbers})}")
+                require(_is_number(value), key, _in_words(value), "expected a number")
+                with prefixed(f"contacts.{name}"):
+                    if part in in_time:
+                        bounds[Place("contacts", name, "friction", part)] = float(value)
+                    elif part == "gap_offset":
+                        contacts[name] = replace(contacts[name], gap_offset=float(value))
+                    else:
+                        assert friction is not None
+                        contacts[name] = replace(contacts[name], friction=replace(friction, **{part: float(value)}))
+        changed = contacts != dict(self._scene.contacts)
+        return bounds, replace(self._scene, contacts=contacts) if changed else self._scene
 
     def _so_far(self, amplitude: Amplitude) -> tuple[tuple[float, float], ...]:
         """Time [s] and value at each time that was solved."""
@@ -192,6 +216,24 @@ class Script:
                     require(_is_number(value), key, _in_words(value), "expected a number")
                     found[known[table, name][part]] = float(value)
         return found
+
+
+def _reach(
+    stepper: Stepper, start: State, times: tuple[float, ...], on_iteration: Callable[[HistoryRow], None]
+) -> Accepted:
+    """Solve up to each of the times [s]; all together count as one step."""
+    state, parts = start, list[Accepted]()
+    for time in times:
+        parts.append(stepper.reach(state, time, on_iteration))
+        state = parts[-1].state
+    return replace(
+        parts[-1],
+        start=start,
+        substeps=sum(part.substeps for part in parts),
+        iterations=sum(part.iterations for part in parts),
+        volume_solves=sum(part.volume_solves for part in parts),
+        history=tuple(row for part in parts for row in part.history),
+    )
 
 
 def _is_number(value: object) -> TypeGuard[float]:

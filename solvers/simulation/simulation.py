@@ -20,6 +20,7 @@ from stickslip.solvers.results.observe import Observer, mesh_data
 from stickslip.solvers.results.step_result import MeshData, StepResult
 from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.bodies import Bodies
 from stickslip.solvers.simulation.loose_parts import refuse_loose_parts
 from stickslip.solvers.simulation.plan import planned
 from stickslip.solvers.simulation.script import Script
@@ -86,6 +87,11 @@ class Simulation:
     def plan(self) -> tuple[PlanRow, ...]:
         """Every effect: its name, whether it is on, and the scene key that asks for it."""
         return self.problem.plan
+
+    @property
+    def bodies(self) -> Bodies:
+        """The mesh and its factor, for `prepare` of other scenes with the same bodies."""
+        return Bodies.of(self.problem, self.mesh, self.stepper.chain.volume)
 
     def steps(
         self,
@@ -196,7 +202,11 @@ class Simulation:
 
 
 def prepare(
-    scene: Scene, comm: Comm | None = None, reached: Reached | None = None, sizes: SizeField | None = None
+    scene: Scene,
+    comm: Comm | None = None,
+    reached: Reached | None = None,
+    sizes: SizeField | None = None,
+    bodies: Bodies | None = None,
 ) -> Simulation:
     """Mesh a scene, assemble it and factorise it, or set up multigrid; collective. No step is solved.
 
@@ -206,6 +216,7 @@ def prepare(
         reached: to resume a run: the methods that it had tried and left. None: the scene's method, or the chain that
             `auto` chooses for the size of the problem.
         sizes: mesh sizes instead of those of the scene, on rank 0; the mesh is then free of grids.
+        bodies: of another simulation, `Simulation.bodies`: what is the same in this scene is not prepared again.
 
     Returns:
         The simulation; `steps` solves the scene's history, `script` one of your own.
@@ -220,13 +231,15 @@ def prepare(
     problem = planned(scene)
     seconds, counters = Seconds(), Counters()
     began = clock.perf_counter()
-    mesh = build_mesh(problem.shape, replace(problem.request, sizes=sizes), comm or MPI.COMM_WORLD)
+    mesh = bodies.mesh_for(problem) if bodies and sizes is None else None
+    mesh = mesh or build_mesh(problem.shape, replace(problem.request, sizes=sizes), comm or MPI.COMM_WORLD)
     meshed = clock.perf_counter()
     system = assemble(problem, mesh, counters)
     refuse_loose_parts(system)
     _ = system.K_B  # assembled too
     assembled = clock.perf_counter()
-    stepper = Stepper(system, MethodChain(system, reached))
+    factor = bodies.factor_for(system) if bodies else None
+    stepper = Stepper(system, MethodChain(system, reached, factor))
     seconds.mesh, seconds.assemble = meshed - began, assembled - meshed
     seconds.prepare = clock.perf_counter() - assembled
     data = mesh_data(system)

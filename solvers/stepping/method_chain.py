@@ -8,6 +8,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 
 from stickslip.solvers.interface.coarse_mesh import CoarseMesh
+from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.matrix_free import MatrixFreeSurface
 from stickslip.solvers.interface.prepare import prepare_volume
@@ -58,15 +59,17 @@ class MethodChain:
         repeats: whether steps are solved to estimate an error alone, see `repeating`.
     """
 
-    def __init__(self, system: System, reached: Reached | None = None) -> None:
+    def __init__(self, system: System, reached: Reached | None = None, factor: FactorisedVolume | None = None) -> None:
         """Prepare the bodies for the first method, and a coarse mesh if the method uses one; collective.
 
         Args:
             reached: position of an earlier run to continue from; None: choose by size and free memory.
+            factor: of the bodies, if it is known.
         """
         reached = reached or Reached(choose(system), 0, ())
         self.choice, self.at, self.switches = reached.choice, reached.at, list(reached.switches)
-        self.volume = prepare_volume(system, self.stage.surface)
+        known = factor if self.stage.surface == "condensed" else None
+        self.volume = known or prepare_volume(system, self.stage.surface)
         self.coarse = CoarseMesh.beside(system) if self.choice.coarse else None
         self._ready: dict[Stage, Ready] = {}
         self._learnt: dict[str, dict[str, Plain]] = {}  # of methods that are not prepared yet, see `restore`

@@ -22,6 +22,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.newton import several
 from stickslip.solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
 from stickslip.solvers.newton.solution import Convergence, Correction, OnStep, Solution, Status, Step
+from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.stepping import failure
 from stickslip.solvers.stepping.failure import describe_motion
 from stickslip.solvers.stepping.history import HistoryRow
@@ -276,6 +277,28 @@ class Stepper:
         else:
             log.warning("t = %g: pairs still change after %d searches; the last ones are kept", end, SEARCHES)
         return stepper, solution, problem, new
+
+    def with_laws(self, contacts: Mapping[str, Contact], state: State) -> tuple[Stepper, State]:
+        """A stepper of the same bodies with other parameters of laws and other gap offsets, and a state for it.
+
+        Args:
+            contacts: by name, those that change; the kinds of their laws stay.
+            state: to go on from.
+        """
+        system, problem = self.system, self.system.problem
+        rows = []
+        for c in system.contacts:
+            contact = contacts.get(c.name, problem.pairs[c.name].contact)
+            nearer = contact.gap_offset - problem.pairs[c.name].contact.gap_offset
+            rows.append(replace(c, friction=contact.tangential, gap=c.gap + nearer, node_gap=c.node_gap + nearer))
+        pairs = {name: replace(pair, contact=contacts.get(name, pair.contact)) for name, pair in problem.pairs.items()}
+        changed = replace(system, problem=replace(problem, pairs=pairs), contacts=tuple(rows))
+        other = Stepper(changed, self.chain, self.searched)
+        if other.stage.surface == self.stage.surface:
+            other.surface.adopt(self.surface)
+        other.companion = self.companion
+        refined = state.refined and replace(state.refined, rows=changed.contacts)
+        return other, replace(state, rows=changed.contacts, refined=refined)
 
     def _with_pairs(self, searched: Mapping[str, Array]) -> Stepper:
         """A stepper of the same bodies, with the pairs that are found at these `relative_positions`; collective."""

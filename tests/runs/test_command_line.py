@@ -33,11 +33,12 @@ def test_every_command_of_the_help_has_its_code(name: str, call: Call) -> None:
         "mesh": ["block"],
         "contacts": ["block"],
         "cost": ["block", "--budget", "0"],
+        "sweep": ["block", "steps.count=[0]"],
         "verify": ["no such case"],
         "new": ["block"],
     }
     code, _, err = call(name, *words.get(name, []))
-    assert code in {"verify": (1, 2), "contacts": (2,), "cost": (2,), "fclib": (2,)}.get(name, (0,))
+    assert code in {"verify": (1, 2), "contacts": (2,), "cost": (2,), "sweep": (2,), "fclib": (2,)}.get(name, (0,))
     assert "Traceback" not in err
 
 

@@ -23,7 +23,7 @@ FLOORS = {  # from the ground up
     " mesh surfaces user_files nested_mesh corner_mesh builders obstacles",
     "solvers": "parallel linear laws scene fem contact effects system interface blocks metrics newton methods stepping"
     " results accuracy simulation analysis",
-    "workflows": "formats pictures writers scene_file run accuracy cost verification commands",
+    "workflows": "formats pictures writers scene_file run accuracy sweep cost verification commands",
     "": "public __main__",  # the public face; what stands on it is a script that a user might have written
     "workflows above": "reference benchmarks studies demos",
 }

@@ -1,4 +1,4 @@
-"""The command line: stickslip run | plan | mesh | contacts | cost | verify | fclib | scenes | new."""
+"""The command line: stickslip run | plan | mesh | contacts | cost | sweep | verify | fclib | scenes | new."""
 
 from __future__ import annotations
 
@@ -204,6 +204,27 @@ def cost_command(
     if answer.complaint:
         typer.echo(f"stickslip: {answer.complaint}", err=True)
     sys.exit(answer.exit_code)
+
+
+@app.command("sweep")
+def sweep_command(
+    scene: SceneArgument,
+    over: Annotated[
+        list[str], typer.Argument(metavar="KEY=[VALUES]...", help="e.g. contacts.base.friction.mu=[0.1, 0.2, 0.3]")
+    ],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="results folder [results/NAME_sweep]")] = None,
+    jobs: Annotated[int, typer.Option("--jobs", help="number of processes; under mpirun the ranks are taken")] = 1,
+    override: SetOption = None,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="say nothing but errors")] = False,
+) -> None:
+    """Solve a scene with many values of some keys; what is solved already is not solved again."""
+    from stickslip.workflows.commands.sweep import sweep_scene
+    from stickslip.workflows.scene_file.read import find, named, read
+
+    loaded = read(scene, override or ())
+    with named(scene):
+        code = sweep_scene(loaded, over, output or Path("results") / f"{find(scene).stem}_sweep", jobs, quiet)
+    sys.exit(code)
 
 
 @app.command("verify")

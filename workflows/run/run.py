@@ -18,6 +18,7 @@ from stickslip.solvers.results.error_parts import Errors
 from stickslip.solvers.results.linear_reference import LinearReference, linear_reference
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.bodies import Bodies
 from stickslip.solvers.simulation.checkpoint import Checkpoints
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.history import HistoryRow
@@ -229,6 +230,7 @@ def run(
     resume: bool = False,
     keep: Keep | None = None,
     sizes: SizeField | None = None,
+    bodies: Bodies | None = None,
 ) -> tuple[Outcome, dict[str, Any]]:
     """Run a scene and leave its results in `folder`; collective.
 
@@ -240,6 +242,7 @@ def run(
         keep: asked once all steps are solved, on every rank, with the errors of their numbers: whether the results are
             kept. None: they are.
         sizes: mesh sizes instead of those of the scene, on rank 0.
+        bodies: of an earlier simulation, see `prepare`.
 
     Returns:
         How it ended, and the content of result.json; that is empty, and the status "abandoned", if they are not kept.
@@ -269,7 +272,7 @@ def run(
         if earlier.finished is not None:
             said = [earlier.notes[0], str(earlier.finished.get("sentence") or "")]
             return Outcome(earlier.finished["status"], ": ".join(filter(None, said)), place), earlier.finished
-        return _solve(scene, place, results, earlier, watch, began, keep, sizes)
+        return _solve(scene, place, results, earlier, watch, began, keep, sizes, bodies)
     finally:
         for held in results:
             held.release()
@@ -284,13 +287,14 @@ def _solve(
     began: float,
     keep: Keep | None,
     sizes: SizeField | None,
+    bodies: Bodies | None,
 ) -> tuple[Outcome, dict[str, Any]]:
     """Prepare, march, finish; `results` on rank 0 only."""
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
     with Interrupt() as interrupt:
-        simulation = prepare(scene, comm, earlier.last.checkpoint.reached if earlier.last else None, sizes)
+        simulation = prepare(scene, comm, earlier.last.checkpoint.reached if earlier.last else None, sizes, bodies)
         interrupt.check(comm)
         system = simulation.system
         report = report_mesh(scene, simulation.mesh, system.nodes.total, system.contacts)

@@ -208,6 +208,17 @@ def to_dict(scene: Scene) -> dict[str, Any]:
     return plain
 
 
+def with_value(scene: Scene, key: str, value: Any) -> Scene:
+    """The scene with another value of a key, dotted as in `--set`.
+
+    Raises:
+        SceneError: an unknown key, or a value that it refuses.
+    """
+    data = to_dict(scene)
+    _put(data, key, value, key)
+    return from_dict(data)
+
+
 def with_method(solver: Settings, words: str) -> Settings:
     """[solver] with another method, given as NAME or NAME+KEY=VALUE+KEY=VALUE with some of its keys.
 
@@ -259,12 +270,21 @@ def _override(data: dict[str, Any], override: str) -> None:
     said = f"--set {shortened(override)}"
     if not equals or not key.strip():
         raise SceneError(f"{said}: expected KEY=VALUE, for example solver.method=uzawa")
+    _put(data, key, value_of(text, said), said)
+
+
+def value_of(text: str, said: str) -> Any:
+    """A value as it stands in a TOML file, or a bare word; `said` names it in a refusal."""
     try:
-        value = _toml(f"value = {text}")["value"]
+        return _toml(f"value = {text}")["value"]
     except ValueError as error:
         if not WORD.fullmatch(text.strip()):
             raise SceneError(f"{said}: not a value as in TOML: {error}") from None
-        value = text  # a bare word is a string
+        return text
+
+
+def _put(data: dict[str, Any], key: str, value: Any, said: str) -> None:
+    """Put the value of a dotted key; `said` names it in a refusal."""
     *tables, last = key.strip().split(".")
     require(len(tables) < DEEPEST, said, "[...]", f"tables more than {DEEPEST} deep")
     for table in tables:

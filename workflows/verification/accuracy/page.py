@@ -129,7 +129,8 @@ def _lines(studies: Sequence[Study], command: str, picture: str) -> Iterator[str
     yield ""
     yield from table("part, order", cases, lambda case: f"{case.part}, order {case.order}")
     yield ""
-    yield "In 3D that of order 2 is a part of what it adds to order 1. Errors of the stress at probes are not judged."
+    yield "Of order 2 in 3D, areas and largest pressures have a part of what it adds to order 1."
+    yield "Errors of the stress at probes are not judged."
     yield ""
     yield "## By kind of quantity, order 1"
     yield ""

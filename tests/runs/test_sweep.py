@@ -1,0 +1,128 @@
+"""Sweeps: a folder and a row for each member, whatever becomes of the others; only what is missing is solved."""
+
+import json
+import signal
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shared.command import COARSE, Call, assert_one_line, result, table
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.user_files.child import Ended
+from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.sweep import sweep as module
+from stickslip.workflows.sweep.child import Bench
+from stickslip.workflows.sweep.members import members
+from stickslip.workflows.sweep.sweep import Solved, sweep
+
+MU = "contacts.base.friction.mu"
+SETS = [word.removeprefix("--set=") for word in COARSE]
+
+
+def test_members_are_all_combinations_and_have_short_names() -> None:
+    found = members(read("block", SETS), {MU: [0.1, 0.2], "bodies.block.E": np.array([1.0, 2.0]).tolist()})
+    assert [m.name for m in found] == ["mu=0.1+E=1.0", "mu=0.1+E=2.0", "mu=0.2+E=1.0", "mu=0.2+E=2.0"]
+    assert [m.scene.bodies["block"].E for m in found] == [1.0, 2.0, 1.0, 2.0]
+    assert found[0].bodies == found[2].bodies != found[1].bodies
+    alike = members(read("two_blocks"), {"bodies.lower.E": [1.0], "bodies.upper.E": [2.0]})
+    assert alike[0].name == "lower.E=1.0+upper.E=2.0"
+    odd = members(read("block"), {"supports.top.displacement.y": [[[0, 0], [1, -0.1]], [[0, 0], [1, -0.2]]]})
+    assert len({m.name for m in odd}) == 2
+    assert all(set(m.name) <= set("abcdefghijklmnopqrstuvwxyz0123456789.+=-_") for m in odd)
+
+
+@pytest.mark.parametrize(
+    ("over", "said"),
+    [
+        ({}, "needs a key"),
+        ({MU: []}, "expected a list of values"),
+        ({MU: "0.1"}, "expected a list of values"),
+        ({MU: [0.1, -1.0]}, "mu=-1.0: "),
+        ({"contacts.base.friction.my": [0.1]}, "did you mean mu|nearest|mu"),
+        ({MU: [0.1, 0.1]}, "stands there twice"),
+        ({"steps.count": list(range(101)), MU: list(range(100))}, "10100 members"),
+    ],
+)
+def test_wrong_sweep_is_refused_before_anything_is_solved(over: dict[str, Any], said: str, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=said):
+        sweep(read("block", SETS), over, tmp_path / "out")
+    assert not list(tmp_path.iterdir())
+
+
+def test_bodies_are_prepared_once_and_answers_are_those_of_runs_alone(tmp_path: Path) -> None:
+    bench, scenes = Bench(), [m.scene for m in members(read("block", SETS), {MU: [0.1, 0.3], "steps.count": [2, 3]})]
+    from stickslip.workflows.run.run import run
+    from stickslip.workflows.scene_file.read import to_dict
+
+    for k, scene in enumerate(scenes):
+        assert bench(to_dict(scene), tmp_path / str(k))["status"] == "converged"
+        run(scene, tmp_path / f"alone{k}")
+        together, alone = result(tmp_path / str(k)), result(tmp_path / f"alone{k}")
+        assert together["steps"] == alone["steps"]
+        assert together["counters"]["factorisations"] == (k == 0)
+    stiff = members(read("block", SETS), {"bodies.block.nu": [0.2]})[0].scene
+    bench(to_dict(stiff), tmp_path / "stiff")
+    assert result(tmp_path / "stiff")["counters"]["factorisations"] == 1
+
+
+def test_command_tells_each_member_and_solves_only_what_is_missing(call: Call, folder: Path) -> None:
+    words = ["sweep", "block", *COARSE, "-o", "out"]
+    code, out, err = call(*words, f"{MU}=[0.2, 0.4]")
+    assert (code, err) == (0, "")
+    assert [line.split()[:2] for line in out.splitlines()][:2] == [["1/2", "mu=0.2:"], ["2/2", "mu=0.4:"]]
+    rows = table(folder / "out" / "sweep.csv")
+    assert [float(row[MU]) for row in rows] == [0.2, 0.4]
+    last = result(folder / "out" / "mu=0.4")["steps"][-1]["contacts"]["base"]
+    assert float(rows[1]["base.normal_force"]) == last["normal_force"]
+    code, out, err = call(*words, f"{MU}=[0.2, 0.3, 0.4]", "--jobs", "2")
+    assert (code, err, out.count("was solved before")) == (0, "", 2)
+    assert [float(row[MU]) for row in table(folder / "out" / "sweep.csv")] == [0.2, 0.3, 0.4]
+    assert call(*words, f"{MU}=[0.2, 0.4]", "-q")[1] == ""
+    for wrong in (["mu"], [f"{MU}=0.2"], [f"{MU}=[0.2"], [f"{MU}=[0.2]", f"{MU}=[0.3]"], [f"{MU}=[0.2]", "--jobs=0"]):
+        code, _, err = call(*words, *wrong)
+        assert code == 2
+        assert_one_line(err)
+
+
+def test_member_that_fails_does_not_take_the_others_with_it(call: Call, folder: Path) -> None:
+    words = ["sweep", "block", *COARSE, "solver.max_iterations=[1, 10000]", "--set=solver.method=uzawa", "-o", "out"]
+    code, out, err = call(*words)
+    assert code == 3
+    assert "1 of 2 members are not solved: max_iterations=1" in err
+    assert "max_iterations=1: not converged" in out
+    assert [row["status"] for row in table(folder / "out" / "sweep.csv")] == ["not_converged", "converged"]
+
+
+def test_member_whose_process_is_killed_is_told_and_the_next_ones_go_on(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked = list[list[str]]()
+
+    def child(name: str, words: list[str], folder: Path | None, seconds: float) -> Ended:
+        task = json.loads(Path(words[0]).read_text())
+        asked.append([Path(member["folder"]).name for member in task])
+        killed = len(asked) == 1
+        with Path(words[1]).open("a") as answers:
+            for _ in task[: 1 if killed else None]:
+                answers.write(json.dumps({"status": "converged", "sentence": "", "seconds": 1.0}) + "\n")
+        return Ended(code=-signal.SIGKILL if killed else 0, printed="", full=killed)
+
+    monkeypatch.setattr(module, "run_child", child)
+    monkeypatch.setattr(module, "PARTS", 1)
+    told = list[Solved]()
+    done = sweep(read("block", SETS), {MU: [0.1, 0.2, 0.3]}, tmp_path, on_member=lambda *each: told.append(each[2]))
+    assert asked == [["mu=0.1", "mu=0.2", "mu=0.3"], ["mu=0.3"]]
+    assert [one.status for one in done.solved] == ["converged", "killed", "converged"]
+    assert done.solved[1].sentence == "its process was ended by signal 9; memory was full"
+    assert [one.member.name for one in told] == ["mu=0.1", "mu=0.2", "mu=0.3"]
+
+
+def test_table_goes_to_pandas_where_it_is_installed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    done = sweep(read("block", SETS), {MU: [0.4]}, tmp_path)
+    assert done.rows[0]["base.normal_force"] > 0
+    monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=lambda rows: ("a table of", rows)))
+    assert done.to_pandas() == ("a table of", done.rows)

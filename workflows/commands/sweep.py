@@ -1,0 +1,53 @@
+"""`stickslip sweep`: a line for each member as it ends, and a table of all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from stickslip.geometry.errors import SceneError, shortened
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.commands.process import speaks
+from stickslip.workflows.scene_file.read import value_of
+from stickslip.workflows.sweep.sweep import Solved, sweep
+
+PROBLEM = {"doubtful": 1}  # exit codes, other than 3
+
+
+def sweep_scene(scene: Scene, words: Sequence[str], folder: Path, jobs: int, quiet: bool) -> int:
+    """Solve the members, and say how they end; the exit code, 0 if all are solved.
+
+    Raises:
+        SceneError: a key or a value is wrong.
+    """
+
+    def tell(number: int, count: int, solved: Solved) -> None:
+        if speaks() and not quiet:
+            typer.echo(f"{number:>{len(str(count))}}/{count}  {solved}")
+
+    done = sweep(scene, _parsed(words), folder, jobs, tell)
+    if not speaks():
+        return 0
+    off = [one for one in done.solved if one.status != "converged"]
+    if not quiet:
+        typer.echo(f"{done.path}: a row for each of {len(done.solved)} members")
+    if off:
+        names = ", ".join(one.member.name for one in off[:5]) + (", ..." if len(off) > 5 else "")
+        typer.echo(f"stickslip: {len(off)} of {len(done.solved)} members are not solved: {names}", err=True)
+    return max((PROBLEM.get(one.status, 3) for one in off), default=0)
+
+
+def _parsed(words: Sequence[str]) -> dict[str, Any]:
+    """Values by key, from KEY=[VALUE, VALUE]."""
+    found = dict[str, Any]()
+    for word in words:
+        key, equals, text = word.partition("=")
+        if not equals or not key.strip():
+            raise SceneError(f"sweep {shortened(word)}: expected KEY=[VALUE, VALUE], as solver.tolerance=[1e-6, 1e-8]")
+        if key.strip() in found:
+            raise SceneError(f"sweep {shortened(word)}: the key stands there twice")
+        found[key.strip()] = value_of(text, f"sweep {shortened(word)}")
+    return found

@@ -1,0 +1,1 @@
+"""The command `stickslip sweep`: one scene with many values, over processes or ranks, as a table."""

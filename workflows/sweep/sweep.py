@@ -1,0 +1,222 @@
+"""A sweep: the same scene with other values, each a run with a folder of its own, spread over processes or ranks.
+
+Members that are solved already are not solved again. One that fails, or whose process is killed, is reported; the
+others go on. Under `mpirun` the ranks but the first are the workers, by mpi4py.futures, over all machines of the job;
+each member then runs on one core.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from multiprocessing.pool import ThreadPool
+from pathlib import Path
+from typing import Any
+
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.user_files.child import run_child
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.formats.aside import disk_errors, write_aside
+from stickslip.workflows.formats.own_files import is_certified
+from stickslip.workflows.formats.regular import read_json
+from stickslip.workflows.run.folder import RESULT, place_of
+from stickslip.workflows.run.result import scene_hash
+from stickslip.workflows.run.resume import FINISHED
+from stickslip.workflows.scene_file.read import to_dict
+from stickslip.workflows.sweep.members import Member, members
+
+TABLE = "sweep.csv"
+PARTS = 4  # tasks for each process: members of one task share their bodies, and are told of together
+OF_MPIRUN = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "ORTE_", "HYDI_", "MPI_LOCAL")  # variables that make a child a rank
+ROOT_MAY = "OMPI_ALLOW_RUN_AS_ROOT"
+Task = Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Solved:
+    """How a member of a sweep has ended."""
+
+    member: Member
+    folder: Path
+    status: str  # converged, doubtful, not_converged, no_equilibrium, interrupted, failed, killed
+    sentence: str
+    seconds: float  # 0: it was solved before
+
+    def __str__(self) -> str:
+        took = f"{self.seconds:.1f} s" if self.seconds else "was solved before"
+        why = f": {self.sentence}" if self.sentence else ""
+        return f"{self.member.name}: {self.status.replace('_', ' ')}, {took}{why}"
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep that was solved.
+
+    Attributes:
+        solved: its members, in their order.
+        path: of the table, sweep.csv.
+    """
+
+    solved: tuple[Solved, ...]
+    path: Path
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """A row for each member: its values, how it ended, and all numbers of its last step as in steps.csv."""
+        found = []
+        for one in self.solved:
+            own = dict(one.member.values) | {"status": one.status, "folder": str(one.folder)}
+            found.append(own | _last_row(place_of(one.folder) / "steps.csv"))
+        return found
+
+    def to_pandas(self) -> Any:
+        """The rows as a `pandas.DataFrame`.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        import pandas
+
+        return pandas.DataFrame(self.rows)
+
+
+def sweep(
+    scene: Scene,
+    over: Mapping[str, Sequence[Any]],
+    folder: str | Path,
+    jobs: int = 1,
+    on_member: Callable[[int, int, Solved], None] = lambda number, count, solved: None,
+) -> Sweep:
+    """Solve a scene with all combinations of values of some keys; not collective: one process calls it, or all ranks.
+
+    Args:
+        scene: from `read` or built from its parts.
+        over: values by dotted key, as in a scene file: {"contacts.base.friction.mu": [0.1, 0.2]}.
+        folder: each member has a folder in it; `sweep.csv` there has a row for each.
+        jobs: number of processes; under mpirun the ranks are taken instead.
+        on_member: told how many members have ended, of how many, and the last one.
+
+    Returns:
+        All members; each folder is as `run` leaves it.
+
+    Raises:
+        SceneError: a key or a value is wrong; nothing is solved.
+        MachineError: the folder cannot be written.
+    """
+    if jobs < 1:
+        raise SceneError(f"jobs = {jobs}: expected a number of processes, at least 1")
+    every, place = members(scene, over), Path(folder)
+    ended = {member.name: found for member in every if (found := _already(member, place / member.name))}
+    for number, found in enumerate(ended.values(), start=1):
+        on_member(number, len(every), found)
+    left = sorted((m for m in every if m.name not in ended), key=lambda member: member.bodies)
+    by_name = {member.name: member for member in left}
+    for answers in _spread(left, place, jobs):
+        for name, answer in answers:
+            ended[name] = Solved(by_name[name], place / name, **answer)
+            on_member(len(ended), len(every), ended[name])
+    done = Sweep(tuple(ended[member.name] for member in every if member.name in ended), place / TABLE)
+    if len(done.solved) == len(every):
+        _write(done)
+    return done
+
+
+def solve_task(task: Task) -> list[tuple[str, dict[str, Any]]]:
+    """Solve some members in a process of their own; whoever ends it ends one member, and the next ones go on."""
+    found, left = list[tuple[str, dict[str, Any]]](), list(task)
+    while left:
+        with tempfile.TemporaryDirectory(prefix="stickslip_") as here:
+            order, answers = Path(here) / "task.json", Path(here) / "answers"
+            order.write_text(json.dumps(left), encoding="utf-8")
+            answers.touch()
+            ended = run_child("stickslip.workflows.sweep.child", [str(order), str(answers)], None, math.inf)
+            told = [json.loads(line) for line in answers.read_text(encoding="utf-8").splitlines()]
+        names = [Path(member["folder"]).name for member in left]
+        found += list(zip(names, told, strict=False))
+        left = left[len(told) :]
+        if left:
+            last = (ended.printed.splitlines() or ["it has printed nothing"])[-1]
+            code = ended.code or 0
+            why = f"its process was ended by signal {-code}" if code < 0 else f"its process ended: {last}"
+            why += "; memory was full" if ended.full else ""
+            found.append((names[len(told)], {"status": "killed", "sentence": why, "seconds": 0.0}))
+            left = left[1:]
+    return found
+
+
+def _spread(left: Sequence[Member], place: Path, jobs: int) -> Iterator[list[tuple[str, dict[str, Any]]]]:
+    """Solve members, by tasks, in processes or, under mpirun, on the other ranks; answers on rank 0 alone."""
+    from mpi4py import MPI
+
+    ranks = MPI.COMM_WORLD.size
+    tasks = list(_tasks(left, place, ranks - 1 if ranks > 1 else jobs))
+    if ranks > 1:
+        from mpi4py.futures import MPICommExecutor
+
+        if MPI.COMM_WORLD.rank:
+            _leave_mpirun()
+        with MPICommExecutor(MPI.COMM_WORLD, root=0) as executor:
+            if executor is not None:
+                yield from executor.map(solve_task, tasks, unordered=True)
+    elif tasks:
+        with ThreadPool(min(jobs, len(tasks))) as pool:  # a thread for each process
+            yield from pool.imap_unordered(solve_task, tasks)
+
+
+def _tasks(left: Sequence[Member], place: Path, workers: int) -> Iterator[Task]:
+    size = max(1, math.ceil(len(left) / (PARTS * workers)))
+    for start in range(0, len(left), size):
+        yield [
+            {"folder": str((place / member.name).absolute()), "scene": to_dict(member.scene), "bodies": member.bodies}
+            for member in left[start : start + size]
+        ]
+
+
+def _leave_mpirun() -> None:
+    """What this process starts is no rank of its job."""
+    for key in [*os.environ]:
+        if key.startswith(OF_MPIRUN) and not key.startswith(ROOT_MAY):
+            del os.environ[key]
+
+
+def _already(member: Member, folder: Path) -> Solved | None:
+    """A member that is solved, with the same scene."""
+    path = place_of(folder) / RESULT
+    found = read_json(path)
+    known = found.get("status") in FINISHED and (found.get("scene") or {}).get("hash") == scene_hash(member.scene)
+    if not known or not is_certified(path):
+        return None
+    return Solved(member, folder, found["status"], str(found.get("sentence") or ""), 0.0)
+
+
+def _last_row(path: Path) -> dict[str, Any]:
+    """Numbers of the last step, by column; empty if there is none."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = [*csv.DictReader(file)]
+    except OSError:
+        return {}
+    return {key: _number(text) for key, text in rows[-1].items()} if rows else {}
+
+
+def _number(text: str) -> Any:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _write(done: Sweep) -> None:
+    """Write sweep.csv."""
+    rows, text = done.rows, io.StringIO()
+    table = csv.DictWriter(text, dict.fromkeys(key for row in rows for key in row), lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    with disk_errors(done.path):
+        write_aside(done.path, text.getvalue().encode())
