@@ -6,13 +6,14 @@
 # make debian13  on another Debian, as root: Debian 13 in a root of its own; see tests/platforms/debian13.sh
 # make fuzz      inputs, files, environments, kills and tampering drawn by lot; N=20000: so many of each kind
 # make dist      a wheel and a source archive, in dist
+# make docs      runs every command that the pages show, then makes build/docs/index.html; five minutes
 # make mutants   changes the code in small ways: does a test notice? ONLY="laws path": some modules of tests/mutation
 
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .ONESHELL:
 .DEFAULT_GOAL := install
-.PHONY: install run lint test verify debian13 dist fuzz mutants again
+.PHONY: install run lint test verify debian13 dist fuzz docs mutants again
 
 PYTHON := /usr/bin/python3# Debian's own: its python3-* packages belong to no other
 WORKERS ?= 2
@@ -101,6 +102,16 @@ dist: install
 
 fuzz: install
 	FUZZ=$(N) .venv/bin/python -m pytest -n $(WORKERS) --timeout 0 tests/fuzz
+
+docs: install build/sphinx/installed
+	.venv/bin/python -m stickslip.workflows.reference.gallery
+	.venv/bin/python -m stickslip.workflows.reference.console README.md docs
+	PYTHONPATH=$(CURDIR)/build/sphinx .venv/bin/python -m sphinx -q -W --keep-going -d build/doctrees docs build/docs
+
+build/sphinx/installed: requirements-docs.txt
+	rm -rf build/sphinx
+	.venv/bin/python -m pip install -q --disable-pip-version-check --no-deps --target build/sphinx -r $<
+	touch $@
 
 mutants: install build/mutmut/installed
 	PYTHONPATH=$(CURDIR)/build/mutmut .venv/bin/python tests/mutation/mutants.py $(ONLY)

@@ -1,7 +1,7 @@
 """Error of the mesh of the smooth numbers of each step, order 2 in 3D: the same step with bubbles of order 3.
 
 One step of Jacobi's iteration finds the bubbles, and contact is solved again with them, see `two_level`. Stated is
-FACTOR times the difference, no less than `by_chance` says of the nodes. What the edge of contact decides, `AT_THE_EDGE`,
+FACTOR times the difference, no less than `by_chance` says of the nodes. `AT_THE_EDGE`, what an edge of contact decides,
 does not change by bubbles; see `lower_order`. Nor do bubbles tell how supports that meet share what they hold, or where
 on periodic sides it is held. The part of curved sides is in it, that of the geometry is zero.
 """

@@ -1,7 +1,7 @@
 """Solution methods, one file each: to add a method, add a module here whose class has a NAME.
 
-`METHODS` lists them by name, in the order of README's table: by ROW, then by name. `Solver` is the table [solver] with
-the keys of all methods. Methods access the bodies only through `SurfaceProblem`.
+`METHODS` lists them by name, in the order of the table of methods in docs: by ROW, then by name. `Solver` is the
+table [solver] with the keys of all methods. Methods access the bodies only through `SurfaceProblem`.
 """
 
 from __future__ import annotations

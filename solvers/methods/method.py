@@ -1,7 +1,7 @@
 """The contract of a method: its name, what it works with, its keys of [solver], and its preparation for a run.
 
 A new method is one new file in this folder, with a class that derives from `Method` and has a NAME. The registry finds
-it; the keys of [solver], README's table, SCENE.md, refusals and the chain of `auto` are read from its class.
+it; the keys of [solver], the table in docs, SCENE.md, refusals and the chain of `auto` are read from its class.
 """
 
 from __future__ import annotations
@@ -120,9 +120,9 @@ class Method(Keys, ABC):
     """A method with its settings, as [solver] gives them."""
 
     NAME: ClassVar[str]  # value of solver.method
-    WHEN: ClassVar[str]  # text of README's column `when`
+    WHEN: ClassVar[str]  # text of the table's column `when`
     WORKS_WITH: ClassVar[Applicability]
-    ROW: ClassVar[int] = 100  # order in README's table, ascending; equal numbers: by name
+    ROW: ClassVar[int] = 100  # order in the table, ascending; equal numbers: by name
     TURNS: ClassVar[tuple[Turn, ...]] = ()  # in the chain of `auto`
     EXACT_LAWS: ClassVar[bool] = True  # whether it converges to the contact laws themselves
     ROWS_ALONE: ClassVar[bool] = False  # whether it needs of the bodies only the displacements that rows touch

@@ -122,7 +122,7 @@ class Output(Noun):
     audit: Annotated[
         bool, Key("-", "after the run, check every step's file against equilibrium and the contact laws")
     ] = True
-    error: Annotated[bool, Key("-", "estimate the errors of mesh and time steps, see README; false: at no cost")] = True
+    error: Annotated[bool, Key("-", "estimate the errors of mesh and time steps, see docs; false: at no cost")] = True
     linear_reference: Annotated[bool, Key("-", "after the run, time one linear solve of the same mesh")] = False
     writers: Mapping[str, Any] = field(default_factory=dict)
 

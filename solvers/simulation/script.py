@@ -37,7 +37,7 @@ class Script:
     bodies are prepared only once.
 
     A value that no step has named follows the scene. A value that a step has named keeps what it was given until a
-    later step names it again.
+    later step names it again. An example::
 
         script = stickslip.prepare(scene).script()
         step = script.step(to=1.0, supports={"top": {"y": -0.1}})

@@ -55,7 +55,7 @@ class Simulation:
     Solve the scene's own history with `steps`, or a history that is decided from step to step with `script`. Both may
     be called several times: each starts at rest at t = 0, and the bodies are not prepared again.
 
-    Collective: every rank of the communicator calls the same methods in the same order.
+    Collective: every rank of the communicator calls the same methods in the same order. An example::
 
         simulation = stickslip.prepare(stickslip.read("block"))
         for step in simulation.steps():

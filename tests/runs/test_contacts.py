@@ -89,7 +89,7 @@ def test_refinement_is_where_bodies_are_close(call: Call, folder: Path) -> None:
     ("words", "says"),
     [
         (("contacts", "none.step"), "no such file"),
-        (("contacts", "two_blocks"), "a builder's bodies touch at the sides that README names"),
+        (("contacts", "two_blocks"), "a builder's bodies touch at the sides that the docs name"),
         (("contacts", "block.xyz"), "no such file, nor a ready scene"),
         (("contacts", "cad_part", "--unit", "mm"), "--unit mm: a scene has its own"),
         (("contacts", "cad_part", "--within", "-1"), "--within -1.0: must be a number that is not negative"),

@@ -1,4 +1,4 @@
-"""Faults of the environment, streams, signals, disks and clocks: one line, and the exit code that README has."""
+"""Faults of the environment, streams, signals, disks and clocks: one line, and the exit code that the docs have."""
 
 from __future__ import annotations
 

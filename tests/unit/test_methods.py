@@ -58,7 +58,7 @@ class Halving(Uzawa):
 ASKED = """
 import stickslip
 from stickslip.solvers.stepping.choice import chain
-from stickslip.workflows.reference.method_table import README, renewed
+from stickslip.workflows.reference.method_table import PAGE, renewed
 from stickslip.workflows.reference.scene_page import reference
 from stickslip.workflows.scene_file.read import to_dict
 
@@ -68,7 +68,7 @@ first = next(iter(stickslip.prepare(scene).steps()))
 assert {row[-1] for row in first.history} == {"halving"}
 assert to_dict(scene)["solver"]["part"] == 0.25
 assert "| `part` | number | - | 0.5 | of a half |" in reference()
-assert "| `halving` | to be tested | all | all | all | held by supports | condensed |" in renewed(README.read_text())
+assert "| `halving` | to be tested | all | all | all | held by supports | condensed |" in renewed(PAGE.read_text())
 assert "halving (condensed)" in [str(stage) for stage in chain("condensed", False)]
 for words, text in (
     (["solver.part=-1"], "solver.part = -1.0: must be positive"),
@@ -87,7 +87,7 @@ def test_a_new_method_with_a_key_of_its_own_is_one_new_file(tmp_path: Path) -> N
     for package in ("geometry", "solvers", "workflows"):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(ROOT / "stickslip", tmp_path / "stickslip", symlinks=True)
-    shutil.copy(ROOT / "README.md", tmp_path)
+    shutil.copytree(ROOT / "docs" / "theory", tmp_path / "docs" / "theory")
     (tmp_path / "solvers/methods/halving.py").write_text(NEW)
     done = subprocess.run(
         [sys.executable, "-c", ASKED],

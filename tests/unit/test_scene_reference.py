@@ -9,7 +9,7 @@ import pytest
 import stickslip.workflows
 from stickslip.solvers.methods import METHODS
 from stickslip.workflows.reference import folder_map
-from stickslip.workflows.reference.method_table import HEAD, renewed
+from stickslip.workflows.reference.method_table import HEAD, PAGE, renewed
 from stickslip.workflows.reference.scene_page import FILE, reference
 from stickslip.workflows.scene_file.read import READY, from_dict, read
 
@@ -36,17 +36,17 @@ def test_the_readme_scene_is_the_ready_scene_block() -> None:
     assert (shown.contacts, shown.supports, shown.geometry) == (ready.contacts, ready.supports, ready.geometry)
 
 
-def test_the_readme_says_of_every_method_what_the_code_says() -> None:
+def test_the_page_of_methods_says_of_every_method_what_the_code_says() -> None:
     """Renew it with `python -m stickslip.workflows.reference.method_table`."""
-    text = README.read_text(encoding="utf-8")
+    text = PAGE.read_text(encoding="utf-8")
     assert text == renewed(text)
     table = text.partition(HEAD)[2].partition("\n\n")[0]
     assert [row.split("`")[1] for row in table.splitlines() if row.startswith("| `")] == list(METHODS)
 
 
 def test_a_method_without_a_row_gets_one() -> None:
-    text = README.read_text(encoding="utf-8")
-    without = "\n".join(line for line in text.split("\n") if not line.startswith("| `uzawa` |"))
+    text = PAGE.read_text(encoding="utf-8")
+    without = "\n".join(line for line in text.split("\n") if not line.startswith("| `uzawa` | the classical"))
     assert without != text
     assert renewed(without) == text
     other = text.replace("| held by supports | matrix-free |", "| held or floating | any |")
@@ -60,9 +60,9 @@ def test_tables_in_tables_name_their_keys() -> None:
     assert "<class" not in text
 
 
-def test_the_readme_says_of_every_folder_what_its_docstring_says() -> None:
+def test_the_map_says_of_every_folder_what_its_docstring_says() -> None:
     """Renew it with `python -m stickslip.workflows.reference.folder_map`."""
-    text = README.read_text(encoding="utf-8")
+    text = folder_map.PAGE.read_text(encoding="utf-8")
     assert text == folder_map.renewed(text), "stale: python -m stickslip.workflows.reference.folder_map"
     stale = text.replace("| `solvers/laws/` |", "| `solvers/law/` |")
     assert stale != text
@@ -87,5 +87,5 @@ def test_a_package_whose_first_line_is_no_sentence_is_refused(tmp_path: Path) ->
 
 
 def test_a_readme_without_the_marker_lines_is_refused() -> None:
-    with pytest.raises(ValueError, match="README lacks the lines"):
+    with pytest.raises(ValueError, match="the map lacks the lines"):
         folder_map.renewed("# stickslip\n")

@@ -124,7 +124,7 @@ def draw(path: Path, scene: Scene, name: str, found: Sequence[Point]) -> Path:
 def main(
     scene: Annotated[str, typer.Argument(help="ready scene or file, with [exact] values")] = "raous",
     number: Annotated[str, typer.Argument(help="number of a contact, one of these values")] = "base.tangential_force",
-    output: Annotated[Path, typer.Option("-o", help="picture to write")] = Path("docs/work_precision.png"),
+    output: Annotated[Path, typer.Option("-o", help="picture to write")] = Path("docs/howto/work_precision.png"),
 ) -> None:
     """Solve, print a line for each mesh, and draw."""
     known = read(scene)

@@ -66,7 +66,9 @@ def found_in(source: str, unit: str | None, within: float | None) -> Assembly:
         raise SceneError(f"--unit {unit}: a scene has its own, geometry.length_unit")
     model, geometry = read_geometry(source)
     if not isinstance(geometry, UserFile):
-        raise SceneError(f"{source}: a builder's bodies touch at the sides that README names; expected a geometry file")
+        raise SceneError(
+            f"{source}: a builder's bodies touch at the sides that the docs name; expected a geometry file"
+        )
     with named(source):
         return from_geometry(find(source), geometry, model, within)
 

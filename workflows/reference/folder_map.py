@@ -1,4 +1,4 @@
-"""README's map of the folders, from their docstrings: `python -m stickslip.workflows.reference.folder_map` renews it.
+"""docs/folders.md, from the packages' docstrings: `python -m stickslip.workflows.reference.folder_map` renews it.
 
 A row is the first line of a package's docstring. What stands outside the two marker lines is written by hand.
 """
@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).absolute().parents[3]
-README = ROOT / "README.md"
+PAGE = ROOT / "docs" / "folders.md"
 PACKAGES = ("geometry", "solvers", "workflows")
 BEGIN = "<!-- folders: generated from the packages' docstrings, do not edit -->"
 END = "<!-- end of folders -->"
@@ -47,7 +47,7 @@ def table() -> str:
 
 
 def renewed(text: str) -> str:
-    """README with the map as the packages have it.
+    """The page with the map as the packages have it.
 
     Raises:
         ValueError: a marker line is missing.
@@ -55,9 +55,9 @@ def renewed(text: str) -> str:
     before, begin, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not (begin and end):
-        raise ValueError(f"README lacks the lines {BEGIN} and {END}, between which the map stands")
+        raise ValueError(f"the map lacks the lines {BEGIN} and {END}, between which the map stands")
     return f"{before}{begin}\n{table()}\n{end}{after}"
 
 
 if __name__ == "__main__":
-    README.write_text(renewed(README.read_text(encoding="utf-8")), encoding="utf-8")
+    PAGE.write_text(renewed(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

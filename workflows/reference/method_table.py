@@ -1,4 +1,4 @@
-"""README's table of methods, from their classes: `python -m stickslip.workflows.reference.method_table` renews it."""
+"""The table of methods in docs, from the classes: renewed by `python -m stickslip.workflows.reference.method_table`."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from pathlib import Path
 from stickslip.solvers.methods import METHODS
 from stickslip.solvers.methods.applicability import Applicability
 
-README = Path(__file__).absolute().parents[3] / "README.md"
+PAGE = Path(__file__).absolute().parents[3] / "docs" / "theory" / "methods.md"
 COLUMNS = ("normal laws", "friction", "operators", "bodies", "`solver.surface`")
 HEAD = f"| `solver.method` | when | {' | '.join(COLUMNS)} |"
 
 
 def renewed(text: str) -> str:
-    """README with every method's row as its class has it."""
+    """The page with every method's row as its class has it."""
     before, after = _split(text)
     rows = [
         f"| `{name}` | {method.WHEN} | {' | '.join(columns(method.WORKS_WITH))} |" for name, method in METHODS.items()
@@ -50,4 +50,4 @@ def _split(text: str) -> tuple[list[str], list[str]]:
 
 
 if __name__ == "__main__":
-    README.write_text(renewed(README.read_text(encoding="utf-8")), encoding="utf-8")
+    PAGE.write_text(renewed(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

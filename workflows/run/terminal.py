@@ -108,7 +108,7 @@ class Reporter:
         if content["steps"]:
             print_table(_contacts(content), out)
             if lacking := _incomplete(content):
-                out.print(f"{MISSING} without the error of the {listed(lacking)}, which is not known: see README")
+                out.print(f"{MISSING} without the error of the {listed(lacking)}, which is not known: see docs")
         else:
             out.print("no step was solved")
         seconds, counters, audit = content["seconds"], content["counters"], content["audit"]
