@@ -32,6 +32,7 @@ from stickslip.solvers.results.step_result import (
     StepResult,
     SurfaceMesh,
 )
+from stickslip.solvers.stepping.slip_dependence import with_slip
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
 from stickslip.solvers.system.system import System
@@ -186,6 +187,8 @@ class Observer:
             reference=accepted.problem.gap,
             driven=state.driven,
             searched=accepted.stepper.searched,
+            slid=state.slid,
+            weakening=accepted.weakening,
             p_ref=accepted.problem.p_ref,
             u_ref=accepted.problem.u_ref,
             convergence=accepted.convergence,
@@ -236,10 +239,9 @@ class Observer:
             u_n = u_n + np.einsum("nd,nd->n", c.frames[:, 0], state.surplus_motion[c.name])
         pressure, multiplier, gap = c.node_pressure(p_n), c.node_traction(t), c.node_gap - u_n
         slip, increment = state.slip[c.name], state.slip[c.name] - accepted.substep_start.slip[c.name]
-        place = stepper.cone.places[index]
-        bound = np.zeros_like(pressure)
+        cone, bound = with_slip(stepper.cone.at(state.time), state.slid), np.zeros_like(pressure)
         if c.friction is not None:  # at the points that carry the multipliers, then distributed to nodes
-            bound = c.share_t.T @ accepted.problem.cone.bound(place, p_n)
+            bound = c.share_t.T @ c.along_traction(cone.bound(cone.places[index], p_n), t)
         lam = np.divide(multiplier, bound[:, None], out=np.zeros_like(multiplier), where=bound[:, None] > 0)
         status = _status(c, pressure, multiplier, bound, increment, accepted)
         weight, pair = c.node_weights, stepper.system.problem.pairs[c.name]
@@ -268,7 +270,7 @@ class Observer:
             contact_area=float(weight[status != OPEN].sum()),
             stick_area=float(weight[status == STICK].sum()),
             slip_area=float(weight[status == SLIP].sum()),
-            max_penetration=float(np.max(state.w[place.normal] - c.gap, initial=0.0)),
+            max_penetration=float(np.max(state.w[stepper.cone.places[index].normal] - c.gap, initial=0.0)),
             max_slip=float(np.linalg.norm(slip[status != OPEN], axis=1).max(initial=0.0)),
             dissipation=float(state.energy.dissipation[index] - accepted.start.energy.dissipation[index]),
             dissipation_total=float(state.energy.dissipation[index]),

@@ -25,6 +25,21 @@ class StoredFields:
     contacts: Mapping[str, Mapping[str, AnyArray]] = field(default_factory=dict)  # by contact, as in `ContactState`
 
 
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """One step as its file holds it: what is audited."""
+
+    time: float  # [s]
+    displacement: Array  # (nodes, d) in the order of the gmsh model [m]
+    p: Array  # (rows,) tractions, flat [Pa]
+    w: Array  # (rows,) relative displacement, flat [m]
+    reference: Array  # (rows,) w at the start of the last substep [m]: slip counts from it; gaps are recomputed
+    driven: Array  # (o,) displacement of the obstacles that forces drive, by `Problem.driven` [m]
+    searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) [m] that its pairs were searched at
+    slid: Mapping[str, Array] = field(default_factory=dict)  # see `State.slid`; contacts without a memory have none
+    stored: StoredFields = field(default_factory=StoredFields)  # fields for the reader; by default none is judged
+
+
 def difference(found: Array, expected: Array, scale: float = 0.0, rounding: float = 0.0) -> float:
     """Largest difference beyond rounding [-], relative to the largest value, or to `scale` if that is larger."""
     largest = max(scale, float(np.abs(expected).max(initial=0.0)), float(np.abs(found).max(initial=0.0)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +58,7 @@ def planned(scene: Scene) -> Problem:
 
 def warnings(scene: Scene) -> tuple[str, ...]:
     """Warnings (one line each) about a scene that can be solved, but only with a large error or at a risk."""
-    return (*_uncontained(scene), *_locking(scene))
+    return (*_uncontained(scene), *_locking(scene), *_weakening(scene))
 
 
 def _uncontained(scene: Scene) -> tuple[str, ...]:
@@ -78,6 +79,22 @@ def _locking(scene: Scene) -> tuple[str, ...]:
         for name, material in scene.bodies.items()
         if material.nu > LOCKING
     )
+
+
+def _weakening(scene: Scene) -> Iterator[str]:
+    """Whether a step keeps one solution where friction weakens by slip: mu's fall times p_n against E / extent."""
+    extent = float(np.linalg.norm(np.ptp(scene.geometry.box(scene.dim), axis=0)))
+    for name, contact in scene.contacts.items():
+        fall = contact.friction.weakening if contact.friction is not None else 0.0
+        if fall:
+            sides = (side.split(".")[0] for side in (contact.surface, contact.against))
+            softest = min(scene.bodies[body].E for body in sides if body in scene.bodies)
+            yield (
+                f"contacts.{name}.friction: mu falls by {fall:.3g} per metre of slip; above a pressure of about "
+                f"{softest / extent / fall:.2g} Pa (E / extent of the bodies by that fall) it falls faster than the "
+                "bodies unload: slip may jump within a step, which then has several solutions, and the nearest one is "
+                "taken; springs in the drive lower that pressure"
+            )
 
 
 def _refuse_on_axis(scene: Scene) -> None:
