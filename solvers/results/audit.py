@@ -94,7 +94,7 @@ class Auditor:
             mesh: the same mesh that was solved on.
         """
         self.start: System = assemble(problem, mesh, Counters())
-        self._u = dx.fem.Function(self.start.space)
+        self._u, self._dilatation = dx.fem.Function(self.start.space), self.start.dilatation.functions()
         self._inner_forces = self.start.weak.compile(self._forces_of_bodies())
         self._multiplier_forces: dict[str, MultiplierForces] = {}  # by contact, compiled at the first step
         self._j_n: dict[str, tuple[ComplianceForms, CompiledForm]] = {}  # likewise
@@ -105,7 +105,7 @@ class Auditor:
         """The inner forces of the bodies, and of effects that stiffen them, by the effects' own forms."""
         problem, weak = self.start.problem, self.start.weak
         more = (form for effect in active(problem) for form in effect.stiffness(problem, weak, self._u))
-        return sum(more, start=forces_of_energy(weak, self._u))
+        return sum(more, start=forces_of_energy(weak, self._u, self._dilatation))
 
     def _set_system(self, system: System) -> None:
         """Use the contact rows of `system`."""
@@ -119,6 +119,7 @@ class Auditor:
         found += [f"{effect.name}: stiffness" for effect in active(problem) if effect.stiffens]
         found += [f"{place}: expression" for place in problem.timeline.expressions if place.table == "supports"]
         found += [f"initial strain of {strain.body}" for strain in self.start.initial.strains]
+        found += [f"mean dilatation of {body}" for body in problem.averaged]
         for name, obstacle in problem.obstacles.items():
             if gap(obstacle, np.zeros((1, problem.dim))) is None:
                 found.append(f"obstacles.{name}: gap")
@@ -189,13 +190,13 @@ class Auditor:
             return rows.gap, rows.node_gap
         moved = record.searched.get(rows.name, np.zeros_like(side.points))
         at = side.points + moved  # gaps there belong to displacements counted from the start
-        nodal = side.transform @ _known(gap(obstacle, at)) + offset
+        nodal = side.transform @ np.asarray(gap(obstacle, at)) + offset
         nodal = nodal + np.einsum("nd,nd->n", rows.frames[:, 0], side.transform @ moved)
         if not rows.normal.at_quadrature:
             return np.asarray(rows.psi.T @ nodal / rows.W_n), nodal
         basis = side.quadrature(pair.contact.degree(side.degree))[1]
         x = np.einsum("qk,fkd->fqd", basis, at[side.facets]).reshape(-1, side.dim)
-        return _known(gap(obstacle, x)) + offset + rows.N_n @ moved.ravel(), nodal
+        return np.asarray(gap(obstacle, x)) + offset + rows.N_n @ moved.ravel(), nodal
 
     def _scales(self, record: Record, u: Vec, inner: Vec) -> Scales:
         """See `Audit`; tractions are never taken to be smaller than the rounding of all forces."""
@@ -349,9 +350,9 @@ class Auditor:
             moves = rows.N_t @ (self._motion(rows, record) - moved).ravel()
             moves -= (record.p[place.tangential] - t) / softness if softness else 0.0
             length = np.linalg.norm(moves.reshape(rows.free.shape) * rows.free, axis=1)
-            touches = (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
+            length *= (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
             grown = record.slid[rows.name] - before.slid[rows.name]
-            found.append(difference(grown, touches * length, scales.u[rows.name], scales.rounding))
+            found.append(difference(grown, length, scales.u[rows.name], scales.rounding))
         now, then = (each.stored.contacts.get(rows.name) for each in (record, before))
         if now is not None and then is not None:
             step = slip_of(rows, self._motion(rows, record) - moved)
@@ -365,6 +366,7 @@ class Auditor:
         """Inner forces of bodies and of effects that stiffen them [N]; u: displacement of all dofs [m]."""
         dx.petsc_vector(self._u).array[:] = u.array
         self._u.x.scatter_forward()
+        self.start.dilatation.fill(self._dilatation, u)
         return dx.assemble_vector(self._inner_forces)
 
     @cached_property
@@ -493,8 +495,3 @@ def _law_stiffness(place: ContactBlock, p: Array) -> float:
 def _largest(values: Array) -> float:
     """The largest value, at least 0."""
     return float(np.max(values, initial=0.0)) + 0.0  # no -0
-
-
-def _known(values: Array | None) -> Array:
-    assert values is not None
-    return values

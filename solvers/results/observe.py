@@ -79,6 +79,7 @@ class CellStress:
         system.counters.forms += 1
         count = mesh.domain.topology.index_map(mesh.dim).size_local
         self._cells = np.arange(count)
+        self._means = system.dilatation.functions()
         self._lame, self._members = np.zeros((count, 2)), dict[str, Ints]()
         for name, tag in mesh.bodies.items():
             material = system.problem.bodies[name]
@@ -99,12 +100,16 @@ class CellStress:
         found = self._strain(self._cells)
         d = round(found.shape[-1] ** 0.5)
         strain[:, :d, :d] = found.reshape(-1, d, d)
+        own = np.trace(strain, axis1=1, axis2=2)
         for value, given in zip(initial, self._system.initial.strains, strict=True):
             strain[self._members[given.body]] -= value * given.strain
         lame_lambda, lame_mu = self._lame.T
         if self._system.problem.model == "plane stress":
             strain[:, 2, 2] = -lame_lambda / (lame_lambda + 2 * lame_mu) * (strain[:, 0, 0] + strain[:, 1, 1])
         trace = np.trace(strain, axis1=1, axis2=2)
+        for body, mean in self._system.dilatation.at_midpoints(u, self._means).items():
+            members = self._members[body]
+            trace[members] += mean[members] - own[members]
         return np.asarray(2 * lame_mu[:, None, None] * strain + (lame_lambda * trace)[:, None, None] * np.eye(3))
 
 

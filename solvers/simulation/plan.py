@@ -13,6 +13,7 @@ from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.contact.rigid_obstacle import seen_from
 from stickslip.solvers.effects import active
+from stickslip.solvers.scene.material import NEARLY
 from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.applicable import refuse_method
@@ -21,7 +22,6 @@ from stickslip.solvers.simulation.unresisted_modes import is_faint, least_spring
 
 FACING = 1e-6  # cosine of the angle between normals, below which two surfaces do not face each other
 AXIS = 1e-9  # relative to the scene's size: points closer than this to the axis of symmetry lie on it
-LOCKING = 0.49  # Poisson's ratio beyond which linear elements lock
 
 
 def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
@@ -75,9 +75,9 @@ def _locking(scene: Scene) -> tuple[str, ...]:
         return ()
     return tuple(
         f"bodies.{name}.nu = {material.nu:g}: displacements of order 1 lock when nearly incompressible, too stiff and "
-        "with wrong pressures; set geometry.order = 2"
+        'with wrong pressures; set formulation = "auto"'
         for name, material in scene.bodies.items()
-        if material.nu > LOCKING
+        if material.nu >= NEARLY and not material.averages
     )
 
 

@@ -86,7 +86,15 @@ WRONG = {
     "not a number": (["bodies.block.E=nan"], r"bodies\.block\.E = nan: must be a finite number"),
     "infinite in a table": (["supports.top.displacement.y=[[0,0],[1,-inf]]"], r"displacement\.y.*= -inf: .*finite"),
     # values
-    "incompressible": (["bodies.block.nu=0.5"], r"bodies\.block\.nu = 0\.5: must lie between -1 and 0\.5"),
+    "incompressible": (["bodies.block.nu=0.51"], r"bodies\.block\.nu = 0\.51: must lie above -1, and not above 0\.5"),
+    "incompressible displacements": (
+        ["bodies.block.nu=0.5", "bodies.block.formulation='displacement'"],
+        r'bodies\.block\.nu = 0\.5: must lie below 0\.5 with formulation = "displacement"',
+    ),
+    "unknown formulation": (
+        ["bodies.block.formulation='mixed'"],
+        r'bodies\.block\.formulation = "mixed": not one of these; known: auto, displacement, mean-dilatation',
+    ),
     "negative stiffness": (["bodies.block.E=-1.0"], r"bodies\.block\.E = -1\.0: must be positive, in pascal"),
     "negative density": (["bodies.block.density=-1.0"], r"bodies\.block\.density = -1\.0: must not be negative"),
     "negative friction": (["contacts.base.friction.mu=-0.1"], r"friction\.mu = -0\.1: must not be negative"),
