@@ -32,16 +32,14 @@ def forces_of_energy(weak: WeakForms, u: Function, dilatation: Mapping[str, Func
     normal = [gradient[i, i] for i in range(mesh.dim)] + ([u[0] / r] if mesh.axisymmetric else [])
     shear = [gradient[i, j] + gradient[j, i] for i in range(mesh.dim) for j in range(i)]
     squares: UflExpr = sum(e**2 for e in normal) + sum(g**2 for g in shear) / 2
-    energy, v = 0, ufl.TestFunction(weak.space)
-    swelling = [ufl.derivative(sum(normal), u, v) * around] if dilatation else []
-    volumetric = []
+    energy, v, volumetric = 0, ufl.TestFunction(weak.space), list[UflForm]()
     for name, body in problem.bodies.items():
         c = body.nu / (1 - body.nu if problem.model == "plane stress" else body.give)
         modulus = weak.constant(body.E / (2 + 2 * body.nu))
         if name in dilatation:
             energy += modulus * squares * around * dx(mesh.bodies[name])
             pressing = weak.constant(body.E / (1 + body.nu) * c) * dilatation[name]
-            volumetric += [pressing * each * dx(mesh.bodies[name]) for each in swelling]
+            volumetric.append(pressing * ufl.derivative(sum(normal), u, v) * around * dx(mesh.bodies[name]))
             continue
         energy += modulus * (squares + weak.constant(c) * sum(normal) ** 2) * around * dx(mesh.bodies[name])
     forces: UflForm = sum(volumetric, start=ufl.derivative(energy, u, v))

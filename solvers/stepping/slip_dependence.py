@@ -97,7 +97,7 @@ def solve_by_turns(
                 worst = max(worst, ratio)
             omega = min(max(1 / (1 - ratio), SHORTEST), LONGEST) if ratio < 1 else 1.0
         turned = replace(problem, cone=with_slip(cone, found))
-        off = _apart(problem, turned, solution.p) / problem.scale(solution.p)
+        off = _apart(problem, turned, solution.p) / (problem.scale(solution.p) or 1.0)  # zero: nothing is loaded
         if off <= tolerance:
             return replace(solution, weakening=worst), problem
         known = {name: np.maximum(known[name] + omega * (found[name] - known[name]), slid[name]) for name in slid}
