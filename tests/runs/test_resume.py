@@ -57,7 +57,7 @@ HISTORIES = {
     "sliding": ("sliding", SLIDING),
     "sliding, iterative": ("sliding", [*SLIDING, *LEARNS]),
     "compliance": ("foundation", ["geometry.mesh_size=0.4", "output.pictures=false", "steps.count=4"]),
-    "friction by slip": ("stick_slip", ["geometry.mesh_size=0.0125", "output.pictures=false", "steps.count=12"]),
+    "friction by slip": ("stick_slip", ["geometry.mesh_size=0.025", "output.pictures=false", "steps.count=6"]),
     "floating": ("stack", ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"]),
 }
 QUICK = ("substeps", "friction by slip", "surface-uzawa", "sliding", "block-uzawa, compliance")

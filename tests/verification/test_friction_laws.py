@@ -25,7 +25,8 @@ from stickslip.workflows.verification.check import failures
 from stickslip.workflows.verification.closed_forms import sheared_column, weakening
 from stickslip.workflows.verification.prepared import prepare
 
-METHODS = ("condensed-newton", "uzawa", "surface-uzawa", "nsgs")
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("surface-uzawa", "nsgs")]
+METHODS = ["condensed-newton", "uzawa", *SLOW]
 TOP = np.array([0.001, 0.0035, 0.01, 0.005, -0.01, 0.01])  # [m]: stick, little slip, much, unloading, back, forth
 G = sheared_column.COLUMN.G  # the column is 1 m high: the stiffness of its base against slip [Pa/m]
 
