@@ -154,15 +154,14 @@ class WeakForms:
         Args:
             u: displacement Function, for the linear form of its inner forces; None: the trial function.
         """
-        strain, u, averaged = self.strain(self.v), self.u if u is None else u, self.problem.averaged
-        found: UflForm = sum(
-            ufl.inner(self.sheared(u, b) if b in averaged else self.stress(u, b), strain) * self.volume(b)
-            for b in self.problem.bodies
-        )
+        strain, u = self.strain(self.v), self.u if u is None else u
+        found: UflForm = sum(ufl.inner(self.at_point(u, b), strain) * self.volume(b) for b in self.problem.bodies)
         return found
 
-    def sheared(self, u: UflExpr, body: str) -> UflExpr:
-        """2 mu eps(u) [Pa]: the stress but for what the change of volume adds."""
+    def at_point(self, u: UflExpr, body: str) -> UflExpr:
+        """The stress [Pa] by the strain at the point itself; where the dilatation is a mean, 2 mu eps(u) alone."""
+        if body not in self.problem.averaged:
+            return self.stress(u, body)
         found: UflExpr = self.constant(2 * self.lame(body)[1]) * self.strain(u)
         return found
 
