@@ -102,6 +102,16 @@ def vector_space(domain: DolfinxMesh, degree: int) -> FunctionSpace:
     return space
 
 
+def scalar_space(domain: DolfinxMesh) -> FunctionSpace:
+    """Continuous Lagrange space of numbers of degree 1: one at each corner of the cells."""
+    space: FunctionSpace
+    if hasattr(fem, "functionspace"):
+        space = fem.functionspace(domain, ("Lagrange", 1))
+    else:
+        space = fem.FunctionSpace(with_compiled_coordinate_element(domain), ("Lagrange", 1))
+    return space
+
+
 def cell_function(domain: DolfinxMesh, values: Array) -> Function:
     """One value in each cell: `values` (cells,) of this rank, ghosts included."""
     new = hasattr(fem, "functionspace")

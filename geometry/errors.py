@@ -62,6 +62,20 @@ class DamagedError(MachineError):
     """A file is truncated, or its content is not what was written; a caller that can write it again may catch this."""
 
 
+class prefixed:  # noqa: N801  reads as a word in `with`
+    """Context that puts the table's name in front of a SceneError."""
+
+    def __init__(self, prefix: str) -> None:
+        self.prefix = prefix
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, SceneError):
+            raise SceneError(f"{self.prefix}.{error}") from None
+
+
 def require(ok: bool, key: str, found: object, expected: str) -> None:
     """Raise `SceneError("key = found: expected")` unless `ok`.
 

@@ -6,13 +6,13 @@ Normal multipliers are placed first, since they may make a direction of friction
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
 
 from stickslip.geometry.arrays import Array, Bools, Ints
-from stickslip.geometry.errors import SceneError
+from stickslip.geometry.errors import SceneError, prefixed
 from stickslip.geometry.protocols import Sparse
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.coupling import Coupling
@@ -210,6 +210,9 @@ def build_rows(
         if friction is not None:
             carrier = place_multipliers(coupling, frames[name][:, 1:], constraints, used)
             dropped += int(np.sum(weights != 0)) - carrier.share.shape[0]
+            if friction.orthotropic:
+                with prefixed(f"contacts.{name}.friction"):
+                    carrier = replace(carrier, directions=friction.directions(carrier.directions, carrier.free))
         else:
             carrier = _no_friction(coupling)
         N_t, W_t = carrier.rows(coupling)

@@ -14,6 +14,8 @@ from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.coupling import Points
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 
+TINY = 1e-9  # of the friction bound; smaller tractions have no direction
+
 
 @dataclass(frozen=True, kw_only=True)
 class ContactRows:
@@ -38,7 +40,7 @@ class ContactRows:
     gap: Array  # (m_n,) [m], positive when open
     N_t: Sparse  # (m_t (d-1), n_all d)
     W_t: Array  # (m_t,) weights [m^(d-1)]
-    tangents: Array  # (m_t, d-1, d) at the tangential points
+    tangents: Array  # (m_t, d-1, d) at the tangential points, unit unless the law is orthotropic
     free: Bools  # (m_t, d-1) tangential directions that carry a multiplier
     psi: Sparse  # (n, m_n): values at the normal points to integrals ∫ psi_j, psi_j the dual basis, by node
     share_t: Sparse  # (m_t, n): which nodes a tangential point stands for; columns add up to 1
@@ -89,8 +91,22 @@ class ContactRows:
         d = self.surface.dim
         if not len(self.W_t):
             return np.zeros((0, d - 1))
-        mean = self.share_t.multiply(1 / np.maximum(self.share_t.sum(axis=1), 1e-300)) @ traction
-        return np.asarray(np.einsum("mcd,md->mc", self.tangents, mean))
+        along = self.tangents
+        if self.friction is not None and self.friction.orthotropic:
+            along = along / (along**2).sum(axis=2, keepdims=True)
+        return np.asarray(np.einsum("mcd,md->mc", along, self.tangential_mean(traction)))
+
+    def tangential_mean(self, values: Array) -> Array:
+        """Mean (m_t, ...) at each tangential point of values (n, ...) at the nodes that it stands for."""
+        return np.asarray(self.share_t.multiply(1 / np.maximum(self.share_t.sum(axis=1), 1e-300)) @ values)
+
+    def along_traction(self, bound: Array, t: Array) -> Array:
+        """Friction bounds (m_t,) [Pa] in the directions of t (m_t, d-1): those of an orthotropic law differ."""
+        if self.friction is None or not self.friction.orthotropic:
+            return bound
+        size = np.linalg.norm(t * self.free, axis=1)
+        true = np.linalg.norm(np.einsum("mc,mcd->md", t * self.free, self.tangents), axis=1)
+        return np.asarray(bound * np.divide(true, size, out=np.ones_like(size), where=size > TINY * bound))
 
     def _per_weight(self, values: Array) -> Array:
         weights = self.node_weights.reshape(-1, *[1] * (values.ndim - 1))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from stickslip.geometry.dolfinx_versions import ufl
@@ -9,7 +11,7 @@ from stickslip.geometry.protocols import Function, UflExpr, UflForm
 from stickslip.solvers.fem.forms import WeakForms
 
 
-def forces_of_energy(weak: WeakForms, u: Function) -> UflForm:
+def forces_of_energy(weak: WeakForms, u: Function, dilatation: Mapping[str, Function]) -> UflForm:
     """Linear form of the inner forces [N]: the derivative of the energy by the displacement.
 
     The energy is the sum over the bodies of ∫ G (eps : eps + c (tr eps)²) dx, with G = E / (2 (1 + nu)) and
@@ -18,6 +20,8 @@ def forces_of_energy(weak: WeakForms, u: Function) -> UflForm:
     Args:
         weak: for its mesh, space and materials; none of its forms is used.
         u: displacement [m].
+        dilatation: of bodies where it is averaged [-], see `MeanDilatation`: theirs is ∫ G eps : eps dx, and
+            ∫ lambda dilatation tr eps(v) dx is added to its derivative.
     """
     mesh, problem = weak.mesh, weak.problem
     r = ufl.SpatialCoordinate(mesh.domain)[0]
@@ -28,10 +32,15 @@ def forces_of_energy(weak: WeakForms, u: Function) -> UflForm:
     normal = [gradient[i, i] for i in range(mesh.dim)] + ([u[0] / r] if mesh.axisymmetric else [])
     shear = [gradient[i, j] + gradient[j, i] for i in range(mesh.dim) for j in range(i)]
     squares: UflExpr = sum(e**2 for e in normal) + sum(g**2 for g in shear) / 2
-    energy = 0
+    energy, v, volumetric = 0, ufl.TestFunction(weak.space), list[UflForm]()
     for name, body in problem.bodies.items():
-        c = body.nu / (1 - body.nu if problem.model == "plane stress" else 1 - 2 * body.nu)
+        c = body.nu / (1 - body.nu if problem.model == "plane stress" else body.give)
         modulus = weak.constant(body.E / (2 + 2 * body.nu))
+        if name in dilatation:
+            energy += modulus * squares * around * dx(mesh.bodies[name])
+            pressing = weak.constant(body.E / (1 + body.nu) * c) * dilatation[name]
+            volumetric.append(pressing * ufl.derivative(sum(normal), u, v) * around * dx(mesh.bodies[name]))
+            continue
         energy += modulus * (squares + weak.constant(c) * sum(normal) ** 2) * around * dx(mesh.bodies[name])
-    forces: UflForm = ufl.derivative(energy, u, ufl.TestFunction(weak.space))
+    forces: UflForm = sum(volumetric, start=ufl.derivative(energy, u, v))
     return forces

@@ -99,6 +99,11 @@ class WeakForms:
         measure = ufl.Measure("ds", domain=self.mesh.domain, subdomain_data=self.mesh.facet_tags, metadata=metadata)
         return self._around(measure(self.mesh.sides[side]))
 
+    def skin(self) -> Measure:
+        """Surface measure of all of the surface, planes of symmetry included, as the mesh lies."""
+        found: Measure = ufl.Measure("ds", domain=self.mesh.domain)
+        return found
+
     def _around(self, measure: Measure) -> Measure:
         """The measure, in an axisymmetric model over the full circle."""
         return Revolved(measure, ufl.SpatialCoordinate(self.mesh.domain)[0]) if self.mesh.axisymmetric else measure
@@ -144,13 +149,20 @@ class WeakForms:
         return found
 
     def elasticity(self, u: UflExpr | None = None) -> UflForm:
-        """a(u, v) = sum over bodies of ∫ sigma(u) : eps(v) dx.
+        """a(u, v) = sum over bodies of ∫ sigma(u) : eps(v) dx, without the part of `MeanDilatation`.
 
         Args:
             u: displacement Function, for the linear form of its inner forces; None: the trial function.
         """
         strain, u = self.strain(self.v), self.u if u is None else u
-        found: UflForm = sum(ufl.inner(self.stress(u, b), strain) * self.volume(b) for b in self.problem.bodies)
+        found: UflForm = sum(ufl.inner(self.at_point(u, b), strain) * self.volume(b) for b in self.problem.bodies)
+        return found
+
+    def at_point(self, u: UflExpr, body: str) -> UflExpr:
+        """The stress [Pa] by the strain at the point itself; where the dilatation is a mean, 2 mu eps(u) alone."""
+        if body not in self.problem.averaged:
+            return self.stress(u, body)
+        found: UflExpr = self.constant(2 * self.lame(body)[1]) * self.strain(u)
         return found
 
     def gram(self, length: float) -> UflForm:

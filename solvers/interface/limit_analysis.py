@@ -184,15 +184,20 @@ def _bounds(problem: SurfaceProblem, place: ContactBlock, outer: bool, force: fl
         slope = min(slope, STEEP)
     elif rows.normal.sides == 2 and outer and np.isfinite(slope):
         slope = np.inf  # where some points may pull, others can press, and so hold, without limit
+    slopes, a = [(slope, 0.0)], rows.friction.at_no_pressure
+    if a:  # the inner bound vanishes with the pressure, as the law's own does
+        slopes = [(slope, a)] if outer or rows.normal.sides == 2 else [(slope, a), (STEEP, 0.0)]
     found = []
     if np.isfinite(cap):
         found.append((sparse.csr_matrix((m, surface.normal_rows)), rows.W_t * cap / force))
-    if np.isfinite(slope):
+    for slope, start in slopes:
+        if not np.isfinite(slope):
+            continue
         average = place.average.maximum(0.0) if outer else place.average  # s = mu max(average p, 0) <= mu (average)+ p
         share = sparse.diags(slope * rows.W_t) @ average @ sparse.diags(1 / surface.W[place.normal])
         left, right = place.normal.start, surface.normal_rows - place.normal.stop
         share = sparse.hstack([sparse.csr_matrix((m, left)), share, sparse.csr_matrix((m, right))])
-        found.append((share, np.zeros(m)))
+        found.append((share, rows.W_t * start / force))
     return _Bounds(
         along=along,
         share=sparse.vstack([sparse.csr_matrix((0, surface.normal_rows)), *(s for s, _ in found)]),

@@ -1,4 +1,4 @@
-"""Coulomb's law with a coefficient of friction for each point: discrete problems have one for each contact."""
+"""Coulomb's law with a coefficient of friction for each point: discrete problems and laws by slip have them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import require
 from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 
 
@@ -33,6 +34,9 @@ class CoulombByPoint(FrictionLaw):
 
     def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
         return average.multiply(np.where(average @ p > 0, self.mu, 0.0)[:, None]).tocsr()
+
+    def of_point(self, point: int) -> FrictionLaw:
+        return Coulomb(mu=float(self.mu[point]), k_T=self.k_T)
 
     def homogeneous(self, normal: NormalLaw, time: float, end: float) -> bool:
         return True

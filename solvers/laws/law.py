@@ -77,6 +77,8 @@ class FrictionLaw(Choice):
     continuous: ClassVar[str] = (
         ""  # if the bound jumps where surfaces part, so that there may be no solution: a law with one
     )
+    remembers: ClassVar[bool] = False  # whether it depends on the slip of a point so far, see `at_slip`
+    orthotropic: ClassVar[bool] = False  # whether tangential rows are measured along its `directions`
     k_T: Annotated[float | None, Key("Pa/m", "tangential stiffness before slip; absent: rigid")] = None
 
     def __post_init__(self) -> None:
@@ -99,6 +101,40 @@ class FrictionLaw(Choice):
         """Why this law cannot be combined with a normal law; None if it can."""
         return None
 
+    def check_model(self, model: str) -> None:
+        """Refuse a model that the law makes no sense in.
+
+        Raises:
+            SceneError: it has none of the law's directions.
+        """
+
+    def at_slip(self, slid: Array) -> FrictionLaw:
+        """The law of points that have slipped by `slid` (m_t,) [m] since t = 0; what `remembers` has no other bound."""
+        return self
+
+    def of_point(self, point: int) -> FrictionLaw:
+        """The law of one tangential point."""
+        return self
+
+    def directions(self, tangents: Array, free: Bools) -> Array:
+        """Directions (m_t, d-1, d) that an orthotropic law measures tractions and slip along, orthogonal, not unit.
+
+        Args:
+            tangents: (m_t, d-1, d), unit.
+            free: (m_t, d-1) directions that carry a multiplier; where not all do they are kept, but for their length.
+        """
+        return tangents
+
+    @property
+    def at_no_pressure(self) -> float:
+        """Bound [Pa] of surfaces that touch without pressing; it comes on top of the slopes of `lines`."""
+        return 0.0
+
+    @property
+    def weakening(self) -> float:
+        """Largest fall of mu by slip [1/m], 0 where it does not fall."""
+        return 0.0
+
     def limit(self, p: Array, average: Sparse | Array, normal: NormalLaw, time: float, end: float) -> Array:
         """Bound s (m_t,) [Pa] >= 0.
 
@@ -117,7 +153,7 @@ class FrictionLaw(Choice):
         return found
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
-        """Lines that bound s: min(cap, below p) <= s <= min(cap, above p) for p >= 0.
+        """Lines that bound s: min(cap, below p) <= s <= min(cap, above p) for p >= 0, `at_no_pressure` apart.
 
         Returns:
             cap [Pa], below [-], above [-]; infinite where there is no such limit.
@@ -127,7 +163,7 @@ class FrictionLaw(Choice):
     def homogeneous(self, normal: NormalLaw, time: float, end: float) -> bool:
         """Whether twice the pressure has twice the bound."""
         cap, below, above = self.lines(normal, time, end)
-        return cap == np.inf and below == above
+        return cap == np.inf and below == above and not self.at_no_pressure
 
     def amplitudes(self) -> Mapping[str, Amplitude]:
         """The law's values in time, by key."""

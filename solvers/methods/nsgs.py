@@ -213,7 +213,7 @@ def _friction_points(problem: SurfaceProblem, D: Array, place: ContactBlock) -> 
             float(own.indices.max(initial=-1)) + 0.5,
             FrictionPoint(
                 rows,
-                law,
+                law.of_point(j),
                 place.rows.normal,
                 place.normal.start + own.indices,
                 own.data[None, :],

@@ -152,6 +152,7 @@ class Solution:
     correct: Callable[[Correction], Correction] | None = None  # of approximate laws; takes that of the step before
     convergence: Convergence | None = None  # of methods that measure it
     others: tuple[Array, ...] = ()  # tractions (rows,) [Pa] of other solutions that were met
+    weakening: float = 0.0  # how much faster than bodies unload friction weakens by slip [-]; above 1 slip jumps
     slack: float = 1e-6  # part of the friction bound by which the traction of a slipping point may be smaller
 
     @property

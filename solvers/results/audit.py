@@ -8,7 +8,7 @@ from the stored displacement; laws, gaps and supports are written a second time.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -30,7 +30,7 @@ from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.closed_formulas import bound, gap, penetration, prescribed, pressure
 from stickslip.solvers.results.multiplier_forces import MultiplierForces
 from stickslip.solvers.results.stored_fields import (
-    StoredFields,
+    Record,
     contact_differences,
     difference,
     slip_of,
@@ -75,20 +75,6 @@ class Audit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record:
-    """One step as its file holds it: what is audited."""
-
-    time: float  # [s]
-    displacement: Array  # (nodes, d) in the order of the gmsh model [m]
-    p: Array  # (rows,) tractions, flat [Pa]
-    w: Array  # (rows,) relative displacement, flat [m]
-    reference: Array  # (rows,) w at the start of the last substep [m]: slip counts from it; gaps are recomputed
-    driven: Array  # (o,) displacement of the obstacles that forces drive, by `Problem.driven` [m]
-    searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) [m] that its pairs were searched at
-    stored: StoredFields = field(default_factory=StoredFields)  # fields for the reader; by default none is judged
-
-
-@dataclass(frozen=True, kw_only=True)
 class Scales:
     """What the defects of a step are relative to."""
 
@@ -108,7 +94,7 @@ class Auditor:
             mesh: the same mesh that was solved on.
         """
         self.start: System = assemble(problem, mesh, Counters())
-        self._u = dx.fem.Function(self.start.space)
+        self._u, self._dilatation = dx.fem.Function(self.start.space), self.start.dilatation.functions()
         self._inner_forces = self.start.weak.compile(self._forces_of_bodies())
         self._multiplier_forces: dict[str, MultiplierForces] = {}  # by contact, compiled at the first step
         self._j_n: dict[str, tuple[ComplianceForms, CompiledForm]] = {}  # likewise
@@ -119,7 +105,7 @@ class Auditor:
         """The inner forces of the bodies, and of effects that stiffen them, by the effects' own forms."""
         problem, weak = self.start.problem, self.start.weak
         more = (form for effect in active(problem) for form in effect.stiffness(problem, weak, self._u))
-        return sum(more, start=forces_of_energy(weak, self._u))
+        return sum(more, start=forces_of_energy(weak, self._u, self._dilatation))
 
     def _set_system(self, system: System) -> None:
         """Use the contact rows of `system`."""
@@ -133,6 +119,7 @@ class Auditor:
         found += [f"{effect.name}: stiffness" for effect in active(problem) if effect.stiffens]
         found += [f"{place}: expression" for place in problem.timeline.expressions if place.table == "supports"]
         found += [f"initial strain of {strain.body}" for strain in self.start.initial.strains]
+        found += [f"mean dilatation of {body}" for body in problem.averaged]
         for name, obstacle in problem.obstacles.items():
             if gap(obstacle, np.zeros((1, problem.dim))) is None:
                 found.append(f"obstacles.{name}: gap")
@@ -141,7 +128,7 @@ class Auditor:
                 found.append(f"contacts.{c.name}: gap and forces between bodies")
             if penetration(c.normal, zero) is None:
                 found.append(f"contacts.{c.name}.normal")
-            if c.friction is not None and bound(c.friction, c.normal, zero, np.ones((1, 1)), 0.0, 1.0) is None:
+            if c.friction is not None and bound(c.friction, c.normal, zero, np.ones((1, 1)), 0.0, 1.0, zero) is None:
                 found.append(f"contacts.{c.name}.friction")
         return tuple(dict.fromkeys(found))
 
@@ -203,13 +190,13 @@ class Auditor:
             return rows.gap, rows.node_gap
         moved = record.searched.get(rows.name, np.zeros_like(side.points))
         at = side.points + moved  # gaps there belong to displacements counted from the start
-        nodal = side.transform @ _known(gap(obstacle, at)) + offset
+        nodal = side.transform @ np.asarray(gap(obstacle, at)) + offset
         nodal = nodal + np.einsum("nd,nd->n", rows.frames[:, 0], side.transform @ moved)
         if not rows.normal.at_quadrature:
             return np.asarray(rows.psi.T @ nodal / rows.W_n), nodal
         basis = side.quadrature(pair.contact.degree(side.degree))[1]
         x = np.einsum("qk,fkd->fqd", basis, at[side.facets]).reshape(-1, side.dim)
-        return _known(gap(obstacle, x)) + offset + rows.N_n @ moved.ravel(), nodal
+        return np.asarray(gap(obstacle, x)) + offset + rows.N_n @ moved.ravel(), nodal
 
     def _scales(self, record: Record, u: Vec, inner: Vec) -> Scales:
         """See `Audit`; tractions are never taken to be smaller than the rounding of all forces."""
@@ -339,7 +326,7 @@ class Auditor:
                     stored.contacts[rows.name],
                     record.p[place.normal],
                     record.p[place.tangential].reshape(-1, place.components),
-                    self._bound(place, record) if rows.friction is not None else np.zeros(len(rows.W_t)),
+                    self._along_traction(place, record),
                     self._gap(rows, record)[1],
                     moved,
                     scales.p,
@@ -355,11 +342,17 @@ class Auditor:
     def _history(self, place: ContactBlock, record: Record, before: Record, scales: Scales) -> list[float]:
         """Differences of what slip is counted from, and of the stored slip, from those of the step before [-]."""
         rows, t, found = place.rows, before.p[place.tangential], []
-        softness = rows.friction.k_T if rows.friction is not None else None
-        moved = self._motion(rows, before)
+        softness, moved = rows.friction.k_T if rows.friction is not None else None, self._motion(rows, before)
         if not (softness and rows.name in record.searched):  # t turns with the frames of other rows
             start = rows.N_t @ moved.ravel() - (t / softness if softness else 0.0)
             found.append(difference(record.reference[place.tangential], start, scales.u[rows.name], scales.rounding))
+        if rows.name in record.slid and not self.system.problem.pairs[rows.name].contact.sliding:
+            moves = rows.N_t @ (self._motion(rows, record) - moved).ravel()
+            moves -= (record.p[place.tangential] - t) / softness if softness else 0.0
+            length = np.linalg.norm(moves.reshape(rows.free.shape) * rows.free, axis=1)
+            length *= (rows.average @ record.p[place.normal] > 0) | (rows.normal.sides == 2)
+            grown = record.slid[rows.name] - before.slid[rows.name]
+            found.append(difference(grown, length, scales.u[rows.name], scales.rounding))
         now, then = (each.stored.contacts.get(rows.name) for each in (record, before))
         if now is not None and then is not None:
             step = slip_of(rows, self._motion(rows, record) - moved)
@@ -373,6 +366,7 @@ class Auditor:
         """Inner forces of bodies and of effects that stiffen them [N]; u: displacement of all dofs [m]."""
         dx.petsc_vector(self._u).array[:] = u.array
         self._u.x.scatter_forward()
+        self.start.dilatation.fill(self._dilatation, u)
         return dx.assemble_vector(self._inner_forces)
 
     @cached_property
@@ -405,7 +399,7 @@ class Auditor:
         if rows.name not in self._multiplier_forces:
             (start,) = (c for c in self.start.contacts if c.name == rows.name)
             self._multiplier_forces[rows.name] = MultiplierForces(self.start, start)
-        s = self._bound(place, record) if rows.friction is not None else np.zeros(0)
+        s = self._along_traction(place, record)
         return force + self._multiplier_forces[rows.name](rows, p_n, t, s, scales.p, record.searched.get(rows.name))
 
     def _compliant_force(self, rows: ContactRows, u: Vec, record: Record) -> Vec:
@@ -437,8 +431,16 @@ class Auditor:
         """Friction bound (m_t,) [Pa] at the stored pressures, by the second formula if there is one."""
         rows, p_n = place.rows, record.p[place.normal]
         assert rows.friction is not None
-        own = bound(rows.friction, rows.normal, p_n, rows.average, record.time, self.cone.end)
-        return own if own is not None else self.cone.at(record.time).bound(place, p_n)
+        slid, now = record.slid.get(rows.name, np.zeros(len(rows.W_t))), (record.time, self.cone.end)
+        own = bound(rows.friction, rows.normal, p_n, rows.average, *now, slid)
+        return own if own is not None else rows.friction.at_slip(slid).limit(p_n, rows.average, rows.normal, *now)
+
+    def _along_traction(self, place: ContactBlock, record: Record) -> Array:
+        """The same in the directions of the tangential tractions, zero without friction."""
+        if place.rows.friction is None:
+            return np.zeros(len(place.rows.W_t))
+        t = record.p[place.tangential].reshape(-1, place.components)
+        return place.rows.along_traction(self._bound(place, record), t)
 
     def _normal(self, place: ContactBlock, record: Record, w: Array, scales: Scales) -> tuple[float, float, float]:
         """Penetration, negative pressure and complementarity of one contact, see `Audit` [-]."""
@@ -493,8 +495,3 @@ def _law_stiffness(place: ContactBlock, p: Array) -> float:
 def _largest(values: Array) -> float:
     """The largest value, at least 0."""
     return float(np.max(values, initial=0.0)) + 0.0  # no -0
-
-
-def _known(values: Array | None) -> Array:
-    assert values is not None
-    return values

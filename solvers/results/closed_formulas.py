@@ -20,9 +20,14 @@ from stickslip.geometry.obstacles.sphere import Sphere
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.laws.bilateral import Bilateral
 from stickslip.solvers.laws.capped_coulomb import CappedCoulomb
+from stickslip.solvers.laws.cohesion import Cohesion
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
+from stickslip.solvers.laws.mu_table import MuTable
+from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
+from stickslip.solvers.laws.pressure_dependent import PressureDependent
+from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.laws.tied import Tied
 from stickslip.solvers.laws.unilateral import Unilateral
@@ -79,7 +84,7 @@ def pressure(law: NormalLaw, closing: Array) -> Array | None:
 
 
 def bound(
-    law: FrictionLaw, normal: NormalLaw, p: Array, average: Sparse | Array, time: float, end: float
+    law: FrictionLaw, normal: NormalLaw, p: Array, average: Sparse | Array, time: float, end: float, slid: Array
 ) -> Array | None:
     """Friction bound s (m_t,) [Pa]; None: no second formula.
 
@@ -88,13 +93,25 @@ def bound(
         average: (m_t, m_n), from values at the points of pressure to means at those of friction.
         time: [s].
         end: last time of the scene [s].
+        slid: length of slip so far (m_t,) [m], of laws that depend on it.
     """
     mean = average @ p
+    if type(law) is StaticKinetic:
+        fallen = np.minimum(slid / law.slip_length, 1.0)
+        return np.asarray((law.mu_s * (1 - fallen) + law.mu_k * fallen) * np.where(mean > 0, mean, 0.0))
+    if type(law) is SlipDependent:
+        return np.asarray(_in_table(law.mu, slid) * np.where(mean > 0, mean, 0.0))
+    if type(law) is PressureDependent:
+        return np.asarray(_in_table(law.mu, mean) * np.where(mean > 0, mean, 0.0))
+    if type(law) is OrthotropicCoulomb:  # of tractions along the law's own directions
+        return max(law.mu_1, law.mu_2) * np.where(mean > 0, mean, 0.0)
     if type(law) is Coulomb:
         return law.mu * np.where(mean > 0, mean, 0.0)
     if type(law) is CappedCoulomb:
         return np.minimum(law.mu * np.where(mean > 0, mean, 0.0), law.s_max)
     closed = (mean > 0) | (type(normal) in (Bilateral, Tied))
+    if type(law) is Cohesion:
+        return np.where(closed, law.a + law.mu * np.where(mean > 0, mean, 0.0), 0.0)
     if type(law) is Tresca:
         return np.where(closed, in_time(law.bound, time, end), 0.0)
     if type(law) is Stick:
@@ -111,6 +128,15 @@ def prescribed(problem: Problem, support: str, axis: Direction, points: Array, t
     if isinstance(value, str):
         return problem.timeline.values(Place("supports", support, "displacement", axis), points, time)
     return np.full(len(points), in_time(value, time, problem.timeline.end))
+
+
+def _in_table(table: MuTable, at: Array) -> Array:
+    """mu (m,) [-] at values (m,), straight between the lines of a table."""
+    found = np.full(len(at), table[0][1])
+    for (x_0, mu_0), (x_1, mu_1) in pairwise(table):
+        part = np.clip((at - x_0) / (x_1 - x_0), 0.0, 1.0)
+        found = found + part * (mu_1 - mu_0)
+    return found
 
 
 def in_time(amplitude: Amplitude, time: float, end: float) -> float:

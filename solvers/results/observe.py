@@ -32,6 +32,7 @@ from stickslip.solvers.results.step_result import (
     StepResult,
     SurfaceMesh,
 )
+from stickslip.solvers.stepping.slip_dependence import with_slip
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
 from stickslip.solvers.system.system import System
@@ -78,6 +79,7 @@ class CellStress:
         system.counters.forms += 1
         count = mesh.domain.topology.index_map(mesh.dim).size_local
         self._cells = np.arange(count)
+        self._means = system.dilatation.functions()
         self._lame, self._members = np.zeros((count, 2)), dict[str, Ints]()
         for name, tag in mesh.bodies.items():
             material = system.problem.bodies[name]
@@ -98,12 +100,16 @@ class CellStress:
         found = self._strain(self._cells)
         d = round(found.shape[-1] ** 0.5)
         strain[:, :d, :d] = found.reshape(-1, d, d)
+        own = np.trace(strain, axis1=1, axis2=2)
         for value, given in zip(initial, self._system.initial.strains, strict=True):
             strain[self._members[given.body]] -= value * given.strain
         lame_lambda, lame_mu = self._lame.T
         if self._system.problem.model == "plane stress":
             strain[:, 2, 2] = -lame_lambda / (lame_lambda + 2 * lame_mu) * (strain[:, 0, 0] + strain[:, 1, 1])
         trace = np.trace(strain, axis1=1, axis2=2)
+        for body, mean in self._system.dilatation.at_midpoints(u, self._means).items():
+            members = self._members[body]
+            trace[members] += mean[members] - own[members]
         return np.asarray(2 * lame_mu[:, None, None] * strain + (lame_lambda * trace)[:, None, None] * np.eye(3))
 
 
@@ -186,6 +192,8 @@ class Observer:
             reference=accepted.problem.gap,
             driven=state.driven,
             searched=accepted.stepper.searched,
+            slid=state.slid,
+            weakening=accepted.weakening,
             p_ref=accepted.problem.p_ref,
             u_ref=accepted.problem.u_ref,
             convergence=accepted.convergence,
@@ -236,10 +244,9 @@ class Observer:
             u_n = u_n + np.einsum("nd,nd->n", c.frames[:, 0], state.surplus_motion[c.name])
         pressure, multiplier, gap = c.node_pressure(p_n), c.node_traction(t), c.node_gap - u_n
         slip, increment = state.slip[c.name], state.slip[c.name] - accepted.substep_start.slip[c.name]
-        place = stepper.cone.places[index]
-        bound = np.zeros_like(pressure)
+        cone, bound = with_slip(stepper.cone.at(state.time), state.slid), np.zeros_like(pressure)
         if c.friction is not None:  # at the points that carry the multipliers, then distributed to nodes
-            bound = c.share_t.T @ accepted.problem.cone.bound(place, p_n)
+            bound = c.share_t.T @ c.along_traction(cone.bound(cone.places[index], p_n), t)
         lam = np.divide(multiplier, bound[:, None], out=np.zeros_like(multiplier), where=bound[:, None] > 0)
         status = _status(c, pressure, multiplier, bound, increment, accepted)
         weight, pair = c.node_weights, stepper.system.problem.pairs[c.name]
@@ -268,7 +275,7 @@ class Observer:
             contact_area=float(weight[status != OPEN].sum()),
             stick_area=float(weight[status == STICK].sum()),
             slip_area=float(weight[status == SLIP].sum()),
-            max_penetration=float(np.max(state.w[place.normal] - c.gap, initial=0.0)),
+            max_penetration=float(np.max(state.w[stepper.cone.places[index].normal] - c.gap, initial=0.0)),
             max_slip=float(np.linalg.norm(slip[status != OPEN], axis=1).max(initial=0.0)),
             dissipation=float(state.energy.dissipation[index] - accepted.start.energy.dissipation[index]),
             dissipation_total=float(state.energy.dissipation[index]),

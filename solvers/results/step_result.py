@@ -122,9 +122,11 @@ class StepResult:
     reference: Array  # (rows,) that the contact laws subtract from w [m]: the gap, and the slip at the substep's start
     driven: Array  # (o,) displacement of the obstacles that forces drive [m], for the audit
     searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) that its pairs were searched at [m]
+    slid: Mapping[str, Array]  # by contact whose friction depends on it, length of slip (m_t,) so far [m]
     p_ref: float  # scale of tractions: of statuses, and of what counts as none [Pa]
     u_ref: float  # scale of relative displacements: of statuses [m]
     history: tuple[HistoryTuple, ...]  # each iteration: time, iteration, residual, volume solves, seconds, method
+    weakening: float = 0.0  # how much faster than bodies unload friction weakened by slip [-]; above 1 slip jumped
     linear_error: float = 0.0  # error left by an iterative volume solve, energy norm, relative [-]; 0: direct solver
     convergence: Convergence | None = None  # of Uzawa's iteration, from methods that measure it
     other_solutions: tuple[

@@ -25,6 +25,21 @@ class StoredFields:
     contacts: Mapping[str, Mapping[str, AnyArray]] = field(default_factory=dict)  # by contact, as in `ContactState`
 
 
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """One step as its file holds it: what is audited."""
+
+    time: float  # [s]
+    displacement: Array  # (nodes, d) in the order of the gmsh model [m]
+    p: Array  # (rows,) tractions, flat [Pa]
+    w: Array  # (rows,) relative displacement, flat [m]
+    reference: Array  # (rows,) w at the start of the last substep [m]: slip counts from it; gaps are recomputed
+    driven: Array  # (o,) displacement of the obstacles that forces drive, by `Problem.driven` [m]
+    searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) [m] that its pairs were searched at
+    slid: Mapping[str, Array] = field(default_factory=dict)  # see `State.slid`; contacts without a memory have none
+    stored: StoredFields = field(default_factory=StoredFields)  # fields for the reader; by default none is judged
+
+
 def difference(found: Array, expected: Array, scale: float = 0.0, rounding: float = 0.0) -> float:
     """Largest difference beyond rounding [-], relative to the largest value, or to `scale` if that is larger."""
     largest = max(scale, float(np.abs(expected).max(initial=0.0)), float(np.abs(found).max(initial=0.0)))
@@ -97,7 +112,9 @@ def stress_difference(system: System, displacement: Array, time: float, stored: 
     if mesh.axisymmetric:
         strain[:, 2, 2] = (u[:, :, 0] @ basis[0]) / (x[:, :, 0] @ basis[0])
     strain = (strain + np.swapaxes(strain, 1, 2)) / 2
-    values = system.initial.values(system.course, time)
+    values, everywhere = system.initial.values(system.course, time), system.vector()
+    everywhere.array[:] = displacement[system.nodes.input[: system.nodes.owned]].ravel()
+    means = system.dilatation.at_midpoints(everywhere, system.dilatation.functions())
     expected, modulus = np.zeros_like(strain), np.zeros(count)
     tags = np.zeros(count, np.int64)
     own = mesh.cell_tags.indices < count
@@ -108,12 +125,14 @@ def stress_difference(system: System, displacement: Array, time: float, stored: 
         for value, given in zip(values, system.initial.strains, strict=True):
             elastic = elastic - value * given.strain * (given.body == name)
         volume = np.trace(elastic, axis1=1, axis2=2)
+        if name in means:
+            volume += (means[name][:count] - np.trace(strain, axis1=1, axis2=2))[inside]
         if problem.model == "plane stress":
             elastic[:, 2, 2] = -body.nu / (1 - body.nu) * (elastic[:, 0, 0] + elastic[:, 1, 1])
             volume = np.trace(elastic, axis1=1, axis2=2)
-        spherical = body.nu / (1 - 2 * body.nu) * volume
+        spherical = body.nu / body.give * volume
         expected[inside] = body.E / (1 + body.nu) * (elastic + spherical[:, None, None] * np.eye(3))
-        modulus[inside] = body.E / (1 - 2 * body.nu)
+        modulus[inside] = body.E / body.give
     rounding = ROUNDING * modulus * reach * np.abs(inverse).max(axis=(1, 2), initial=0.0)
     a, b, c = (expected[:, i, i] - expected[:, i - 1, i - 1] for i in range(3))
     shear = expected[:, 0, 1] ** 2 + expected[:, 1, 2] ** 2 + expected[:, 0, 2] ** 2

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Key, Noun
+
+NEARLY = 0.49  # Poisson's ratio from which on linear elements lock
+LEAST = 1e-5  # of 1 - 2 nu; displacements under given loads are off by as large a part, or less
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,17 +18,33 @@ class Material(Noun):
 
     E: Annotated[float, Key("Pa", "Young's modulus")]
     nu: Annotated[float, Key("-", "Poisson's ratio")]
+    formulation: Annotated[
+        Literal["auto", "displacement", "mean-dilatation"],
+        Key("-", "mean-dilatation: volumes change as a mean around each node, no locking; auto: so from nu = 0.49 on"),
+    ] = "auto"
     density: Annotated[float, Key("kg/m³", "mass density, used with [gravity] and [centrifugal]")] = 0.0
 
     def __post_init__(self) -> None:
         require(self.E > 0, "E", self.E, "must be positive, in pascal")
-        require(-1 < self.nu < 0.5, "nu", self.nu, "must lie between -1 and 0.5; for rubber try 0.49")
+        require(-1 < self.nu <= 0.5, "nu", self.nu, "must lie above -1, and not above 0.5")
+        locks = self.nu == 0.5 and self.formulation == "displacement"
+        require(not locks, "nu", self.nu, 'must lie below 0.5 with formulation = "displacement"')
         require(self.density >= 0, "density", self.density, "must not be negative, in kg/m³")
+
+    @property
+    def averages(self) -> bool:
+        """Whether its dilatation is averaged, see `MeanDilatation`; in plane stress nothing is."""
+        return self.formulation == "mean-dilatation" or (self.formulation == "auto" and self.nu >= NEARLY)
+
+    @property
+    def give(self) -> float:
+        """1 - 2 nu [-], at least `LEAST`: so much an incompressible body yields after all."""
+        return max(1 - 2 * self.nu, LEAST)
 
     @property
     def lame_lambda(self) -> float:
         """Lamé's first parameter [Pa]."""
-        return self.E * self.nu / ((1 + self.nu) * (1 - 2 * self.nu))
+        return self.E * self.nu / ((1 + self.nu) * self.give)
 
     @property
     def lame_mu(self) -> float:

@@ -69,6 +69,12 @@ class Problem:
         return self.request.dim
 
     @property
+    def averaged(self) -> tuple[str, ...]:
+        """Bodies whose dilatation is averaged; none in plane stress, where the thickness changes freely."""
+        found = (name for name, material in self.bodies.items() if material.averages)
+        return tuple(found) if self.model != "plane stress" else ()
+
+    @property
     def softest(self) -> float:
         """Smallest Young's modulus of all bodies [Pa]: the scale of tractions for a given strain."""
         return min(material.E for material in self.bodies.values())

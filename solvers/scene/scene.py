@@ -12,7 +12,7 @@ import numpy as np
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders import Builder
-from stickslip.geometry.errors import SceneError, nearest, require, shortened
+from stickslip.geometry.errors import SceneError, nearest, prefixed, require, shortened
 from stickslip.geometry.expression import Expression, Varying
 from stickslip.geometry.keys import Key, Noun
 from stickslip.geometry.obstacles import Obstacle
@@ -253,6 +253,10 @@ class Scene(Noun):
         for name, obstacle in self.obstacles.items():
             with prefixed(f"obstacles.{name}"):
                 obstacle.check_model(self.model)
+        for name, contact in self.contacts.items():
+            if contact.friction is not None:
+                with prefixed(f"contacts.{name}.friction"):
+                    contact.friction.check_model(self.model)
         expected = f"expected {self.dim} components in this model"
         for name, load in self.loads.items():
             vector = load.traction if load.traction is not None else load.force
@@ -335,20 +339,6 @@ class Scene(Noun):
             require(against not in self.obstacles, key, contact.operator, "a rigid obstacle needs none; remove the key")
             wrong = {2: "node-to-face", 3: "node-to-segment"}[self.dim]
             require(contact.operator != wrong, key, contact.operator, f"there is none in {self.dim}D; use mortar")
-
-
-class prefixed:  # noqa: N801  reads as a word in `with`
-    """Context that puts the table's name in front of a SceneError."""
-
-    def __init__(self, prefix: str) -> None:
-        self.prefix = prefix
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, SceneError):
-            raise SceneError(f"{self.prefix}.{error}") from None
 
 
 def over(scene: Scene, change: Change) -> Scene:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.contact.rigid_obstacle import seen_from
 from stickslip.solvers.effects import active
+from stickslip.solvers.scene.material import NEARLY
 from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.applicable import refuse_method
@@ -20,7 +22,6 @@ from stickslip.solvers.simulation.unresisted_modes import is_faint, least_spring
 
 FACING = 1e-6  # cosine of the angle between normals, below which two surfaces do not face each other
 AXIS = 1e-9  # relative to the scene's size: points closer than this to the axis of symmetry lie on it
-LOCKING = 0.49  # Poisson's ratio beyond which linear elements lock
 
 
 def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
@@ -57,7 +58,7 @@ def planned(scene: Scene) -> Problem:
 
 def warnings(scene: Scene) -> tuple[str, ...]:
     """Warnings (one line each) about a scene that can be solved, but only with a large error or at a risk."""
-    return (*_uncontained(scene), *_locking(scene))
+    return (*_uncontained(scene), *_locking(scene), *_weakening(scene))
 
 
 def _uncontained(scene: Scene) -> tuple[str, ...]:
@@ -74,10 +75,26 @@ def _locking(scene: Scene) -> tuple[str, ...]:
         return ()
     return tuple(
         f"bodies.{name}.nu = {material.nu:g}: displacements of order 1 lock when nearly incompressible, too stiff and "
-        "with wrong pressures; set geometry.order = 2"
+        'with wrong pressures; set formulation = "auto"'
         for name, material in scene.bodies.items()
-        if material.nu > LOCKING
+        if material.nu >= NEARLY and not material.averages
     )
+
+
+def _weakening(scene: Scene) -> Iterator[str]:
+    """Whether a step keeps one solution where friction weakens by slip: mu's fall times p_n against E / extent."""
+    extent = float(np.linalg.norm(np.ptp(scene.geometry.box(scene.dim), axis=0)))
+    for name, contact in scene.contacts.items():
+        fall = contact.friction.weakening if contact.friction is not None else 0.0
+        if fall:
+            sides = (side.split(".")[0] for side in (contact.surface, contact.against))
+            softest = min(scene.bodies[body].E for body in sides if body in scene.bodies)
+            yield (
+                f"contacts.{name}.friction: mu falls by {fall:.3g} per metre of slip; above a pressure of about "
+                f"{softest / extent / fall:.2g} Pa (E / extent of the bodies by that fall) it falls faster than the "
+                "bodies unload: slip may jump within a step, which then has several solutions, and the nearest one is "
+                "taken; springs in the drive lower that pressure"
+            )
 
 
 def _refuse_on_axis(scene: Scene) -> None:

@@ -10,10 +10,10 @@ from reprlib import repr as shortly
 from typing import Any, TypeGuard
 
 from stickslip.geometry.amplitude import Amplitude, value_at
-from stickslip.geometry.errors import SceneError, nearest, require
+from stickslip.geometry.errors import SceneError, nearest, prefixed, require
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene, over, prefixed, with_values
+from stickslip.solvers.scene.scene import Scene, over, with_values
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.history import HistoryRow
@@ -27,7 +27,7 @@ CHANGEABLE = {
     "loads": "traction, force or pressure, other than a bare 0,",
     "obstacles": "displacement, force or rotation",
 }
-NOT_LAWS = ("law", "k_T")  # keys of friction laws that stay: the kind, and how far a traction has bent the surface
+NOT_LAWS = {"law", "k_T"}  # keys of friction laws that stay: the kind, and how far a traction has bent the surface
 
 
 class Script:
@@ -160,7 +160,8 @@ class Script:
             for part, value in _items(f"contacts.{name}", parts, "{ component: number }"):
                 key, friction = f"contacts.{name}.{part}", contacts[name].friction
                 in_time = friction.amplitudes() if friction else {}
-                numbers = {f.name for f in fields(friction) if f.name not in NOT_LAWS} if friction else set()
+                fixed = friction is None or friction.orthotropic  # its coefficients are in the rows
+                numbers = set() if friction is None or fixed else {f.name for f in fields(friction)} - NOT_LAWS
                 if part not in {"gap_offset", *numbers}:
                     raise SceneError(f"{key}: nothing there to change; {nearest(str(part), {'gap_offset', *numbers})}")
                 require(_is_number(value), key, _in_words(value), "expected a number")

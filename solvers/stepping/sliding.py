@@ -47,7 +47,14 @@ def carried_over(state: State, system: System) -> State:
     left = state.correction and replace(
         state.correction, p=by_new_rows(state.correction.p), w=by_new_rows(state.correction.w)
     )
-    return replace(state, p=by_new_rows(state.p), w=w, previous=previous, rows=system.contacts, correction=left)
+    slid = {
+        c.name: c.tangential_mean(old.share_t.T @ state.slid[c.name])
+        for old, c in zip(state.rows, system.contacts, strict=True)
+        if c.name in state.slid
+    }
+    return replace(
+        state, p=by_new_rows(state.p), w=w, previous=previous, rows=system.contacts, correction=left, slid=slid
+    )
 
 
 def pairs_hold(system: System, searched: Mapping[str, Array], now: Mapping[str, Array]) -> bool:

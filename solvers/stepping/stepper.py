@@ -28,6 +28,7 @@ from stickslip.solvers.stepping.failure import describe_motion
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.sliding import carried_over, pairs_hold, relative_positions
+from stickslip.solvers.stepping.slip_dependence import no_slip, solve_by_turns, with_slip
 from stickslip.solvers.stepping.state import HALVINGS, Energy, Previous, State
 from stickslip.solvers.stepping.update import displacement, new_state, relative_displacement, split
 from stickslip.solvers.system.system import System
@@ -72,6 +73,7 @@ class Accepted:
     volume_solves: int  # applications of K_B^-1 in this step
     residual: float  # relative natural residual of the last substep [-]
     slack: float  # relative distance to the friction bound at which a point still counts as slipping, see `Solution`
+    weakening: float  # of all substeps, see `Solution`
     linear_error: float  # of the last substep [-], see `DelassusOperator`
     convergence: Convergence | None  # of the last substep, see `Solution`
     others: tuple[Array, ...]  # tractions (rows,) [Pa] of other solutions of a substep, the last one that has any
@@ -161,6 +163,7 @@ class Stepper:
             motion=motion,
             driven=driven,
             slip=slip,
+            slid=no_slip(self.cone),
             forces=forces,
             rows=rows,
             energy=energy,
@@ -186,6 +189,7 @@ class Stepper:
         smallest = step if self.chain.repeats else step / 2**HALVINGS
         accepted: Accepted | None = None
         others: tuple[Array, ...] = ()
+        weakening = 0.0
         failed: SurfaceProblem | None = None  # from the present state
         stuck = False  # whether a shorter step would be the same problem again
         while accepted is None or state.time < target:
@@ -199,7 +203,7 @@ class Stepper:
                 unbalanced = end, f"{solution.status.value}: {describe_motion(stepper.system, solution.u_c)}"
             if new is None:
                 # from rest, under loads in proportion to time, a shorter step is the same problem again
-                at_rest = not state.p.any() and not state.w.any()
+                at_rest = not (state.p.any() or state.w.any() or state.slid)  # slip that changes the law is not scaled
                 known = stuck or self.chain.exhausted or solution.status is Status.NO_EQUILIBRIUM
                 scaled = at_rest and failed is not None and problem is not None and problem.is_scaled(failed)
                 failed = problem
@@ -219,6 +223,7 @@ class Stepper:
                 continue
             assert problem is not None
             failed, stuck, others = None, False, solution.others or others
+            weakening = max(weakening, solution.weakening)
             if self.companion is not None and not self.chain.repeats:
                 new = replace(new, refined=self.companion(stepper, state, new, problem))
             easy = solution.iterations <= EASY * self.system.problem.solver.max_iterations
@@ -237,6 +242,7 @@ class Stepper:
                 volume_solves=self.system.counters.volume_solves - solves,
                 residual=solution.residual,
                 slack=solution.slack,
+                weakening=weakening,
                 linear_error=stepper.surface.linear_error,
                 convergence=solution.convergence,
                 others=others,
@@ -360,7 +366,15 @@ class Stepper:
                     p=start, w=state.w, u_c=motion, status=Status.NO_EQUILIBRIUM, residual=np.inf, history=()
                 )
                 return nothing_balances, problem, None
-            solution = self.method_after(state)(problem, start, on_step)
+            method = self.method_after(state)
+            solution, problem = solve_by_turns(
+                problem,
+                self.cone.at(end),
+                state.slid,
+                start,
+                lambda problem, p: method(problem, p, on_step),
+                self.system.problem.solver.tolerance,
+            )
             if solution.status is not Status.CONVERGED:
                 return solution, problem, None
             q = problem.surface.recover(problem.load, solution.p, solution.u_c)
@@ -452,7 +466,7 @@ class Stepper:
         system, n = self.system, self.surface.normal_rows
         return SurfaceProblem(
             surface=self.surface,
-            cone=self.cone.at(time),
+            cone=with_slip(self.cone.at(time), state.slid),
             load=load,
             offset=relative_displacement(system, u_s, time, np.zeros(self.surface.driven)),
             gap=np.concatenate([self.gap, (state.w - self.cone.give(state.p))[n:]]),

@@ -12,6 +12,7 @@ from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.stepping.slip_dependence import lengthened
 from stickslip.solvers.stepping.state import Energy, State
 from stickslip.solvers.system.system import System
 
@@ -147,6 +148,7 @@ def new_state(
         motion=motion,
         driven=driven,
         slip=slip,
+        slid=lengthened(old.slid, problem, p, w),
         forces=forces,
         rows=contacts,
         energy=energy,

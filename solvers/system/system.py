@@ -21,6 +21,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.fem.mean_dilatation import MeanDilatation
 from stickslip.solvers.fem.rigid_modes import RigidModes
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.parallel.counters import Counters
@@ -70,6 +71,7 @@ class System:
     T: Mat  # (all, all), columns of eliminated entries are zero
     loads: AppliedLoads
     initial: InitialStrains
+    dilatation: MeanDilatation  # of nearly incompressible bodies
 
     @property
     def course(self) -> Course:
@@ -234,6 +236,11 @@ def _initial_strains(problem: Problem, weak: WeakForms) -> InitialStrains:
     )
 
 
+def _stiffness(problem: Problem, weak: WeakForms, dilatation: MeanDilatation) -> Mat:
+    """K of the bodies and of effects, PETSc [N/m]; collective."""
+    return dilatation.add_to(dx.assemble_matrix(weak.compile(inner_forces(problem, weak))))
+
+
 def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
     """Build the system; collective.
 
@@ -249,6 +256,7 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
     for time in problem.timeline.times:
         constraints.prescribed(time)  # refuses supports that contradict each other, before any solve
     contacts = contact_rows(problem, mesh, space, nodes, constraints)
+    dilatation = MeanDilatation(weak)
     counters.searches += sum(1 for c in contacts if c.master)
     return System(
         problem=problem,
@@ -259,7 +267,8 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
         counters=counters,
         constraints=constraints,
         contacts=contacts,
-        assembled=cache(lambda: dx.assemble_matrix(weak.compile(inner_forces(problem, weak)))),
+        assembled=cache(lambda: _stiffness(problem, weak, dilatation)),
+        dilatation=dilatation,
         T=constraints.transformation(mesh.comm),
         loads=applied_loads(problem, weak),
         initial=_initial_strains(problem, weak),

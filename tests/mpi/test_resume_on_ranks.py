@@ -24,6 +24,7 @@ SCENES = {
     "cube": ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4", *LEARNS],
     "sliding": ["geometry.mesh_size=0.25", "geometry.lower_mesh_size=0.2", "output.pictures=false", "steps.end=1.5"],
     "stack": ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"],
+    "stick_slip": ["geometry.mesh_size=0.0125", "output.pictures=false", "steps.count=8"],
 }
 TESTS = Path(__file__).parents[1]
 ON_RANKS = """

@@ -86,7 +86,15 @@ WRONG = {
     "not a number": (["bodies.block.E=nan"], r"bodies\.block\.E = nan: must be a finite number"),
     "infinite in a table": (["supports.top.displacement.y=[[0,0],[1,-inf]]"], r"displacement\.y.*= -inf: .*finite"),
     # values
-    "incompressible": (["bodies.block.nu=0.5"], r"bodies\.block\.nu = 0\.5: must lie between -1 and 0\.5"),
+    "incompressible": (["bodies.block.nu=0.51"], r"bodies\.block\.nu = 0\.51: must lie above -1, and not above 0\.5"),
+    "incompressible displacements": (
+        ["bodies.block.nu=0.5", "bodies.block.formulation='displacement'"],
+        r'bodies\.block\.nu = 0\.5: must lie below 0\.5 with formulation = "displacement"',
+    ),
+    "unknown formulation": (
+        ["bodies.block.formulation='mixed'"],
+        r'bodies\.block\.formulation = "mixed": not one of these; known: auto, displacement, mean-dilatation',
+    ),
     "negative stiffness": (["bodies.block.E=-1.0"], r"bodies\.block\.E = -1\.0: must be positive, in pascal"),
     "negative density": (["bodies.block.density=-1.0"], r"bodies\.block\.density = -1\.0: must not be negative"),
     "negative friction": (["contacts.base.friction.mu=-0.1"], r"friction\.mu = -0\.1: must not be negative"),
@@ -101,6 +109,44 @@ WRONG = {
     "bound by a penetration that there is not": (
         ["contacts.base.friction={law='compliance',c_T=1.0}"],
         r'contacts\.base\.friction: law = "compliance" .* needs normal = \{ law = "compliance"',
+    ),
+    **{
+        f"{law}: {keys}": ([f"contacts.base.friction={{law='{law}',{keys}}}"], f"contacts\\.base\\.friction{pattern}")
+        for law, keys, pattern in (
+            ("cohesion", "a=-1.0,mu=0.3", r"\.a = -1\.0: must not be negative, in pascal"),
+            ("cohesion", "a=1.0,mu=-0.3", r"\.mu = -0\.3: must not be negative"),
+            ("cohesion", "mu=0.3", r"\.a: missing, it has no default"),
+            ("pressure_dependent", "mu=[]", r"\.mu = \[\]: a table needs at least one \[value, mu\]"),
+            ("pressure_dependent", "mu=[[2,0.3],[1,0.2]]", r"\.mu = \[2\.0, 1\.0\]: its first column must increase"),
+            ("pressure_dependent", "mu=[[0,0.3],[1,0.1]]", r"\.mu = .*the bound mu p_n falls as the pressure grows"),
+            ("slip_dependent", "mu=0.3", r"\.mu = 0\.3: expected a list"),
+            ("slip_dependent", "mu=[[0,0.3],[1,-0.2]]", r"\.mu = -0\.2: mu must not be negative"),
+            ("slip_dependent", "mu=[[-1,0.3]]", r"\.mu = \[-1\.0\]: its first column must increase from 0"),
+            ("static_kinetic", "mu_s=0.2,mu_k=0.3,slip_length=1.0", r"\.mu_s = 0\.2: must not be below mu_k = 0\.3"),
+            ("static_kinetic", "mu_s=0.2,mu_k=0.1,slip_length=0.0", r"\.slip_length = 0\.0: must be positive, in met"),
+            ("static_kinetic", "mu_s=0.2,mu_k=0.1", r"\.slip_length: missing, it has no default"),
+            ("orthotropic_coulomb", "mu_1=0.2,mu_2=0.1,axis=[1.0,0.0]", r"\.axis = \[1\.0, 0\.0\]: expected a direct"),
+            ("orthotropic_coulomb", "mu_1=0.2,mu_2=0.0,axis=[1,0,0]", r"\.mu_2 = 0\.0: must be positive"),
+            ("orthotropic_coulomb", "mu_1=0.2,mu_2=0.1,axis=[1,0,0],k_T=1.0", r"\.k_T = 1\.0: .*rigid before slip"),
+            ("orthotropic_coulomb", "mu_1=0.2,mu_2=0.1,axis=[1,0,0]", r"\.law = .*: a plane model has one tangential"),
+        )
+    },
+    "law by slip that a method does not know": (
+        [
+            "contacts.base.friction={law='static_kinetic',mu_s=0.3,mu_k=0.2,slip_length=1.0}",
+            "solver.method=perturbed-lagrangian",
+        ],
+        r"contacts\.base\.friction\.law = static_kinetic: solver\.method = perturbed-lagrangian works with coulomb",
+    ),
+    "axis of friction along the normal": (
+        [
+            *SPACE,
+            "obstacles.foundation={shape='plane',point=[0.0,0.0,0.0],normal=[0.0,0.0,1.0]}",
+            "contacts.base.friction={law='orthotropic_coulomb',mu_1=0.3,mu_2=0.2,axis=[0.0,0.0,1.0]}",
+            "supports.top.displacement={x=0.1,y=0.0,z=-0.1}",
+            "probes.corner.point=[0.0,0.0,2.0]",
+        ],
+        r"contacts\.base\.friction\.axis = \[0\.0, 0\.0, 1\.0\]: is normal to the side at some point",
     ),
     "friction of a tied surface": (
         ["contacts.base.normal.law='tied'"],

@@ -21,17 +21,29 @@ from stickslip.workflows.scene_file.read import from_dict
 from stickslip.workflows.verification.prepared import prepare
 
 NORMAL: dict[str, dict[str, Any]] = {"compliance": {"c_n": 20.0, "m_n": 2.0}}  # parameters of laws that need some
-TYPICAL = {"-": 0.3, "Pa": 0.008, "Pa/m^m_T": 0.2}  # a value for a key of friction that has no default, by its unit
+TYPICAL: dict[str, Any] = {
+    "-": 0.3,
+    "Pa": 0.008,
+    "Pa/m^m_T": 0.2,
+    "m": 0.02,
+    "Pa, -": [[0.0, 0.4], [0.1, 0.3]],
+    "m, -": [[0.0, 0.3], [0.02, 0.2]],
+}  # a value for a key of friction that has no default, by its unit
+SPECIAL: dict[str, dict[str, Any]] = {
+    "static_kinetic": {"mu_k": 0.2},
+    "orthotropic_coulomb": {"mu_2": 0.15, "axis": [0.6, 0.8, 0.0]},
+}  # where laws say more
 
 
-def parameters(law: type[FrictionLaw]) -> dict[str, float]:
+def parameters(law: type[FrictionLaw]) -> dict[str, Any]:
     """What the law needs; a new law has its cells without a line here."""
     hints = get_type_hints(law, include_extras=True)
     needed = [f.name for f in fields(law) if f.default is MISSING]
-    return {name: TYPICAL[next(m.unit for m in hints[name].__metadata__ if isinstance(m, Key))] for name in needed}
+    found = {name: TYPICAL[next(m.unit for m in hints[name].__metadata__ if isinstance(m, Key))] for name in needed}
+    return found | SPECIAL.get(law.law, {})
 
 
-FRICTION: dict[str, dict[str, float]] = {law.law: parameters(law) for law in FrictionLaw.kinds}
+FRICTION: dict[str, dict[str, Any]] = {law.law: parameters(law) for law in FrictionLaw.kinds}
 MODELS = ("plane strain", "axisymmetric", "3d")
 FORMS = ("condensed", "matrix-free")  # of the bodies
 MORE = ("order 2", "tensor", "k_T", "sliding", "floating", "driven", *FORMS)
@@ -67,6 +79,8 @@ class Cell:
         if self.operator in FACETS.values() and self.operator != FACETS[self.dim]:
             return False
         if friction is not None and (normal.ties or friction.refuses(normal)):
+            return False
+        if friction is not None and friction.orthotropic and self.dim == 2:
             return False
         turns = self.model != "axisymmetric"  # with one rigid motion, gram-uzawa happens to hold what it need not
         # a disc on a disc as large: whether its last node has slid off is a matter of rounding

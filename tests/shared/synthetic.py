@@ -97,6 +97,7 @@ def result_of(mesh: MeshData, time: float = 0.1 + 0.2, seed: int = 0) -> StepRes
         reference=random.normal(size=n * d),
         driven=random.normal(size=1),
         searched={},
+        slid={},
         p_ref=1.5,
         u_ref=1e-3 / 3,
         history=((time, 1, 0.1, 1, 0.5, "uzawa"), (time, 2, 1e-9, 3, 0.1 + 0.7, "uzawa")),

@@ -122,6 +122,7 @@ def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
         reference=np.zeros(0),
         driven=np.zeros(0),
         searched={},
+        slid={},
         obstacles={},
         p_ref=1.0,
         u_ref=1.0,

@@ -18,9 +18,13 @@ from stickslip.solvers.contact.rigid_obstacle import rigid_coupling
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.laws.bilateral import Bilateral
 from stickslip.solvers.laws.capped_coulomb import CappedCoulomb
+from stickslip.solvers.laws.cohesion import Cohesion
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.laws.friction import Coulomb, Stick, Tresca
 from stickslip.solvers.laws.law import FrictionLaw
+from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
+from stickslip.solvers.laws.pressure_dependent import PressureDependent
+from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.laws.tied import Tied
 from stickslip.solvers.laws.unilateral import Unilateral
@@ -143,6 +147,12 @@ LAWS: dict[str, tuple[FrictionLaw, Any]] = {
     "tresca, bilateral": (Tresca(bound=0.4), Bilateral()),
     "tresca, tied": (Tresca(bound=0.4), Tied()),
     "stick": (Stick(), Unilateral()),
+    "cohesion": (Cohesion(a=0.2, mu=0.3), Unilateral()),
+    "cohesion, bilateral": (Cohesion(a=0.2, mu=0.3), Bilateral()),
+    "by pressure": (PressureDependent(mu=((0.1, 0.3), (0.4, 0.25), (2.0, 0.5))), Unilateral()),
+    "by slip": (SlipDependent(mu=((0.1, 0.3), (0.4, 0.1), (2.0, 0.5))), Unilateral()),
+    "static, kinetic": (StaticKinetic(mu_s=0.4, mu_k=0.3, slip_length=0.5), Unilateral()),
+    "orthotropic": (OrthotropicCoulomb(mu_1=0.2, mu_2=0.5, axis=(1.0, 0.0, 0.0)), Unilateral()),
     "compliance": (TangentialCompliance(c_T=2.0, m_T=1.5), Compliance(c_n=3.0, m_n=2.0)),
 }
 
@@ -153,8 +163,9 @@ def test_both_formulas_of_a_bound_agree(friction: FrictionLaw, normal: Any) -> N
         np.array([-1.0, 0.0, 0.5, 4.0]),
         np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0.5, 0.5, 0], [0, 0, 0.2, 0.8]]),
     )
-    found = closed_formulas.bound(friction, normal, p, average, 0.7, 2.0)
-    np.testing.assert_allclose(found, friction.limit(p, average, normal, 0.7, 2.0))
+    slid = np.array([0.0, 0.2, 1.0, 7.0])
+    found = closed_formulas.bound(friction, normal, p, average, 0.7, 2.0, slid)
+    np.testing.assert_allclose(found, friction.at_slip(slid).limit(p, average, normal, 0.7, 2.0))
 
 
 def test_both_formulas_of_a_penetration_agree() -> None:
@@ -174,7 +185,7 @@ def test_a_law_of_a_file_of_ones_own_has_no_second_formula() -> None:
 
     p, alone = np.ones(1), np.eye(1)
     assert closed_formulas.penetration(Own(), p) is None
-    assert closed_formulas.bound(TangentialCompliance(c_T=1.0), Own(), p, alone, 1.0, 1.0) is None
+    assert closed_formulas.bound(TangentialCompliance(c_T=1.0), Own(), p, alone, 1.0, 1.0, p) is None
 
 
 @pytest.mark.parametrize(

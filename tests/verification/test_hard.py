@@ -115,7 +115,12 @@ def test_answer_that_its_audit_doubts(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_several_solutions_are_counted() -> None:
-    words = ["contacts.base.friction.mu=6.0", "bodies.block.nu=0.4999", "geometry.order=1"]
+    words = [
+        "contacts.base.friction.mu=6.0",
+        "bodies.block.nu=0.4999",
+        "geometry.order=1",
+        "bodies.block.formulation=displacement",
+    ]
     verdict = next(judge(read("raous", words)))
     assert (verdict.outcome, verdict.reason) == (Outcome.BRANCH, "4 other solutions were met")
 

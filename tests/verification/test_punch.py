@@ -1,5 +1,8 @@
 """A rigid flat punch: closed forms without friction and bonded, stick widths between the two."""
 
+from dataclasses import replace
+from typing import Literal
+
 import numpy as np
 import pytest
 
@@ -50,13 +53,15 @@ def test_pressure_and_shear_are_coupled() -> None:
     assert abs(punch_case.solve(cut).stick - 0.744) > 10 * punch.STICK_DIGITS
 
 
-def test_nearly_incompressible_bonded_punch_presses_as_the_frictionless_one() -> None:
-    assert not failures(punch_case.incompressible(REFERENCE))
+@pytest.mark.parametrize("order", [1, 2])
+def test_nearly_incompressible_bonded_punch_presses_as_the_frictionless_one(order: Literal[1, 2]) -> None:
+    assert not failures(punch_case.incompressible(REFERENCE, order=order))
 
 
-def test_linear_triangles_lock_there_and_the_plan_says_so() -> None:
-    assert len(failures(punch_case.incompressible(REFERENCE, order=1))) == len(punch.X)
-    soft = Cut(method=REFERENCE, normal=BONDED, nu=0.4999, order=1)
+def test_linear_triangles_of_displacements_alone_lock_there_and_the_plan_says_so() -> None:
+    assert len(failures(punch_case.incompressible(REFERENCE, order=1, formulation="displacement"))) == len(punch.X)
+    soft = Cut(method=REFERENCE, normal=BONDED, nu=0.4999, order=1, formulation="displacement")
+    assert not warnings(punch_case.scene(replace(soft, formulation="auto")))
     (warning,) = warnings(punch_case.scene(soft))
     assert "bodies.half_space.nu = 0.4999" in warning
 

@@ -9,11 +9,13 @@ from numpy.testing import assert_allclose
 
 import stickslip
 from stickslip.geometry.keys import Choice, Key, Noun
+from stickslip.solvers.laws.pressure_dependent import PressureDependent
+from stickslip.solvers.laws.slip_dependent import SlipDependent
 from stickslip.solvers.methods import METHODS
 from stickslip.workflows.scene_file.read import from_dict, read, to_dict
 from stickslip.workflows.verification.cases import units as units_case
 from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.units import Units, in_millimetres
+from stickslip.workflows.verification.units import Units, convert, in_millimetres
 
 MM = Units(length=1000.0, force=1.0, plane=False)
 
@@ -94,3 +96,9 @@ def test_every_key_has_a_unit_that_can_be_converted(noun: type[Any]) -> None:
         for key in getattr(hint, "__metadata__", ()):
             if isinstance(key, Key):
                 assert MM.factor(key.unit, Exponent) > 0
+
+
+def test_tables_have_both_columns_converted() -> None:
+    law = PressureDependent(mu=((0.0, 0.4), (2e6, 0.3)))
+    assert convert(law, MM).mu == ((0.0, 0.4), (2.0, 0.3))
+    assert convert(SlipDependent(mu=((0.5, 0.4),)), MM).mu == ((500.0, 0.4),)

@@ -9,8 +9,9 @@ from typing import Literal
 
 import numpy as np
 
+from stickslip.geometry.errors import prefixed
 from stickslip.geometry.size_field import SizeField
-from stickslip.solvers.scene.scene import Scene, prefixed
+from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Seconds
 from stickslip.workflows.accuracy.standing import Standing
 

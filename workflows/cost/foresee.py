@@ -16,10 +16,10 @@ from itertools import product
 
 import numpy as np
 
-from stickslip.geometry.errors import GeometryError, SceneError, SolverError
+from stickslip.geometry.errors import GeometryError, SceneError, SolverError, prefixed
 from stickslip.solvers.results.error_parts import Errors, Quantity
 from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.scene.scene import Scene, prefixed
+from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.accuracy.level import SOLVING

@@ -7,8 +7,8 @@ from math import sqrt
 from typing import Literal
 from urllib.parse import quote
 
-from stickslip.geometry.errors import SceneError
-from stickslip.solvers.scene.scene import Scene, prefixed
+from stickslip.geometry.errors import SceneError, prefixed
+from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
 from stickslip.workflows.scene_file.read import with_method
 

@@ -55,6 +55,7 @@ class StoredStep:
     reference: Array  # (rows,) what the laws count w from [m]
     driven: Array  # (o,) motion of the obstacles that forces drive [m]
     searched: Mapping[str, Array]  # where sliding contacts were paired [m]
+    slid: Mapping[str, Array]  # length of slip of points whose friction depends on it [m]
 
 
 def step_name(index: int) -> str:
@@ -99,6 +100,7 @@ def write_step(folder: Path, index: int, result: StepResult, going: Plain = None
         "state/reference": result.reference,
         "state/driven": result.driven,
         **{f"searched/{name}": moved for name, moved in result.searched.items()},
+        **{f"slid/{name}": length for name, length in result.slid.items()},
     }
     for name, contact in result.contacts.items():
         arrays |= {f"contacts/{name}/{key}": value for key, value in _columns(contact).items()}
@@ -148,6 +150,7 @@ def read_step(path: Path) -> StoredStep:
             reference=arrays["state/reference"],
             driven=arrays["state/driven"],
             searched={name.split("/")[1]: moved for name, moved in arrays.items() if name.startswith("searched/")},
+            slid={name.split("/")[1]: length for name, length in arrays.items() if name.startswith("slid/")},
         )
     except (KeyError, TypeError, ValueError) as error:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error

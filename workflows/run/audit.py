@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from stickslip.solvers.results.audit import Audit, Auditor, Record
+from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.solvers.results.step_result import StepResult
-from stickslip.solvers.results.stored_fields import StoredFields
+from stickslip.solvers.results.stored_fields import Record, StoredFields
 from stickslip.solvers.results.verdict import passed
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.steps import read_step, step_name
@@ -56,6 +56,7 @@ def _record(path: Path, dim: int) -> Record:
         reference=stored.reference,
         driven=stored.driven,
         searched=stored.searched,
+        slid=stored.slid,
         stored=StoredFields(
             stress=stored.stress,
             von_mises=stored.von_mises,

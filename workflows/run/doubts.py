@@ -122,6 +122,7 @@ def doubts(
     """
     problem, contacts = simulation.problem, simulation.system.contacts
     yield from _several_solutions(steps, "N/m" if problem.model.startswith("plane") else "N")
+    yield from _slip_jumps(steps)
     yield from large_time_errors(problem, steps, errors or ())
     for rows in contacts:
         states = [step.contacts[rows.name] for step in steps if rows.name in step.contacts]
@@ -149,6 +150,17 @@ def _several_solutions(steps: Sequence[StepResult], unit: str) -> Iterator[str]:
         f"one reached from the tractions of the step before, with a normal force of {found[0][name]:.4g} {unit} "
         f"in contacts.{name}; others that were met have {more} {unit}"
     )
+
+
+def _slip_jumps(steps: Sequence[StepResult]) -> Iterator[str]:
+    """Where friction weakens faster than bodies unload: of the first such step."""
+    found = [step for step in steps if step.weakening >= 1]
+    if found:
+        yield (
+            f"t = {found[0].time:g}: friction weakens by slip {max(step.weakening for step in found):.3g} times as "
+            f"fast as the bodies unload, so slip jumps, in {len(found)} of {len(steps)} steps: such a step has several "
+            "solutions, and the nearest one to the step before is taken; inertia, which is left out, may carry it on"
+        )
 
 
 def large_time_errors(problem: Problem, steps: Sequence[StepResult], errors: Sequence[Errors]) -> Iterator[str]:

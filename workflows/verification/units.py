@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
+from operator import mul
 from typing import Any, TypeVar, get_type_hints
 
 from stickslip.geometry.keys import Key
@@ -29,6 +30,8 @@ class Units:
     def factor(self, unit: str, noun: Any = None) -> float:
         """Factor for a number of this unit; an exponent may be the name of another field of the same table.
 
+        Units of a table's columns are separated by a comma: then it is the factor of the last one.
+
         >>> mm = Units(length=1000.0, force=1.0, plane=False)
         >>> mm.factor("m/s²"), mm.factor("Pa"), mm.factor("-")
         (1000.0, 1e-06, 1.0)
@@ -37,7 +40,7 @@ class Units:
         symbols |= {"Pa": self.force / self.length**2, "kg": self.force / self.length, "J": self.force * self.length}
         if self.plane:
             symbols |= {"N": self.force / self.length, "J": self.force}
-        total = 1.0
+        total, unit = 1.0, unit.split(", ")[-1]
         for place, part in enumerate(unit.split("/") if unit != "-" else ()):
             if part == "1":
                 continue
@@ -64,7 +67,11 @@ def convert(noun: Noun, units: Units) -> Noun:
     hints, changed = get_type_hints(type(noun), include_extras=True), {}
     for field in fields(noun):  # type: ignore[arg-type]
         unit = next((m.unit for m in getattr(hints[field.name], "__metadata__", ()) if isinstance(m, Key)), "-")
-        changed[field.name] = _scaled(getattr(noun, field.name), units.factor(unit, noun), units)
+        value, columns = getattr(noun, field.name), unit.split(", ")
+        if len(columns) > 1:  # a table
+            changed[field.name] = tuple(tuple(map(mul, row, map(units.factor, columns))) for row in value)
+            continue
+        changed[field.name] = _scaled(value, units.factor(unit, noun), units)
     return replace(noun, **changed)  # type: ignore[type-var]
 
 

@@ -47,6 +47,7 @@ class Cut:
     normal: NormalLaw = HELD
     friction: FrictionLaw | None = None
     nu: float = punch.NU
+    formulation: Literal["auto", "displacement"] = "auto"
     order: Literal[1, 2] = 2
     fine: float = FINE
     edge: float | None = FINE / 10
@@ -69,7 +70,7 @@ def scene(cut: Cut) -> Scene:
             order=cut.order,
             symmetric=cut.symmetric,
         ),
-        bodies={"half_space": Material(E=1000.0, nu=cut.nu)},
+        bodies={"half_space": Material(E=1000.0, nu=cut.nu, formulation=cut.formulation)},
         obstacles={"punch": Plane(point=(0.0, 0.0), normal=(0.0, -1.0), displacement={"y": -0.01})},
         contacts={
             "face": Contact(surface="half_space.contact", against="punch", normal=cut.normal, friction=cut.friction)
@@ -151,13 +152,16 @@ def stick(method: str, fine: float = 0.005, mus: tuple[float, ...] = tuple(punch
     return found
 
 
-def incompressible(method: str, order: Literal[1, 2] = 2) -> list[Check]:
-    """nu = .4999: a bonded punch has the pressure of a frictionless one; linear triangles lock."""
-    face = solve(Cut(method=method, normal=BONDED, nu=0.4999, order=order))
+def incompressible(
+    method: str, order: Literal[1, 2] = 2, formulation: Literal["auto", "displacement"] = "auto"
+) -> list[Check]:
+    """nu = .4999: a bonded punch has the pressure of a frictionless one; displacements of order 1 alone lock."""
+    face = solve(Cut(method=method, normal=BONDED, nu=0.4999, order=order, formulation=formulation))
     p = face.at(punch.X)[0]
-    # 5 % is asked for; at 4, 2 and 1 times FINE the largest error is .5, .8 and .15 %
+    # 1 % is asked for; with FINE the largest error is .8 % with order 1, .11 % with order 2
+    name = f"nu = .4999, bonded, order {order}"
     return [
-        Check(f"nu = .4999, bonded, x = {x:g} a: p a / P", p[k], float(punch.frictionless(x)), 0.02, relative=True)
+        Check(f"{name}, x = {x:g} a: p a / P", p[k], float(punch.frictionless(x)), 0.01, relative=True)
         for k, x in enumerate(punch.X)
     ]
 
@@ -183,4 +187,4 @@ def checks(method: str) -> list[Check]:
     """All of them with the reference; plain Uzawa needs over 10000 iterations on meshes graded to a thousandth."""
     if method != REFERENCE:
         return agree(method)
-    return tractions(method) + far(method) + stick(method) + incompressible(method)
+    return tractions(method) + far(method) + stick(method) + incompressible(method) + incompressible(method, order=1)

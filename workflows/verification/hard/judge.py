@@ -15,8 +15,9 @@ from stickslip.geometry.errors import GeometryError, SceneError, StickslipError
 from stickslip.solvers.interface.limit_analysis import Balance
 from stickslip.solvers.methods import Solver
 from stickslip.solvers.newton.solution import Status
-from stickslip.solvers.results.audit import Audit, Auditor, Record
+from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.stored_fields import Record
 from stickslip.solvers.results.verdict import passed
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.applicable import refusals
@@ -114,6 +115,7 @@ def _record(step: StepResult) -> Record:
         reference=step.reference,
         driven=step.driven,
         searched=step.searched,
+        slid=step.slid,
     )
 
 

@@ -1,0 +1,21 @@
+"""Mean dilatation: nearly incompressible bodies do not lock; see `stickslip.solvers.fem.mean_dilatation`."""
+
+from __future__ import annotations
+
+from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.scene.scene import Scene
+
+
+class MeanDilatationEffect(Effect):
+    """Part of the bodies' own stiffness; here is its row of the plan."""
+
+    name = "mean_dilatation"
+
+    def because(self, scene: Scene) -> str | None:
+        if scene.model == "plane stress":
+            return None
+        found = [f"bodies.{name}.nu = {body.nu:g}" for name, body in scene.bodies.items() if body.averages]
+        return ", ".join(found) or None
+
+
+EFFECT = MeanDilatationEffect()

@@ -1,0 +1,111 @@
+"""Mean dilatation: nearly incompressible bodies whose volume changes as a mean around each node, so that nothing locks.
+
+The energy λ/2 ∫ (div u)² dx becomes λ/2 sum V_a θ_a², θ_a = ∫ φ_a div u dx / V_a, V_a = ∫ φ_a dx, φ_a the linear basis
+functions. That is a displacement-pressure formulation, p = -λ sum θ_a φ_a, whose pressures are eliminated by a lumped
+mass: the stiffness stays symmetric positive definite, without further unknowns. With displacements of order 2 it is the
+pair of Taylor & Hood. Displacements of order 1 have too few freedoms for a pressure at each corner: nodes at the body's
+surface have none, their share goes to the neighbours within; nodes without such a neighbour keep theirs.
+
+Hertz at nu = .4999, pressures within .9 a, root mean square error in percent of the peak (at nu = .3 without it): plane
+strain, order 1, 16 cells in a: .9 (.8), axisymmetric .3 (.6), 3D, 8 cells: 4.4 (3.3); order 2: .8 (.7), .2 (.3), .8
+(1.4). Displacements alone, order 1: 70, 93, 340; order 2: 4.4, 2.8.
+
+Source: Taylor & Hood, Comput. Fluids 1 (1973); Bonet & Burton, Commun. Numer. Meth. Engng 14 (1998), of averages at the
+nodes of linear tetrahedra; de Souza Neto et al., Int. J. Numer. Meth. Engng 62 (2005), of averages over patches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+
+import numpy as np
+from petsc4py import PETSc
+
+from stickslip.geometry import dolfinx_versions as dx
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.dolfinx_versions import ufl
+from stickslip.geometry.protocols import Function, FunctionSpace, Mat, Vec
+from stickslip.solvers.fem.forms import WeakForms
+
+SMALL = 1e-12  # of the largest; smaller weights are rounding
+
+
+class MeanDilatation:
+    """The averages of all bodies that have them; without such bodies it does nothing."""
+
+    def __init__(self, weak: WeakForms) -> None:
+        """Assemble the averages; collective."""
+        self._weak = weak
+        self._bodies = {name: self._averages(name) for name in weak.problem.averaged}
+
+    @cached_property
+    def _space(self) -> FunctionSpace:
+        return dx.scalar_space(self._weak.mesh.domain)
+
+    def _averages(self, body: str) -> tuple[Mat, Vec, Mat | None]:
+        """Of one body: displacement to V_a θ_a, V_a, and the matrix by which surface nodes give away their share."""
+        weak, q = self._weak, ufl.TestFunction(self._space)
+        change = q * ufl.tr(weak.strain(weak.u)) * weak.volume(body)
+        C, V = dx.assemble_matrix(weak.compile(change)), dx.assemble_vector(weak.compile(q * weak.volume(body)))
+        if weak.mesh.degree > 1:
+            return C, V, None
+        share = self._inwards(body, V)
+        return share.matMult(C), share * V, share
+
+    def _inwards(self, body: str, V: Vec) -> Mat:
+        """(nodes, nodes): shares of the nodes that keep a dilatation in those that have none."""
+        weak, q = self._weak, ufl.TestFunction(self._space)
+        mass = q * ufl.TrialFunction(self._space) * weak.volume(body)
+        near: Mat = dx.assemble_matrix(weak.compile(mass))
+        outside = dx.assemble_vector(weak.compile(q * weak.skin()))
+        within = V.duplicate()
+        within.array[:] = (V.array_r > 0) & (outside.array_r <= SMALL * outside.max()[1])
+        to = near * within  # symmetric: of each node, its weight in the neighbours within
+        gone = V.duplicate()
+        gone.array[:] = (within.array_r == 0) & (to.array_r > SMALL * to.max()[1])
+        kept, scale = V.duplicate(), V.duplicate()
+        kept.array[:] = 1.0 - gone.array_r
+        scale.array[:] = gone.array_r / np.where(gone.array_r > 0, to.array_r, 1.0)
+        near.diagonalScale(within, scale)
+        near.setDiagonal(kept)
+        return near
+
+    def add_to(self, K: Mat) -> Mat:
+        """The stiffness K [N/m] of the bodies' shear, with that of their dilatation; collective."""
+        form = K.getAttr("form")
+        for body, (C, V, _) in self._bodies.items():
+            weighted, weight = C.copy(), V.duplicate()
+            weight.array[:] = self._weak.lame(body)[0] * _inverse(V)
+            weighted.diagonalScale(weight)
+            K.axpy(1.0, C.transposeMatMult(weighted), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        K.setAttr("form", form)
+        return K
+
+    def functions(self) -> dict[str, Function]:
+        """A field for the dilatation of each body [-], for `fill`."""
+        return {body: dx.fem.Function(self._space) for body in self._bodies}
+
+    def fill(self, functions: Mapping[str, Function], u: Vec) -> None:
+        """Write sum θ_a φ_a of a displacement of all dofs [m] into the fields, ghosts included; collective."""
+        for body, (C, V, share) in self._bodies.items():
+            theta = C * u
+            theta.array[:] *= _inverse(V)
+            if share is not None:
+                spread = V.duplicate()
+                share.multTranspose(theta, spread)
+                theta = spread
+            dx.petsc_vector(functions[body]).array[:] = theta.array_r
+            functions[body].x.scatter_forward()
+
+    def at_midpoints(self, u: Vec, functions: Mapping[str, Function]) -> dict[str, Array]:
+        """The fields of a displacement [m] at the midpoints of this rank's cells (cells,) [-]; collective."""
+        self.fill(functions, u)
+        corners = {body: dx.cell_dofs(self._space) for body in functions}
+        return {body: field.x.array[corners[body]].mean(axis=1) for body, field in functions.items()}
+
+
+def _inverse(V: Vec) -> Array:
+    """1 / V_a (own,), zero at nodes without a dilatation."""
+    volume = V.array_r
+    return np.divide(1.0, volume, out=np.zeros_like(volume), where=volume > 0)

@@ -1,0 +1,94 @@
+"""Bounds of friction laws beyond Coulomb's: their slopes, their lines, and what remembers slip."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import sparse
+
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.laws.bilateral import Bilateral
+from stickslip.solvers.laws.cohesion import Cohesion
+from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
+from stickslip.solvers.laws.friction import Coulomb
+from stickslip.solvers.laws.law import FrictionLaw
+from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
+from stickslip.solvers.laws.pressure_dependent import PressureDependent
+from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
+from stickslip.solvers.laws.unilateral import Unilateral
+
+AXIS = (0.0, 3.0, 0.0)
+PLAIN: list[FrictionLaw] = [
+    Cohesion(a=0.7, mu=0.3),
+    PressureDependent(mu=((0.5, 0.5), (2.0, 0.4), (4.0, 0.6))),
+    OrthotropicCoulomb(mu_1=0.2, mu_2=0.5, axis=AXIS),
+]
+SHARES = sparse.csr_matrix([[0.7, 0.5, -0.2, 0.0], [0.0, -0.1, 0.4, 0.7]])  # dual functions are negative somewhere
+NOW: dict[str, Any] = {"normal": Unilateral(), "time": 1.0, "end": 1.0}
+
+
+@pytest.mark.parametrize("law", PLAIN)
+def test_slope_of_the_bound_is_its_derivative(law: FrictionLaw) -> None:
+    h = 1e-6
+    for p in (np.array([1.0, 4.0, 9.0, 0.0]), np.array([-1.0, -4.0, 9.0, 1.0])):
+        at = [[law.limit(p + sign * h * e, average=SHARES, **NOW) for e in np.eye(4)] for sign in (1, -1)]
+        slope = (np.array(at[0]) - np.array(at[1])).T / (2 * h)
+        assert_allclose(law.limit_slope(p, SHARES, Unilateral()).toarray(), slope, atol=1e-9)  # eps / h
+
+
+@pytest.mark.parametrize("law", PLAIN)
+def test_lines_are_the_bound_from_both_sides(law: FrictionLaw) -> None:
+    p = np.linspace(0.01, 20.0, 500)
+    cap, below, above = law.lines(Unilateral(), 1.0, 1.0)
+    s = law.limit(p, average=sparse.identity(500, format="csr"), **NOW) - law.at_no_pressure
+    assert np.all(np.minimum(cap, below * p) <= s * (1 + 1e-14))
+    assert np.all(s <= np.minimum(cap, above * p) * (1 + 1e-14))
+    assert law.homogeneous(Unilateral(), 1.0, 1.0) == (law is PLAIN[2])
+
+
+def test_cohesion_holds_where_surfaces_press_and_everywhere_if_they_cannot_part() -> None:
+    law, alone, p = Cohesion(a=0.7, mu=0.3), sparse.identity(3, format="csr"), np.array([-1.0, 0.0, 2.0])
+    assert_allclose(law.limit(p, average=alone, **NOW), [0.0, 0.0, 1.3])
+    assert_allclose(law.limit(p, average=alone, **NOW | {"normal": Bilateral()}), [0.7, 0.7, 1.3])
+    assert law.resists()
+    assert Cohesion(a=0.7, mu=0.0).resists()
+    assert not Cohesion(a=0.0, mu=0.0).resists()
+
+
+def test_a_bound_that_would_fall_as_the_pressure_grows_is_refused() -> None:
+    PressureDependent(mu=((0.0, 0.4), (2.0, 0.2)))  # s = 0.4 p - 0.1 p^2 is level at 2 Pa
+    with pytest.raises(SceneError, match="the bound mu p_n falls as the pressure grows"):
+        PressureDependent(mu=((0.0, 0.4), (2.0, 0.19)))
+    assert not PressureDependent(mu=((0.0, 0.0),)).resists()
+
+
+def test_laws_by_slip_are_coulombs_with_the_mu_of_each_point() -> None:
+    slid = np.array([0.0, 0.5, 1.0, 7.0])
+    for law, mu in (
+        (StaticKinetic(mu_s=0.3, mu_k=0.2, slip_length=1.0, k_T=4.0), [0.3, 0.25, 0.2, 0.2]),
+        (SlipDependent(mu=((0.5, 0.1), (1.0, 0.4), (3.0, 0.2)), k_T=4.0), [0.1, 0.1, 0.4, 0.2]),
+    ):
+        found = law.at_slip(slid)
+        assert isinstance(found, CoulombByPoint)
+        assert_allclose(found.mu, mu, rtol=1e-15)
+        assert found.of_point(1) == Coulomb(mu=mu[1], k_T=4.0)
+        assert law.remembers
+        assert law.resists()
+        assert_allclose(law.weakening, 0.1)
+    assert not StaticKinetic(mu_s=0.0, mu_k=0.0, slip_length=1.0).resists()
+    assert Coulomb(mu=0.3).at_slip(slid) == Coulomb(mu=0.3)
+
+
+def test_directions_are_orthogonal_as_long_as_mu_and_along_the_axis() -> None:
+    law, up = OrthotropicCoulomb(mu_1=0.2, mu_2=0.5, axis=(0.0, 3.0, 9.0)), np.array([[1.0, 0, 0], [0, 1.0, 0]])
+    turned = np.array([[0.6, 0.8, 0.0], [0.8, -0.6, 0.0]])
+    both = law.directions(np.array([up, turned]), np.ones((2, 2), bool))
+    assert_allclose(both[:, 0], [[0.0, 0.4, 0.0]] * 2, atol=1e-15)
+    assert_allclose(np.abs(both[:, 1]), [[1.0, 0.0, 0.0]] * 2, atol=1e-15)
+    one = law.directions(np.array([turned]), np.array([[True, False]]))  # the ellipse, cut along the free direction
+    assert_allclose(one[0, 0] / np.linalg.norm(one[0, 0]), turned[0])
+    assert_allclose(np.linalg.norm(one[0, 0]) * 0.5, 1 / np.hypot(0.8 / 0.2, 0.6 / 0.5))
+    assert_array_equal(Coulomb(mu=0.3).directions(up, np.ones((1, 2), bool)), up)
+    with pytest.raises(SceneError, match=r"axis = \[0.0, 3.0, 0.0\]: is normal to the side at some point"):
+        OrthotropicCoulomb(mu_1=0.2, mu_2=0.5, axis=AXIS).directions(np.eye(3)[None, [0, 2]], np.ones((1, 2), bool))
