@@ -19,6 +19,7 @@ from stickslip.geometry.arrays import Array, Bools, Ints, cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Comm, Mat
+from stickslip.solvers.fem.links import Links
 from stickslip.solvers.scene.timeline import Course, Drive, Place
 
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -69,6 +70,7 @@ class Constraints:
     points: Mapping[int, Array]  # coordinates (d,) [m] of the nodes above
     part: Mapping[int, int]  # part of the mesh that each of them belongs to
     sprung: Sprung
+    links: Links
     parts: int  # number of parts
     axisymmetric: bool
 

@@ -86,6 +86,9 @@ class RigidModes:
         blocks.append(self._of_parts(self.joints.points, one) - self._of_parts(self.joints.points, other))
         fields = self._of_parts(of.sprung.points, of.sprung.part)
         blocks.append(np.einsum("md,mdc->mc", of.sprung.directions, fields))
+        linked = np.einsum("wd,wdc->wc", of.links.weights, self._of_parts(of.links.points, of.links.part))
+        blocks.append(np.zeros((len(of.links.stiffness), linked.shape[1])))
+        np.add.at(blocks[-1], of.links.of, linked)
         nothing = np.zeros((1, of.parts * kinds))
         return np.concatenate([nothing, *(block.reshape(-1, of.parts * kinds) for block in blocks)])
 

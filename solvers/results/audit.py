@@ -132,7 +132,7 @@ class Auditor:
         found = ["loads"] * bool(self.start.loads)
         found += [f"{effect.name}: stiffness" for effect in active(problem) if effect.stiffens]
         found += [f"{place}: expression" for place in problem.timeline.expressions if place.table == "supports"]
-        found += [f"initial strain of {strain.body}" for strain in self.start.initial.strains]
+        found += [f"initial strain of {s.body}" for s in self.start.initial.strains] + [x.key for x in problem.links]
         for name, obstacle in problem.obstacles.items():
             if gap(obstacle, np.zeros((1, problem.dim))) is None:
                 found.append(f"obstacles.{name}: gap")
@@ -373,7 +373,7 @@ class Auditor:
         """Inner forces of bodies and of effects that stiffen them [N]; u: displacement of all dofs [m]."""
         dx.petsc_vector(self._u).array[:] = u.array
         self._u.x.scatter_forward()
-        return dx.assemble_vector(self._inner_forces)
+        return self.start.constraints.links.inner(u, dx.assemble_vector(self._inner_forces))
 
     @cached_property
     def _signs(self) -> Vec:

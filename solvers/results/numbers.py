@@ -27,6 +27,8 @@ def quantities(step: StepResult | Numbers) -> dict[Quantity, Value]:
         found[Quantity("obstacles", name, "displacement")] = obstacle.displacement
         found[Quantity("obstacles", name, "force")] = obstacle.force
         found[Quantity("obstacles", name, "moment")] = _moment(obstacle.moment)
+    for name, spring in step.springs.items():
+        found[Quantity("springs", name, "force")] = spring.force
     for name, probe in step.probes.items() if isinstance(step, StepResult) else ():
         found[Quantity("probes", name, "displacement")] = probe.displacement
         found[Quantity("probes", name, "stress")] = np.array([probe.stress[ij] for ij in STRESSES.values()])

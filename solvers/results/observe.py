@@ -29,6 +29,7 @@ from stickslip.solvers.results.step_result import (
     ObstacleState,
     ProbeValue,
     Reaction,
+    SpringForce,
     StepResult,
     SurfaceMesh,
 )
@@ -98,7 +99,7 @@ class CellStress:
         found = self._strain(self._cells)
         d = round(found.shape[-1] ** 0.5)
         strain[:, :d, :d] = found.reshape(-1, d, d)
-        for value, given in zip(initial, self._system.initial.strains, strict=True):
+        for value, given in zip(initial, self._system.initial.strains, strict=False):
             strain[self._members[given.body]] -= value * given.strain
         lame_lambda, lame_mu = self._lame.T
         if self._system.problem.model == "plane stress":
@@ -174,6 +175,7 @@ class Observer:
             contacts=numbers.contacts,
             obstacles=numbers.obstacles,
             supports=numbers.supports,
+            springs=numbers.springs,
             probes={name: self._probe(where, nodal, cell_stress) for name, where in self.probes.items()},
             energy=state.energy,
             iteration_error=iteration_error(accepted),
@@ -207,8 +209,16 @@ class Observer:
             contacts=contacts,
             obstacles=self._obstacles(state, contacts),
             supports={name: Reaction(*pair) for name, pair in reactions.items()},
+            springs=self._springs(state),
             energy=state.energy,
         )
+
+    def _springs(self, state: State) -> dict[str, SpringForce]:
+        """Force of each spring between places."""
+        system, links = self.stepper.system, self.stepper.system.constraints.links
+        rest = state.initial[len(system.initial.strains) :] @ links.at_rest
+        forces = links.resultants(links.stiffness * (state.elongation - rest))
+        return {name: SpringForce(force) for (_, name), force in forces.items()}
 
     def _mesh_error(self, displacement: Array, peak: float) -> tuple[float, Array]:
         """`StepResult.mesh_error` and `stress_error`; collective. They are found on rank 0, which has the fields."""

@@ -28,6 +28,8 @@ def values(step: StepResult) -> dict[str, float]:
         found |= _vector(f"support.{name}.force", force)
     for name, (moved, force, _) in step.obstacles.items():
         found |= _vector(f"obstacle.{name}.displacement", moved) | _vector(f"obstacle.{name}.force", force)
+    for name, spring in step.springs.items():
+        found |= _vector(f"spring.{name}.force", spring.force)
     return found | {f"energy.{key}": float(getattr(step.energy, key)) for key in ENERGIES}
 
 
@@ -35,7 +37,10 @@ def _vector(name: str, components: Array) -> dict[str, float]:
     return {f"{name}.{axis}": float(value) for axis, value in zip("xyz", components, strict=False)}
 
 
-SINGULAR = {"contacts": "", "supports": "support.", "obstacles": "obstacle.", "probes": "probe.", "energy": "energy"}
+SINGULAR = {
+    "contacts": "", "supports": "support.", "obstacles": "obstacle.", "springs": "spring.", "probes": "probe.",
+    "energy": "energy",
+}  # fmt: skip
 
 
 def total_errors(step: StepResult, errors: Errors) -> dict[str, float]:

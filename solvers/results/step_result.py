@@ -33,6 +33,12 @@ class ObstacleState(NamedTuple):
     moment: Array  # (1,) or (3,) about the point of the rotation, or about the origin without one [N m]
 
 
+class SpringForce(NamedTuple):
+    """What a spring between places exerts on the body at its end `at`."""
+
+    force: Array  # (d,) [N]
+
+
 class ProbeValue(NamedTuple):
     """Fields at a point that a probe names."""
 
@@ -87,6 +93,7 @@ class Numbers:
     contacts: Mapping[str, ContactState]
     supports: Mapping[str, Reaction]
     obstacles: Mapping[str, ObstacleState]
+    springs: Mapping[str, SpringForce]
     energy: Energy  # totals since t = 0 [J]
 
 
@@ -132,6 +139,7 @@ class StepResult:
     ] = ()  # that friction admits and were met: normal force by contact [N]
     corrected: Mapping[str, Value] = field(default_factory=dict)  # by `Quantity`: most of the mesh's error removed
     errors: Mapping[str, ErrorParts] = field(default_factory=dict)  # by `Quantity`, but for those of the time steps
+    springs: Mapping[str, SpringForce] = field(default_factory=dict)
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 
     def without_fields(self) -> StepResult:

@@ -1,4 +1,4 @@
-"""What acts on the sides of bodies: loads, supports, which prescribe displacements, and springs."""
+"""What acts on bodies: loads, supports, which prescribe displacements, and springs."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.expression import Varying, check_varying
 from stickslip.geometry.keys import Key, Noun
+
+End = str | tuple[float, ...]  # of a link: a side, as body.side, or a point [m], at which a mesh vertex lies
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,3 +81,30 @@ class Springs:
         axes = np.eye(normals.shape[1])
         across = [axis - (normals @ axis)[:, None] * normals for axis in axes] if self.tangential else []
         return across + [normals] * (self.normal > 0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Link:
+    """Linear springs, r of them, between two places or a place and the ground, that an effect declares.
+
+    A place is a point, or the mean displacement of a side: the force is then spread evenly over the side.
+    """
+
+    at: End
+    to: End | None  # None: the ground
+    directions: Array  # (r, d) unit vectors
+    stiffness: Array  # (r,) [N/m]; per metre in plane models
+    moved: tuple[str, ...]  # axes along which the ground moves, by `displacement` of the table
+    table: str
+    name: str
+
+    @property
+    def key(self) -> str:
+        """Of the scene."""
+        return f"{self.table}.{self.name}"
+
+    @property
+    def ends(self) -> dict[str, tuple[End, float]]:
+        """Its places by key, each with the sign with which its displacement counts in the elongation."""
+        places = {f"{self.key}.at": (self.at, 1.0)}
+        return places if self.to is None else places | {f"{self.key}.to": (self.to, -1.0)}

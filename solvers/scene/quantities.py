@@ -18,8 +18,9 @@ def names(
     supports: Collection[str] = (),
     obstacles: Collection[str] = (),
     probes: Collection[str] = (),
+    springs: Collection[str] = (),
 ) -> tuple[str, ...]:
-    """Names of all numbers of a scene with these contacts, supports, obstacles and probes.
+    """Names of all numbers of a scene with these contacts, supports, obstacles, probes and springs.
 
     >>> names(2, contacts=["base"])[:2], names(2, probes=["tip"])[:2]
     (('base.normal_force', 'base.tangential_force'), ('probe.tip.displacement.x', 'probe.tip.displacement.y'))
@@ -31,5 +32,6 @@ def names(
         *(f"probe.{name}.stress.{ij}" for name in probes for ij in STRESSES),
         *(f"support.{name}.force.{a}" for name in supports for a in axes),
         *(f"obstacle.{name}.{key}.{a}" for name in obstacles for key in ("displacement", "force") for a in axes),
+        *(f"spring.{name}.force.{a}" for name in springs for a in axes),
         *(f"energy.{key}" for key in ENERGIES),
     )

@@ -12,7 +12,7 @@ from stickslip.solvers.contact.rigid_obstacle import seen_from
 from stickslip.solvers.fem.constraints import AXES
 from stickslip.solvers.fem.rigid_modes import rigid_fields, rigid_names
 from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Support
+from stickslip.solvers.scene.loads import End, Support
 from stickslip.solvers.scene.scene import Scene
 
 FAINT = 1e-9  # of E / extent: a body held by softer tangential springs slides until rounding takes its stresses
@@ -47,6 +47,9 @@ def unresisted_modes(scene: Scene) -> UnresistedModes:
         points, normals = scene.geometry.sample(springs.boundary, scene.dim)
         fields = motions.fields(springs.boundary.split(".")[0], points)
         blocks += [np.einsum("kd,kdj->kj", along, fields) for along in springs.directions(normals)]
+    for link in scene.links():
+        moved = np.sum([sign * _mean(scene, end, motions) for end, sign in link.ends.values()], axis=0)
+        blocks.append(link.directions @ moved)
     for slave, master in scene.request().periodic:
         here, there = (
             motions.fields(side.split(".")[0], scene.geometry.sample(side, scene.dim)[0]) for side in (slave, master)
@@ -120,6 +123,14 @@ def _supported(scene: Scene, support: Support, motions: RigidMotions) -> list[Ar
         directions = normals if axis == "normal" else np.tile(np.eye(dim)[AXES[axis]], (len(points), 1))
         blocks.append(np.einsum("kd,kdj->kj", directions, fields))
     return blocks
+
+
+def _mean(scene: Scene, end: End, motions: RigidMotions) -> Array:
+    """Displacement (d, k) of an end of a link in each motion of size 1; of a side the mean."""
+    if isinstance(end, str):
+        return np.asarray(motions.fields(end.split(".")[0], scene.geometry.sample(end, scene.dim)[0]).mean(axis=0))
+    point = np.array([end], float)
+    return np.asarray(motions.fields(_nearest_body(scene, point), point)[0])
 
 
 def _touching(scene: Scene, contact: Contact, motions: RigidMotions) -> list[Array]:

@@ -146,7 +146,7 @@ class Stepper:
         motion = {c.name: np.zeros_like(c.points) for c in self.system.contacts}
         slip = {c.name: np.zeros_like(c.surface.points) for c in self.system.contacts}
         forces, rows = {name: np.zeros_like(m) for name, m in motion.items()}, self.system.contacts
-        unstrained = np.zeros(len(self.system.initial.strains))
+        unstrained = np.zeros(len(self.system.initial.forces))
         return State(
             time=0.0,
             u=vector(),
@@ -154,6 +154,7 @@ class Stepper:
             load=vector(),
             initial=unstrained,
             initial_work=unstrained,
+            elongation=np.zeros(len(self.system.constraints.links.stiffness)),
             residual=vector(),
             p=zero,
             w=zero,

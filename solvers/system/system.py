@@ -8,6 +8,7 @@ from functools import cache, cached_property
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.linalg import block_diag
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
@@ -21,6 +22,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.fem.links import Links
 from stickslip.solvers.fem.rigid_modes import RigidModes
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.parallel.counters import Counters
@@ -212,23 +214,36 @@ def inner_forces(problem: Problem, weak: WeakForms, u: UflExpr | None = None) ->
     return form
 
 
+def _stiffness(problem: Problem, weak: WeakForms, links: Links) -> Mat:
+    """K of the bodies, of effects and of links, PETSc [N/m]; collective."""
+    K = dx.assemble_matrix(weak.compile(inner_forces(problem, weak)))
+    if links:
+        K.axpy(1.0, links.matrix(K), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    return K
+
+
 def applied_loads(problem: Problem, weak: WeakForms) -> AppliedLoads:
     """The loads of the scene and of all active effects; collective."""
     of_effects = (term for effect in active(problem) for term in effect.loads(problem, weak))
     return AppliedLoads(weak, [*weak.loads(), *of_effects])
 
 
-def _initial_strains(problem: Problem, weak: WeakForms) -> InitialStrains:
-    """Assemble the initial strains of all active effects; collective."""
+def _initial_strains(problem: Problem, weak: WeakForms, links: Links, like: Vec) -> InitialStrains:
+    """Assemble the initial strains of all active effects, and of links; collective."""
     strains = tuple(strain for effect in active(problem) for strain in effect.initial_strains(problem))
-    coupling = np.zeros((len(strains), len(strains)))
+    rests = links.at_rest
+    coupling = block_diag(np.zeros((len(strains), len(strains))), rests * links.stiffness @ rests.T)
     for i, one in enumerate(strains):
         for j, other in enumerate(strains):
             if one.body == other.body:
                 coupling[i, j] = weak.size(one.body) * np.sum(one.strain * weak.initial_stress(other))
     return InitialStrains(
         strains=strains,
-        forces=tuple(dx.assemble_vector(weak.compile(weak.initial_load(strain))) for strain in strains),
+        rests=links.rests,
+        forces=(
+            *(dx.assemble_vector(weak.compile(weak.initial_load(strain))) for strain in strains),
+            *(links.forces(like, links.stiffness * rest) for rest in rests),
+        ),
         coupling=coupling,
     )
 
@@ -249,6 +264,7 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
         constraints.prescribed(time)  # refuses supports that contradict each other, before any solve
     contacts = contact_rows(problem, mesh, space, nodes, constraints)
     counters.searches += sum(1 for c in contacts if c.master)
+    T = constraints.transformation(mesh.comm)
     return System(
         problem=problem,
         mesh=mesh,
@@ -258,8 +274,8 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
         counters=counters,
         constraints=constraints,
         contacts=contacts,
-        assembled=cache(lambda: dx.assemble_matrix(weak.compile(inner_forces(problem, weak)))),
-        T=constraints.transformation(mesh.comm),
+        assembled=cache(lambda: _stiffness(problem, weak, constraints.links)),
+        T=T,
         loads=applied_loads(problem, weak),
-        initial=_initial_strains(problem, weak),
+        initial=_initial_strains(problem, weak, constraints.links, T.createVecLeft()),
     )

@@ -160,6 +160,22 @@ WRONG = {
         ["supports.new={point=[0.0,2.0],displacement={normal=0.0}}"],
         r"supports\.new\.displacement\.normal = given: a point has no normal",
     ),
+    "spring at no side": (
+        ["springs.s={at='block.lft',stiffness=[1.0,0.0]}"],
+        r"springs\.s\.at = block\.lft: no such side; did you mean block\.left\?",
+    ),
+    "spring without a direction": (
+        ["springs.s={at='block.left',stiffness=1.0}"],
+        r"springs\.s\.direction: missing, a single stiffness needs it",
+    ),
+    "spring that only pulls": (
+        ["springs.s={at='block.left',stiffness=[1.0,0.0],acts='tension'}"],
+        r"springs\.s\.acts = tension: springs are linear; what only presses is a contact with an obstacle",
+    ),
+    "spring in capitals": (
+        ["springs.S={at='block.left',stiffness=[1.0,0.0]}"],
+        r"springs\.S: a name is made of a-z, 0-9 and _",
+    ),
     "gravity without density": (["gravity.acceleration=[0.0,-9.81]"], r"gravity: no body has a density; set bodies\."),
     "two slave roles": (
         ["contacts.second={surface='block.bottom',against='foundation'}"],

@@ -165,6 +165,9 @@ def _step(step: StepResult, errors: Errors | None, audit: Audit | None) -> dict[
             name: {"displacement": u.tolist(), "force": f.tolist(), "moment": _moment(m)} | error("obstacles", name)
             for name, (u, f, m) in step.obstacles.items()
         },
+        "springs": {
+            name: {"force": force.tolist()} | error("springs", name) for name, (force,) in step.springs.items()
+        },
         "probes": {
             name: {"displacement": u.tolist(), "stress": [float(sigma[ij]) for ij in STRESSES.values()]}
             | error("probes", name)
