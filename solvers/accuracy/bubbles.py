@@ -49,7 +49,7 @@ class Bubbles:
         self._linear = dx.fem.Function(system.space)
         self._inner = [weak.compile(form) for form in _inner_forces(problem, weak, self._whole)]
         self._pull = [coarse.compile(form) for form in _inner_forces(problem, coarse, self._alone)]
-        self._loads = applied_loads(problem, weak)
+        self._loads = applied_loads(problem, weak, self.constraints, self.zero())
         links = self.constraints.links
         self.initial = [dx.assemble_vector(weak.compile(weak.initial_load(s))) for s in system.initial.strains]
         self.initial += [links.forces(self.zero(), links.stiffness * rest.elongation) for rest in links.rests]
@@ -149,6 +149,10 @@ class Bubbles:
         """Inner forces a(x, .) [N] of bubbles on the dofs of the mesh; collective."""
         _fill(self._alone, x)
         return self.system.constraints.links.added(_assembled(self._pull), self.elongation(x))
+
+    def remote(self, x: Vec) -> Array:
+        """What bubbles add to the motion of remote points (components,) [m, rad]; collective."""
+        return self.constraints.remote.motion(x)
 
     def elongation(self, x: Vec) -> Array:
         """What bubbles add to the elongation of links (r,) [m]; collective."""

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial import cKDTree
 
-from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import GeometryError
+from stickslip.geometry.arrays import Array, cross
+from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import FunctionSpace
 from stickslip.geometry.surfaces.surface import gather_surface
 from stickslip.solvers.fem.constraints import AXES, AXIS, Constraints, Row, Sprung
 from stickslip.solvers.fem.links import find_links, vertex_at
+from stickslip.solvers.fem.remote_points import RemotePoints, RigidRow, find_remote_points
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Course, Place
 
@@ -52,6 +55,7 @@ def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: 
         for node, x, its_part in _on_axis(mesh, nodes):
             rows.setdefault(root.get(node, node), []).append(Row(np.array([1.0, 0.0]), 0.0, AXIS))
             points[node], part[node] = x, its_part
+    remote = _with_supports(problem, mesh, space, nodes, find_remote_points(problem, mesh, space, nodes), rows, root)
     ordered = {n: tuple(r) for n, r in sorted(rows.items())}
     return Constraints(
         nodes=nodes,
@@ -63,9 +67,45 @@ def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: 
         part=part,
         sprung=_sprung(problem, mesh, space, nodes),
         links=find_links(problem, mesh, space, nodes),
+        remote=remote,
         parts=mesh.part_count,
         axisymmetric=mesh.axisymmetric,
     )
+
+
+def _with_supports(
+    problem: Problem,
+    mesh: Mesh,
+    space: FunctionSpace,
+    nodes: Nodes,
+    remote: RemotePoints,
+    rows: dict[int, list[Row]],
+    root: dict[int, int],
+) -> RemotePoints:
+    """The remote points, with the rows of supports at nodes of rigid sides, which are taken out of `rows`; collective.
+
+    Raises:
+        SceneError: a rigid side shares nodes with a contact, a periodic or another rigid side.
+    """
+    taken = {node: "a periodic side" for pair in root.items() for node in pair}
+    for side in problem.request.contact_sides if remote.rigid else ():
+        taken |= dict.fromkeys(gather_surface(mesh, space, nodes, side).nodes.tolist(), f"{side}, a contact side")
+    found = []
+    for point in remote.every:
+        own = list[RigidRow]()
+        each = zip(point.nodes.tolist(), point.points, point.fields, strict=True)
+        for node, x, field in each if point.coupling.rigid else ():
+            if node in taken:
+                raise SceneError(
+                    f"{point.coupling.key}.boundary = {point.coupling.boundary}: has nodes in common with "
+                    f"{taken[node]}, at ({', '.join(f'{c:.6g}' for c in x)}); set coupling = distributing"
+                )
+            for row in rows.pop(node, []):
+                turn = np.atleast_1d(cross(x, row.direction))
+                own.append(RigidRow(row.direction @ field, row.drive, row.support, row.direction, turn, row.point))
+            taken[node] = point.coupling.key
+        found.append(replace(point, rows=(*point.rows, *own)))
+    return replace(remote, every=tuple(found))
 
 
 def _sprung(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) -> Sprung:

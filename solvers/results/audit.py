@@ -129,10 +129,10 @@ class Auditor:
     def shared(self) -> tuple[str, ...]:
         """What has no second formula, so that the solver's own is used: an error in it is not seen."""
         problem, zero = self.start.problem, np.zeros(1)
-        found = ["loads"] * bool(self.start.loads)
+        found = ["loads"] * bool(self.start.loads) + [x.key for x in problem.links] + [x.key for x in problem.couplings]
         found += [f"{effect.name}: stiffness" for effect in active(problem) if effect.stiffens]
         found += [f"{place}: expression" for place in problem.timeline.expressions if place.table == "supports"]
-        found += [f"initial strain of {s.body}" for s in self.start.initial.strains] + [x.key for x in problem.links]
+        found += [f"initial strain of {s.body}" for s in self.start.initial.strains]
         for name, obstacle in problem.obstacles.items():
             if gap(obstacle, np.zeros((1, problem.dim))) is None:
                 found.append(f"obstacles.{name}: gap")
@@ -306,7 +306,7 @@ class Auditor:
                 along = directions if axis == "normal" else np.eye(problem.dim)["xyz".index(axis)]
                 found = np.sum(record.displacement[nodes] * along, axis=1)
                 largest, off = max(largest, _largest(np.abs(wanted))), max(off, _largest(np.abs(found - wanted)))
-        if system.constraints.root or system.mesh.axisymmetric:
+        if system.constraints.root or system.constraints.remote.rigid or system.mesh.axisymmetric:
             alike = system.T * system.free_part(u, record.time) + system.prescribed(record.time)
             off = max(off, float((u - alike).norm(PETSc.NormType.INFINITY)))
         return float(off / largest) if largest else 0.0

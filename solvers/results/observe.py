@@ -16,6 +16,7 @@ from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
+from stickslip.solvers.fem.rigid_fields import parts_of_motion
 from stickslip.solvers.newton.correction import FLOOR
 from stickslip.solvers.parallel.gather import Gather, cells_of, nodes_of
 from stickslip.solvers.results.recovered_stress import MeshError, RecoveredStress
@@ -29,6 +30,7 @@ from stickslip.solvers.results.step_result import (
     ObstacleState,
     ProbeValue,
     Reaction,
+    RemoteState,
     SpringForce,
     StepResult,
     SurfaceMesh,
@@ -176,6 +178,7 @@ class Observer:
             obstacles=numbers.obstacles,
             supports=numbers.supports,
             springs=numbers.springs,
+            remote_points=numbers.remote_points,
             probes={name: self._probe(where, nodal, cell_stress) for name, where in self.probes.items()},
             energy=state.energy,
             iteration_error=iteration_error(accepted),
@@ -208,8 +211,9 @@ class Observer:
         return Numbers(
             contacts=contacts,
             obstacles=self._obstacles(state, contacts),
-            supports={name: Reaction(*pair) for name, pair in reactions.items()},
+            supports={name: Reaction(*pair) for name, pair in reactions.items() if "." not in name},
             springs=self._springs(state),
+            remote_points=self._remote_points(state, reactions),
             energy=state.energy,
         )
 
@@ -219,6 +223,19 @@ class Observer:
         rest = state.initial[len(system.initial.strains) :] @ links.at_rest
         forces = links.resultants(links.stiffness * (state.elongation - rest))
         return {name: SpringForce(force) for (_, name), force in forces.items()}
+
+    def _remote_points(self, state: State, reactions: Mapping[str, tuple[Array, Array]]) -> dict[str, RemoteState]:
+        """Each remote point: its motion, and its load and reaction."""
+        system, found, dim = self.stepper.system, dict[str, RemoteState](), self.stepper.system.mesh.dim
+        remote = system.constraints.remote
+        for point, own in zip(remote.every, remote.split, strict=True):
+            z, load = state.remote[own], np.zeros(len(point.weights))
+            for component, place in point.coupling.loads.items():
+                load[component] = system.course.value(place, state.time)
+            (moved, turned), (force, moment) = (parts_of_motion(part, dim) for part in (z, load))
+            held = reactions.get(point.coupling.key, (0.0, 0.0))
+            found[point.coupling.key.split(".")[1]] = RemoteState(moved, turned, force + held[0], moment + held[1])
+        return found
 
     def _mesh_error(self, displacement: Array, peak: float) -> tuple[float, Array]:
         """`StepResult.mesh_error` and `stress_error`; collective. They are found on rank 0, which has the fields."""

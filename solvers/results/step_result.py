@@ -39,6 +39,15 @@ class SpringForce(NamedTuple):
     force: Array  # (d,) [N]
 
 
+class RemoteState(NamedTuple):
+    """Motion of a remote point, and what it exerts on its side, loads and reactions together."""
+
+    displacement: Array  # (d,) [m]
+    rotation: Array  # (1,) in 2D, about z; (3,) in 3D [rad]
+    force: Array  # (d,) [N]
+    moment: Array  # (1,) or (3,) about the point [N m]
+
+
 class ProbeValue(NamedTuple):
     """Fields at a point that a probe names."""
 
@@ -94,6 +103,7 @@ class Numbers:
     supports: Mapping[str, Reaction]
     obstacles: Mapping[str, ObstacleState]
     springs: Mapping[str, SpringForce]
+    remote_points: Mapping[str, RemoteState]
     energy: Energy  # totals since t = 0 [J]
 
 
@@ -140,6 +150,7 @@ class StepResult:
     corrected: Mapping[str, Value] = field(default_factory=dict)  # by `Quantity`: most of the mesh's error removed
     errors: Mapping[str, ErrorParts] = field(default_factory=dict)  # by `Quantity`, but for those of the time steps
     springs: Mapping[str, SpringForce] = field(default_factory=dict)
+    remote_points: Mapping[str, RemoteState] = field(default_factory=dict)
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 
     def without_fields(self) -> StepResult:

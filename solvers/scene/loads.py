@@ -13,6 +13,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.expression import Varying, check_varying
 from stickslip.geometry.keys import Key, Noun
+from stickslip.solvers.scene.timeline import Place
 
 End = str | tuple[float, ...]  # of a link: a side, as body.side, or a point [m], at which a mesh vertex lies
 
@@ -108,3 +109,15 @@ class Link:
         """Its places by key, each with the sign with which its displacement counts in the elongation."""
         places = {f"{self.key}.at": (self.at, 1.0)}
         return places if self.to is None else places | {f"{self.key}.to": (self.to, -1.0)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coupling:
+    """A point coupled to a side, that an effect declares; components of its motion are numbered as `rigid_fields`."""
+
+    boundary: str  # side, as body.side
+    point: tuple[float, ...]  # [m]
+    rigid: bool  # whether the side moves as a rigid body
+    prescribed: Mapping[int, Place]  # value in time by component [m, rad]
+    loads: Mapping[int, Place]  # likewise force [N] and moment [N m]
+    key: str  # of the scene

@@ -19,7 +19,7 @@ from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import Model, Request
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Link, Load, Springs, Support
+from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.quantities import names
 from stickslip.solvers.scene.settings import Accuracy, Exact, Output, Probe, Solver, Steps
@@ -56,6 +56,10 @@ class EffectTable(Noun):
 
     def links(self, key: str) -> tuple[Link, ...]:
         """Springs between places of bodies and the ground, which hold bodies too; they need no `Effect.stiffness`."""
+        return ()
+
+    def couplings(self, scene: Scene, key: str) -> tuple[Coupling, ...]:
+        """Points coupled to sides; they need no `Effect.loads`."""
         return ()
 
     def check(self, scene: Scene, key: str) -> None:
@@ -97,10 +101,10 @@ class Scene(Noun):
         self._check_expressions()
         with prefixed("geometry"):
             self.geometry.refuse_too_large(self.request())
-        self.exact.check(self.quantities())
-        self.accuracy.check(self.quantities())
         for key, table in self._tables_by_key().items():
             table.check(self, key)
+        self.exact.check(self.quantities())
+        self.accuracy.check(self.quantities())
 
     @property
     def dim(self) -> int:
@@ -154,7 +158,8 @@ class Scene(Noun):
     def quantities(self) -> tuple[str, ...]:
         """Names of the numbers that every step of this scene has."""
         springs = [link.name for link in self.links()]
-        return names(self.dim, self.contacts, self.supports, self.obstacles, self.probes, springs)
+        points = [coupling.key.split(".")[1] for coupling in self.couplings()]
+        return names(self.dim, self.contacts, self.supports, self.obstacles, self.probes, springs, points)
 
     def effect_tables(self) -> dict[tuple[str, str], EffectTable]:
         """Tables that effects own, by (effect, name of the table); the name is "" if the effect has one table only."""
@@ -171,6 +176,10 @@ class Scene(Noun):
     def links(self) -> tuple[Link, ...]:
         """Springs between places of all effects."""
         return tuple(link for key, table in self._tables_by_key().items() for link in table.links(key))
+
+    def couplings(self) -> tuple[Coupling, ...]:
+        """Points coupled to sides, of all effects."""
+        return tuple(found for key, table in self._tables_by_key().items() for found in table.couplings(self, key))
 
     def _tables_by_key(self) -> dict[str, EffectTable]:
         tables = self.effect_tables().items()

@@ -155,6 +155,7 @@ class Stepper:
             initial=unstrained,
             initial_work=unstrained,
             elongation=np.zeros(len(self.system.constraints.links.stiffness)),
+            remote=np.zeros(self.system.constraints.remote.rows.shape[0]),
             residual=vector(),
             p=zero,
             w=zero,

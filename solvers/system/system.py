@@ -222,10 +222,10 @@ def _stiffness(problem: Problem, weak: WeakForms, links: Links) -> Mat:
     return K
 
 
-def applied_loads(problem: Problem, weak: WeakForms) -> AppliedLoads:
-    """The loads of the scene and of all active effects; collective."""
+def applied_loads(problem: Problem, weak: WeakForms, constraints: Constraints, like: Vec) -> AppliedLoads:
+    """The loads of the scene, of all active effects and of remote points; collective."""
     of_effects = (term for effect in active(problem) for term in effect.loads(problem, weak))
-    return AppliedLoads(weak, [*weak.loads(), *of_effects])
+    return AppliedLoads(weak, [*weak.loads(), *of_effects], constraints.remote.loads(like))
 
 
 def _initial_strains(problem: Problem, weak: WeakForms, links: Links, like: Vec) -> InitialStrains:
@@ -276,6 +276,6 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
         contacts=contacts,
         assembled=cache(lambda: _stiffness(problem, weak, constraints.links)),
         T=T,
-        loads=applied_loads(problem, weak),
+        loads=applied_loads(problem, weak, constraints, T.createVecLeft()),
         initial=_initial_strains(problem, weak, constraints.links, T.createVecLeft()),
     )

@@ -172,6 +172,18 @@ WRONG = {
         ["springs.s={at='block.left',stiffness=[1.0,0.0],acts='tension'}"],
         r"springs\.s\.acts = tension: springs are linear; what only presses is a contact with an obstacle",
     ),
+    "remote point at no side": (
+        ["remote_points.p={boundary='block.lft',point=[0.0,0.0],coupling='rigid'}"],
+        r"remote_points\.p\.boundary = block\.lft: no such side; did you mean block\.left\?",
+    ),
+    "remote point that is moved and pushed": (
+        ["remote_points.p={boundary='block.left',point=[0.0,0.0],coupling='rigid',force.x=1.0,displacement.x=0.0}"],
+        r"remote_points\.p\.force\.x: displacement\.x is prescribed too; keep one of the two",
+    ),
+    "distributing remote point that is moved": (
+        ["remote_points.p={boundary='block.left',point=[0.0,0.0],coupling='distributing',rotation.z=0.1}"],
+        r"remote_points\.p\.rotation: a distributing coupling takes force and moment; set coupling = rigid",
+    ),
     "spring in capitals": (
         ["springs.S={at='block.left',stiffness=[1.0,0.0]}"],
         r"springs\.S: a name is made of a-z, 0-9 and _",
