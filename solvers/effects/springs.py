@@ -15,6 +15,7 @@ from stickslip.geometry.obstacles.rotation import unit
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.scene.loads import End, Link
 from stickslip.solvers.scene.scene import EffectTable, Scene
+from stickslip.solvers.scene.timeline import Place
 
 LINEAR = "springs are linear; what only presses is a contact with an obstacle, its normal law compliance with m_n = 1"
 
@@ -77,13 +78,12 @@ class Spring(EffectTable):
     def links(self, key: str) -> tuple[Link, ...]:
         k = np.atleast_1d(np.array(self.stiffness, float))
         along = np.eye(len(k)) if self.direction is None else unit(self.direction)[None]
-        moved = tuple("xyz"[: len(self.displacement or ())])
-        table, name = key.split(".")
-        return (
-            Link(
-                at=self.at, to=self.to, directions=along[k > 0], stiffness=k[k > 0], moved=moved, table=table, name=name
-            ),
-        )
+        table, _, name = key.partition(".")
+        moved = {Place(table, name, *part): along[k > 0, i] for i, part in enumerate(self.amplitudes())}
+        ends: dict[str, tuple[End, float]] = {f"{key}.at": (self.at, 1.0)}
+        if self.to is not None:
+            ends[f"{key}.to"] = self.to, -1.0
+        return (Link(ends=ends, directions=along[k > 0], stiffness=k[k > 0], rests=moved, table=table, name=name),)
 
 
 class _Springs(Effect):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,7 +15,7 @@ from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import FunctionSpace, Mat, Sparse, Vec
 from stickslip.geometry.surfaces.surface import gather_surface
-from stickslip.solvers.scene.loads import End
+from stickslip.solvers.scene.loads import End, Link
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Drive, Place
 
@@ -46,7 +45,7 @@ class Links:
     """All linear springs between places, r of them; the same on every rank."""
 
     names: tuple[tuple[str, str], ...]  # (r,) table and name of the scene
-    moved: Mapping[tuple[str, str], tuple[str, ...]]  # by these, axes along which the ground moves
+    rests: tuple[Rest, ...]
     directions: Array  # (r, d)
     stiffness: Array  # (r,) [N/m]
     rows: Sparse  # (r, d nodes): elongation = rows @ displacement, the motion of the ground left out
@@ -89,17 +88,6 @@ class Links:
         found: Mat = PETSc.Mat().createAIJ(like.getSizes(), bsize=self.directions.shape[1], csr=entries, comm=like.comm)
         found.assemble()
         return found
-
-    @cached_property
-    def rests(self) -> tuple[Rest, ...]:
-        """Motions of the ground, each with a value in time."""
-        found = []
-        for key in dict.fromkeys(self.names):
-            own = np.array([name == key for name in self.names])
-            for axis in self.moved[key]:
-                along = own * self.directions[:, "xyz".index(axis)]
-                found.append(Rest(drive=Place(*key, "displacement", axis), elongation=along))
-        return tuple(found)
 
     @property
     def at_rest(self) -> Array:
@@ -147,7 +135,7 @@ def find_links(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes)
         matrix.eliminate_zeros()
     return Links(
         names=tuple((link.table, link.name) for link, _ in rows),
-        moved={(link.table, link.name): link.moved for link in problem.links},
+        rests=tuple(_rest(problem, link, place) for link in problem.links for place in link.rests),
         directions=np.array([link.directions[k] for link, k in rows]).reshape(-1, d),
         stiffness=np.array([link.stiffness[k] for link, k in rows]),
         rows=matrix,
@@ -156,6 +144,12 @@ def find_links(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes)
         part=np.concatenate(part),
         of=np.concatenate([np.zeros(0, np.int64), *of]),
     )
+
+
+def _rest(problem: Problem, link: Link, place: Place) -> Rest:
+    """A value in time of one of the links; the others do not follow it."""
+    every = [own.rests[place] if own is link else 0.0 * own.stiffness for own in problem.links]
+    return Rest(drive=place, elongation=np.concatenate(every))
 
 
 def _spot(mesh: Mesh, space: FunctionSpace, nodes: Nodes, end: End, key: str) -> Spot:

@@ -29,6 +29,8 @@ def quantities(step: StepResult | Numbers) -> dict[Quantity, Value]:
         found[Quantity("obstacles", name, "moment")] = _moment(obstacle.moment)
     for name, spring in step.springs.items():
         found[Quantity("springs", name, "force")] = spring.force
+    for name, bolt in step.bolts.items():
+        found[Quantity("bolts", name, "tension")] = bolt.tension
     for name, point in step.remote_points.items():
         found[Quantity("remote_points", name, "displacement")] = point.displacement
         found[Quantity("remote_points", name, "rotation")] = _moment(point.rotation)

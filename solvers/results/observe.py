@@ -24,6 +24,7 @@ from stickslip.solvers.results.step_result import (
     OPEN,
     SLIP,
     STICK,
+    BoltState,
     ContactState,
     MeshData,
     Numbers,
@@ -178,6 +179,7 @@ class Observer:
             obstacles=numbers.obstacles,
             supports=numbers.supports,
             springs=numbers.springs,
+            bolts=numbers.bolts,
             remote_points=numbers.remote_points,
             probes={name: self._probe(where, nodal, cell_stress) for name, where in self.probes.items()},
             energy=state.energy,
@@ -208,21 +210,28 @@ class Observer:
         system, state = accepted.stepper.system, accepted.state
         contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
         reactions = system.reactions(state.residual) if state.reactions is None else state.reactions
+        springs, bolts = self._links(state)
         return Numbers(
             contacts=contacts,
             obstacles=self._obstacles(state, contacts),
             supports={name: Reaction(*pair) for name, pair in reactions.items() if "." not in name},
-            springs=self._springs(state),
+            springs=springs,
+            bolts=bolts,
             remote_points=self._remote_points(state, reactions),
             energy=state.energy,
         )
 
-    def _springs(self, state: State) -> dict[str, SpringForce]:
-        """Force of each spring between places."""
+    def _links(self, state: State) -> tuple[dict[str, SpringForce], dict[str, BoltState]]:
+        """Each spring between places, and each bolt."""
         system, links = self.stepper.system, self.stepper.system.constraints.links
         rest = state.initial[len(system.initial.strains) :] @ links.at_rest
-        forces = links.resultants(links.stiffness * (state.elongation - rest))
-        return {name: SpringForce(force) for (_, name), force in forces.items()}
+        tension = links.stiffness * (state.elongation - rest)
+        forces = links.resultants(tension)
+        springs = {name: SpringForce(force) for (table, name), force in forces.items() if table == "springs"}
+        pulls = zip(links.names, tension, rest, strict=True)
+        return springs, {
+            name: BoltState(float(pull), -float(e)) for (table, name), pull, e in pulls if table == "bolts"
+        }
 
     def _remote_points(self, state: State, reactions: Mapping[str, tuple[Array, Array]]) -> dict[str, RemoteState]:
         """Each remote point: its motion, and its load and reaction."""

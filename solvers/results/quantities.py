@@ -30,6 +30,7 @@ def values(step: StepResult) -> dict[str, float]:
         found |= _vector(f"obstacle.{name}.displacement", moved) | _vector(f"obstacle.{name}.force", force)
     for name, spring in step.springs.items():
         found |= _vector(f"spring.{name}.force", spring.force)
+    found |= {f"bolt.{name}.tension": bolt.tension for name, bolt in step.bolts.items()}
     for name, point in step.remote_points.items():
         found |= _vector(f"remote_point.{name}.displacement", point.displacement)
         found |= _vector(f"remote_point.{name}.force", point.force)
@@ -42,7 +43,7 @@ def _vector(name: str, components: Array) -> dict[str, float]:
 
 SINGULAR = {
     "contacts": "", "supports": "support.", "obstacles": "obstacle.", "springs": "spring.",
-    "remote_points": "remote_point.", "probes": "probe.",
+    "bolts": "bolt.", "remote_points": "remote_point.", "probes": "probe.",
     "energy": "energy",
 }  # fmt: skip
 

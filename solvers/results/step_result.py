@@ -39,6 +39,13 @@ class SpringForce(NamedTuple):
     force: Array  # (d,) [N]
 
 
+class BoltState(NamedTuple):
+    """A bolt between two sides."""
+
+    tension: float  # [N], positive where it clamps
+    shortening: float  # [m]
+
+
 class RemoteState(NamedTuple):
     """Motion of a remote point, and what it exerts on its side, loads and reactions together."""
 
@@ -103,6 +110,7 @@ class Numbers:
     supports: Mapping[str, Reaction]
     obstacles: Mapping[str, ObstacleState]
     springs: Mapping[str, SpringForce]
+    bolts: Mapping[str, BoltState]
     remote_points: Mapping[str, RemoteState]
     energy: Energy  # totals since t = 0 [J]
 
@@ -150,6 +158,7 @@ class StepResult:
     corrected: Mapping[str, Value] = field(default_factory=dict)  # by `Quantity`: most of the mesh's error removed
     errors: Mapping[str, ErrorParts] = field(default_factory=dict)  # by `Quantity`, but for those of the time steps
     springs: Mapping[str, SpringForce] = field(default_factory=dict)
+    bolts: Mapping[str, BoltState] = field(default_factory=dict)
     remote_points: Mapping[str, RemoteState] = field(default_factory=dict)
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 

@@ -91,11 +91,10 @@ class Link:
     A place is a point, or the mean displacement of a side: the force is then spread evenly over the side.
     """
 
-    at: End
-    to: End | None  # None: the ground
+    ends: Mapping[str, tuple[End, float]]  # by key, each with the sign with which its displacement counts
     directions: Array  # (r, d) unit vectors
     stiffness: Array  # (r,) [N/m]; per metre in plane models
-    moved: tuple[str, ...]  # axes along which the ground moves, by `displacement` of the table
+    rests: Mapping[Place, Array]  # by its value in time, elongation (r,) at which they pull nothing, at value 1 [m]
     table: str
     name: str
 
@@ -103,12 +102,6 @@ class Link:
     def key(self) -> str:
         """Of the scene."""
         return f"{self.table}.{self.name}"
-
-    @property
-    def ends(self) -> dict[str, tuple[End, float]]:
-        """Its places by key, each with the sign with which its displacement counts in the elongation."""
-        places = {f"{self.key}.at": (self.at, 1.0)}
-        return places if self.to is None else places | {f"{self.key}.to": (self.to, -1.0)}
 
 
 @dataclass(frozen=True, kw_only=True)

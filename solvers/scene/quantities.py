@@ -21,8 +21,9 @@ def names(
     probes: Collection[str] = (),
     springs: Collection[str] = (),
     remote_points: Collection[str] = (),
+    bolts: Collection[str] = (),
 ) -> tuple[str, ...]:
-    """Names of all numbers of a scene with these contacts, supports, obstacles, probes, springs and remote points.
+    """Names of all numbers of a scene with these contacts, supports, obstacles, probes, springs and so on.
 
     >>> names(2, contacts=["base"])[:2], names(2, probes=["tip"])[:2]
     (('base.normal_force', 'base.tangential_force'), ('probe.tip.displacement.x', 'probe.tip.displacement.y'))
@@ -35,6 +36,7 @@ def names(
         *(f"support.{name}.force.{a}" for name in supports for a in axes),
         *(f"obstacle.{name}.{key}.{a}" for name in obstacles for key in MOVES for a in axes),
         *(f"spring.{name}.force.{a}" for name in springs for a in axes),
+        *(f"bolt.{name}.tension" for name in bolts),
         *(f"remote_point.{name}.{key}.{a}" for name in remote_points for key in MOVES for a in axes),
         *(f"energy.{key}" for key in ENERGIES),
     )

@@ -157,9 +157,9 @@ class Scene(Noun):
 
     def quantities(self) -> tuple[str, ...]:
         """Names of the numbers that every step of this scene has."""
-        springs = [link.name for link in self.links()]
+        springs, bolts = ([link.name for link in self.links() if link.table == kind] for kind in ("springs", "bolts"))
         points = [coupling.key.split(".")[1] for coupling in self.couplings()]
-        return names(self.dim, self.contacts, self.supports, self.obstacles, self.probes, springs, points)
+        return names(self.dim, self.contacts, self.supports, self.obstacles, self.probes, springs, points, bolts)
 
     def effect_tables(self) -> dict[tuple[str, str], EffectTable]:
         """Tables that effects own, by (effect, name of the table); the name is "" if the effect has one table only."""

@@ -1,4 +1,4 @@
-"""Springs between places and remote points give the same answer on any number of ranks, in both forms of the bodies."""
+"""Springs, bolts and remote points give the same answer on any number of ranks, in both forms of the bodies."""
 
 from pathlib import Path
 
@@ -18,6 +18,7 @@ words = [
     "steps={end=2.0,count=2}",
     "supports.top={boundary='block.left',displacement={x=[[0.0,0.0],[1.0,0.01]]}}",
     "remote_points.lid={boundary='block.top',point=[1.0,5.0],coupling='rigid',force={y=-0.1,x=0.05},moment={z=0.02}}",
+    "bolts.tie={head='block.right',nut='block.left',axis=[1.0,0.0],stiffness=0.05,shortening=0.02}",
     "remote_points.end={boundary='block.left',point=[0.0,1.5],coupling='distributing',moment={z=0.01}}",
 ]
 found = []
@@ -26,6 +27,7 @@ for form, order in (("condensed", 2), ("matrix-free", 1)):
     simulation = stickslip.prepare(stickslip.read("block", own))
     *_, step = simulation.steps()
     numbers = [x for kind in (step.springs, step.remote_points) for each in kind.values() for x in each]
+    numbers += [*step.bolts.values()]
     found.append([*(float(x) for values in numbers for x in values), step.energy.stored])
 everywhere = MPI.COMM_WORLD.gather(found)
 if MPI.COMM_WORLD.rank == 0:

@@ -184,6 +184,18 @@ WRONG = {
         ["remote_points.p={boundary='block.left',point=[0.0,0.0],coupling='distributing',rotation.z=0.1}"],
         r"remote_points\.p\.rotation: a distributing coupling takes force and moment; set coupling = rigid",
     ),
+    "bolt at no side": (
+        ["bolts.b={head='block.tp',nut='block.bottom',axis=[0.0,1.0],stiffness=1.0,shortening=0.1}"],
+        r"bolts\.b\.head = block\.tp: no such side; did you mean block\.top\?",
+    ),
+    "bolt without stiffness": (
+        ["bolts.b={head='block.top',nut='block.bottom',axis=[0.0,1.0],stiffness=0.0,shortening=0.1}"],
+        r"bolts\.b\.stiffness = 0\.0: must be positive, in N/m",
+    ),
+    "bolt of one side": (
+        ["bolts.b={head='block.top',nut='block.top',axis=[0.0,1.0],stiffness=1.0,shortening=0.1}"],
+        r"bolts\.b\.nut = block\.top: a bolt has two different ends",
+    ),
     "spring in capitals": (
         ["springs.S={at='block.left',stiffness=[1.0,0.0]}"],
         r"springs\.S: a name is made of a-z, 0-9 and _",

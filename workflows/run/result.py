@@ -168,6 +168,7 @@ def _step(step: StepResult, errors: Errors | None, audit: Audit | None) -> dict[
         "springs": {
             name: {"force": force.tolist()} | error("springs", name) for name, (force,) in step.springs.items()
         },
+        "bolts": {name: bolt._asdict() | error("bolts", name) for name, bolt in step.bolts.items()},
         "remote_points": {
             name: {"displacement": u.tolist(), "rotation": _moment(turn), "force": f.tolist(), "moment": _moment(m)}
             | error("remote_points", name)
