@@ -82,6 +82,9 @@ class CellStress:
         system.counters.forms += 1
         count = mesh.domain.topology.index_map(mesh.dim).size_local
         self._cells = np.arange(count)
+        basis = dx.reference_basis(mesh.domain.topology.cell_type.name, mesh.degree, dx.midpoint(mesh.domain))[0]
+        corners = mesh.domain.geometry.x[:, : mesh.dim][dx.cell_nodes(mesh.domain)[:count]]
+        self._middles = np.einsum("n,cnd->cd", basis[0], corners)
         self._lame, self._members = np.zeros((count, 2)), dict[str, Ints]()
         for name, tag in mesh.bodies.items():
             material = system.problem.bodies[name]
@@ -103,7 +106,8 @@ class CellStress:
         d = round(found.shape[-1] ** 0.5)
         strain[:, :d, :d] = found.reshape(-1, d, d)
         for value, given in zip(initial, self._system.initial.strains, strict=False):
-            strain[self._members[given.body]] -= value * given.strain
+            members, timeline = self._members[given.body], self._system.course.timeline
+            strain[members] -= value * self._system.initial.at(given, self._middles[members], timeline)
         lame_lambda, lame_mu = self._lame.T
         if self._system.problem.model == "plane stress":
             strain[:, 2, 2] = -lame_lambda / (lame_lambda + 2 * lame_mu) * (strain[:, 0, 0] + strain[:, 1, 1])

@@ -24,7 +24,9 @@ class Load(Noun):
 
     boundary: Annotated[str, Key("-", "side, as body.side")]
     traction: Annotated[tuple[Varying, ...] | None, Key("Pa", "force per area, by component")] = None
-    pressure: Annotated[Varying | None, Key("Pa", "positive pushes inward")] = None
+    pressure: Annotated[
+        Varying | None, Key("Pa", 'positive pushes inward; of water up to y = 2: "9810*max(2-y, 0)"')
+    ] = None
     force: Annotated[tuple[Amplitude, ...] | None, Key("N", "resultant, spread evenly; per metre in plane models")] = (
         None
     )

@@ -10,7 +10,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.fem.links import Rest
 from stickslip.solvers.fem.terms import InitialStrain
-from stickslip.solvers.scene.timeline import Course
+from stickslip.solvers.scene.timeline import Course, Timeline
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,6 +21,17 @@ class InitialStrains:
     rests: tuple[Rest, ...]
     forces: tuple[Vec, ...]  # ∫ C strain : eps(v) dx at value 1, PETSc over all displacements [N]
     coupling: Array  # (k, k) ∫ strain_i : C strain_j dx at value 1 [J]
+
+    def at(self, strain: InitialStrain, points: Array, timeline: Timeline) -> Array:
+        """A strain (m, 3, 3) [-] at value 1, at points (m, d) [m].
+
+        Raises:
+            SceneError: its expression has no finite value at a point.
+        """
+        size = np.ones(len(points))
+        if strain.field is not None:
+            size = timeline.values(strain.field, points, timeline.end)
+        return np.asarray(size[:, None, None] * strain.strain)
 
     def values(self, course: Course, time: float) -> Array:
         """a (k,) at a time [s]."""

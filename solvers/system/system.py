@@ -25,6 +25,7 @@ from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.fem.links import Links
 from stickslip.solvers.fem.rigid_modes import RigidModes
 from stickslip.solvers.fem.supports import find_constraints
+from stickslip.solvers.fem.terms import InitialStrain
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.scene.problem import Problem
@@ -236,16 +237,28 @@ def _initial_strains(problem: Problem, weak: WeakForms, links: Links, like: Vec)
     for i, one in enumerate(strains):
         for j, other in enumerate(strains):
             if one.body == other.body:
-                coupling[i, j] = weak.size(one.body) * np.sum(one.strain * weak.initial_stress(other))
+                coupling[i, j] = weak.initial_energy(one, other)
     return InitialStrains(
         strains=strains,
         rests=links.rests,
         forces=(
-            *(dx.assemble_vector(weak.compile(weak.initial_load(strain))) for strain in strains),
+            *(_initial_forces(weak, strain) for strain in strains),
             *(links.forces(like, links.stiffness * rest) for rest in rests),
         ),
         coupling=coupling,
     )
+
+
+def _initial_forces(weak: WeakForms, strain: InitialStrain) -> Vec:
+    """∫ C strain : eps(v) dx at value 1 [N]; collective.
+
+    Raises:
+        SceneError: an expression has no finite value.
+    """
+    found = dx.assemble_vector(weak.compile(weak.initial_load(strain)))
+    if not np.isfinite(found.norm()):
+        raise SceneError(f"{strain.field}: the expression has no finite value somewhere in the body")
+    return found
 
 
 def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:

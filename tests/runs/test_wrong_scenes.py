@@ -184,6 +184,18 @@ WRONG = {
         ["remote_points.p={boundary='block.left',point=[0.0,0.0],coupling='distributing',rotation.z=0.1}"],
         r"remote_points\.p\.rotation: a distributing coupling takes force and moment; set coupling = rigid",
     ),
+    "temperature of a time": (
+        ["thermal.block={expansion=1e-5,temperature='20*t'}"],
+        r'thermal\.block\.temperature = "20\*t": t: has no place here; give its factor in time as history',
+    ),
+    "temperature beyond the plane": (
+        ["thermal.block={expansion=1e-5,temperature='20*z'}"],
+        r'thermal\.block\.temperature = "20\*z": z: a plane model has x and y only',
+    ),
+    "temperature with two histories": (
+        ["thermal.block={expansion=1e-5,temperature=20.0,history=1.0}"],
+        r"thermal\.block\.history = given: only of an expression; write the temperature itself in time",
+    ),
     "bolt at no side": (
         ["bolts.b={head='block.tp',nut='block.bottom',axis=[0.0,1.0],stiffness=1.0,shortening=0.1}"],
         r"bolts\.b\.head = block\.tp: no such side; did you mean block\.top\?",
