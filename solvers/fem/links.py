@@ -30,6 +30,16 @@ class Rest:
     elongation: Array
 
 
+@dataclass(frozen=True, kw_only=True)
+class Tightened:
+    """A spring whose tension is given: its shortening is found."""
+
+    row: int  # among the links
+    tension: Place  # [N]
+    shortening: Place  # [m]
+    held_from: float  # [s]
+
+
 @dataclass(frozen=True)
 class Spot:
     """Nodes (n,) whose weighted sum is a displacement: that of a vertex, or the mean over a side."""
@@ -46,6 +56,7 @@ class Links:
 
     names: tuple[tuple[str, str], ...]  # (r,) table and name of the scene
     rests: tuple[Rest, ...]
+    tightened: tuple[Tightened, ...]
     directions: Array  # (r, d)
     stiffness: Array  # (r,) [N/m]
     rows: Sparse  # (r, d nodes): elongation = rows @ displacement, the motion of the ground left out
@@ -135,6 +146,11 @@ def find_links(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes)
         matrix.eliminate_zeros()
     return Links(
         names=tuple((link.table, link.name) for link, _ in rows),
+        tightened=tuple(
+            Tightened(row=row, tension=link.tension, shortening=next(iter(link.rests)), held_from=link.held_from)
+            for row, (link, _) in enumerate(rows)
+            if link.tension is not None
+        ),
         rests=tuple(_rest(problem, link, place) for link in problem.links for place in link.rests),
         directions=np.array([link.directions[k] for link, k in rows]).reshape(-1, d),
         stiffness=np.array([link.stiffness[k] for link, k in rows]),

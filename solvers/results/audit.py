@@ -37,6 +37,7 @@ from stickslip.solvers.results.stored_fields import (
     stress_difference,
 )
 from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.stepping.tightening import recall, tension_off
 from stickslip.solvers.system.nodal_contact import fill, relative_to_obstacle
 from stickslip.solvers.system.system import System, assemble
 
@@ -84,6 +85,7 @@ class Record:
     w: Array  # (rows,) relative displacement, flat [m]
     reference: Array  # (rows,) w at the start of the last substep [m]: slip counts from it; gaps are recomputed
     driven: Array  # (o,) displacement of the obstacles that forces drive, by `Problem.driven` [m]
+    shortened: Array  # (b,) shortening of the bolts that are tightened by force [m]
     searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) [m] that its pairs were searched at
     stored: StoredFields = field(default_factory=StoredFields)  # fields for the reader; by default none is judged
 
@@ -156,6 +158,7 @@ class Auditor:
         ):
             return Audit(**{f.name: np.inf for f in fields(Audit)})
         self._set_system(self.start.searched(record.searched) if record.searched else self.start)
+        recall(self.start, record.time, record.shortened)
         u = self.system.vector()
         u.array[:] = record.displacement[self.system.nodes.input[: self.system.nodes.owned]].ravel()
         inner, w = self._inner(u), self._relative(record)
@@ -246,11 +249,10 @@ class Auditor:
         return {body: float(np.ptp(box, axis=0).min()) for body, box in boxes.items()}
 
     def _equilibrium(self, record: Record, u: Vec, inner: Vec, scales: Scales) -> tuple[float, float]:
-        """Defect of K u - f + B^T p at free dofs and of forces on driven obstacles, relative to all forces [-].
+        """Defect of K u - f + B^T p at free dofs, on driven obstacles and bolts, relative to all forces [-].
 
-        The contact forces are those of `_contact_force`. The second number is the change of these forces by one unit in
-        the last place of u, and of the coordinates that gaps are computed from: a stiff body that moves far, or a stiff
-        compliant surface, is out of balance by that, however well it was solved.
+        The second number is the change of these forces by one unit in the last place of u, and of the coordinates that
+        gaps are computed from: a stiff body that moves far is out of balance by that, however well it was solved.
         """
         system = self.system
         contact, obstacles = system.vector(), system.obstacles.driving_force(record.time)
@@ -259,20 +261,18 @@ class Auditor:
             force = self._contact_force(place, u, record, scales)
             contact += force
             obstacles += system.interface.resultant_on_driven(place.rows, force)
+        obstacles = np.append(obstacles, tension_off(system, u, record.time))
         values = system.initial.values(system.course, record.time)
         load = system.initial.added(system.load(record.time), values)
         out = inner - load + contact
-        free = system.T.createVecRight()
+        free, last_digit = system.T.createVecRight(), system.T.createVecRight()
         system.T.multTranspose(out, free)
         scale = sum(v.norm(0) for v in (inner, load, contact)) + applied
         rounding = EPS * self._largest_stiffness * u.norm(0)
-        if (
-            load.norm(0) == 0 and scale <= ROUNDING * rounding
-        ):  # a body that moves as a whole: its forces are rounding errors
+        if load.norm(0) == 0 and scale <= ROUNDING * rounding:  # forces of a body that moves as a whole
             return 0.0, 0.0
         shaken = u.copy()
         shaken.array[:] *= 1 + EPS * self._signs.array
-        last_digit = system.T.createVecRight()
         system.T.multTranspose(self._inner(shaken) - inner, last_digit)
         found = (free.norm(0) + np.abs(obstacles).sum()) / scale
         of_laws = EPS * sum(

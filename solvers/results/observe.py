@@ -167,6 +167,7 @@ class Observer:
     def __call__(self, accepted: Accepted) -> StepResult:
         """The result of a step; collective. Displacement and stress are on rank 0 only."""
         system, state = accepted.stepper.system, accepted.state
+        links = system.constraints.links
         cell_stress, nodal = self.stress(state.u, state.initial), self.stress.displacement.x.array
         numbers = self.numbers(accepted)
         displacement = self.by_node(state.u.array.reshape(-1, system.mesh.dim))
@@ -196,6 +197,7 @@ class Observer:
             w=state.w,
             reference=accepted.problem.gap,
             driven=state.driven,
+            shortened=np.array([system.course.value(bolt.shortening, state.time) for bolt in links.tightened], float),
             searched=accepted.stepper.searched,
             p_ref=accepted.problem.p_ref,
             u_ref=accepted.problem.u_ref,

@@ -97,6 +97,8 @@ class Link:
     directions: Array  # (r, d) unit vectors
     stiffness: Array  # (r,) [N/m]; per metre in plane models
     rests: Mapping[Place, Array]  # by its value in time, elongation (r,) at which they pull nothing, at value 1 [m]
+    tension: Place | None = None  # [N] given, of one spring; the value of its one rest is then found
+    held_from: float = np.inf  # [s], from there on that value is kept
     table: str
     name: str
 

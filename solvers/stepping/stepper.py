@@ -28,6 +28,7 @@ from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.sliding import carried_over, pairs_hold, relative_positions
 from stickslip.solvers.stepping.state import HALVINGS, Energy, Previous, State
+from stickslip.solvers.stepping.tightening import MOST, Tightening
 from stickslip.solvers.stepping.update import displacement, new_state, relative_displacement, split
 from stickslip.solvers.system.system import System
 
@@ -168,6 +169,24 @@ class Stepper:
         )
 
     def reach(self, start: State, target: float, on_iteration: OnIteration) -> Accepted:
+        """Solve one step, with bolts as short as their tension asks; as `_reach`; collective."""
+        tightening = Tightening.of(self.system, start, target)
+        accepted, tries = self._reach(start, target, on_iteration), 1
+        while tightening is not None and not tightening.done(accepted.state):
+            tries += 1
+            if tries > MOST:
+                text = f"{tightening.names}: no shortening was found at which the tension is force"
+                raise StepError(target, text, accepted.history, None)
+            again = self._reach(start, target, on_iteration)
+            accepted = replace(
+                again,
+                iterations=accepted.iterations + again.iterations,
+                volume_solves=accepted.volume_solves + again.volume_solves,
+                history=accepted.history + again.history,
+            )
+        return accepted
+
+    def _reach(self, start: State, target: float, on_iteration: OnIteration) -> Accepted:
         """Solve one step, in substeps where that is needed; each attempt starts from the last good state; collective.
 
         Args:

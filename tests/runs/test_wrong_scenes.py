@@ -200,6 +200,10 @@ WRONG = {
         ["bolts.b={head='block.tp',nut='block.bottom',axis=[0.0,1.0],stiffness=1.0,shortening=0.1}"],
         r"bolts\.b\.head = block\.tp: no such side; did you mean block\.top\?",
     ),
+    "bolt with two preloads": (
+        ["bolts.b={head='block.top',nut='block.left',axis=[0.0,1.0],stiffness=1.0,shortening=0.1,force=1.0}"],
+        r"bolts\.b\.shortening / force: exactly one of the two is needed",
+    ),
     "bolt without stiffness": (
         ["bolts.b={head='block.top',nut='block.bottom',axis=[0.0,1.0],stiffness=0.0,shortening=0.1}"],
         r"bolts\.b\.stiffness = 0\.0: must be positive, in N/m",

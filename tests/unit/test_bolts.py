@@ -19,10 +19,18 @@ E, K, SHORTER, MU = 1000.0, 400.0, 0.01, 0.2
 AREA = {"plane strain": 2.0, "3d": 1.0, "axisymmetric": np.pi * 4.0}
 
 
-def joint(model: str = "plane strain", order: int = 1, bolt: dict[str, Any] | None = None, **tables: Any) -> Scene:
+def joint(
+    model: str = "plane strain",
+    order: int = 1,
+    bolt: dict[str, Any] | None = None,
+    drop: str = "",
+    bolts: dict[str, dict[str, Any]] | None = None,
+    **tables: Any,
+) -> Scene:
     """Two plates 2 x 1 (x 0.5), nu = 0, on a foot that carries no force along the bolt while it is tightened."""
     up = [0.0, 0.0, 1.0] if model == "3d" else [0.0, 1.0]
     own = {"head": "upper.top", "nut": "lower.bottom", "axis": up, "stiffness": K, "shortening": [[1.0, SHORTER]]}
+    own.pop(drop, None)
     across = {"3d": {"left": "x", "front": "y"}, "plane strain": {"left": "x"}, "axisymmetric": {}}[model]
     sides = {
         f"{body}_{side}": {"boundary": f"{body}.{side}", "displacement": {axis: 0.0}}
@@ -37,7 +45,7 @@ def joint(model: str = "plane strain", order: int = 1, bolt: dict[str, Any] | No
         "bodies": {"upper": {"E": E, "nu": 0.0}, "lower": {"E": E, "nu": 0.0}},
         "supports": sides | {"foot": foot},
         "contacts": {"joint": {"surface": "upper.bottom", "against": "lower.top"}},
-        "bolts": {"b": own | (bolt or {})},
+        "bolts": {"b": own | (bolt or {}), **{name: own | more for name, more in (bolts or {}).items()}},
     }
     return from_dict(data | tables)
 
@@ -81,6 +89,40 @@ def test_a_lap_joint_slips_at_mu_times_the_tension() -> None:
     assert max(audit(simulation, last).values()) < 1e-8
 
 
+def test_a_bolt_is_tightened_to_a_force_and_then_held() -> None:
+    """The same joint diagram from the force; two bolts beside each other, one of them loosens the other."""
+    plates, force = E * AREA["plane strain"] / 2, 3.0
+    loads = {"pull": {"boundary": "upper.top", "traction": [0.0, [[2.0, 0.0], [3.0, 1.0]]]}}
+    bolt = {"force": [[2.0, force]], "held_from": 2.0}
+    simulation = prepare(joint(bolt=bolt, drop="shortening", loads=loads, steps={"end": 3.0, "count": 6}))
+    for step in simulation.steps():
+        added = 2.0 * max(step.time - 2.0, 0.0) * K / (K + plates)
+        tension = force * min(step.time / 2.0, 1.0)
+        assert_allclose(step.bolts["b"].tension, tension + added, rtol=1e-7)
+        assert_allclose(step.bolts["b"].shortening, tension * (1 / K + 1 / plates), rtol=1e-7)
+        assert max(audit(simulation, step).values()) < 1e-7
+
+
+def test_bolts_share_what_one_of_them_loosens() -> None:
+    """A bolt that is tightened to a force beside one that was shortened before; friction carries nothing."""
+    simulation = prepare(
+        joint(
+            drop="shortening",
+            bolt={"force": [[1.0, 1.0], [2.0, 2.0]], "held_from": 1.0},
+            bolts={"c": {"force": [[1.0, 0.0], [2.0, 2.0]], "axis": [0.0, 1.0]}},
+            steps={"end": 2.0, "count": 2},
+        )
+    )
+    plates = E * AREA["plane strain"] / 2
+    one, two = simulation.steps()
+    assert_allclose([one.bolts["b"].tension, one.bolts["c"].tension], [1.0, 0.0], atol=1e-7)
+    # the second one compresses the plates by 2 / c of its own, and the first one gives way: k (2 - loss) / c
+    loss = 2.0 * K / (K + plates)
+    assert_allclose([two.bolts["b"].tension, two.bolts["c"].tension], [1.0 - loss, 2.0], rtol=1e-6)
+    assert two.bolts["b"].shortening == one.bolts["b"].shortening
+    assert max(audit(simulation, two).values()) < 1e-7
+
+
 @pytest.mark.parametrize(
     ("bolt", "message"),
     [
@@ -92,11 +134,18 @@ def test_a_lap_joint_slips_at_mu_times_the_tension() -> None:
         ({"stiffness": -1.0}, r"bolts\.b\.stiffness = -1\.0: must be positive, in N/m"),
         ({"shortening": "t"}, r'bolts\.b\.shortening = "t": expected a number'),
         ({"torque": 1.0}, r"bolts\.b\.torque: unknown key"),
+        ({"force": 1.0}, r"bolts\.b\.shortening / force: exactly one of the two is needed"),
+        ({"held_from": 1.0}, r"bolts\.b\.held_from = 1\.0: belongs to force"),
     ],
 )
 def test_what_is_wrong_is_refused_in_one_line(bolt: dict[str, Any], message: str) -> None:
     with pytest.raises(SceneError, match=message):
         joint(bolt=bolt)
+
+
+def test_a_bolt_is_held_from_the_end_of_a_step() -> None:
+    with pytest.raises(SceneError, match=r"bolts\.b\.held_from = 0\.7: no step ends there; list that time in force"):
+        joint(bolt={"force": 1.0, "held_from": 0.7}, drop="shortening")
 
 
 def test_a_bolt_is_along_the_axis_of_symmetry() -> None:
