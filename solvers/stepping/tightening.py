@@ -19,7 +19,8 @@ from stickslip.solvers.scene.timeline import CLOSE
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.system.system import System
 
-LOOSE = 10.0  # times solver.tolerance: deviation of the tension, relative to the largest of a bolt in time
+TIGHT = 1e-9  # deviation of the tension, relative to the largest of a bolt in time, that is aimed at
+LOOSE = 10.0  # times solver.tolerance: that is allowed where another solution comes no nearer
 MOST = 30  # solutions of a step
 log = logging.getLogger(__name__)
 
@@ -69,7 +70,8 @@ class Tightening:
         off = np.where(self.free, self.tension(state) - self.wanted, 0.0)
         allowed = LOOSE * self.system.problem.solver.tolerance * self.largest
         log.info("t = %g: tension of bolts off by %.1e", self.target, np.abs(off / self.largest).max())
-        if np.all(np.abs(off) <= allowed):
+        near = np.all(np.abs(off) <= allowed)  # with a loose solver no shortening need be better
+        if np.all(np.abs(off) <= TIGHT * self.largest) or (near and self.tried and _worse(off, self.tried[1])):
             return True
         if self.tried is not None:
             x, residual = self.tried
@@ -89,6 +91,11 @@ class Tightening:
             bolt.shortening: ((self.start.time, a), (self.target, x)) if begun else ((self.target, x),)
             for bolt, a, x in each
         }
+
+
+def _worse(off: Array, before: Array) -> bool:
+    """Whether the last solution has come no nearer."""
+    return bool(np.abs(off).max() > np.abs(before).max() / 2)
 
 
 def _largest(system: System, bolt: Tightened) -> float:
