@@ -49,8 +49,10 @@ class Bubbles:
         self._linear = dx.fem.Function(system.space)
         self._inner = [weak.compile(form) for form in _inner_forces(problem, weak, self._whole)]
         self._pull = [coarse.compile(form) for form in _inner_forces(problem, coarse, self._alone)]
-        self._loads = applied_loads(problem, weak)
+        self._loads = applied_loads(problem, weak, self.constraints, self.zero())
+        links = self.constraints.links
         self.initial = [dx.assemble_vector(weak.compile(weak.initial_load(s))) for s in system.initial.strains]
+        self.initial += [links.forces(self.zero(), links.stiffness * rest.elongation) for rest in links.rests]
         self._corners = len(dx.reference_nodes(mesh.domain.topology.cell_type.name, 1))
         self._between = np.ones(len(self.nodes.number), bool)
         self._between[dx.cell_dofs(self.space)[:, : self._corners]] = False
@@ -81,7 +83,8 @@ class Bubbles:
     def inner(self, u: Vec, x: Vec) -> Vec:
         """Inner forces a(u + x, .) [N] of a displacement u of the mesh and bubbles x; collective."""
         self._add_up(u, x)
-        return _assembled(self._inner)
+        elongation = self.system.constraints.links.elongation(u) + self.elongation(x)
+        return self.constraints.links.added(_assembled(self._inner), elongation)
 
     def displacement_at(self, u: Vec, x: Vec, places: Mapping[str, tuple[int, Array] | None]) -> dict[str, Array]:
         """u + x (d,) [m] at points, by name, on every rank; collective.
@@ -145,7 +148,15 @@ class Bubbles:
     def pull(self, x: Vec) -> Vec:
         """Inner forces a(x, .) [N] of bubbles on the dofs of the mesh; collective."""
         _fill(self._alone, x)
-        return _assembled(self._pull)
+        return self.system.constraints.links.added(_assembled(self._pull), self.elongation(x))
+
+    def remote(self, x: Vec) -> Array:
+        """What bubbles add to the motion of remote points (components,) [m, rad]; collective."""
+        return self.constraints.remote.motion(x)
+
+    def elongation(self, x: Vec) -> Array:
+        """What bubbles add to the elongation of links (r,) [m]; collective."""
+        return self.constraints.links.elongation(x)
 
     def relaxed(self, forces: Vec) -> Vec:
         """Displacement of the free bubbles under forces on them, each node by itself: block Jacobi."""

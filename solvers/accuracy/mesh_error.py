@@ -36,6 +36,7 @@ from stickslip.solvers.results.error_parts import ErrorParts, Quantity, Value
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import OPEN, ContactState, Numbers, StepResult
+from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.quantities import STRESSES
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted
@@ -82,7 +83,13 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
     for c in accepted.stepper.system.contacts:
         errors |= without_limit(c, result.contacts[c.name], ROUNDING * accepted.stepper.system.extent)
     errors |= {Quantity("probes", name, "stress"): ErrorParts(converges=False) for name in _at_corners(observe, result)}
-    return corrected, errors
+    return corrected, errors | at_points(accepted.stepper.system.problem)
+
+
+def at_points(problem: Problem) -> dict[Quantity, ErrorParts]:
+    """No error of springs that pull at a point: it gives way the more, the finer the mesh is, which no mesh ends."""
+    alone = [link.name for link in problem.links if any(not isinstance(end, str) for end, _ in link.ends.values())]
+    return {Quantity("springs", name, "force"): ErrorParts() for name in alone}
 
 
 def without_limit(c: ContactRows, contact: ContactState, rounding: float) -> dict[Quantity, ErrorParts]:

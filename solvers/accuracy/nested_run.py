@@ -40,7 +40,7 @@ from stickslip.geometry.errors import StickslipError
 from stickslip.geometry.nested_mesh import FlatMesh
 from stickslip.solvers.accuracy.areas import areas_of_order_2
 from stickslip.solvers.accuracy.iteration_errors import AREAS
-from stickslip.solvers.accuracy.mesh_error import Values
+from stickslip.solvers.accuracy.mesh_error import Values, at_points
 from stickslip.solvers.accuracy.other_mesh import OtherMeshRun, on_other_mesh, sides_of
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.accuracy.where_to_refine import Places
@@ -98,7 +98,7 @@ class NestedRun(OtherMeshRun):
             key, pressure = Quantity("contacts", c.name, "max_pressure"), step.contacts[c.name].max_pressure
             if finer[key] > (1 + GROWS) ** cuts * pressure and not c.normal.at_quadrature:
                 errors[key] = ErrorParts(converges=False)
-        return errors
+        return errors | at_points(self._stepper.system.problem)
 
     def _finer(self, mesh: FlatMesh, times: Sequence[float], counters: Counters) -> Iterator[Values]:
         """Numbers of the history on the finer mesh at each time [s]; collective.

@@ -354,6 +354,8 @@ class _Substep:
             external=loads.dot(change) / 2,
             contact=float((self._contact(p) + self._contact(old.p)) @ (here - there) / 2),
             initial_work=work,
+            elongation=bubbles.elongation(x),
+            remote=bubbles.remote(x),
         )
         driven = answer.solution.u_c[len(answer.solution.u_c) - len(new.driven) :]
         found = new_state(

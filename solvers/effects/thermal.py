@@ -9,6 +9,8 @@ from typing import Annotated
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.errors import require, shortened
+from stickslip.geometry.expression import Expression, Varying, check_varying
 from stickslip.geometry.keys import Key
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.fem.terms import InitialStrain
@@ -19,19 +21,32 @@ from stickslip.solvers.scene.timeline import Place
 
 @dataclass(frozen=True, kw_only=True)
 class Thermal(EffectTable):
-    """Thermal expansion of one body, [thermal.BODY]; its temperature is uniform."""
+    """Thermal expansion of one body, [thermal.BODY]."""
 
     expansion: Annotated[float, Key("1/K", "coefficient of linear thermal expansion of the body")]
-    temperature: Annotated[Amplitude, Key("K", "above the temperature at which the body is free of stress, in time")]
+    temperature: Annotated[
+        Varying, Key("K", "above that at which the body is free of stress, in time or as an expression of x, y, z")
+    ]
+    history: Annotated[
+        Amplitude | None, Key("-", "factor of an expression, in time; absent: it is reached at steps.end")
+    ] = None
 
     def __post_init__(self) -> None:
-        check(self.temperature, "temperature")
+        check_varying(self.temperature, "temperature")
+        if self.history is not None:
+            check(self.history, "history")
+            wrong = "only of an expression; write the temperature itself in time"
+            require(isinstance(self.temperature, str), "history", "given", wrong)
 
-    def amplitudes(self) -> Mapping[tuple[str, str], Amplitude]:
-        return {("temperature", ""): self.temperature}
+    def amplitudes(self) -> Mapping[tuple[str, str], Varying]:
+        found: dict[tuple[str, str], Varying] = {("temperature", ""): self.temperature}
+        return found if self.history is None else found | {("history", ""): self.history}
 
     def check(self, scene: Scene, key: str) -> None:
         scene.require_body(key)
+        if isinstance(self.temperature, str):
+            text, why = f'"{shortened(self.temperature)}"', "t: has no place here; give its factor in time as history"
+            require(not Expression(self.temperature, {}).in_time, f"{key}.temperature", text, why)
 
 
 class _Thermal(Effect):
@@ -42,8 +57,10 @@ class _Thermal(Effect):
 
     def initial_strains(self, problem: Problem) -> Iterable[InitialStrain]:
         for body, table in problem.tables["thermal"].items():
-            drive = Place("thermal", body, "temperature")
-            yield InitialStrain(drive=drive, body=body, strain=table.expansion * np.eye(3))
+            temperature = Place("thermal", body, "temperature")
+            drive = temperature if table.history is None else Place("thermal", body, "history")
+            field = temperature if isinstance(table.temperature, str) else None
+            yield InitialStrain(drive=drive, body=body, field=field, strain=table.expansion * np.eye(3))
 
 
 EFFECT = _Thermal()

@@ -1,24 +1,28 @@
-"""Supports and periodic sides: u = T q + u_s(t), with q the free displacements.
+"""Supports, periodic and rigid sides: u = T q + u_s(t), with q the free displacements.
 
 Every rank stores all prescribed nodes (O(N^(2/3)) data), so the numbering of q needs no communication. Each node has d
 entries of q, also where displacements are prescribed: multigrid then sees the blocks of elasticity. Entries that are
 not free are eliminated: their columns of T are zero. If all supports act along axes, T only selects displacements.
+The free motions of a rigid side take the first entries of q of its nodes; the others are eliminated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from petsc4py import PETSc
+from scipy import sparse
 from scipy.linalg import null_space
 
 from stickslip.geometry.arrays import Array, Bools, Ints, cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Comm, Mat
+from stickslip.solvers.fem.links import Links
+from stickslip.solvers.fem.remote_points import RemotePoint, RemotePoints
 from stickslip.solvers.scene.timeline import Course, Drive, Place
 
 AXES = {"x": 0, "y": 1, "z": 2}
@@ -69,6 +73,8 @@ class Constraints:
     points: Mapping[int, Array]  # coordinates (d,) [m] of the nodes above
     part: Mapping[int, int]  # part of the mesh that each of them belongs to
     sprung: Sprung
+    links: Links
+    remote: RemotePoints
     parts: int  # number of parts
     axisymmetric: bool
 
@@ -109,23 +115,32 @@ class Constraints:
 
         Returns:
             Directions (n, d, d), one column for each of the node's d entries of q, zero if the entry is eliminated; and
-            which entries are free (n, d).
+            which entries are free (n, d). Nodes of rigid sides have none.
         """
         columns, free = np.tile(np.eye(self.dim), (len(nodes), 1, 1)), np.ones((len(nodes), self.dim), bool)
         held, at = _places(self.held, self.roots(nodes))
         columns[held], free[held] = self._bases[0][at], self._bases[1][at]
+        rigid = np.isin(nodes, self._rigid_nodes)
+        columns[rigid], free[rigid] = 0.0, False
         return columns, free
 
     def eliminated(self) -> Ints:
         """Indices in q of the eliminated entries, increasing."""
         numbers = self.dim * self.held[:, None] + np.arange(self.dim)
         followers = self.dim * self.followers[:, None] + np.arange(self.dim)
-        return np.sort(np.concatenate([numbers[~self._bases[1]], followers.ravel()]))
+        own = self.dim * self._rigid_nodes[:, None] + np.arange(self.dim)
+        taken = np.concatenate([np.zeros(0, np.int64), *(self._motions(point) for point in self.remote.rigid)])
+        rigid = np.setdiff1d(own.ravel(), taken)
+        return np.sort(np.concatenate([numbers[~self._bases[1]], followers.ravel(), rigid]))
 
     @cached_property
     def selects(self) -> bool:
         """Whether T is diagonal with entries 0 and 1: it only selects displacements."""
-        return not self.root and bool(np.all(self._bases[0] == self._bases[1][:, None] * np.eye(self.dim)))
+        return (
+            not self.root
+            and not self.remote.rigid
+            and bool(np.all(self._bases[0] == self._bases[1][:, None] * np.eye(self.dim)))
+        )
 
     def numbers(self, nodes: Ints) -> Ints:
         """Indices in q (n, d) of the d entries of each node, or of its root; some may be eliminated."""
@@ -142,24 +157,48 @@ class Constraints:
         own = np.arange(low, low + self.nodes.owned)
         bases, numbers = self.bases(own)[0], self.numbers(own)
         node, i, j = np.nonzero(bases)
-        pointer = np.searchsorted(d * node + i, np.arange(d * len(own) + 1)).astype(PETSc.IntType)
+        row, column, value = [d * node + i], [numbers[node, j]], [bases[node, i, j]]
+        for point in self.remote.rigid:
+            mine, at = _places(own, point.nodes)
+            node, i, j = np.nonzero(point.free[mine])
+            row.append(d * at[node] + i)
+            column.append(self._motions(point)[j])
+            value.append(point.free[mine][node, i, j])
         size = (d * len(own), d * self.nodes.total)
-        rows = (pointer, numbers[node, j].astype(PETSc.IntType), bases[node, i, j])
-        matrix = PETSc.Mat().createAIJ((size, size), bsize=d, csr=rows, comm=comm)
+        entries = sparse.csr_matrix((np.concatenate(value), (np.concatenate(row), np.concatenate(column))), shape=size)
+        csr = (entries.indptr.astype(PETSc.IntType), entries.indices.astype(PETSc.IntType), entries.data)
+        matrix = PETSc.Mat().createAIJ((size, size), bsize=d, csr=csr, comm=comm)
         matrix.assemble()
         found: Mat = matrix
         return found
 
     @cached_property
     def prescribed_nodes(self) -> Ints:
-        """Global numbers of all nodes with a prescribed component, also of periodic nodes whose root has one."""
+        """Global numbers of all nodes with a prescribed component, also of periodic nodes whose root has one.
+
+        The nodes of rigid sides follow, see `RemotePoints.rigid`.
+        """
+        return np.concatenate([self._alone_prescribed, self._rigid_nodes])
+
+    @cached_property
+    def _alone_prescribed(self) -> Ints:
+        """Those but for the nodes of rigid sides."""
         follow = _places(self.held, self.roots(self.followers))[0]
         return np.sort(np.concatenate([np.setdiff1d(self.held, self.followers), self.followers[follow]]))
 
     @cached_property
+    def _rigid_nodes(self) -> Ints:
+        return np.concatenate([np.zeros(0, np.int64), *(point.nodes for point in self.remote.rigid)])
+
+    def _motions(self, point: RemotePoint) -> Ints:
+        """Indices in q of the free motions of a rigid side."""
+        entries = self.dim * point.nodes[:, None] + np.arange(self.dim)
+        return np.asarray(entries.ravel()[: point.free.shape[2]])
+
+    @cached_property
     def _of_prescribed(self) -> Ints:
-        """Index in `held` of each of the `prescribed_nodes`."""
-        return _places(self.held, self.roots(self.prescribed_nodes))[1]
+        """Index in `held` of each of the `prescribed_nodes` that are not of rigid sides."""
+        return _places(self.held, self.roots(self._alone_prescribed))[1]
 
     @cached_property
     def _drives(self) -> dict[Drive, int]:
@@ -169,7 +208,9 @@ class Constraints:
     @cached_property
     def _supports(self) -> dict[str, int]:
         """Index of each support."""
-        return {name: i for i, name in enumerate(dict.fromkeys(r.support for n in self.rows.values() for r in n))}
+        of_rigid = [row.support for point in self.remote.rigid for row in point.rows]
+        names = [r.support for n in self.rows.values() for r in n] + of_rigid
+        return {name: i for i, name in enumerate(dict.fromkeys(names))}
 
     @property
     def apart(self) -> bool:
@@ -232,7 +273,8 @@ class Constraints:
             wrong.append(alike.at[np.any(off > 1e-9 * np.abs(wanted).max(axis=1, keepdims=True), axis=1)])
         if np.concatenate(wrong).size:
             self._refuse(int(self.held[np.concatenate(wrong).min()]), time)
-        return found[self._of_prescribed]
+        rigid = [point.prescribed(self.course, time) for point in self.remote.rigid]
+        return np.concatenate([found[self._of_prescribed], *rigid])
 
     def _refuse(self, node: int, time: float) -> None:
         names = {row.support if row.support == AXIS else f"supports.{row.support}" for row in self.rows[node]}
@@ -248,10 +290,11 @@ class Constraints:
             forces: (k, d) [N] at `prescribed_nodes`.
 
         Returns:
-            For each support its force (d,) [N] and moment about the origin [N m], (1,) in 2D and (3,) in 3D.
+            For each support its force (d,) [N] and moment about the origin [N m], (1,) in 2D and (3,) in 3D; for each
+            remote point whose motion is prescribed, as `RemotePoint.key`, with the moment about the point.
         """
         at = np.zeros((len(self.held), self.dim))
-        np.add.at(at, self._of_prescribed, forces)
+        np.add.at(at, self._of_prescribed, forces[: len(self._of_prescribed)])
         points = self.points_of(self.held)
         force = np.zeros((len(self._supports), self.dim))
         moment = np.zeros((len(self._supports), 1 if self.dim == 2 else 3))
@@ -261,9 +304,20 @@ class Constraints:
             turn = cross(points[alike.at][:, None], pull).reshape(*share.shape, moment.shape[1])
             np.add.at(force, alike.supports, pull)
             np.add.at(moment, alike.supports, turn)
+        for point, own in self._on_rigid(forces):
+            for row, size in zip(point.rows, point.multipliers(own), strict=True):
+                force[self._supports[row.support]] += size * row.pull
+                moment[self._supports[row.support]] += size * row.turn
         if self.axisymmetric:  # over the full circle the radial parts balance
             force, moment = force * [0, 1], 0 * moment
         return {name: (force[i], moment[i]) for name, i in self._supports.items() if name != AXIS}
+
+    def _on_rigid(self, forces: Array) -> Iterator[tuple[RemotePoint, Array]]:
+        """Each remote point with a rigid side, and the forces (n, d) [N] at its nodes."""
+        first = len(self._of_prescribed)
+        for point in self.remote.rigid:
+            yield point, forces[first : first + len(point.nodes)]
+            first += len(point.nodes)
 
     def points_of(self, nodes: Ints) -> Array:
         """Coordinates (n, d) [m] of nodes that are prescribed, periodic or the root of a periodic node."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -187,8 +188,20 @@ class WeakForms:
         size = strain.ufl_shape[0]
         terms = [(i, j) for i in range(size) for j in range(size) if stress[i, j] != 0]
         density = sum(self.constant(float(stress[i, j])) * strain[i, j] for i, j in terms)
-        found: UflForm = density * self.volume(initial.body)
+        if initial.field:
+            density = self._value(initial.field, self.constant(0.0)) * density
+        found: UflForm = density * self._volume_of(initial)
         return found
+
+    def initial_energy(self, one: InitialStrain, other: InitialStrain) -> float:
+        """∫ strain : C strain dx [J] of two initial strains of a body, both at value 1; collective."""
+        both = [self._value(field, self.constant(0.0)) for field in (one.field, other.field) if field]
+        density = prod(both, start=self.constant(1.0))
+        size = self._integral(density * self._volume_of(one if one.field else other))
+        return float(size * np.sum(one.strain * self.initial_stress(other)))
+
+    def _volume_of(self, initial: InitialStrain) -> Measure:
+        return self.volume(initial.body, 2 * self.mesh.degree + SMOOTH if initial.field else None)
 
     def loads(self) -> list[LoadTerm]:
         """The scene's surface loads; effects add theirs."""
@@ -219,11 +232,16 @@ class WeakForms:
         expression = self.problem.timeline.expressions.get(place)
         if expression is None:
             return LoadTerm(drive=place, form=density * measure(None))
-        x, clock = ufl.SpatialCoordinate(self.mesh.domain), self.constant(0.0)
-        values = {axis: x[i] for i, axis in enumerate("xyz"[: self.mesh.dim])} | {"t": clock}
-        value = expression.build(values, self.constant, SYMBOLS)
-        form = value * density * measure(2 * self.mesh.degree + SMOOTH)
+        clock = self.constant(0.0)
+        form = self._value(place, clock) * density * measure(2 * self.mesh.degree + SMOOTH)
         return LoadTerm(drive=place, form=form, clock=clock if expression.in_time else None)
+
+    def _value(self, place: Place, clock: Constant) -> UflExpr:
+        """The expression at a place of the scene, without its ramp; clock: t [s]."""
+        x = ufl.SpatialCoordinate(self.mesh.domain)
+        values = {axis: x[i] for i, axis in enumerate("xyz"[: self.mesh.dim])} | {"t": clock}
+        found: UflExpr = self.problem.timeline.expressions[place].build(values, self.constant, SYMBOLS)
+        return found
 
     def linear(self, matrix: Array, shift: Array) -> UflExpr:
         """(matrix x + shift) . v, x the coordinates (d,) [m]."""
@@ -252,13 +270,14 @@ class WeakForms:
 
     def area(self, side: str) -> float:
         """Area of a side [m²], per metre of thickness in plane models [m]."""
-        form = self.compile(self.constant(1.0) * self.boundary(side))
-        return float(self.mesh.comm.allreduce(dx.fem.assemble_scalar(form)))
+        return self._integral(self.constant(1.0) * self.boundary(side))
 
     def size(self, body: str) -> float:
         """Volume of a body [m³], per metre of thickness in plane models [m²]."""
-        form = self.compile(self.constant(1.0) * self.volume(body))
-        return float(self.mesh.comm.allreduce(dx.fem.assemble_scalar(form)))
+        return self._integral(self.constant(1.0) * self.volume(body))
+
+    def _integral(self, form: UflForm) -> float:
+        return float(self.mesh.comm.allreduce(dx.fem.assemble_scalar(self.compile(form))))
 
     def constant(self, value: float) -> Constant:
         """A number that a compiled form reads at run time, so that other values need no new compilation."""

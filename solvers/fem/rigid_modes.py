@@ -10,45 +10,7 @@ from scipy.linalg import null_space
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.mesh.joints import Joints
 from stickslip.solvers.fem.constraints import Constraints
-
-
-def rigid_names(dim: int, axisymmetric: bool) -> list[str]:
-    """Names of the k rigid modes, in the order of `rigid_fields`."""
-    if axisymmetric:
-        return ["translation along y"]
-    turns = ["rotation"] if dim == 2 else [f"rotation about {axis}" for axis in "xyz"]
-    return [f"translation along {axis}" for axis in "xyz"[:dim]] + turns
-
-
-def rigid_fields(points: Array, centre: Array, size: float, axisymmetric: bool) -> Array:
-    """Rigid modes (translations and infinitesimal rotations) at given points, of comparable magnitude.
-
-    Their number k is 3 in plane models, 6 in 3D, and 1 in axisymmetric ones, where only the translation along the axis
-    is rigid.
-
-    Args:
-        points: (m, d) [m].
-        centre: (d,) [m], point about which the bodies rotate.
-        size: [m], length by which distances are divided.
-        axisymmetric: whether the model is.
-
-    Returns:
-        Fields (m, d, k), without unit.
-
-    >>> rigid_fields(np.array([[2.0, 0.0]]), np.zeros(2), 2.0, axisymmetric=False)[0]
-    array([[ 1.,  0., -0.],
-           [ 0.,  1.,  1.]])
-    """
-    m, d = points.shape
-    x = (points - centre) / size
-    translations = np.tile(np.eye(d), (m, 1, 1))
-    if axisymmetric:
-        return translations[:, :, 1:]
-    if d == 2:
-        return np.concatenate([translations, np.stack([-x[:, 1], x[:, 0]], axis=1)[:, :, None]], axis=2)
-    rotations = np.stack([np.cross(axis, x) for axis in np.eye(3)], axis=2)
-    return np.concatenate([translations, rotations], axis=2)
-
+from stickslip.solvers.fem.rigid_fields import rigid_fields, rigid_names
 
 TURNING = 1e-6  # coefficients of motions of size 1 that differ by less are equal
 ROUNDING = 1e-12  # of the largest prescribed displacement: a smaller difference counts as zero
@@ -81,11 +43,20 @@ class RigidModes:
         of, kinds = self.constraints, len(rigid_names(self.constraints.dim, self.constraints.axisymmetric))
         held = self._of_nodes(of.held)
         blocks = [np.einsum("krd,kdc->krc", alike.directions, held[alike.at]) for alike in of.alike]
+        for point in of.remote.rigid:
+            moved = self._of_parts(point.points, point.part)
+            blocks.append(point.motion_of(moved))
         blocks.append(self._of_nodes(of.followers) - self._of_nodes(of.roots(of.followers)))
         one, other = self.joints.parts.T
         blocks.append(self._of_parts(self.joints.points, one) - self._of_parts(self.joints.points, other))
         fields = self._of_parts(of.sprung.points, of.sprung.part)
         blocks.append(np.einsum("md,mdc->mc", of.sprung.directions, fields))
+        linked = np.einsum("wd,wdc->wc", of.links.weights, self._of_parts(of.links.points, of.links.part))
+        blocks.append(np.zeros((len(of.links.stiffness), linked.shape[1])))
+        np.add.at(blocks[-1], of.links.of, linked)
+        for point in of.remote.rigid:
+            if len(np.unique(point.part)) > 1:
+                blocks.append(point.left(self._of_parts(point.points, point.part)))
         nothing = np.zeros((1, of.parts * kinds))
         return np.concatenate([nothing, *(block.reshape(-1, of.parts * kinds) for block in blocks)])
 
@@ -119,7 +90,9 @@ class RigidModes:
 
     def followed(self, time: float) -> Array | None:
         """Coefficients (parts, k) [m] of a rigid motion that satisfies all that is prescribed at a time, or None."""
-        wanted = np.concatenate([np.zeros(1), *(rows.ravel() for rows in self.constraints.wanted(time))])
+        of = self.constraints
+        of_rigid = [point.wanted(of.course, time) for point in of.remote.rigid]
+        wanted = np.concatenate([np.zeros(1), *(rows.ravel() for rows in of.wanted(time)), *of_rigid])
         wanted = np.pad(wanted, (0, len(self.resisted) - len(wanted)))
         found, rounding = self._inverse @ wanted, ROUNDING * np.abs(wanted).max()
         found[np.abs(found) <= rounding] = 0.0  # periodic sides must move alike to the last digit

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial import cKDTree
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import Array, cross
 from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import FunctionSpace
 from stickslip.geometry.surfaces.surface import gather_surface
 from stickslip.solvers.fem.constraints import AXES, AXIS, Constraints, Row, Sprung
+from stickslip.solvers.fem.links import find_links, vertex_at
+from stickslip.solvers.fem.remote_points import RemotePoints, RigidRow, find_remote_points
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Course, Place
 
@@ -34,7 +38,7 @@ def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: 
             normals = side.node_normals() if "normal" in support.displacement else np.zeros_like(x)
             normals[np.abs(normals) < 1e-12] = 0.0
         else:
-            where, x, of = _vertex_at(mesh, nodes, np.array(support.point), f"supports.{name}.point")
+            where, x, of = vertex_at(mesh, nodes, np.array(support.point), f"supports.{name}.point")
             normals = np.zeros_like(x)
         points |= dict(zip(where.tolist(), x, strict=True))
         part |= dict(zip(where.tolist(), of.tolist(), strict=True))
@@ -51,6 +55,7 @@ def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: 
         for node, x, its_part in _on_axis(mesh, nodes):
             rows.setdefault(root.get(node, node), []).append(Row(np.array([1.0, 0.0]), 0.0, AXIS))
             points[node], part[node] = x, its_part
+    remote = _with_supports(problem, mesh, space, nodes, find_remote_points(problem, mesh, space, nodes), rows, root)
     ordered = {n: tuple(r) for n, r in sorted(rows.items())}
     return Constraints(
         nodes=nodes,
@@ -61,9 +66,46 @@ def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: 
         points=points,
         part=part,
         sprung=_sprung(problem, mesh, space, nodes),
+        links=find_links(problem, mesh, space, nodes),
+        remote=remote,
         parts=mesh.part_count,
         axisymmetric=mesh.axisymmetric,
     )
+
+
+def _with_supports(
+    problem: Problem,
+    mesh: Mesh,
+    space: FunctionSpace,
+    nodes: Nodes,
+    remote: RemotePoints,
+    rows: dict[int, list[Row]],
+    root: dict[int, int],
+) -> RemotePoints:
+    """The remote points, with the rows of supports at nodes of rigid sides, which are taken out of `rows`; collective.
+
+    Raises:
+        SceneError: a rigid side shares nodes with a contact, a periodic or another rigid side.
+    """
+    taken = {node: "a periodic side" for pair in root.items() for node in pair}
+    for side in problem.request.contact_sides if remote.rigid else ():
+        taken |= dict.fromkeys(gather_surface(mesh, space, nodes, side).nodes.tolist(), f"{side}, a contact side")
+    found = []
+    for point in remote.every:
+        own = list[RigidRow]()
+        each = zip(point.nodes.tolist(), point.points, point.fields, strict=True)
+        for node, x, field in each if point.coupling.rigid else ():
+            if node in taken:
+                raise SceneError(
+                    f"{point.coupling.key}.boundary = {point.coupling.boundary}: has nodes in common with "
+                    f"{taken[node]}, at ({', '.join(f'{c:.6g}' for c in x)}); set coupling = distributing"
+                )
+            for row in rows.pop(node, []):
+                turn = np.atleast_1d(cross(x, row.direction))
+                own.append(RigidRow(row.direction @ field, row.drive, row.support, row.direction, turn, row.point))
+            taken[node] = point.coupling.key
+        found.append(replace(point, rows=(*point.rows, *own)))
+    return replace(remote, every=tuple(found))
 
 
 def _sprung(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) -> Sprung:
@@ -91,28 +133,6 @@ def _on_axis(mesh: Mesh, nodes: Nodes) -> list[tuple[int, Array, int]]:
     own = np.flatnonzero(nodes.points[: nodes.owned, 0] <= slack)
     found = mesh.comm.allgather([(int(nodes.number[i]), nodes.points[i], int(nodes.part[i])) for i in own])
     return [pair for part in found for pair in part]
-
-
-def _vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, Array, Ints]:
-    """Number, coordinates and part of the mesh vertex at a point (d,) [m], each with one row.
-
-    Raises:
-        SceneError: no vertex lies there.
-    """
-    own = nodes.points[: nodes.owned]
-    distance = np.linalg.norm(own - point, axis=1)
-    best = int(np.argmin(distance)) if len(own) else -1
-    offers = mesh.comm.allgather(
-        (distance[best], int(nodes.number[best]), own[best], int(nodes.part[best]))
-        if len(own)
-        else (np.inf, -1, point, -1)
-    )
-    nearest, number, x, found = min(offers, key=lambda offer: offer[0])
-    low, high = mesh.box()
-    if nearest > 1e-6 * float(np.max(high - low)):
-        at = ", ".join(f"{c:.6g}" for c in x)
-        raise SceneError(f"{key} = {point.tolist()}: no mesh vertex there; the nearest is ({at})")
-    return np.array([number]), np.array([x]), np.array([found])
 
 
 def _periodic_roots(

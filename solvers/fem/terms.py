@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Constant, UflForm
-from stickslip.solvers.scene.timeline import Drive
+from stickslip.solvers.scene.timeline import Drive, Place
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +21,7 @@ class LoadTerm:
 
 @dataclass(frozen=True, kw_only=True)
 class InitialStrain:
-    """A strain at which a body has no stress, uniform over the body, times a value in time.
+    """A strain at which a body has no stress, times a value in time, and an expression of place if it has one.
 
     sigma = C (eps(u) - initial strain). It loads the bodies and changes stress and stored energy; the work that it
     does on the stressed bodies counts as external work.
@@ -29,4 +29,5 @@ class InitialStrain:
 
     drive: Drive
     body: str
+    field: Place | None = None  # of an expression without t; None: the strain is uniform over the body
     strain: Array  # (3, 3) at value 1 [-], symmetric; the third axis is out of plane, in axisymmetric models the hoop

@@ -37,6 +37,7 @@ from stickslip.solvers.results.stored_fields import (
     stress_difference,
 )
 from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.stepping.tightening import recall, tension_off
 from stickslip.solvers.system.nodal_contact import fill, relative_to_obstacle
 from stickslip.solvers.system.system import System, assemble
 
@@ -115,10 +116,10 @@ class Auditor:
     def shared(self) -> tuple[str, ...]:
         """What has no second formula, so that the solver's own is used: an error in it is not seen."""
         problem, zero = self.start.problem, np.zeros(1)
-        found = ["loads"] * bool(self.start.loads)
+        found = ["loads"] * bool(self.start.loads) + [x.key for x in problem.links] + [x.key for x in problem.couplings]
         found += [f"{effect.name}: stiffness" for effect in active(problem) if effect.stiffens]
         found += [f"{place}: expression" for place in problem.timeline.expressions if place.table == "supports"]
-        found += [f"initial strain of {strain.body}" for strain in self.start.initial.strains]
+        found += [f"initial strain of {s.body}" for s in self.start.initial.strains]
         found += [f"mean dilatation of {body}" for body in problem.averaged]
         for name, obstacle in problem.obstacles.items():
             if gap(obstacle, np.zeros((1, problem.dim))) is None:
@@ -143,6 +144,7 @@ class Auditor:
         ):
             return Audit(**{f.name: np.inf for f in fields(Audit)})
         self._set_system(self.start.searched(record.searched) if record.searched else self.start)
+        recall(self.start, record.time, record.shortened)
         u = self.system.vector()
         u.array[:] = record.displacement[self.system.nodes.input[: self.system.nodes.owned]].ravel()
         inner, w = self._inner(u), self._relative(record)
@@ -233,11 +235,10 @@ class Auditor:
         return {body: float(np.ptp(box, axis=0).min()) for body, box in boxes.items()}
 
     def _equilibrium(self, record: Record, u: Vec, inner: Vec, scales: Scales) -> tuple[float, float]:
-        """Defect of K u - f + B^T p at free dofs and of forces on driven obstacles, relative to all forces [-].
+        """Defect of K u - f + B^T p at free dofs, on driven obstacles and bolts, relative to all forces [-].
 
-        The contact forces are those of `_contact_force`. The second number is the change of these forces by one unit in
-        the last place of u, and of the coordinates that gaps are computed from: a stiff body that moves far, or a stiff
-        compliant surface, is out of balance by that, however well it was solved.
+        The second number is the change of these forces by one unit in the last place of u, and of the coordinates that
+        gaps are computed from: a stiff body that moves far is out of balance by that, however well it was solved.
         """
         system = self.system
         contact, obstacles = system.vector(), system.obstacles.driving_force(record.time)
@@ -246,20 +247,18 @@ class Auditor:
             force = self._contact_force(place, u, record, scales)
             contact += force
             obstacles += system.interface.resultant_on_driven(place.rows, force)
+        obstacles = np.append(obstacles, tension_off(system, u, record.time))
         values = system.initial.values(system.course, record.time)
         load = system.initial.added(system.load(record.time), values)
         out = inner - load + contact
-        free = system.T.createVecRight()
+        free, last_digit = system.T.createVecRight(), system.T.createVecRight()
         system.T.multTranspose(out, free)
         scale = sum(v.norm(0) for v in (inner, load, contact)) + applied
         rounding = EPS * self._largest_stiffness * u.norm(0)
-        if (
-            load.norm(0) == 0 and scale <= ROUNDING * rounding
-        ):  # a body that moves as a whole: its forces are rounding errors
+        if load.norm(0) == 0 and scale <= ROUNDING * rounding:  # forces of a body that moves as a whole
             return 0.0, 0.0
         shaken = u.copy()
         shaken.array[:] *= 1 + EPS * self._signs.array
-        last_digit = system.T.createVecRight()
         system.T.multTranspose(self._inner(shaken) - inner, last_digit)
         found = (free.norm(0) + np.abs(obstacles).sum()) / scale
         of_laws = EPS * sum(
@@ -293,7 +292,7 @@ class Auditor:
                 along = directions if axis == "normal" else np.eye(problem.dim)["xyz".index(axis)]
                 found = np.sum(record.displacement[nodes] * along, axis=1)
                 largest, off = max(largest, _largest(np.abs(wanted))), max(off, _largest(np.abs(found - wanted)))
-        if system.constraints.root or system.mesh.axisymmetric:
+        if system.constraints.root or system.constraints.remote.rigid or system.mesh.axisymmetric:
             alike = system.T * system.free_part(u, record.time) + system.prescribed(record.time)
             off = max(off, float((u - alike).norm(PETSc.NormType.INFINITY)))
         return float(off / largest) if largest else 0.0
@@ -367,7 +366,7 @@ class Auditor:
         dx.petsc_vector(self._u).array[:] = u.array
         self._u.x.scatter_forward()
         self.start.dilatation.fill(self._dilatation, u)
-        return dx.assemble_vector(self._inner_forces)
+        return self.start.constraints.links.inner(u, dx.assemble_vector(self._inner_forces))
 
     @cached_property
     def _signs(self) -> Vec:

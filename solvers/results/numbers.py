@@ -27,6 +27,15 @@ def quantities(step: StepResult | Numbers) -> dict[Quantity, Value]:
         found[Quantity("obstacles", name, "displacement")] = obstacle.displacement
         found[Quantity("obstacles", name, "force")] = obstacle.force
         found[Quantity("obstacles", name, "moment")] = _moment(obstacle.moment)
+    for name, spring in step.springs.items():
+        found[Quantity("springs", name, "force")] = spring.force
+    for name, bolt in step.bolts.items():
+        found[Quantity("bolts", name, "tension")] = bolt.tension
+    for name, point in step.remote_points.items():
+        found[Quantity("remote_points", name, "displacement")] = point.displacement
+        found[Quantity("remote_points", name, "rotation")] = _moment(point.rotation)
+        found[Quantity("remote_points", name, "force")] = point.force
+        found[Quantity("remote_points", name, "moment")] = _moment(point.moment)
     for name, probe in step.probes.items() if isinstance(step, StepResult) else ():
         found[Quantity("probes", name, "displacement")] = probe.displacement
         found[Quantity("probes", name, "stress")] = np.array([probe.stress[ij] for ij in STRESSES.values()])

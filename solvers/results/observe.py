@@ -16,6 +16,7 @@ from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
+from stickslip.solvers.fem.rigid_fields import parts_of_motion
 from stickslip.solvers.newton.correction import FLOOR
 from stickslip.solvers.parallel.gather import Gather, cells_of, nodes_of
 from stickslip.solvers.results.recovered_stress import MeshError, RecoveredStress
@@ -23,12 +24,15 @@ from stickslip.solvers.results.step_result import (
     OPEN,
     SLIP,
     STICK,
+    BoltState,
     ContactState,
     MeshData,
     Numbers,
     ObstacleState,
     ProbeValue,
     Reaction,
+    RemoteState,
+    SpringForce,
     StepResult,
     SurfaceMesh,
 )
@@ -80,6 +84,9 @@ class CellStress:
         count = mesh.domain.topology.index_map(mesh.dim).size_local
         self._cells = np.arange(count)
         self._means = system.dilatation.functions()
+        basis = dx.reference_basis(mesh.domain.topology.cell_type.name, mesh.degree, dx.midpoint(mesh.domain))[0]
+        corners = mesh.domain.geometry.x[:, : mesh.dim][dx.cell_nodes(mesh.domain)[:count]]
+        self._middles = np.einsum("n,cnd->cd", basis[0], corners)
         self._lame, self._members = np.zeros((count, 2)), dict[str, Ints]()
         for name, tag in mesh.bodies.items():
             material = system.problem.bodies[name]
@@ -101,8 +108,9 @@ class CellStress:
         d = round(found.shape[-1] ** 0.5)
         strain[:, :d, :d] = found.reshape(-1, d, d)
         own = np.trace(strain, axis1=1, axis2=2)
-        for value, given in zip(initial, self._system.initial.strains, strict=True):
-            strain[self._members[given.body]] -= value * given.strain
+        for value, given in zip(initial, self._system.initial.strains, strict=False):
+            members, timeline = self._members[given.body], self._system.course.timeline
+            strain[members] -= value * self._system.initial.at(given, self._middles[members], timeline)
         lame_lambda, lame_mu = self._lame.T
         if self._system.problem.model == "plane stress":
             strain[:, 2, 2] = -lame_lambda / (lame_lambda + 2 * lame_mu) * (strain[:, 0, 0] + strain[:, 1, 1])
@@ -165,6 +173,7 @@ class Observer:
     def __call__(self, accepted: Accepted) -> StepResult:
         """The result of a step; collective. Displacement and stress are on rank 0 only."""
         system, state = accepted.stepper.system, accepted.state
+        links = system.constraints.links
         cell_stress, nodal = self.stress(state.u, state.initial), self.stress.displacement.x.array
         numbers = self.numbers(accepted)
         displacement = self.by_node(state.u.array.reshape(-1, system.mesh.dim))
@@ -180,6 +189,9 @@ class Observer:
             contacts=numbers.contacts,
             obstacles=numbers.obstacles,
             supports=numbers.supports,
+            springs=numbers.springs,
+            bolts=numbers.bolts,
+            remote_points=numbers.remote_points,
             probes={name: self._probe(where, nodal, cell_stress) for name, where in self.probes.items()},
             energy=state.energy,
             iteration_error=iteration_error(accepted),
@@ -191,6 +203,7 @@ class Observer:
             w=state.w,
             reference=accepted.problem.gap,
             driven=state.driven,
+            shortened=np.array([system.course.value(bolt.shortening, state.time) for bolt in links.tightened], float),
             searched=accepted.stepper.searched,
             slid=state.slid,
             weakening=accepted.weakening,
@@ -211,12 +224,41 @@ class Observer:
         system, state = accepted.stepper.system, accepted.state
         contacts = {c.name: self._contact(i, c, accepted) for i, c in enumerate(system.contacts)}
         reactions = system.reactions(state.residual) if state.reactions is None else state.reactions
+        springs, bolts = self._links(state)
         return Numbers(
             contacts=contacts,
             obstacles=self._obstacles(state, contacts),
-            supports={name: Reaction(*pair) for name, pair in reactions.items()},
+            supports={name: Reaction(*pair) for name, pair in reactions.items() if "." not in name},
+            springs=springs,
+            bolts=bolts,
+            remote_points=self._remote_points(state, reactions),
             energy=state.energy,
         )
+
+    def _links(self, state: State) -> tuple[dict[str, SpringForce], dict[str, BoltState]]:
+        """Each spring between places, and each bolt."""
+        system, links = self.stepper.system, self.stepper.system.constraints.links
+        rest = state.initial[len(system.initial.strains) :] @ links.at_rest
+        tension = links.stiffness * (state.elongation - rest)
+        forces = links.resultants(tension)
+        springs = {name: SpringForce(force) for (table, name), force in forces.items() if table == "springs"}
+        pulls = zip(links.names, tension, rest, strict=True)
+        return springs, {
+            name: BoltState(float(pull), -float(e)) for (table, name), pull, e in pulls if table == "bolts"
+        }
+
+    def _remote_points(self, state: State, reactions: Mapping[str, tuple[Array, Array]]) -> dict[str, RemoteState]:
+        """Each remote point: its motion, and its load and reaction."""
+        system, found, dim = self.stepper.system, dict[str, RemoteState](), self.stepper.system.mesh.dim
+        remote = system.constraints.remote
+        for point, own in zip(remote.every, remote.split, strict=True):
+            z, load = state.remote[own], np.zeros(len(point.weights))
+            for component, place in point.coupling.loads.items():
+                load[component] = system.course.value(place, state.time)
+            (moved, turned), (force, moment) = (parts_of_motion(part, dim) for part in (z, load))
+            held = reactions.get(point.coupling.key, (0.0, 0.0))
+            found[point.coupling.key.split(".")[1]] = RemoteState(moved, turned, force + held[0], moment + held[1])
+        return found
 
     def _mesh_error(self, displacement: Array, peak: float) -> tuple[float, Array]:
         """`StepResult.mesh_error` and `stress_error`; collective. They are found on rank 0, which has the fields."""

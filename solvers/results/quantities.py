@@ -28,6 +28,12 @@ def values(step: StepResult) -> dict[str, float]:
         found |= _vector(f"support.{name}.force", force)
     for name, (moved, force, _) in step.obstacles.items():
         found |= _vector(f"obstacle.{name}.displacement", moved) | _vector(f"obstacle.{name}.force", force)
+    for name, spring in step.springs.items():
+        found |= _vector(f"spring.{name}.force", spring.force)
+    found |= {f"bolt.{name}.tension": bolt.tension for name, bolt in step.bolts.items()}
+    for name, point in step.remote_points.items():
+        found |= _vector(f"remote_point.{name}.displacement", point.displacement)
+        found |= _vector(f"remote_point.{name}.force", point.force)
     return found | {f"energy.{key}": float(getattr(step.energy, key)) for key in ENERGIES}
 
 
@@ -35,7 +41,11 @@ def _vector(name: str, components: Array) -> dict[str, float]:
     return {f"{name}.{axis}": float(value) for axis, value in zip("xyz", components, strict=False)}
 
 
-SINGULAR = {"contacts": "", "supports": "support.", "obstacles": "obstacle.", "probes": "probe.", "energy": "energy"}
+SINGULAR = {
+    "contacts": "", "supports": "support.", "obstacles": "obstacle.", "springs": "spring.",
+    "bolts": "bolt.", "remote_points": "remote_point.", "probes": "probe.",
+    "energy": "energy",
+}  # fmt: skip
 
 
 def total_errors(step: StepResult, errors: Errors) -> dict[str, float]:
@@ -52,6 +62,6 @@ def names_of(key: Quantity, value: Value) -> Sequence[tuple[str, int | None]]:
     """Names of a number as `values` has them, and the component that each is; None: it has no components."""
     whole = ".".join(filter(None, (f"{SINGULAR[key.kind]}{key.name}", key.quantity)))
     if np.ndim(value) == 0:
-        return [(f"{whole}.z" if key.quantity == "moment" else whole, None)]
+        return [(f"{whole}.z" if key.quantity in ("moment", "rotation") else whole, None)]
     axes = [*STRESSES] if key.quantity == "stress" else [*"xyz"]
     return [(f"{whole}.{axis}", i) for i, axis in enumerate(axes[: np.size(value)])]

@@ -118,7 +118,7 @@ class RecoveredStress:
     def _stress(self, body: Material, places: _Places, nodes: Ints, displacement: Array) -> Array:
         """Stress xx, yy, zz, xy, yz, xz (6, q, c) [Pa] without initial strains.
 
-        Initial strains are uniform in a body: they do not change the difference of sigma* and sigma.
+        Initial strains are known exactly: they do not change the difference of sigma* and sigma.
         """
         moved = [np.ascontiguousarray(component)[nodes] for component in displacement.T]  # d times (n, c)
         d = len(moved)

@@ -33,6 +33,28 @@ class ObstacleState(NamedTuple):
     moment: Array  # (1,) or (3,) about the point of the rotation, or about the origin without one [N m]
 
 
+class SpringForce(NamedTuple):
+    """What a spring between places exerts on the body at its end `at`."""
+
+    force: Array  # (d,) [N]
+
+
+class BoltState(NamedTuple):
+    """A bolt between two sides."""
+
+    tension: float  # [N], positive where it clamps
+    shortening: float  # [m]
+
+
+class RemoteState(NamedTuple):
+    """Motion of a remote point, and what it exerts on its side, loads and reactions together."""
+
+    displacement: Array  # (d,) [m]
+    rotation: Array  # (1,) in 2D, about z; (3,) in 3D [rad]
+    force: Array  # (d,) [N]
+    moment: Array  # (1,) or (3,) about the point [N m]
+
+
 class ProbeValue(NamedTuple):
     """Fields at a point that a probe names."""
 
@@ -87,6 +109,9 @@ class Numbers:
     contacts: Mapping[str, ContactState]
     supports: Mapping[str, Reaction]
     obstacles: Mapping[str, ObstacleState]
+    springs: Mapping[str, SpringForce]
+    bolts: Mapping[str, BoltState]
+    remote_points: Mapping[str, RemoteState]
     energy: Energy  # totals since t = 0 [J]
 
 
@@ -121,6 +146,7 @@ class StepResult:
     w: Array  # (rows,) relative displacement, flat [m]
     reference: Array  # (rows,) that the contact laws subtract from w [m]: the gap, and the slip at the substep's start
     driven: Array  # (o,) displacement of the obstacles that forces drive [m], for the audit
+    shortened: Array  # (b,) shortening of the bolts that are tightened by force [m], for the audit
     searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) that its pairs were searched at [m]
     slid: Mapping[str, Array]  # by contact whose friction depends on it, length of slip (m_t,) so far [m]
     p_ref: float  # scale of tractions: of statuses, and of what counts as none [Pa]
@@ -134,6 +160,9 @@ class StepResult:
     ] = ()  # that friction admits and were met: normal force by contact [N]
     corrected: Mapping[str, Value] = field(default_factory=dict)  # by `Quantity`: most of the mesh's error removed
     errors: Mapping[str, ErrorParts] = field(default_factory=dict)  # by `Quantity`, but for those of the time steps
+    springs: Mapping[str, SpringForce] = field(default_factory=dict)
+    bolts: Mapping[str, BoltState] = field(default_factory=dict)
+    remote_points: Mapping[str, RemoteState] = field(default_factory=dict)
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
 
     def without_fields(self) -> StepResult:

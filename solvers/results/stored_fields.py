@@ -35,6 +35,7 @@ class Record:
     w: Array  # (rows,) relative displacement, flat [m]
     reference: Array  # (rows,) w at the start of the last substep [m]: slip counts from it; gaps are recomputed
     driven: Array  # (o,) displacement of the obstacles that forces drive, by `Problem.driven` [m]
+    shortened: Array  # (b,) shortening of the bolts that are tightened by force [m]
     searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) [m] that its pairs were searched at
     slid: Mapping[str, Array] = field(default_factory=dict)  # see `State.slid`; contacts without a memory have none
     stored: StoredFields = field(default_factory=StoredFields)  # fields for the reader; by default none is judged
@@ -112,7 +113,8 @@ def stress_difference(system: System, displacement: Array, time: float, stored: 
     if mesh.axisymmetric:
         strain[:, 2, 2] = (u[:, :, 0] @ basis[0]) / (x[:, :, 0] @ basis[0])
     strain = (strain + np.swapaxes(strain, 1, 2)) / 2
-    values, everywhere = system.initial.values(system.course, time), system.vector()
+    values, middles = system.initial.values(system.course, time), np.einsum("n,cnd->cd", basis[0], x)
+    everywhere = system.vector()
     everywhere.array[:] = displacement[system.nodes.input[: system.nodes.owned]].ravel()
     means = system.dilatation.at_midpoints(everywhere, system.dilatation.functions())
     expected, modulus = np.zeros_like(strain), np.zeros(count)
@@ -122,8 +124,9 @@ def stress_difference(system: System, displacement: Array, time: float, stored: 
     for name, body in problem.bodies.items():
         inside = tags == mesh.bodies[name]
         elastic = strain[inside]
-        for value, given in zip(values, system.initial.strains, strict=True):
-            elastic = elastic - value * given.strain * (given.body == name)
+        for value, given in zip(values, system.initial.strains, strict=False):
+            if given.body == name:
+                elastic = elastic - value * system.initial.at(given, middles[inside], system.course.timeline)
         volume = np.trace(elastic, axis1=1, axis2=2)
         if name in means:
             volume += (means[name][:count] - np.trace(strain, axis1=1, axis2=2))[inside]

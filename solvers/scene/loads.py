@@ -1,4 +1,4 @@
-"""What acts on the sides of bodies: loads, supports, which prescribe displacements, and springs."""
+"""What acts on bodies: loads, supports, which prescribe displacements, and springs."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.expression import Varying, check_varying
 from stickslip.geometry.keys import Key, Noun
+from stickslip.solvers.scene.timeline import Place
+
+End = str | tuple[float, ...]  # of a link: a side, as body.side, or a point [m], at which a mesh vertex lies
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +24,9 @@ class Load(Noun):
 
     boundary: Annotated[str, Key("-", "side, as body.side")]
     traction: Annotated[tuple[Varying, ...] | None, Key("Pa", "force per area, by component")] = None
-    pressure: Annotated[Varying | None, Key("Pa", "positive pushes inward")] = None
+    pressure: Annotated[
+        Varying | None, Key("Pa", 'positive pushes inward; of water up to y = 2: "9810*max(2-y, 0)"')
+    ] = None
     force: Annotated[tuple[Amplitude, ...] | None, Key("N", "resultant, spread evenly; per metre in plane models")] = (
         None
     )
@@ -79,3 +84,37 @@ class Springs:
         axes = np.eye(normals.shape[1])
         across = [axis - (normals @ axis)[:, None] * normals for axis in axes] if self.tangential else []
         return across + [normals] * (self.normal > 0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Link:
+    """Linear springs, r of them, between two places or a place and the ground, that an effect declares.
+
+    A place is a point, or the mean displacement of a side: the force is then spread evenly over the side.
+    """
+
+    ends: Mapping[str, tuple[End, float]]  # by key, each with the sign with which its displacement counts
+    directions: Array  # (r, d) unit vectors
+    stiffness: Array  # (r,) [N/m]; per metre in plane models
+    rests: Mapping[Place, Array]  # by its value in time, elongation (r,) at which they pull nothing, at value 1 [m]
+    tension: Place | None = None  # [N] given, of one spring; the value of its one rest is then found
+    held_from: float = np.inf  # [s], from there on that value is kept
+    table: str
+    name: str
+
+    @property
+    def key(self) -> str:
+        """Of the scene."""
+        return f"{self.table}.{self.name}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coupling:
+    """A point coupled to a side, that an effect declares; components of its motion are numbered as `rigid_fields`."""
+
+    boundary: str  # side, as body.side
+    point: tuple[float, ...]  # [m]
+    rigid: bool  # whether the side moves as a rigid body
+    prescribed: Mapping[int, Place]  # value in time by component [m, rad]
+    loads: Mapping[int, Place]  # likewise force [N] and moment [N m]
+    key: str  # of the scene

@@ -10,7 +10,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import Model, Request, Shape
 from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Load, Springs, Support
+from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.settings import Probe, Solver
 from stickslip.solvers.scene.timeline import Timeline
@@ -54,6 +54,8 @@ class Problem:
     supports: Mapping[str, Support]
     loads: Mapping[str, Load]
     springs: tuple[Springs, ...]  # to the ground, of effects
+    links: tuple[Link, ...]  # springs between places, of effects
+    couplings: tuple[Coupling, ...]  # points coupled to sides, of effects
     probes: Mapping[str, Probe]
     tables: Mapping[str, Any]  # of the active effects, by the effect's name: a frozen table, or several by name
     plan: tuple[PlanRow, ...]

@@ -8,6 +8,7 @@ CONTACT_NUMBERS = (
     "normal_force", "tangential_force", "max_pressure", "contact_area", "stick_area", "slip_area", "max_penetration",
     "max_slip", "dissipation", "dissipation_total",
 )  # fmt: skip
+MOVES = ("displacement", "force")
 ENERGIES = ("external", "stored", "contact", "dissipated", "time_remainder")
 STRESSES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "yz": (1, 2), "xz": (0, 2)}
 
@@ -18,8 +19,11 @@ def names(
     supports: Collection[str] = (),
     obstacles: Collection[str] = (),
     probes: Collection[str] = (),
+    springs: Collection[str] = (),
+    remote_points: Collection[str] = (),
+    bolts: Collection[str] = (),
 ) -> tuple[str, ...]:
-    """Names of all numbers of a scene with these contacts, supports, obstacles and probes.
+    """Names of all numbers of a scene with these contacts, supports, obstacles, probes, springs and so on.
 
     >>> names(2, contacts=["base"])[:2], names(2, probes=["tip"])[:2]
     (('base.normal_force', 'base.tangential_force'), ('probe.tip.displacement.x', 'probe.tip.displacement.y'))
@@ -30,6 +34,9 @@ def names(
         *(f"probe.{name}.displacement.{a}" for name in probes for a in axes),
         *(f"probe.{name}.stress.{ij}" for name in probes for ij in STRESSES),
         *(f"support.{name}.force.{a}" for name in supports for a in axes),
-        *(f"obstacle.{name}.{key}.{a}" for name in obstacles for key in ("displacement", "force") for a in axes),
+        *(f"obstacle.{name}.{key}.{a}" for name in obstacles for key in MOVES for a in axes),
+        *(f"spring.{name}.force.{a}" for name in springs for a in axes),
+        *(f"bolt.{name}.tension" for name in bolts),
+        *(f"remote_point.{name}.{key}.{a}" for name in remote_points for key in MOVES for a in axes),
         *(f"energy.{key}" for key in ENERGIES),
     )

@@ -19,7 +19,7 @@ from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import Model, Request
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Load, Springs, Support
+from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
 from stickslip.solvers.scene.material import Material
 from stickslip.solvers.scene.quantities import names
 from stickslip.solvers.scene.settings import Accuracy, Exact, Output, Probe, Solver, Steps
@@ -52,6 +52,14 @@ class EffectTable(Noun):
         Args:
             key: dotted key of the table in the scene.
         """
+        return ()
+
+    def links(self, key: str) -> tuple[Link, ...]:
+        """Springs between places of bodies and the ground, which hold bodies too; they need no `Effect.stiffness`."""
+        return ()
+
+    def couplings(self, scene: Scene, key: str) -> tuple[Coupling, ...]:
+        """Points coupled to sides; they need no `Effect.loads`."""
         return ()
 
     def check(self, scene: Scene, key: str) -> None:
@@ -93,10 +101,10 @@ class Scene(Noun):
         self._check_expressions()
         with prefixed("geometry"):
             self.geometry.refuse_too_large(self.request())
-        self.exact.check(self.quantities())
-        self.accuracy.check(self.quantities())
         for key, table in self._tables_by_key().items():
             table.check(self, key)
+        self.exact.check(self.quantities())
+        self.accuracy.check(self.quantities())
 
     @property
     def dim(self) -> int:
@@ -149,7 +157,9 @@ class Scene(Noun):
 
     def quantities(self) -> tuple[str, ...]:
         """Names of the numbers that every step of this scene has."""
-        return names(self.dim, self.contacts, self.supports, self.obstacles, self.probes)
+        springs, bolts = ([link.name for link in self.links() if link.table == kind] for kind in ("springs", "bolts"))
+        points = [coupling.key.split(".")[1] for coupling in self.couplings()]
+        return names(self.dim, self.contacts, self.supports, self.obstacles, self.probes, springs, points, bolts)
 
     def effect_tables(self) -> dict[tuple[str, str], EffectTable]:
         """Tables that effects own, by (effect, name of the table); the name is "" if the effect has one table only."""
@@ -162,6 +172,14 @@ class Scene(Noun):
     def springs(self) -> tuple[Springs, ...]:
         """Springs to the ground of all effects."""
         return tuple(springs for key, table in self._tables_by_key().items() for springs in table.springs(key))
+
+    def links(self) -> tuple[Link, ...]:
+        """Springs between places of all effects."""
+        return tuple(link for key, table in self._tables_by_key().items() for link in table.links(key))
+
+    def couplings(self) -> tuple[Coupling, ...]:
+        """Points coupled to sides, of all effects."""
+        return tuple(found for key, table in self._tables_by_key().items() for found in table.couplings(self, key))
 
     def _tables_by_key(self) -> dict[str, EffectTable]:
         tables = self.effect_tables().items()
@@ -235,10 +253,11 @@ class Scene(Noun):
                 yield Place(section, name, quantity, part), amplitude
 
     def _check_names(self) -> None:
-        for table in ("bodies", "obstacles", "contacts", "supports", "loads", "probes"):
-            for name in getattr(self, table):
-                if not NAME.fullmatch(name):
-                    raise SceneError(f"{table}.{name}: a name is made of a-z, 0-9 and _, and begins with a letter")
+        tables = ("bodies", "obstacles", "contacts", "supports", "loads", "probes")
+        names = [(table, name) for table in tables for name in getattr(self, table)]
+        for table, name in [*names, *((section, name) for section, name in self.effect_tables() if name)]:
+            if not NAME.fullmatch(name):
+                raise SceneError(f"{table}.{name}: a name is made of a-z, 0-9 and _, and begins with a letter")
         known = self.geometry.bodies(self.dim)
         for name in self.bodies:
             if name not in known:

@@ -96,9 +96,12 @@ class Course:
 
     def __init__(self, timeline: Timeline) -> None:
         self.timeline = timeline
+        self.found: Mapping[Place, Amplitude] = {}  # values that a step finds, over its own time
 
     def value(self, drive: Drive, time: float) -> float:
         """Value of a drive at `time` [s], in the unit of its key."""
+        if drive in self.found:
+            return value_at(self.found[drive], time, self.timeline.end)  # type: ignore[index]
         return self.timeline.value(drive, time)
 
     @contextmanager

@@ -48,7 +48,10 @@ def _refuse_dangling(system: System) -> None:
     It needs no list of all motions, which would be long for a mesh that falls into thousands of parts.
     """
     mesh, joints = system.mesh, system.mesh.joints
-    touched = {*system.constraints.part.values(), *system.constraints.sprung.part.tolist()}
+    of = system.constraints
+    of = system.constraints
+    touched = {*of.part.values(), *of.sprung.part.tolist(), *of.links.parts}
+    touched.update(*(point.part.tolist() for point in of.remote.rigid if point.rows))
     touched.update(*(np.unique(mesh.parts[rows.input]).tolist() for rows in system.contacts))
     for part in range(mesh.part_count) if mesh.part_count > 1 else ():
         points = joints.points[(joints.parts == part).any(axis=1)]

@@ -22,6 +22,7 @@ from stickslip.solvers.simulation.unresisted_modes import is_faint, least_spring
 
 FACING = 1e-6  # cosine of the angle between normals, below which two surfaces do not face each other
 AXIS = 1e-9  # relative to the scene's size: points closer than this to the axis of symmetry lie on it
+STIFF = 1e15  # times the softest spring that can hold a body: the answer keeps some ten digits
 
 
 def make_plan(scene: Scene) -> tuple[PlanRow, ...]:
@@ -114,15 +115,22 @@ def _refuse_on_axis(scene: Scene) -> None:
 
 
 def _refuse_faint(scene: Scene) -> None:
-    """Refuse springs that are so much softer than the bodies that rounding errors would move these.
+    """Refuse springs whose stiffness differs so much from that of the bodies that rounding errors count.
 
     Raises:
-        SceneError: the key, the stiffness, and the least one.
+        SceneError: the key, the stiffness, and the least or the largest one.
     """
     for springs in scene.springs():
         least = least_springs(scene)
         stiffness = min(k for k in (springs.normal, springs.tangential) if k > 0)
         require(stiffness >= least, springs.key, stiffness, f"too soft beside the bodies, at least {least:.1e} Pa/m")
+    extent = float(np.max(np.ptp(scene.geometry.box(scene.dim), axis=0)))
+    least = least_springs(scene) * (extent if scene.model.startswith("plane") else extent**2)
+    for link in scene.links():
+        key, soft, hard = f"{link.key}.stiffness", float(link.stiffness.min()), float(link.stiffness.max())
+        require(soft >= least, key, soft, f"too soft beside the bodies, at least {least:.1e} N/m")
+        most = STIFF * least
+        require(hard <= most, key, hard, f"too stiff beside the bodies, at most {most:.1e} N/m; take a support")
 
 
 def _refuse_reversed(scene: Scene) -> None:

@@ -33,6 +33,8 @@ def resolve(scene: Scene) -> Problem:
         supports=scene.supports,
         loads=scene.loads,
         springs=scene.springs(),
+        links=scene.links(),
+        couplings=scene.couplings(),
         probes=scene.probes,
         tables={row.effect: scene.sections[row.effect] for row in plan if row.on and row.effect in scene.sections},
         plan=plan,

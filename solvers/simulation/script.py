@@ -17,6 +17,7 @@ from stickslip.solvers.scene.scene import Scene, over, with_values
 from stickslip.solvers.scene.settings import Steps
 from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.solvers.stepping.other_laws import with_laws
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import ROUNDING, Accepted, Stepper
 
@@ -108,7 +109,7 @@ class Script:
         times = self._times_to_hit(scene, float(to))
         stepper, state = self._stepper, self._state
         if scene.contacts != self._scene.contacts:
-            stepper, state = stepper.with_laws(scene.contacts, state)
+            stepper, state = with_laws(stepper, scene.contacts, state)
         system = stepper.system
         with system.course.following(scene.timeline()):
             for time in times:

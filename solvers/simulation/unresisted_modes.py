@@ -10,9 +10,9 @@ from scipy.linalg import null_space
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.contact.rigid_obstacle import seen_from
 from stickslip.solvers.fem.constraints import AXES
-from stickslip.solvers.fem.rigid_modes import rigid_fields, rigid_names
+from stickslip.solvers.fem.rigid_fields import rigid_fields, rigid_names
 from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.loads import Support
+from stickslip.solvers.scene.loads import Coupling, End, Support
 from stickslip.solvers.scene.scene import Scene
 
 FAINT = 1e-9  # of E / extent: a body held by softer tangential springs slides until rounding takes its stresses
@@ -47,6 +47,11 @@ def unresisted_modes(scene: Scene) -> UnresistedModes:
         points, normals = scene.geometry.sample(springs.boundary, scene.dim)
         fields = motions.fields(springs.boundary.split(".")[0], points)
         blocks += [np.einsum("kd,kdj->kj", along, fields) for along in springs.directions(normals)]
+    for link in scene.links():
+        moved = np.sum([sign * _mean(scene, end, motions) for end, sign in link.ends.values()], axis=0)
+        blocks.append(link.directions @ moved)
+    for coupling in scene.couplings():
+        blocks += _held(scene, coupling, motions)
     for slave, master in scene.request().periodic:
         here, there = (
             motions.fields(side.split(".")[0], scene.geometry.sample(side, scene.dim)[0]) for side in (slave, master)
@@ -120,6 +125,25 @@ def _supported(scene: Scene, support: Support, motions: RigidMotions) -> list[Ar
         directions = normals if axis == "normal" else np.tile(np.eye(dim)[AXES[axis]], (len(points), 1))
         blocks.append(np.einsum("kd,kdj->kj", directions, fields))
     return blocks
+
+
+def _mean(scene: Scene, end: End, motions: RigidMotions) -> Array:
+    """Displacement (d, k) of an end of a link in each motion of size 1; of a side the mean."""
+    if isinstance(end, str):
+        return np.asarray(motions.fields(end.split(".")[0], scene.geometry.sample(end, scene.dim)[0]).mean(axis=0))
+    point = np.array([end], float)
+    return np.asarray(motions.fields(_nearest_body(scene, point), point)[0])
+
+
+def _held(scene: Scene, coupling: Coupling, motions: RigidMotions) -> list[Array]:
+    """Rows (1, k): prescribed motion of a remote point; a rigid body has it in all of its points."""
+    about = np.array(coupling.point)
+    corners = about + float(np.ptp(motions.box, axis=0).max()) * np.eye(scene.dim)
+    points = np.concatenate([about[None], corners])
+    of_point = rigid_fields(points, about, 1.0, scene.axisymmetric)
+    moved = motions.fields(coupling.boundary.split(".")[0], points)
+    found = np.linalg.pinv(of_point.reshape(-1, of_point.shape[2])) @ moved.reshape(-1, moved.shape[2])
+    return [found[component : component + 1] for component in coupling.prescribed]
 
 
 def _touching(scene: Scene, contact: Contact, motions: RigidMotions) -> list[Array]:

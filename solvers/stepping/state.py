@@ -115,6 +115,8 @@ class State:
     load: Vec  # external forces, without reactions and initial strains [N]
     initial: Array  # (k,) values of the initial strains; the unit is that of each one's key
     initial_work: Array  # (k,) see `InitialStrains.stress_work` [J]
+    elongation: Array  # (r,) of each of `Links`, the motion of the ground left out [m]
+    remote: Array  # (components,) motion of remote points [m, rad]
     residual: Vec  # K u - load - forces of initial strains + B^T p [N]: what supports and periodic sides carry
     p: Array  # (rows,) tractions [Pa], pressure positive
     w: Array  # (rows,) relative displacement [m]

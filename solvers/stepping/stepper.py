@@ -22,7 +22,6 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.newton import several
 from stickslip.solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
 from stickslip.solvers.newton.solution import Convergence, Correction, OnStep, Solution, Status, Step
-from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.stepping import failure
 from stickslip.solvers.stepping.failure import describe_motion
 from stickslip.solvers.stepping.history import HistoryRow
@@ -30,6 +29,7 @@ from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.sliding import carried_over, pairs_hold, relative_positions
 from stickslip.solvers.stepping.slip_dependence import no_slip, solve_by_turns, with_slip
 from stickslip.solvers.stepping.state import HALVINGS, Energy, Previous, State
+from stickslip.solvers.stepping.tightening import MOST, Tightening
 from stickslip.solvers.stepping.update import displacement, new_state, relative_displacement, split
 from stickslip.solvers.system.system import System
 
@@ -149,7 +149,7 @@ class Stepper:
         motion = {c.name: np.zeros_like(c.points) for c in self.system.contacts}
         slip = {c.name: np.zeros_like(c.surface.points) for c in self.system.contacts}
         forces, rows = {name: np.zeros_like(m) for name, m in motion.items()}, self.system.contacts
-        unstrained = np.zeros(len(self.system.initial.strains))
+        unstrained = np.zeros(len(self.system.initial.forces))
         return State(
             time=0.0,
             u=vector(),
@@ -157,6 +157,8 @@ class Stepper:
             load=vector(),
             initial=unstrained,
             initial_work=unstrained,
+            elongation=np.zeros(len(self.system.constraints.links.stiffness)),
+            remote=np.zeros(self.system.constraints.remote.rows.shape[0]),
             residual=vector(),
             p=zero,
             w=zero,
@@ -170,6 +172,24 @@ class Stepper:
         )
 
     def reach(self, start: State, target: float, on_iteration: OnIteration) -> Accepted:
+        """Solve one step, with bolts as short as their tension asks; as `_reach`; collective."""
+        tightening = Tightening.of(self.system, start, target)
+        accepted, tries = self._reach(start, target, on_iteration), 1
+        while tightening is not None and not tightening.done(accepted.state):
+            tries += 1
+            if tries > MOST:
+                text = f"{tightening.names}: no shortening was found at which the tension is force"
+                raise StepError(target, text, accepted.history, None)
+            again = self._reach(start, target, on_iteration)
+            accepted = replace(
+                again,
+                iterations=accepted.iterations + again.iterations,
+                volume_solves=accepted.volume_solves + again.volume_solves,
+                history=accepted.history + again.history,
+            )
+        return accepted
+
+    def _reach(self, start: State, target: float, on_iteration: OnIteration) -> Accepted:
         """Solve one step, in substeps where that is needed; each attempt starts from the last good state; collective.
 
         Args:
@@ -283,28 +303,6 @@ class Stepper:
         else:
             log.warning("t = %g: pairs still change after %d searches; the last ones are kept", end, SEARCHES)
         return stepper, solution, problem, new
-
-    def with_laws(self, contacts: Mapping[str, Contact], state: State) -> tuple[Stepper, State]:
-        """A stepper of the same bodies with other parameters of laws and other gap offsets, and a state for it.
-
-        Args:
-            contacts: by name, those that change; the kinds of their laws stay.
-            state: to go on from.
-        """
-        system, problem = self.system, self.system.problem
-        rows = []
-        for c in system.contacts:
-            contact = contacts.get(c.name, problem.pairs[c.name].contact)
-            nearer = contact.gap_offset - problem.pairs[c.name].contact.gap_offset
-            rows.append(replace(c, friction=contact.tangential, gap=c.gap + nearer, node_gap=c.node_gap + nearer))
-        pairs = {name: replace(pair, contact=contacts.get(name, pair.contact)) for name, pair in problem.pairs.items()}
-        changed = replace(system, problem=replace(problem, pairs=pairs), contacts=tuple(rows))
-        other = Stepper(changed, self.chain, self.searched)
-        if other.stage.surface == self.stage.surface:
-            other.surface.adopt(self.surface)
-        other.companion = self.companion
-        refined = state.refined and replace(state.refined, rows=changed.contacts)
-        return other, replace(state, rows=changed.contacts, refined=refined)
 
     def _with_pairs(self, searched: Mapping[str, Array]) -> Stepper:
         """A stepper of the same bodies, with the pairs that are found at these `relative_positions`; collective."""

@@ -70,6 +70,8 @@ class Surplus:
     external: float  # work of loads in the substep [J]
     contact: float  # work on the contacts in the substep [J]
     initial_work: Array  # (k,) see `InitialStrains.stress_work` [J]
+    elongation: Array  # (r,) of links [m]
+    remote: Array  # (components,) motion of remote points [m, rad]
 
 
 def new_state(
@@ -106,12 +108,14 @@ def new_state(
     inner = system.K * u_strained
     initial = system.initial.values(system.course, time)
     initial_work = system.initial.stress_work(initial, u_strained)
-    stored = inner.dot(u_strained) / 2
+    stored, elongation = inner.dot(u_strained) / 2, system.constraints.links.elongation(u_strained)
+    remote = system.constraints.remote.motion(u)
     residual = inner - system.initial.added(load, initial) + system.interface.forces(*split(cone, p))
     w, motion = relative_displacement(system, u, time, driven), system.obstacles.motions(system.contacts, time, driven)
     if surplus is not None:
         initial_work, stored = initial_work + surplus.initial_work, stored + surplus.stored
         residual, w = residual + surplus.inner, w + surplus.relative
+        elongation, remote = elongation + surplus.elongation, remote + surplus.remote
     external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
     external += system.initial.external(old.initial, initial, old.initial_work, initial_work)
     contact, slip = 0.0, {}
@@ -142,6 +146,8 @@ def new_state(
         load=load,
         initial=initial,
         initial_work=initial_work,
+        elongation=elongation,
+        remote=remote,
         residual=residual,
         p=p,
         w=w,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -11,20 +11,25 @@ from stickslip.geometry.errors import SceneError
 from stickslip.geometry.protocols import CompiledForm, Vec
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.fem.terms import LoadTerm
-from stickslip.solvers.scene.timeline import Course
+from stickslip.solvers.scene.timeline import Course, Drive
 
 
 class AppliedLoads:
     """The external forces of a problem, without reactions, contact and initial strains."""
 
-    def __init__(self, weak: WeakForms, terms: Iterable[LoadTerm]) -> None:
+    def __init__(self, weak: WeakForms, terms: Iterable[LoadTerm], given: Sequence[tuple[Drive, Vec]] = ()) -> None:
         """Compile all forms, and assemble those that only a factor changes; collective.
+
+        Args:
+            given: vectors over all displacements [N], each with the value in time that multiplies it.
 
         Raises:
             SceneError: an expression has no finite value, at a requested time if it changes in time.
         """
         forms = [(term, weak.compile(term.form)) for term in terms]
-        self._fixed = [(term, _assembled(term, form, 0.0)) for term, form in forms if term.clock is None]
+        fixed = [(term, _assembled(term, form, 0.0)) for term, form in forms if term.clock is None]
+        self._fixed = [(term.drive, term.power, vector) for term, vector in fixed]
+        self._fixed += [(drive, 1, vector) for drive, vector in given]
         self._changing = [(term, form) for term, form in forms if term.clock is not None]
         for term, form in self._changing:
             for time in weak.problem.timeline.times:
@@ -39,8 +44,8 @@ class AppliedLoads:
         Raises:
             SceneError: an expression has no finite value.
         """
-        for term, vector in self._fixed:
-            total.axpy(course.value(term.drive, time) ** term.power, vector)
+        for drive, power, vector in self._fixed:
+            total.axpy(course.value(drive, time) ** power, vector)
         for term, form in self._changing:
             total.axpy(1.0, _assembled(term, form, time))
 

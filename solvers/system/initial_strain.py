@@ -1,4 +1,4 @@
-"""Initial strains in the assembled system: their loads on the bodies, and their energy."""
+"""Initial strains of bodies and elongations of springs in the assembled system: their loads, and their energy."""
 
 from __future__ import annotations
 
@@ -8,25 +8,39 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Vec
+from stickslip.solvers.fem.links import Rest
 from stickslip.solvers.fem.terms import InitialStrain
-from stickslip.solvers.scene.timeline import Course
+from stickslip.solvers.scene.timeline import Course, Timeline
 
 
 @dataclass(frozen=True, kw_only=True)
 class InitialStrains:
-    """The k initial strains of a problem; each is uniform over its body, and proportional to a value in time a (k,)."""
+    """The k initial strains of a problem, those of bodies first; each is proportional to a value in time a (k,)."""
 
     strains: tuple[InitialStrain, ...]
+    rests: tuple[Rest, ...]
     forces: tuple[Vec, ...]  # ∫ C strain : eps(v) dx at value 1, PETSc over all displacements [N]
     coupling: Array  # (k, k) ∫ strain_i : C strain_j dx at value 1 [J]
 
+    def at(self, strain: InitialStrain, points: Array, timeline: Timeline) -> Array:
+        """A strain (m, 3, 3) [-] at value 1, at points (m, d) [m].
+
+        Raises:
+            SceneError: its expression has no finite value at a point.
+        """
+        size = np.ones(len(points))
+        if strain.field is not None:
+            size = timeline.values(strain.field, points, timeline.end)
+        return np.asarray(size[:, None, None] * strain.strain)
+
     def values(self, course: Course, time: float) -> Array:
         """a (k,) at a time [s]."""
-        return np.array([course.value(strain.drive, time) for strain in self.strains], float)
+        drives = [strain.drive for strain in self.strains] + [rest.drive for rest in self.rests]
+        return np.array([course.value(drive, time) for drive in drives], float)
 
     def added(self, load: Vec, values: Array) -> Vec:
         """Load plus the forces of the initial strains, over all displacements [N]; `load` itself if there are none."""
-        if not self.strains:
+        if not self.forces:
             return load
         total = load.copy()
         for value, force in zip(values, self.forces, strict=True):

@@ -8,6 +8,7 @@ from functools import cache, cached_property
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.linalg import block_diag
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
@@ -21,9 +22,11 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.fem.links import Links
 from stickslip.solvers.fem.mean_dilatation import MeanDilatation
 from stickslip.solvers.fem.rigid_modes import RigidModes
 from stickslip.solvers.fem.supports import find_constraints
+from stickslip.solvers.fem.terms import InitialStrain
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.scene.problem import Problem
@@ -215,30 +218,50 @@ def inner_forces(problem: Problem, weak: WeakForms, u: UflExpr | None = None) ->
     return form
 
 
-def applied_loads(problem: Problem, weak: WeakForms) -> AppliedLoads:
-    """The loads of the scene and of all active effects; collective."""
+def _stiffness(problem: Problem, weak: WeakForms, links: Links, dilatation: MeanDilatation) -> Mat:
+    """K of the bodies, of effects and of links, PETSc [N/m]; collective."""
+    K = dilatation.add_to(dx.assemble_matrix(weak.compile(inner_forces(problem, weak))))
+    if links:
+        K.axpy(1.0, links.matrix(K), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    return K
+
+
+def applied_loads(problem: Problem, weak: WeakForms, constraints: Constraints, like: Vec) -> AppliedLoads:
+    """The loads of the scene, of all active effects and of remote points; collective."""
     of_effects = (term for effect in active(problem) for term in effect.loads(problem, weak))
-    return AppliedLoads(weak, [*weak.loads(), *of_effects])
+    return AppliedLoads(weak, [*weak.loads(), *of_effects], constraints.remote.loads(like))
 
 
-def _initial_strains(problem: Problem, weak: WeakForms) -> InitialStrains:
-    """Assemble the initial strains of all active effects; collective."""
+def _initial_strains(problem: Problem, weak: WeakForms, links: Links, like: Vec) -> InitialStrains:
+    """Assemble the initial strains of all active effects, and of links; collective."""
     strains = tuple(strain for effect in active(problem) for strain in effect.initial_strains(problem))
-    coupling = np.zeros((len(strains), len(strains)))
+    rests = links.at_rest
+    coupling = block_diag(np.zeros((len(strains), len(strains))), rests * links.stiffness @ rests.T)
     for i, one in enumerate(strains):
         for j, other in enumerate(strains):
             if one.body == other.body:
-                coupling[i, j] = weak.size(one.body) * np.sum(one.strain * weak.initial_stress(other))
+                coupling[i, j] = weak.initial_energy(one, other)
     return InitialStrains(
         strains=strains,
-        forces=tuple(dx.assemble_vector(weak.compile(weak.initial_load(strain))) for strain in strains),
+        rests=links.rests,
+        forces=(
+            *(_initial_forces(weak, strain) for strain in strains),
+            *(links.forces(like, links.stiffness * rest) for rest in rests),
+        ),
         coupling=coupling,
     )
 
 
-def _stiffness(problem: Problem, weak: WeakForms, dilatation: MeanDilatation) -> Mat:
-    """K of the bodies and of effects, PETSc [N/m]; collective."""
-    return dilatation.add_to(dx.assemble_matrix(weak.compile(inner_forces(problem, weak))))
+def _initial_forces(weak: WeakForms, strain: InitialStrain) -> Vec:
+    """∫ C strain : eps(v) dx at value 1 [N]; collective.
+
+    Raises:
+        SceneError: an expression has no finite value.
+    """
+    found = dx.assemble_vector(weak.compile(weak.initial_load(strain)))
+    if not np.isfinite(found.norm()):
+        raise SceneError(f"{strain.field}: the expression has no finite value somewhere in the body")
+    return found
 
 
 def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
@@ -258,6 +281,7 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
     contacts = contact_rows(problem, mesh, space, nodes, constraints)
     dilatation = MeanDilatation(weak)
     counters.searches += sum(1 for c in contacts if c.master)
+    T = constraints.transformation(mesh.comm)
     return System(
         problem=problem,
         mesh=mesh,
@@ -267,9 +291,9 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
         counters=counters,
         constraints=constraints,
         contacts=contacts,
-        assembled=cache(lambda: _stiffness(problem, weak, dilatation)),
+        assembled=cache(lambda: _stiffness(problem, weak, constraints.links, dilatation)),
         dilatation=dilatation,
-        T=constraints.transformation(mesh.comm),
-        loads=applied_loads(problem, weak),
-        initial=_initial_strains(problem, weak),
+        T=T,
+        loads=applied_loads(problem, weak, constraints, T.createVecLeft()),
+        initial=_initial_strains(problem, weak, constraints.links, T.createVecLeft()),
     )

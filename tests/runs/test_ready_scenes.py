@@ -55,9 +55,19 @@ def push(scene: Scene, time: float) -> Any:
 
 
 def arm(scene: Scene) -> float:
-    """How far apart bodies may have been that touch [m]: as far as supports have moved."""
+    """How far apart bodies may have been that touch [m]: as far as supports and springs have moved."""
     tables = [a for support in scene.supports.values() for a in support.displacement.values()]
+    tables += [a for place, a in scene.drives().items() if place.table == "springs"]
     return max((abs(value_at(a, t, scene.steps.end)) for a in tables for t in scene.requested_times()), default=0.0)
+
+
+def pulled(scene: Scene, step: dict[str, Any]) -> Any:
+    """Force and moment about the origin of each spring to the ground; it pulls in the middle of its side."""
+    found: dict[str, Any] = dict(scene.sections.get("springs", {}))
+    for name, spring in found.items():
+        assert spring.to is None
+        force = np.array(step["springs"][name]["force"])
+        yield force, np.atleast_1d(cross(scene.geometry.sample(spring.at, scene.dim)[0].mean(axis=0), force))
 
 
 def test_forces_and_moments_balance(solved: Solved) -> None:
@@ -66,7 +76,7 @@ def test_forces_and_moments_balance(solved: Solved) -> None:
     for step in solved.result["steps"]:
         outside = [c for name, c in step["contacts"].items() if scene.contacts[name].against in scene.obstacles]
         parts = [*outside, *step["supports"].values()]
-        resultants = [weight(solved, step["time"]), push(scene, step["time"])]
+        resultants = [weight(solved, step["time"]), push(scene, step["time"]), *pulled(scene, step)]
         forces = np.array([*(r[0] for r in resultants), *(part["force"] for part in parts)])
         moments = np.array([*(r[1] for r in resultants), *(np.atleast_1d(part["moment"]) for part in parts)])
         largest = max([np.abs(forces).max(), *(c["normal_force"] for c in step["contacts"].values())])

@@ -206,6 +206,62 @@ WRONG = {
         ["supports.new={point=[0.0,2.0],displacement={normal=0.0}}"],
         r"supports\.new\.displacement\.normal = given: a point has no normal",
     ),
+    "spring at no side": (
+        ["springs.s={at='block.lft',stiffness=[1.0,0.0]}"],
+        r"springs\.s\.at = block\.lft: no such side; did you mean block\.left\?",
+    ),
+    "spring without a direction": (
+        ["springs.s={at='block.left',stiffness=1.0}"],
+        r"springs\.s\.direction: missing, a single stiffness needs it",
+    ),
+    "spring that only pulls": (
+        ["springs.s={at='block.left',stiffness=[1.0,0.0],acts='tension'}"],
+        r"springs\.s\.acts = tension: springs are linear; what only presses is a contact with an obstacle",
+    ),
+    "remote point at no side": (
+        ["remote_points.p={boundary='block.lft',point=[0.0,0.0],coupling='rigid'}"],
+        r"remote_points\.p\.boundary = block\.lft: no such side; did you mean block\.left\?",
+    ),
+    "remote point that is moved and pushed": (
+        ["remote_points.p={boundary='block.left',point=[0.0,0.0],coupling='rigid',force.x=1.0,displacement.x=0.0}"],
+        r"remote_points\.p\.force\.x: displacement\.x is prescribed too; keep one of the two",
+    ),
+    "distributing remote point that is moved": (
+        ["remote_points.p={boundary='block.left',point=[0.0,0.0],coupling='distributing',rotation.z=0.1}"],
+        r"remote_points\.p\.rotation: a distributing coupling takes force and moment; set coupling = rigid",
+    ),
+    "temperature of a time": (
+        ["thermal.block={expansion=1e-5,temperature='20*t'}"],
+        r'thermal\.block\.temperature = "20\*t": t: has no place here; give its factor in time as history',
+    ),
+    "temperature beyond the plane": (
+        ["thermal.block={expansion=1e-5,temperature='20*z'}"],
+        r'thermal\.block\.temperature = "20\*z": z: a plane model has x and y only',
+    ),
+    "temperature with two histories": (
+        ["thermal.block={expansion=1e-5,temperature=20.0,history=1.0}"],
+        r"thermal\.block\.history = given: only of an expression; write the temperature itself in time",
+    ),
+    "bolt at no side": (
+        ["bolts.b={head='block.tp',nut='block.bottom',axis=[0.0,1.0],stiffness=1.0,shortening=0.1}"],
+        r"bolts\.b\.head = block\.tp: no such side; did you mean block\.top\?",
+    ),
+    "bolt with two preloads": (
+        ["bolts.b={head='block.top',nut='block.left',axis=[0.0,1.0],stiffness=1.0,shortening=0.1,force=1.0}"],
+        r"bolts\.b\.shortening / force: exactly one of the two is needed",
+    ),
+    "bolt without stiffness": (
+        ["bolts.b={head='block.top',nut='block.bottom',axis=[0.0,1.0],stiffness=0.0,shortening=0.1}"],
+        r"bolts\.b\.stiffness = 0\.0: must be positive, in N/m",
+    ),
+    "bolt of one side": (
+        ["bolts.b={head='block.top',nut='block.top',axis=[0.0,1.0],stiffness=1.0,shortening=0.1}"],
+        r"bolts\.b\.nut = block\.top: a bolt has two different ends",
+    ),
+    "spring in capitals": (
+        ["springs.S={at='block.left',stiffness=[1.0,0.0]}"],
+        r"springs\.S: a name is made of a-z, 0-9 and _",
+    ),
     "gravity without density": (["gravity.acceleration=[0.0,-9.81]"], r"gravity: no body has a density; set bodies\."),
     "two slave roles": (
         ["contacts.second={surface='block.bottom',against='foundation'}"],

@@ -7,7 +7,7 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.results.stored_fields import StoredFields
 from stickslip.solvers.simulation.simulation import Simulation
 
-NAMES = ("time", "displacement", "p", "w", "reference", "driven", "searched", "slid")
+NAMES = ("time", "displacement", "p", "w", "reference", "driven", "shortened", "searched", "slid")
 
 
 def record_of(step: StepResult) -> Record:

@@ -96,6 +96,7 @@ def result_of(mesh: MeshData, time: float = 0.1 + 0.2, seed: int = 0) -> StepRes
         w=random.normal(size=n * d),
         reference=random.normal(size=n * d),
         driven=random.normal(size=1),
+        shortened=np.zeros(0),
         searched={},
         slid={},
         p_ref=1.5,

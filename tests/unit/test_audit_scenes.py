@@ -230,7 +230,7 @@ def judged(scene: Scene, simulation_of: SimulationOf, seed: int) -> tuple[Audito
     record = Record(
         time=1.0, displacement=random.normal(0.0, 0.1, (len(simulation.data.points), scene.dim)), p=p, w=w,
         reference=random.normal(0.0, 0.1, count) * (np.arange(count) >= place.tangential.start + 4),
-        driven=np.zeros(0), searched={},
+        driven=np.zeros(0), shortened=np.zeros(0), searched={},
     )  # fmt: skip
     return audit, place, record, w, Scales(p=0.2, u={"base": 0.3}, rounding=2e-4)
 
@@ -420,7 +420,7 @@ def test_what_is_prescribed_is_missed_relative_to_the_largest_motion(
     def supports(displacement: Array, time: float = 1.0) -> float:
         record = Record(
             time=time, displacement=displacement, p=np.zeros(0), w=np.zeros(0), reference=np.zeros(0),
-            driven=np.zeros(0), searched={},
+            driven=np.zeros(0), shortened=np.zeros(0), searched={},
         )  # fmt: skip
         u = system.vector()
         u.array[:] = displacement[system.nodes.input].ravel()

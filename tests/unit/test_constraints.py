@@ -15,7 +15,7 @@ from stickslip.geometry.arrays import cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
 from stickslip.solvers.fem.constraints import Row
-from stickslip.solvers.fem.rigid_modes import rigid_fields
+from stickslip.solvers.fem.rigid_fields import rigid_fields
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation

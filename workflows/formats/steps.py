@@ -54,6 +54,7 @@ class StoredStep:
     w: Array  # (rows,) flat relative displacement [m]
     reference: Array  # (rows,) what the laws count w from [m]
     driven: Array  # (o,) motion of the obstacles that forces drive [m]
+    shortened: Array  # (b,) shortening of the bolts that are tightened by force [m]
     searched: Mapping[str, Array]  # where sliding contacts were paired [m]
     slid: Mapping[str, Array]  # length of slip of points whose friction depends on it [m]
 
@@ -99,6 +100,7 @@ def write_step(folder: Path, index: int, result: StepResult, going: Plain = None
         "state/w": result.w,
         "state/reference": result.reference,
         "state/driven": result.driven,
+        "state/shortened": result.shortened,
         **{f"searched/{name}": moved for name, moved in result.searched.items()},
         **{f"slid/{name}": length for name, length in result.slid.items()},
     }
@@ -149,6 +151,7 @@ def read_step(path: Path) -> StoredStep:
             w=arrays["state/w"],
             reference=arrays["state/reference"],
             driven=arrays["state/driven"],
+            shortened=arrays["state/shortened"],
             searched={name.split("/")[1]: moved for name, moved in arrays.items() if name.startswith("searched/")},
             slid={name.split("/")[1]: length for name, length in arrays.items() if name.startswith("slid/")},
         )

@@ -55,6 +55,7 @@ def _record(path: Path, dim: int) -> Record:
         w=stored.w,
         reference=stored.reference,
         driven=stored.driven,
+        shortened=stored.shortened,
         searched=stored.searched,
         slid=stored.slid,
         stored=StoredFields(

@@ -165,6 +165,15 @@ def _step(step: StepResult, errors: Errors | None, audit: Audit | None) -> dict[
             name: {"displacement": u.tolist(), "force": f.tolist(), "moment": _moment(m)} | error("obstacles", name)
             for name, (u, f, m) in step.obstacles.items()
         },
+        "springs": {
+            name: {"force": force.tolist()} | error("springs", name) for name, (force,) in step.springs.items()
+        },
+        "bolts": {name: bolt._asdict() | error("bolts", name) for name, bolt in step.bolts.items()},
+        "remote_points": {
+            name: {"displacement": u.tolist(), "rotation": _moment(turn), "force": f.tolist(), "moment": _moment(m)}
+            | error("remote_points", name)
+            for name, (u, turn, f, m) in step.remote_points.items()
+        },
         "probes": {
             name: {"displacement": u.tolist(), "stress": [float(sigma[ij]) for ij in STRESSES.values()]}
             | error("probes", name)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from stickslip.workflows.verification.cases import agreement as agreement_case
+from stickslip.workflows.verification.cases import bolted_joint as bolted_joint_case
 from stickslip.workflows.verification.cases import cattaneo as cattaneo_case
 from stickslip.workflows.verification.cases import circular_drive as circular_drive_case
 from stickslip.workflows.verification.cases import column as column_case
@@ -71,6 +72,7 @@ CASES: Mapping[str, Case] = {
         about="a ring, a cylinder and a shrink fit spin: closed form", checks=spinning_rings_case.checks, methods=TWO
     ),
     "elastic_bed": Case(about="a column that only springs hold, pressed and sheared", checks=elastic_bed_case.checks),
+    "bolted_joint": Case(about="a bolt tightened, held, its joint drawn apart", checks=bolted_joint_case.checks),
     "cattaneo": Case(about="two cylinders pressed and sheared: Hertz, Cattaneo, Mindlin", checks=cattaneo_case.checks),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
     "units": Case(about="every scene in mm, N, MPa: the same answers", checks=units_case.checks, methods=TWO),

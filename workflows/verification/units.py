@@ -35,16 +35,19 @@ class Units:
         >>> mm = Units(length=1000.0, force=1.0, plane=False)
         >>> mm.factor("m/s²"), mm.factor("Pa"), mm.factor("-")
         (1000.0, 1e-06, 1.0)
+        >>> mm.factor("N m")
+        1000.0
         """
         symbols = {"m": self.length, "N": self.force, "s": 1.0, "rad": 1.0, "K": 1.0}
         symbols |= {"Pa": self.force / self.length**2, "kg": self.force / self.length, "J": self.force * self.length}
         if self.plane:
             symbols |= {"N": self.force / self.length, "J": self.force}
         total, unit = 1.0, unit.split(", ")[-1]
-        for place, part in enumerate(unit.split("/") if unit != "-" else ()):
-            if part == "1":
+        parts = [(place, word) for place, part in enumerate(unit.split("/")) for word in part.split()]
+        for place, word in parts if unit != "-" else ():
+            if word == "1":
                 continue
-            match = POWER.fullmatch(part)
+            match = POWER.fullmatch(word)
             assert match, f"{unit}: not a unit"
             symbol, digit, name = match.groups()
             exponent = getattr(noun, name) if name else EXPONENT.get(digit, 1)

@@ -64,9 +64,12 @@ def steps_row(index: int, scene: Scene, step: StepResult) -> dict[str, float]:
     found |= step.columns
     energies = {key: numbers.pop(key) for key in (f"energy.{key}" for key in ENERGIES)}
     for name, (_, moment) in step.supports.items():
-        numbers |= _moment(f"support.{name}", moment)
+        numbers |= _moment(f"support.{name}.moment", moment)
+    for name, point in step.remote_points.items():
+        numbers |= _moment(f"remote_point.{name}.moment", point.moment)
+        numbers |= _moment(f"remote_point.{name}.rotation", point.rotation)
     for name, (_, _, moment) in step.obstacles.items():
-        numbers |= _moment(f"obstacle.{name}", moment)
+        numbers |= _moment(f"obstacle.{name}.moment", moment)
     effort = {key: getattr(step, key) for key in EFFORT}
     return {
         name: float(n) if isinstance(n, float) else int(n) for name, n in (found | numbers | energies | effort).items()
@@ -91,4 +94,4 @@ def _vectors(name: str, contact: ContactState, axisymmetric: bool) -> dict[str, 
 
 def _moment(name: str, moment: Array) -> dict[str, float]:
     axes = "z" if len(moment) == 1 else "xyz"
-    return {f"{name}.moment.{axis}": float(value) for axis, value in zip(axes, moment, strict=True)}
+    return {f"{name}.{axis}": float(value) for axis, value in zip(axes, moment, strict=True)}

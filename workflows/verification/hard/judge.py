@@ -114,6 +114,7 @@ def _record(step: StepResult) -> Record:
         w=step.w,
         reference=step.reference,
         driven=step.driven,
+        shortened=step.shortened,
         searched=step.searched,
         slid=step.slid,
     )

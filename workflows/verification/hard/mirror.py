@@ -26,8 +26,8 @@ def mirrored(tables: Tables) -> Tables | None:
     found["geometry"]["cells"] = "tensor"
     for contact in found["contacts"].values():
         contact["surface"], contact["against"] = _other(contact["surface"]), _other(contact["against"])
-    for table in ("supports", "loads", "probes", "obstacles"):
-        for entry in found[table].values():
+    for table in ("supports", "loads", "probes", "obstacles", "springs", "bolts"):
+        for entry in found.get(table, {}).values():
             _mirror(entry, middle)
     for pair in found.get("periodic", {}).values():
         pair["boundary"], pair["with"] = _other(pair["boundary"]), _other(pair["with"])
@@ -40,12 +40,13 @@ def _turned(place: Place, amplitude: Amplitude) -> Amplitude:
 
 
 def _mirror(entry: dict[str, Any], middle: float) -> None:
-    if "boundary" in entry:
-        entry["boundary"] = _other(entry["boundary"])
+    for key in ("boundary", "at", "to", "head", "nut"):
+        if isinstance(entry.get(key), str):
+            entry[key] = _other(entry[key])
     for table in (entry, entry.get("rotation") or {}):
         if "point" in table:
             table["point"][0] = middle - table["point"][0]
-    for key in ("normal", "axis"):
+    for key in ("normal", "axis", "direction"):
         if key in entry:
             entry[key][0] *= -1
 

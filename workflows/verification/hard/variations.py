@@ -263,6 +263,9 @@ def slower(factor: float, tables: Tables, random: Random) -> Tables | None:
     times = corners(tables)
     found = over_drives(tables, lambda _, a: tuple((t * factor, v) for t, v in resolved(a, end, times)), bounds=True)
     found["steps"]["end"] = end * factor
+    for bolt in found.get("bolts", {}).values():
+        if bolt.get("held_from") is not None:
+            bolt["held_from"] *= factor
     return found
 
 

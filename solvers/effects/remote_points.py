@@ -1,0 +1,96 @@
+"""Remote points: a force, moment or motion of a point that is coupled to a side of a body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.obstacles.obstacle import AXES, Axis
+from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.scene.loads import Coupling
+from stickslip.solvers.scene.scene import EffectTable, Scene
+from stickslip.solvers.scene.timeline import Place
+
+PAIRS = {"force": "displacement", "moment": "rotation"}  # what is given of a component, one of the two
+
+
+@dataclass(frozen=True, kw_only=True)
+class RemotePoint(EffectTable):
+    """A point that is coupled to a side; components of its motion that are not prescribed are free."""
+
+    boundary: Annotated[str, Key("-", "side, as body.side")]
+    point: Annotated[tuple[float, ...], Key("m", "where force and moment act; it may lie anywhere")]
+    coupling: Annotated[
+        Literal["rigid", "distributing"],
+        Key("-", "the side moves as a rigid body, or deforms: the point then follows its mean motion"),
+    ]
+    force: Annotated[Mapping[Axis, Amplitude], Key("N", "by component, in time; plane: per metre")] = field(
+        default_factory=dict
+    )
+    moment: Annotated[Mapping[Axis, Amplitude], Key("N m", "by axis, in time; plane: z, per metre")] = field(
+        default_factory=dict
+    )
+    displacement: Annotated[Mapping[Axis, Amplitude], Key("m", "rigid: prescribed, by component, in time")] = field(
+        default_factory=dict
+    )
+    rotation: Annotated[Mapping[Axis, Amplitude], Key("rad", "rigid: prescribed and small, by axis, in time")] = field(
+        default_factory=dict
+    )
+
+    def __post_init__(self) -> None:
+        for key, motion in PAIRS.items():
+            for axis, amplitude in [*getattr(self, key).items(), *getattr(self, motion).items()]:
+                check(amplitude, f"{key if axis in getattr(self, key) else motion}.{axis}")
+            for axis in getattr(self, key):
+                if axis in getattr(self, motion):
+                    raise SceneError(f"{key}.{axis}: {motion}.{axis} is prescribed too; keep one of the two")
+            if self.coupling == "distributing" and getattr(self, motion):
+                raise SceneError(f"{motion}: a distributing coupling takes force and moment; set coupling = rigid")
+
+    def amplitudes(self) -> Mapping[tuple[str, str], Amplitude]:
+        keys = [*PAIRS, *PAIRS.values()]
+        return {(key, axis): value for key in keys for axis, value in getattr(self, key).items()}
+
+    def check(self, scene: Scene, key: str) -> None:
+        scene.require_side(self.boundary, f"{key}.boundary")
+        expected = f"expected {scene.dim} components in this model"
+        require(len(self.point) == scene.dim, f"{key}.point", list(self.point), expected)
+        only = "displacement and force along y" if scene.axisymmetric else "x and y, and turns about z"
+        for name, axis in self.amplitudes():
+            known = (PAIRS.get(name, name), axis) in _components(scene)
+            require(known, f"{key}.{name}.{axis}", "given", f"this model has {only}")
+
+    def couplings(self, scene: Scene, key: str) -> tuple[Coupling, ...]:
+        table, _, name = key.partition(".")
+        given = {pair: Place(table, name, *pair) for pair in self.amplitudes()}
+        index = {pair: i for i, pair in enumerate(_components(scene))}
+        return (
+            Coupling(
+                boundary=self.boundary,
+                point=self.point,
+                rigid=self.coupling == "rigid",
+                prescribed={index[pair]: place for pair, place in given.items() if pair in index},
+                loads={index[PAIRS[key], axis]: place for (key, axis), place in given.items() if key in PAIRS},
+                key=key,
+            ),
+        )
+
+
+def _components(scene: Scene) -> Sequence[tuple[str, str]]:
+    """Kind and axis of each of the k motions of a rigid body, in the order of `rigid_fields`."""
+    if scene.axisymmetric:
+        return [("displacement", "y")]
+    axes = AXES[: scene.dim]
+    return [("displacement", a) for a in axes] + [("rotation", a) for a in (("z",) if scene.dim == 2 else axes)]
+
+
+class _RemotePoints(Effect):
+    name = "remote_points"
+    table = Mapping[str, RemotePoint]
+
+
+EFFECT = _RemotePoints()

@@ -1,0 +1,94 @@
+"""Springs: linear ones between two places of bodies, or a place and the ground; they hold bodies as supports do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+
+from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.errors import SceneError, require
+from stickslip.geometry.keys import Key
+from stickslip.geometry.obstacles.rotation import unit
+from stickslip.solvers.effects.effect import Effect
+from stickslip.solvers.scene.loads import End, Link
+from stickslip.solvers.scene.scene import EffectTable, Scene
+from stickslip.solvers.scene.timeline import Place
+
+LINEAR = "springs are linear; what only presses is a contact with an obstacle, its normal law compliance with m_n = 1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spring(EffectTable):
+    """Pulls with stiffness times elongation: at a point, or on the mean displacement of a side."""
+
+    at: Annotated[End, Key("m", "side, as body.side, or a point, at which a mesh vertex lies")]
+    to: Annotated[End | None, Key("m", "the other end, likewise; absent: the ground")] = None
+    stiffness: Annotated[
+        float | tuple[float, ...], Key("N/m", "along direction, or by component; plane: per metre; of the full circle")
+    ]
+    direction: Annotated[tuple[float, ...] | None, Key("-", "of a single stiffness, of any length")] = None
+    displacement: Annotated[tuple[Amplitude, ...] | None, Key("m", "motion of the ground, by component, in time")] = (
+        None
+    )
+    acts: Annotated[Literal["both", "tension", "compression"], Key("-", "in both ways; others are refused")] = "both"
+
+    def __post_init__(self) -> None:
+        require(self.acts == "both", "acts", self.acts, LINEAR)
+        single = isinstance(self.stiffness, float | int)
+        if single != (self.direction is not None):
+            raise SceneError(
+                "direction: missing, a single stiffness needs it"
+                if single
+                else f"direction = {list(self.direction or ())}: a stiffness by component has none; remove the key"
+            )
+        require(self.direction is None or any(self.direction), "direction", self.direction, "must not be zero")
+        values = np.atleast_1d(self.stiffness)
+        wrong = "must not be negative, and one be positive, in N/m"
+        require(bool(np.all(values >= 0) and values.any()), "stiffness", self.stiffness, wrong)
+        require(self.at != self.to, "to", self.to, "a spring has two different ends")
+        for amplitude in self.displacement or ():
+            check(amplitude, "displacement")
+        require(self.displacement is None or self.to is None, "displacement", "given", "moves the ground; remove `to`")
+
+    def amplitudes(self) -> Mapping[tuple[str, str], Amplitude]:
+        return {("displacement", axis): a for axis, a in zip("xyz", self.displacement or (), strict=False)}
+
+    def check(self, scene: Scene, key: str) -> None:
+        expected = f"expected {scene.dim} components in this model"
+        vectors = {"direction": self.direction, "displacement": self.displacement}
+        vectors |= {"stiffness": None if isinstance(self.stiffness, float | int) else self.stiffness}
+        for name, end in (("at", self.at), ("to", self.to)):
+            if isinstance(end, str):
+                scene.require_side(end, f"{key}.{name}")
+            elif end is not None:
+                vectors[name] = end
+                require(
+                    not scene.axisymmetric, f"{key}.{name}", list(end), "an axisymmetric model has rings; use a side"
+                )
+        for name, vector in vectors.items():
+            require(vector is None or len(vector) == scene.dim, f"{key}.{name}", list(vector or ()), expected)
+        if scene.axisymmetric:
+            along = self.direction or self.stiffness
+            radial = not isinstance(along, float | int) and along[0] != 0
+            require(not radial, key, "radial", "springs of an axisymmetric model act along the axis y")
+
+    def links(self, key: str) -> tuple[Link, ...]:
+        k = np.atleast_1d(np.array(self.stiffness, float))
+        along = np.eye(len(k)) if self.direction is None else unit(self.direction)[None]
+        table, _, name = key.partition(".")
+        moved = {Place(table, name, *part): along[k > 0, i] for i, part in enumerate(self.amplitudes())}
+        ends: dict[str, tuple[End, float]] = {f"{key}.at": (self.at, 1.0)}
+        if self.to is not None:
+            ends[f"{key}.to"] = self.to, -1.0
+        return (Link(ends=ends, directions=along[k > 0], stiffness=k[k > 0], rests=moved, table=table, name=name),)
+
+
+class _Springs(Effect):
+    name = "springs"
+    table = Mapping[str, Spring]
+
+
+EFFECT = _Springs()

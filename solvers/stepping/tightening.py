@@ -1,0 +1,125 @@
+"""Bolts tightened by force: in each step the shortening is found at which the tension is what the scene gives.
+
+A step is solved for a shortening, and again for a better one by Broyden's method; where bodies and contact answer in
+proportion, as where nothing opens or slips, two solutions find it. A bolt that is held keeps its shortening.
+
+Source: Broyden, Math. Comp. 19 (1965).
+"""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.fem.links import Tightened
+from stickslip.solvers.scene.timeline import CLOSE
+from stickslip.solvers.stepping.state import State
+from stickslip.solvers.system.system import System
+
+TIGHT = 1e-9  # deviation of the tension, relative to the largest of a bolt in time, that is aimed at
+LOOSE = 10.0  # times solver.tolerance: that is allowed where another solution comes no nearer
+MOST = 30  # solutions of a step
+log = logging.getLogger(__name__)
+
+
+class Tightening:
+    """The shortenings (b,) of all bolts in one step; `done` judges a solution, and tries others."""
+
+    def __init__(self, system: System, start: State, target: float) -> None:
+        """Guess: the bodies do not give way.
+
+        Args:
+            start: of the step.
+            target: time at its end [s].
+        """
+        self.system, self.start, self.target = system, start, target
+        links, course = system.constraints.links, system.course
+        self.bolts = links.tightened
+        self.rows = [bolt.row for bolt in self.bolts]
+        self.k = links.stiffness[self.rows]
+        drives = [rest.drive for rest in links.rests]
+        self.places = [len(system.initial.strains) + drives.index(bolt.shortening) for bolt in self.bolts]
+        self.before = start.initial[self.places]
+        self.free = np.array([start.time < bolt.held_from * (1 - CLOSE) for bolt in self.bolts])
+        self.wanted = np.array([course.value(bolt.tension, target) for bolt in self.bolts])
+        self.largest = np.array([_largest(system, bolt) for bolt in self.bolts])
+        self.x = self.before + np.where(self.free, (self.wanted - self.tension(start)) / self.k, 0.0)
+        self.J = np.diag(self.k)
+        self.tried: tuple[Array, Array] | None = None  # shortenings, and by how much tensions were off
+        self._set()
+
+    @property
+    def names(self) -> str:
+        """The bolts, as in the scene."""
+        return ", ".join(f"{bolt.tension.table}.{bolt.tension.name}" for bolt in self.bolts)
+
+    @classmethod
+    def of(cls, system: System, start: State, target: float) -> Tightening | None:
+        """None: no bolt is tightened by force."""
+        return cls(system, start, target) if system.constraints.links.tightened else None
+
+    def tension(self, state: State) -> Array:
+        """Of each bolt (b,) [N]."""
+        return np.asarray(self.k * (state.elongation[self.rows] + state.initial[self.places]))
+
+    def done(self, state: State) -> bool:
+        """Whether the tensions are right; if not, the step is to be solved again with other shortenings."""
+        off = np.where(self.free, self.tension(state) - self.wanted, 0.0)
+        allowed = LOOSE * self.system.problem.solver.tolerance * self.largest
+        log.info("t = %g: tension of bolts off by %.1e", self.target, np.abs(off / self.largest).max())
+        near = np.all(np.abs(off) <= allowed)  # with a loose solver no shortening need be better
+        if np.all(np.abs(off) <= TIGHT * self.largest) or (near and self.tried and _worse(off, self.tried[1])):
+            return True
+        if self.tried is not None:
+            x, residual = self.tried
+            moved = self.x - x
+            self.J += np.outer(off - residual - self.J @ moved, moved) / (moved @ moved)
+        self.tried = self.x, off
+        step = np.zeros(len(off))
+        step[self.free] = np.linalg.solve(self.J[np.ix_(self.free, self.free)], -off[self.free])
+        self.x = self.x + step
+        self._set()
+        return False
+
+    def _set(self) -> None:
+        begun = self.start.time < self.target
+        each = zip(self.bolts, self.before.tolist(), self.x.tolist(), strict=True)
+        self.system.course.found = {
+            bolt.shortening: ((self.start.time, a), (self.target, x)) if begun else ((self.target, x),)
+            for bolt, a, x in each
+        }
+
+
+def _worse(off: Array, before: Array) -> bool:
+    """Whether the last solution has come no nearer."""
+    return bool(np.abs(off).max() > np.abs(before).max() / 2)
+
+
+def _largest(system: System, bolt: Tightened) -> float:
+    """Largest tension that the scene gives [N]; 1 if it is always zero."""
+    times = system.course.timeline.times
+    return max((abs(system.course.value(bolt.tension, time)) for time in times), default=0.0) or 1.0
+
+
+def recall(system: System, time: float, shortened: Array) -> None:
+    """Use the shortenings (b,) [m] that were found at a time [s]."""
+    bolts = zip(system.constraints.links.tightened, shortened.tolist(), strict=True)
+    system.course.found = {bolt.shortening: ((time, x),) for bolt, x in bolts}
+
+
+def tension_off(system: System, u: Vec, time: float) -> Array:
+    """By how much the tension of each bolt differs from what the scene gives [N], 0 where it is held; collective."""
+    links, course = system.constraints.links, system.course
+    elongation = links.elongation(u)
+    return np.array(
+        [
+            links.stiffness[bolt.row] * (elongation[bolt.row] + course.value(bolt.shortening, time))
+            - course.value(bolt.tension, time)
+            for bolt in links.tightened
+            if time <= bolt.held_from * (1 + CLOSE)
+        ],
+        float,
+    )

@@ -1,0 +1,153 @@
+"""Bolts: the joint diagram of bolt and plates, the lap joint that slips, every model, refusals."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from shared.audited import audit
+from stickslip.geometry.errors import SceneError
+from stickslip.solvers.results.quantities import values
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.prepared import prepare
+
+E, K, SHORTER, MU = 1000.0, 400.0, 0.01, 0.2
+AREA = {"plane strain": 2.0, "3d": 1.0, "axisymmetric": np.pi * 4.0}
+
+
+def joint(
+    model: str = "plane strain",
+    order: int = 1,
+    bolt: dict[str, Any] | None = None,
+    drop: str = "",
+    bolts: dict[str, dict[str, Any]] | None = None,
+    **tables: Any,
+) -> Scene:
+    """Two plates 2 x 1 (x 0.5), nu = 0, on a foot that carries no force along the bolt while it is tightened."""
+    up = [0.0, 0.0, 1.0] if model == "3d" else [0.0, 1.0]
+    own = {"head": "upper.top", "nut": "lower.bottom", "axis": up, "stiffness": K, "shortening": [[1.0, SHORTER]]}
+    own.pop(drop, None)
+    across = {"3d": {"left": "x", "front": "y"}, "plane strain": {"left": "x"}, "axisymmetric": {}}[model]
+    sides = {
+        f"{body}_{side}": {"boundary": f"{body}.{side}", "displacement": {axis: 0.0}}
+        for body in ("lower", "upper")
+        for side, axis in across.items()
+    }
+    plates = {"builder": "two_blocks", "length": 2.0, "height": 1.0, "mesh_size": 0.5, "order": order}
+    foot = {"boundary": "lower.bottom", "displacement": {"z" if model == "3d" else "y": 0.0}}
+    data = {
+        "model": model,
+        "geometry": plates | ({"width": 0.5} if model == "3d" else {}),
+        "bodies": {"upper": {"E": E, "nu": 0.0}, "lower": {"E": E, "nu": 0.0}},
+        "supports": sides | {"foot": foot},
+        "contacts": {"joint": {"surface": "upper.bottom", "against": "lower.top"}},
+        "bolts": {"b": own | (bolt or {}), **{name: own | more for name, more in (bolts or {}).items()}},
+    }
+    return from_dict(data | tables)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("model", [*AREA])
+def test_bolt_and_plates_share_a_load_until_the_joint_opens(model: str, order: int) -> None:
+    """F0 = k s c / (k + c); a load A adds A k / (k + c) to the bolt up to A = F0 (1 + k / c), from there all."""
+    plates = E * AREA[model] / 2
+    preload = K * SHORTER * plates / (K + plates)
+    opens = preload * (1 + K / plates)
+    pull = [0.0] * (model == "3d") + [0.0, [[1.0, 0.0], [2.0, 2.1 * opens / AREA[model]]]]
+    loads = {"pull": {"boundary": "upper.top", "traction": pull}}
+    simulation = prepare(joint(model, order, loads=loads, steps={"end": 2.0, "count": 8}))
+    for step in simulation.steps():
+        tightened, load = min(step.time, 1.0), 2.1 * opens * max(step.time - 1.0, 0.0)
+        tension = max(tightened * preload + load * K / (K + plates), load)
+        assert_allclose(step.bolts["b"], (tension, tightened * SHORTER), rtol=1e-8)
+        assert_allclose(values(step)["bolt.b.tension"], tension, rtol=1e-8)
+        assert_allclose(step.contacts["joint"].normal_force, tension - load, atol=1e-8 * preload)
+        energy = step.energy
+        assert energy.external == pytest.approx(energy.stored + energy.contact, abs=1e-10 * preload * SHORTER)
+        assert max(audit(simulation, step).values()) < 1e-8
+
+
+def test_a_lap_joint_slips_at_mu_times_the_tension() -> None:
+    """One face of friction: n mu P, n = 1."""
+    friction = {"joint": {"surface": "upper.bottom", "against": "lower.top", "friction": {"law": "coulomb", "mu": MU}}}
+    supports = {
+        "foot": {"boundary": "lower.bottom", "displacement": {"y": 0.0}},
+        "held": {"boundary": "lower.left", "displacement": {"x": 0.0}},
+        "drawn": {"boundary": "upper.right", "displacement": {"x": [[1.0, 0.0], [2.0, 0.004]]}},
+    }
+    simulation = prepare(joint(contacts=friction, supports=supports, steps={"end": 2.0, "count": 8}))
+    *_, stuck, _, _, last = simulation.steps()
+    contact = last.contacts["joint"]
+    assert contact.stick_area == 0.0
+    assert stuck.contacts["joint"].stick_area > 0.0
+    assert_allclose(last.supports["drawn"].force[0], MU * last.bolts["b"].tension, rtol=1e-6)
+    assert_allclose(contact.normal_force, last.bolts["b"].tension, rtol=1e-8)
+    assert max(audit(simulation, last).values()) < 1e-8
+
+
+def test_a_bolt_is_tightened_to_a_force_and_then_held() -> None:
+    """The same joint diagram from the force; two bolts beside each other, one of them loosens the other."""
+    plates, force = E * AREA["plane strain"] / 2, 3.0
+    loads = {"pull": {"boundary": "upper.top", "traction": [0.0, [[2.0, 0.0], [3.0, 1.0]]]}}
+    bolt = {"force": [[2.0, force]], "held_from": 2.0}
+    simulation = prepare(joint(bolt=bolt, drop="shortening", loads=loads, steps={"end": 3.0, "count": 6}))
+    for step in simulation.steps():
+        added = 2.0 * max(step.time - 2.0, 0.0) * K / (K + plates)
+        tension = force * min(step.time / 2.0, 1.0)
+        assert_allclose(step.bolts["b"].tension, tension + added, rtol=1e-7)
+        assert_allclose(step.bolts["b"].shortening, tension * (1 / K + 1 / plates), rtol=1e-7)
+        assert max(audit(simulation, step).values()) < 1e-7
+
+
+def test_bolts_share_what_one_of_them_loosens() -> None:
+    """A bolt that is tightened to a force beside one that was shortened before; friction carries nothing."""
+    simulation = prepare(
+        joint(
+            drop="shortening",
+            bolt={"force": [[1.0, 1.0], [2.0, 2.0]], "held_from": 1.0},
+            bolts={"c": {"force": [[1.0, 0.0], [2.0, 2.0]], "axis": [0.0, 1.0]}},
+            steps={"end": 2.0, "count": 2},
+        )
+    )
+    plates = E * AREA["plane strain"] / 2
+    one, two = simulation.steps()
+    assert_allclose([one.bolts["b"].tension, one.bolts["c"].tension], [1.0, 0.0], atol=1e-7)
+    # the second one compresses the plates by 2 / c of its own, and the first one gives way: k (2 - loss) / c
+    loss = 2.0 * K / (K + plates)
+    assert_allclose([two.bolts["b"].tension, two.bolts["c"].tension], [1.0 - loss, 2.0], rtol=1e-6)
+    assert two.bolts["b"].shortening == one.bolts["b"].shortening
+    assert max(audit(simulation, two).values()) < 1e-7
+
+
+@pytest.mark.parametrize(
+    ("bolt", "message"),
+    [
+        ({"head": "upper.tp"}, r"bolts\.b\.head = upper\.tp: no such side; did you mean upper\.top"),
+        ({"nut": "lower.botom"}, r"bolts\.b\.nut = lower\.botom: no such side"),
+        ({"nut": "upper.top"}, r"bolts\.b\.nut = upper\.top: a bolt has two different ends"),
+        ({"axis": [0.0, 0.0]}, r"bolts\.b\.axis = \[0\.0, 0\.0\]: must not be zero"),
+        ({"axis": [1.0]}, r"bolts\.b\.axis = \[1\.0\]: expected 2 components"),
+        ({"stiffness": -1.0}, r"bolts\.b\.stiffness = -1\.0: must be positive, in N/m"),
+        ({"shortening": "t"}, r'bolts\.b\.shortening = "t": expected a number'),
+        ({"torque": 1.0}, r"bolts\.b\.torque: unknown key"),
+        ({"force": 1.0}, r"bolts\.b\.shortening / force: exactly one of the two is needed"),
+        ({"held_from": 1.0}, r"bolts\.b\.held_from = 1\.0: belongs to force"),
+    ],
+)
+def test_what_is_wrong_is_refused_in_one_line(bolt: dict[str, Any], message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        joint(bolt=bolt)
+
+
+def test_a_bolt_is_held_from_the_end_of_a_step() -> None:
+    with pytest.raises(SceneError, match=r"bolts\.b\.held_from = 0\.7: no step ends there; list that time in force"):
+        joint(bolt={"force": 1.0, "held_from": 0.7}, drop="shortening")
+
+
+def test_a_bolt_is_along_the_axis_of_symmetry() -> None:
+    with pytest.raises(SceneError, match=r"bolts\.b\.axis = \[1\.0, 0\.0\]: an axisymmetric model has bolts along"):
+        joint("axisymmetric", bolt={"axis": [1.0, 0.0]})
