@@ -64,11 +64,10 @@ class MeanDilatation:
         to = near * within  # symmetric: of each node, its weight in the neighbours within
         gone = V.duplicate()
         gone.array[:] = (within.array_r == 0) & (to.array_r > SMALL * to.max()[1])
-        kept, scale = V.duplicate(), V.duplicate()
-        kept.array[:] = 1.0 - gone.array_r
+        scale = V.duplicate()
         scale.array[:] = gone.array_r / np.where(gone.array_r > 0, to.array_r, 1.0)
         near.diagonalScale(within, scale)
-        near.setDiagonal(kept)
+        near.axpy(1.0, _diagonal(1.0 - gone.array_r, near), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         return near
 
     def add_to(self, K: Mat) -> Mat:
@@ -103,6 +102,15 @@ class MeanDilatation:
         self.fill(functions, u)
         corners = {body: dx.cell_dofs(self._space) for body in functions}
         return {body: field.x.array[corners[body]].mean(axis=1) for body, field in functions.items()}
+
+
+def _diagonal(values: Array, like: Mat) -> Mat:
+    """A diagonal matrix (PETSc) from its own entries, with the layout of another one; collective."""
+    own = np.arange(*like.getOwnershipRange(), dtype=PETSc.IntType)
+    found: Mat = PETSc.Mat().createAIJ(like.getSizes(), nnz=(1, 0), comm=like.comm)
+    found.setValuesCSR(np.arange(len(own) + 1, dtype=PETSc.IntType), own, values)
+    found.assemble()
+    return found
 
 
 def _inverse(V: Vec) -> Array:

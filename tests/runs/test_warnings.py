@@ -14,6 +14,7 @@ from stickslip.workflows.scene_file.read import read
 
 Call = Callable[..., Spoken]
 SOFT = "--set=bodies.block.nu=0.4999"
+ALONE = "--set=bodies.block.formulation=displacement"
 LOCKS = "warning: bodies.block.nu = 0.4999: displacements of order 1 lock"
 
 
@@ -23,20 +24,24 @@ def flat(text: str) -> str:
 
 
 def test_plan_and_run_warn_of_linear_elements_that_lock(call: Call, folder: Path) -> None:
-    code, out, _ = call("plan", "block", SOFT)
+    code, out, _ = call("plan", "block", SOFT, ALONE)
     assert code == 0
     assert LOCKS in flat(out)
-    assert json.loads(call("plan", "block", "--json", SOFT)[1])["warnings"] == [*warnings(read("block", [SOFT[6:]]))]
-    code, _, err = call("run", "block", "-o", "out", SOFT, *COARSE)
+    said = [*warnings(read("block", [SOFT[6:], ALONE[6:]]))]
+    assert json.loads(call("plan", "block", "--json", SOFT, ALONE)[1])["warnings"] == said
+    code, _, err = call("run", "block", "-o", "out", SOFT, ALONE, *COARSE)
     assert code == 0
     assert LOCKS in flat(err)
     assert "WARNING bodies.block.nu = 0.4999" in (folder / "out" / "run.log").read_text()
 
 
-@pytest.mark.parametrize("override", ["bodies.block.nu=0.49", "geometry.order=2", "model='plane stress'"])
+@pytest.mark.parametrize(
+    "override",
+    ["bodies.block.nu=0.48", "geometry.order=2", "model='plane stress'", "bodies.block.formulation='auto'"],
+)
 def test_no_warning_where_nothing_locks(override: str) -> None:
-    assert warnings(read("block", ["bodies.block.nu=0.4999"]))
-    assert warnings(read("block", ["bodies.block.nu=0.4999", override])) == ()
+    assert warnings(read("block", [SOFT[6:], ALONE[6:]]))
+    assert warnings(read("block", [SOFT[6:], ALONE[6:], override])) == ()
 
 
 def test_displacements_that_are_not_small_are_doubted(call: Call, folder: Path) -> None:
