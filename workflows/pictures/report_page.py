@@ -26,6 +26,7 @@ from stickslip.workflows.pictures.sheet import COLOURS, STATUS_COLOURS, STATUS_W
 
 NAME = "report.html"
 PARTS = files("stickslip.workflows.pictures") / "report"
+BESIDE = 3  # contacts
 SHADES = 33  # of the colour scale
 # quantities of a contact: key, words, unit in space
 NUMBERS = (
@@ -135,7 +136,7 @@ def _head(results: Results) -> Html:
         str(scene.get("model", "")),
         f"{content['dofs']} unknown displacements" if content.get("dofs") else "",
         f"{content['contact_points']} contact points" if content.get("contact_points") else "",
-        f"{len(results.reported)} steps" if results.reported else "no step was solved",
+        f"{count} step{'s' * (count > 1)}" if (count := len(results.reported)) else "no step was solved",
         f"stickslip {content.get('version')}, dolfinx {content.get('dolfinx')}",
     ]
     kind = {"converged": "good", "doubtful": "doubt", "interrupted": "doubt", "not ended": "doubt"}.get(status, "bad")
@@ -159,7 +160,10 @@ def _summary(results: Results) -> Html:
             for key, words, unit in NUMBERS
             if any(c.get(key) is not None for c in contacts.values())
         ]
-        said.append(table(("contact", *contacts), rows))
+        head, *rows = [("contact", *contacts), *rows]
+        if len(contacts) > BESIDE:  # then below each other
+            head, *rows = [*zip(head, *rows, strict=True)]
+        said.append(table(head, rows))
         if "(grows)" in said[-1]:
             said.append("<p>(grows): the number has no limit on ever finer meshes, as at a sharp edge.</p>")
         if lacking := _lacking(last):

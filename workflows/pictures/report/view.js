@@ -157,7 +157,10 @@
       for (const name of ["position", "color"]) side.mesh.geometry.attributes[name].needsUpdate = true;
       side.mesh.geometry.computeBoundingSphere();
     });
-    $("legend").replaceChildren(...legend(quantity));
+    const where = document.createElement("span"); // in print the controls are hidden
+    where.className = "where";
+    where.append(`t = ${told(frame.time)} s, displacement × ${told(factor)}`);
+    $("legend").replaceChildren(...legend(quantity), where);
     draw();
   }
   function legend(quantity) {
@@ -221,6 +224,7 @@
   Object.assign($("factor"), { max: model.factors.values.length - 1, value: model.factors.start });
   for (const id of ["time", "factor", "quantity", "lines", "rest"]) $(id).addEventListener("input", update);
   $("home").addEventListener("click", home);
+  for (const element of [$("time").parentElement, $("play")]) element.hidden = frames.length === 1;
   let playing = null;
   $("play").addEventListener("click", () => {
     if (playing) clearInterval(playing);
