@@ -203,3 +203,39 @@ def test_a_folder_without_results_is_refused(folder: Path, call: Call, done: Pat
         assert code == 2
         assert_one_line(err)
         assert words[-1] in err
+
+
+def test_two_runs_are_laid_side_by_side(done: Path, call: Call, folder: Path) -> None:
+    changed = ["contacts.joint.friction.mu=0.9", "steps.count=2"]
+    run(read("two_blocks", [*SMALL, f"title={json.dumps(HOSTILE)}", *changed]), folder / "other")
+    code, out, err = call("compare", str(done), "other", "-o", "both.html")
+    assert (code, err) == (0, "")
+    text = (folder / "both.html").read_text()
+    Page(text)
+    assert "<script>alert" not in text
+    first, second = (result(place)["steps"][-1]["contacts"] for place in (done, folder / "other"))
+    for said in (out, text):
+        assert "steps.count" in said
+        assert "0.9" in said
+        for contacts in (first, second):
+            (contact,) = contacts.values()
+            assert plus_minus(contact["normal_force"], contact["error"]["normal_force"]["mesh"]) in said
+    cells = [[cell.strip() for cell in row.split("│")] for row in out.splitlines() if "│" in row]
+    rows = {name: others for _, name, *others, _ in cells}
+    assert rows["time [s]"][:3] == ["2", "2", "0"]
+    assert rows["steps"] == ["4", "2", "0.50"]
+
+
+def test_a_run_beside_itself_differs_in_nothing(done: Path, call: Call) -> None:
+    code, out, _ = call("compare", str(done), str(done))
+    assert code == 0
+    assert "Asked differently" not in out
+    assert " no " not in out
+
+
+def test_what_cannot_be_compared_is_refused(copied: Path, done: Path, call: Call) -> None:
+    (copied / "result.json").write_text(json.dumps(result(copied) | {"steps": []}))
+    for words in ([str(done), "missing"], [str(done), str(copied)], [str(done), str(done), "-o", str(done)]):
+        code, _, err = call("compare", *words)
+        assert code == 2
+        assert_one_line(err)

@@ -156,7 +156,7 @@ def _summary(results: Results) -> Html:
         said.append(f"<p>Last step, t = {last['time']:g} s. {_signs(results)}</p>")
         contacts = {name: c for name, c in (last.get("contacts") or {}).items() if c}
         rows = [
-            (f"{words} [{_unit(results, unit)}]", *(number(c, key) for c in contacts.values()))
+            (f"{words} [{unit_of(results, unit)}]", *(number(c, key) for c in contacts.values()))
             for key, words, unit in NUMBERS
             if any(c.get(key) is not None for c in contacts.values())
         ]
@@ -184,7 +184,7 @@ def _lacking(step: Told) -> str:
     return ", ".join(sorted(part.replace("_", " ") for part in lacking))
 
 
-def _unit(results: Results, unit: str) -> str:
+def unit_of(results: Results, unit: str) -> str:
     return unit if unit in LENGTHS else results.unit(unit)
 
 
@@ -266,7 +266,7 @@ def _forces(results: Results) -> Html:
     """Contact forces of each step, then what supports and obstacles carry in the last one, and the probes."""
     if not results.reported:
         return ""
-    keys = [(key, f"{words} [{_unit(results, unit)}]") for key, words, unit in NUMBERS[:6]]
+    keys = [(key, f"{words} [{unit_of(results, unit)}]") for key, words, unit in NUMBERS[:6]]
     rows = [
         (f"{step['time']:g}", name, *(number(contact or {}, key) for key, _ in keys), str(step.get("iterations", "–")))
         for step in results.reported
@@ -329,25 +329,25 @@ def _rows(name: str, value: Any) -> list[tuple[str, str]]:
     """A table of the scene; of one that holds tables by name (bodies, contacts, ...), each of these."""
     if isinstance(value, dict) and value and all(isinstance(item, dict) for item in value.values()):
         return [row for key, item in value.items() for row in _rows(f"{name}.{key}", item)]
-    text = _told(value)
+    text = as_written(value)
     return [(name, text)] if text else []
 
 
-def _told(value: Any) -> str:
+def as_written(value: Any) -> str:
     """As a scene file says it; what is empty is left out.
 
-    >>> _told({"law": "coulomb", "mu": 0.3, "gap": {}, "x": [[0.0, 0.0], [1.0, 0.5]]})
+    >>> as_written({"law": "coulomb", "mu": 0.3, "gap": {}, "x": [[0.0, 0.0], [1.0, 0.5]]})
     'law = coulomb, mu = 0.3, x = [[0, 0], [1, 0.5]]'
     """
     if isinstance(value, dict):
-        words = {key: _told(item) for key, item in value.items()}
+        words = {key: as_written(item) for key, item in value.items()}
         return ", ".join(
             f"{key} = {{{text}}}" if isinstance(value[key], dict) else f"{key} = {text}"
             for key, text in words.items()
             if text
         )
     if isinstance(value, list):
-        return f"[{', '.join(map(_told, value))}]" if value else ""
+        return f"[{', '.join(map(as_written, value))}]" if value else ""
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:.6g}" if isinstance(value, float) else "" if value is None else str(value)
