@@ -4,6 +4,7 @@
   const model = JSON.parse(document.getElementById("model").textContent);
   const $ = (id) => document.getElementById(id);
   const TYPES = { float32: Float32Array, uint32: Uint32Array, uint16: Uint16Array, int16: Int16Array, uint8: Uint8Array, int8: Int8Array };
+  const SVG = "http://www.w3.org/2000/svg";
   const GREY = [0.8, 0.81, 0.83];
 
   function unpacked(array) {
@@ -83,8 +84,14 @@
     scene.add(body.mesh, body.lines, body.outline, body.rest);
     return body;
   });
+  // A facet is cut into the parts next to each node, so that each can have the colour of its node's status
+  const corner = (k) => [0, 1, 2].map((j) => Number(j === k)), mean = (...all) => [0, 1, 2].map((k) => all.reduce((sum, one) => sum + one[k], 0) / all.length);
+  const middle = mean(corner(0), corner(1), corner(2));
+  const PARTS = model.pieceWidth === 3
+    ? [0, 1, 2].flatMap((k) => [1, 2].map((turn) => ({ node: k, ends: [corner(k), mean(corner(k), corner((k + turn) % 3)), middle] })))
+    : [0, 1].map((k) => ({ node: k, ends: [corner(k), mean(corner(0), corner(1))] }));
   const sides = contacts.map((contact) => {
-    const count = model.pieceWidth === 3 ? contact.facets.length : 3 * contact.facets.length; // a segment is drawn as two triangles
+    const count = PARTS.length * contact.facets.length / model.pieceWidth * (model.pieceWidth === 3 ? 3 : 6); // a segment is a ribbon of two triangles
     const mesh = new THREE.Mesh(filled(count, true), new THREE.MeshBasicMaterial({ vertexColors: true, side: THREE.DoubleSide }));
     scene.add(mesh);
     return { ...contact, mesh };
@@ -137,21 +144,25 @@
       const values = frame.contacts[number];
       side.mesh.visible = onContact && Boolean(values);
       if (!side.mesh.visible) return;
-      const colour = (node) => (quantity === "contact status" ? statuses[values.status[node]] : shade(values.pressure[node], most));
-      const corner = (node) => [0, 1, 2].map((k) => moved(side.nodes[node], k));
-      const at = side.mesh.geometry.attributes.position.array, shades = side.mesh.geometry.attributes.color.array;
-      if (model.pieceWidth === 3) {
-        side.facets.forEach((node, k) => { at.set(corner(node), 3 * k); shades.set(colour(node), 3 * k); });
-      } else {
-        const half = 0.006 * size;
-        for (let k = 0; k < side.facets.length; k += 2) {
-          const [a, b] = [side.facets[k], side.facets[k + 1]], [p, q] = [corner(a), corner(b)];
-          const across = Math.hypot(q[1] - p[1], q[0] - p[0]) || 1, n = [half * (q[1] - p[1]) / across, half * (p[0] - q[0]) / across];
-          const ribbon = [[p, 1, a], [p, -1, a], [q, 1, b], [p, -1, a], [q, -1, b], [q, 1, b]];
-          ribbon.forEach(([end, sign, node], j) => {
-            at.set([end[0] + sign * n[0], end[1] + sign * n[1], end[2] + 0.002 * size], 9 * k + 3 * j);
-            shades.set(colour(node), 9 * k + 3 * j);
-          });
+      const target = side.mesh.geometry.attributes, half = 0.006 * size;
+      let drawn = 0;
+      const put = (position, colour) => { target.position.array.set(position, drawn); target.color.array.set(colour, drawn); drawn += 3; };
+      for (let first = 0; first < side.facets.length; first += model.pieceWidth) {
+        const nodes = side.facets.subarray(first, first + model.pieceWidth);
+        const blend = (weights, value) => nodes.reduce((sum, node, k) => sum + weights[k] * value(node), 0);
+        for (const part of PARTS) {
+          const ends = part.ends.map((weights) => [0, 1, 2].map((k) => blend(weights, (node) => moved(side.nodes[node], k))));
+          const colours = part.ends.map((weights) => (quantity === "contact status"
+            ? statuses[values.status[nodes[part.node]]] : shade(blend(weights, (node) => values.pressure[node]), most)));
+          if (ends.length === 3) {
+            ends.forEach((end, k) => put(end, colours[k]));
+          } else {
+            const [p, q] = ends, across = Math.hypot(q[1] - p[1], q[0] - p[0]) || 1;
+            const n = [half * (q[1] - p[1]) / across, half * (p[0] - q[0]) / across];
+            for (const [k, sign] of [[0, 1], [0, -1], [1, 1], [0, -1], [1, -1], [1, 1]]) {
+              put([ends[k][0] + sign * n[0], ends[k][1] + sign * n[1], ends[k][2] + 0.002 * size], colours[k]);
+            }
+          }
         }
       }
       for (const name of ["position", "color"]) side.mesh.geometry.attributes[name].needsUpdate = true;
@@ -179,15 +190,24 @@
     name.append(text(`${quantity} [${unit}]`));
     return [name, text("0"), bar, text(`${told(most)}, the largest of all steps shown`)];
   }
+  let reach = [size / 2, size / 2]; // of all that is drawn, from the centre of the picture
   function draw() {
     light.position.copy(camera.position).sub(controls.target);
     renderer.render(scene, camera);
+    const turned = camera.quaternion.clone().invert();
+    $("axes").replaceChildren(...["x", "y", "z"].slice(0, model.solid ? 3 : 2).flatMap((name, k) => {
+      const tip = new THREE.Vector3().setComponent(k, 1).applyQuaternion(turned), line = document.createElementNS(SVG, "path"), text = document.createElementNS(SVG, "text");
+      line.setAttribute("d", `M40 40L${40 + 24 * tip.x} ${40 - 24 * tip.y}`);
+      Object.entries({ x: 40 + 33 * tip.x, y: 44 - 33 * tip.y }).forEach(([key, value]) => text.setAttribute(key, value));
+      text.textContent = name;
+      return [line, text];
+    }));
   }
   function fit() {
     const { clientWidth: wide, clientHeight: high } = $("stage");
     if (!wide || !high) return;
     renderer.setSize(wide, high, false);
-    const half = camera.half || size / 2;
+    const half = 1.08 * Math.max(reach[1], (reach[0] * high) / wide); // also on paper, which is narrower
     Object.assign(camera, { left: -half * wide / high, right: half * wide / high, top: half, bottom: -half });
     camera.updateProjectionMatrix();
     draw();
@@ -200,14 +220,14 @@
     camera.lookAt(centre);
     camera.updateMatrixWorld();
     // the window: all that is drawn in the last step, seen from here
-    const factor = model.factors.values[Number($("factor").value)], reach = [0, 0], seen = new THREE.Vector3(), aspect = $("stage").clientWidth / $("stage").clientHeight;
+    const factor = model.factors.values[Number($("factor").value)], seen = new THREE.Vector3();
+    reach = [0, 0];
     for (const u of [frames[0].displacement, frames[frames.length - 1].displacement]) {
       for (let node = 0; node < points.length / 3; node++) {
         seen.fromArray([0, 1, 2].map((k) => points[3 * node + k] + factor * u[3 * node + k])).applyMatrix4(camera.matrixWorldInverse);
         [seen.x, seen.y].forEach((value, k) => { reach[k] = Math.max(reach[k], Math.abs(value)); });
       }
     }
-    camera.half = 1.08 * Math.max(reach[1], reach[0] / aspect);
     controls.update();
     fit();
   }
