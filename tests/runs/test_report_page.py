@@ -87,6 +87,7 @@ def test_a_run_that_is_asked_for_it_makes_a_page_with_all_parts(done: Path) -> N
     assert text.count("<img") == len(list(done.glob("*.png"))) > 2
     assert all(link.startswith(("#", "data:image/png;base64,")) for link in shown.links)
     assert "default-src 'none'" in text
+    assert "Copyright 2010-2024 Three.js Authors" in text
 
 
 def test_a_title_that_attacks_is_only_shown(done: Path) -> None:
@@ -138,6 +139,11 @@ def test_the_skin_of_a_solid_is_its_boundary(nodes: int) -> None:
 @pytest.mark.parametrize(("kind", "cut"), PIECES.items())
 def test_pieces_of_a_facet_use_all_its_nodes(kind: tuple[bool, int], cut: tuple[tuple[int, ...], ...]) -> None:
     assert {node for piece in cut for node in piece} == set(range(kind[1]))
+
+
+def test_pictures_of_a_user_are_left_out(copied: Path) -> None:
+    (copied / "mine.png").write_bytes(b"mine")
+    assert read_results(copied).pictures == tuple(sorted(set(copied.glob("*.png")) - {copied / "mine.png"}))
 
 
 def test_what_is_not_there_is_left_out(copied: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from stickslip.geometry.errors import FolderError
 from stickslip.workflows.formats.plus_minus import of_parts, parts_of, plus_minus, stated
-from stickslip.workflows.pictures.report_page import ENERGIES, NUMBERS, PHASES, as_written, bare_page, table, unit_of
+from stickslip.workflows.pictures.report_page import ENERGIES, NUMBERS, PHASES, as_written, bare_page, table
 from stickslip.workflows.pictures.report_results import Results
 
 NOTHING = "–"
@@ -96,7 +96,7 @@ def _numbers(a: Results, b: Results) -> Iterator[tuple[str, ...]]:
 
     for name, mine, theirs in both("contacts"):
         for key, words, unit in NUMBERS:
-            yield _difference(f"{name}: {words} [{unit_of(a, unit)}]", mine, theirs, key)
+            yield _difference(f"{name}: {words} [{a.unit(unit)}]", mine, theirs, key)
     for name, mine, theirs in both("supports"):
         for place, axis in enumerate("xyz"[: 3 if a.solid else 2]):
             yield _difference(f"{name}: force {axis} [{a.unit('N')}]", mine, theirs, "force", place)

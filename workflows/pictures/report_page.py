@@ -16,7 +16,6 @@ import numpy as np
 from matplotlib import colormaps
 
 from stickslip.geometry.errors import FolderError
-from stickslip.solvers.results.step_result import OPEN
 from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated
 from stickslip.workflows.pictures.report_curves import Curve, panel
@@ -39,7 +38,6 @@ NUMBERS = (
     ("max_slip", "largest slip", "m"),
     ("dissipation_total", "dissipated", "J"),
 )
-LENGTHS = ("Pa", "m")  # units that are the same in the plane
 ENERGIES = (
     ("external work", "external"),
     ("elastic energy", "stored"),
@@ -156,7 +154,7 @@ def _summary(results: Results) -> Html:
         said.append(f"<p>Last step, t = {last['time']:g} s. {_signs(results)}</p>")
         contacts = {name: c for name, c in (last.get("contacts") or {}).items() if c}
         rows = [
-            (f"{words} [{unit_of(results, unit)}]", *(number(c, key) for c in contacts.values()))
+            (f"{words} [{results.unit(unit)}]", *(number(c, key) for c in contacts.values()))
             for key, words, unit in NUMBERS
             if any(c.get(key) is not None for c in contacts.values())
         ]
@@ -184,10 +182,6 @@ def _lacking(step: Told) -> str:
     return ", ".join(sorted(part.replace("_", " ") for part in lacking))
 
 
-def unit_of(results: Results, unit: str) -> str:
-    return unit if unit in LENGTHS else results.unit(unit)
-
-
 def _view(data: Told | None) -> Html:
     if data is None:
         return ""
@@ -199,7 +193,7 @@ def _script(data: Told) -> Html:
     """The data, the library as one object THREE, and the program of the view."""
     shades = [[int(255 * part) for part in colormaps[COLOURS](place)[:3]] for place in np.linspace(0, 1, SHADES)]
     statuses = {str(status): [STATUS_WORDS[status], colour] for status, colour in STATUS_COLOURS.items()}
-    told = {**data, "shades": shades, "statuses": statuses, "open": OPEN}
+    told = {**data, "shades": shades, "statuses": statuses}
     text = json.dumps(told, ensure_ascii=False).replace("<", "\\u003c")
     three, names = re.subn(r"export\{([^}]*)\};?\s*$", _as_object, _part("three/three.module.min.js"))
     controls, found = re.subn(
@@ -237,7 +231,11 @@ def _curves(results: Results) -> Html:
         return Curve(name=name, values=np.array(values, float), error=np.array(errors, float))
 
     def of_contacts(*keys: tuple[str, str]) -> list[Curve]:
-        names = [name for name in results.scene.get("contacts") or () if any(name in s["contacts"] for s in steps)]
+        names = [
+            name
+            for name in results.scene.get("contacts") or ()
+            if any(name in (s.get("contacts") or {}) for s in steps)
+        ]
         return [
             curve(" ".join(filter(None, (name, word))), "contacts", name, key) for name in names for key, word in keys
         ]
@@ -266,7 +264,7 @@ def _forces(results: Results) -> Html:
     """Contact forces of each step, then what supports and obstacles carry in the last one, and the probes."""
     if not results.reported:
         return ""
-    keys = [(key, f"{words} [{unit_of(results, unit)}]") for key, words, unit in NUMBERS[:6]]
+    keys = [(key, f"{words} [{results.unit(unit)}]") for key, words, unit in NUMBERS[:6]]
     rows = [
         (f"{step['time']:g}", name, *(number(contact or {}, key) for key, _ in keys), str(step.get("iterations", "–")))
         for step in results.reported

@@ -18,12 +18,14 @@ from stickslip.geometry.errors import FolderError
 from stickslip.solvers.scene.quantities import CONTACT_NUMBERS
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE
+from stickslip.workflows.formats.own_files import own_files
 from stickslip.workflows.formats.regular import read_json, read_regular
 from stickslip.workflows.formats.steps import step_files
 from stickslip.workflows.formats.steps_csv import NAME as STEPS
 from stickslip.workflows.formats.steps_csv import read_steps_table
 
 RESULT, BEGUN, LOG = "result.json", "begun.json", "run.log"
+PER_METRE = {"N": "N/m", "N m": "N", "J": "J/m", "m²": "m"}
 WORK = re.compile(r"^\.(.*)\.running$")  # name of the folder in which a run works
 OF_MESH = re.compile(r" INFO ((?:mesh|contact \w+): .*)$", re.MULTILINE)  # lines of the log
 
@@ -38,7 +40,7 @@ class Results:
     steps: Mapping[int, Path]  # files of steps by index
     mesh: Mapping[str, AnyArray]  # fields.h5 by place, empty if there is none
     mesh_lines: tuple[str, ...]  # what the run has said of its mesh
-    pictures: tuple[Path, ...]
+    pictures: tuple[Path, ...]  # of the run, not those that a user keeps there
 
     @property
     def scene(self) -> Mapping[str, Any]:
@@ -63,10 +65,8 @@ class Results:
         return list(self.content.get("steps") or ())
 
     def unit(self, of: str) -> str:
-        """Unit of a force, moment or area in the model of the scene: "N", "N m", "m²", "J"."""
-        if not self.plane:
-            return of
-        return {"N m": "N", "m²": "m"}.get(of, f"{of}/m")
+        """Unit in the model of the scene of what has this unit in space."""
+        return PER_METRE.get(of, of) if self.plane else of
 
 
 def read_results(folder: Path) -> Results:
@@ -88,7 +88,7 @@ def read_results(folder: Path) -> Results:
         steps=step_files(folder),
         mesh=read_arrays(folder / MESH_FILE)[0] if (folder / MESH_FILE).is_file() else {},
         mesh_lines=tuple(dict.fromkeys(OF_MESH.findall(_text(folder / LOG)))),
-        pictures=tuple(sorted(path for path in folder.glob("*.png") if path.is_file())),
+        pictures=tuple(sorted(path for path in own_files(folder) if path.suffix == ".png" and path.is_file())),
     )
 
 
