@@ -3,6 +3,7 @@
 # make lint      style, types, and bandit for what could be unsafe
 # make test      lint, and every test that is not slow
 # make verify    every test, the verification problems, then `make debian13`
+# make browser   Chromium by apt-get, if it is missing: `make verify` opens reports in it
 # make debian13  on another Debian, as root: Debian 13 in a root of its own; see tests/platforms/debian13.sh
 # make fuzz      inputs, files, environments, kills and tampering drawn by lot; N=20000: so many of each kind
 # make dist      a wheel and a source archive, in dist
@@ -13,7 +14,7 @@ SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .ONESHELL:
 .DEFAULT_GOAL := install
-.PHONY: install run lint test verify debian13 dist fuzz docs mutants again
+.PHONY: install run lint test verify browser debian13 dist fuzz docs mutants again
 
 PYTHON := /usr/bin/python3# Debian's own: its python3-* packages belong to no other
 WORKERS ?= 2
@@ -85,10 +86,16 @@ lint: install
 test: lint
 	.venv/bin/python -m pytest -n $(WORKERS) -m 'not slow'
 
-verify: install
+verify: install browser
 	.venv/bin/python -m pytest -n $(WORKERS)
 	.venv/bin/stickslip verify
 	tests/platforms/debian13.sh
+
+browser:
+	@command -v chromium chromium-browser google-chrome >/dev/null && exit
+	[ "$$(id -u)" = 0 ] && root=(env) || root=(sudo env)
+	"$${root[@]}" apt-get -q update || true
+	"$${root[@]}" DEBIAN_FRONTEND=noninteractive apt-get -q install -y --no-install-recommends chromium
 
 debian13: install
 	tests/platforms/debian13.sh

@@ -8,7 +8,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 COPIED = ("geometry", "solvers", "workflows", "stickslip")
-COARSE = ("--set=geometry.mesh_size=1.0", "--set=geometry.contact_mesh_size=0.5", "--set=output.pictures=false")
+COARSE = (
+    "--set=geometry.mesh_size=1.0",
+    "--set=geometry.contact_mesh_size=0.5",
+    "--set=output.pictures=false",
+    "--set=output.report=true",
+)
 PIP = [sys.executable, "-m", "pip"]
 ALONE = ["--disable-pip-version-check", "--no-index", "--no-deps", "-q"]
 
@@ -37,3 +42,4 @@ def test_a_wheel_runs_from_an_empty_folder(tmp_path: Path) -> None:
     )
     assert run.returncode == 0, run.stderr
     assert (empty / "out" / "result.json").exists()
+    assert (empty / "out" / "report.html").exists(), "the files of the page are in the wheel"

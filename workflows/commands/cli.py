@@ -1,4 +1,4 @@
-"""The command line: stickslip run | plan | mesh | contacts | cost | sweep | verify | fclib | scenes | new."""
+"""The command line, stickslip COMMAND ...: what it reads, and how it ends."""
 
 from __future__ import annotations
 
@@ -94,6 +94,33 @@ def run_command(
         how = f"; go on with: {shlex.join(again)}" if outcome.status == "interrupted" else ""
         typer.echo(f"stickslip: {outcome.status.replace('_', ' ')}: {outcome.sentence}{how}", err=True)
     sys.exit(outcome.exit_code)
+
+
+@app.command("report")
+def report_command(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="results of a run")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE.html", help="[FOLDER/report.html]")
+    ] = None,
+) -> None:
+    """Make a page of a run's results: numbers, pictures, cost, audit, the bodies in 3D; it opens without a network."""
+    from stickslip.workflows.commands.report import report
+
+    typer.echo(f"wrote {report(folder, output)}")
+
+
+@app.command("compare")
+def compare_command(
+    a: Annotated[Path, typer.Argument(metavar="A", help="results of a run")],
+    b: Annotated[Path, typer.Argument(metavar="B", help="results of another one")],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE.html", help="write them as a page too")
+    ] = None,
+) -> None:
+    """Lay the results of two runs side by side: what was asked differently, numbers with ±, prices."""
+    from stickslip.workflows.commands.compare import compare_folders
+
+    compare_folders(a, b, output)
 
 
 @app.command("plan")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -41,14 +43,32 @@ def missing(parts: ErrorParts) -> list[str]:
     return [] if parts.mesh is None else [name for name in PARTS if getattr(parts, name) is None]
 
 
+def parts_of(told: Mapping[str, Any] | None, component: int | None = None) -> ErrorParts:
+    """The error of a number, or of a component of a vector, as result.json has it; None: not estimated.
+
+    >>> parts_of({"mesh": [1.0, 2.0], "law": None, "converges": True}, 1).mesh
+    2.0
+    """
+
+    def part(found: Any) -> Any:
+        return found[component] if isinstance(found, list) and component is not None else found
+
+    return ErrorParts(**{name: part((told or {}).get(name)) for name in (*PARTS, "converges")})
+
+
+def stated(parts: ErrorParts) -> float | None:
+    """Sum of the known parts; None without that of the mesh."""
+    known = [float(np.asarray(part)) for part in (getattr(parts, name) for name in PARTS) if part is not None]
+    return None if parts.mesh is None else sum(known)
+
+
 def of_parts(value: float, parts: ErrorParts) -> str:
     """The same with the sum of the known parts of its error.
 
     >>> of_parts(0.242957, ErrorParts(mesh=1e-4, time_step=1e-4)), of_parts(0.242957, ErrorParts(converges=False))
     ('0.2430 ± 0.0002*', '0.24 (grows)')
     """
-    known = [float(np.asarray(part)) for part in (getattr(parts, name) for name in PARTS) if part is not None]
-    return plus_minus(value, None if parts.mesh is None else sum(known), parts.converges, bool(missing(parts)))
+    return plus_minus(value, stated(parts), parts.converges, bool(missing(parts)))
 
 
 def with_error(value: float, parts: ErrorParts | None, unit: str) -> str:

@@ -17,7 +17,7 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.history import HistoryRow
-from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts
+from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.watch import Watch
@@ -212,8 +212,7 @@ def _contacts(content: Content) -> Table:
 
 def _parts(numbers: Content, key: str) -> ErrorParts:
     """The error of a number of a contact, from result.json."""
-    told = (numbers["error"] or {}).get(key, {})
-    return ErrorParts(**{name: told.get(name) for name in (*PARTS, "converges")})
+    return parts_of((numbers["error"] or {}).get(key))
 
 
 def _incomplete(content: Content) -> list[str]:

@@ -1,0 +1,247 @@
+"""stickslip report, output.report: a run on one page; tests/browser opens it in a browser."""
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from shared.command import Call, assert_one_line, result
+from shared.histories import SMALL
+from stickslip.workflows.formats.plus_minus import plus_minus
+from stickslip.workflows.formats.steps import read_step, step_files
+from stickslip.workflows.pictures.report_page import page
+from stickslip.workflows.pictures.report_results import read_results
+from stickslip.workflows.pictures.report_view import PIECES, skin, unpacked
+from stickslip.workflows.run.folder import work_of
+from stickslip.workflows.run.run import run
+from stickslip.workflows.scene_file.read import read
+
+HOSTILE = '</title></script><script>alert("$title")</script><img src=x onerror=alert(1)>'
+ALONE = {"meta", "img", "input", "br", "path", "circle"}  # elements without an end, as we write them
+Edit = Callable[[dict[str, Any]], None]
+
+
+class Page(HTMLParser):
+    """The elements of a page; each is to be closed in its turn."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.text: dict[str, str] = {}  # by element
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        said = dict(attrs)
+        self.ids += [said["id"] or ""] if "id" in said else []
+        self.links += [value or "" for name, value in attrs if name in ("href", "src", "action", "data")]
+        assert not any(name.startswith("on") for name in said)
+        if tag not in ALONE:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        assert tag in ALONE
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text[self.open[-1] if self.open else ""] = self.text.get(self.open[-1] if self.open else "", "") + data
+
+
+def model_in(text: str) -> Any:
+    """The data of the view that a page holds."""
+    found = re.search(r'<script type="application/json" id="model">(.*?)</script>', text, re.DOTALL)
+    assert found is not None
+    return json.loads(found[1])
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of two bodies, three steps, with pictures and a title that attacks the page."""
+    folder = tmp_path_factory.mktemp("done") / "out"
+    words = [*SMALL, "output.pictures=true", "output.report=true", f"title={json.dumps(HOSTILE)}", "steps.count=3"]
+    run(read("two_blocks", words), folder)
+    return folder
+
+
+@pytest.fixture
+def copied(done: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(done, tmp_path / "copied"))
+
+
+def test_a_run_that_is_asked_for_it_makes_a_page_with_all_parts(done: Path) -> None:
+    text = (done / "report.html").read_text()
+    shown = Page(text)
+    assert len(shown.ids) == len(set(shown.ids))
+    assert set(shown.ids) >= {"summary", "view", "scene", "curves", "forces", "pictures", "cost", "audit", "canvas"}
+    assert text.count("<img") == len(list(done.glob("*.png"))) > 2
+    assert all(link.startswith(("#", "data:image/png;base64,")) for link in shown.links)
+    assert "default-src 'none'" in text
+    assert "Copyright 2010-2024 Three.js Authors" in text
+
+
+def test_a_title_that_attacks_is_only_shown(done: Path) -> None:
+    shown = Page((done / "report.html").read_text())
+    assert HOSTILE in shown.text["h1"]
+    assert HOSTILE in shown.text["title"]
+    assert "alert(" not in shown.text["script"]
+
+
+def test_the_page_states_the_numbers_with_their_errors(done: Path) -> None:
+    text = (done / "report.html").read_text()
+    for step in result(done)["steps"]:
+        (contact,) = step["contacts"].values()
+        force = plus_minus(contact["normal_force"], contact["error"]["normal_force"]["mesh"])
+        assert f">{force}" in text, "with the digits of its largest error"
+        assert "±" in force
+
+
+def test_the_view_holds_the_numbers_of_the_steps(done: Path) -> None:
+    shown, steps = model_in((done / "report.html").read_text()), result(done)["steps"]
+    assert shown["bodies"] == list(result(done)["scene"]["bodies"])
+    assert [frame["time"] for frame in shown["frames"]] == [step["time"] for step in steps]
+    (contact,) = shown["contacts"]
+    points = unpacked(shown["points"]).reshape(-1, 3)
+    for frame, step, path in zip(shown["frames"], steps, step_files(done).values(), strict=True):
+        values, stored = frame["contacts"][contact["name"]], read_step(path)
+        assert_allclose(
+            unpacked(values["pressure"]).max(), step["contacts"][contact["name"]]["max_pressure"], rtol=1e-6
+        )
+        assert_allclose(unpacked(values["status"]), stored.contacts[contact["name"]].status)
+        moved, scale = unpacked(frame["displacement"]).reshape(-1, 3), frame["displacement"]["scale"]
+        assert_allclose(moved, stored.displacement, atol=0.51 * scale)  # every node of a plane body is on its skin
+        assert_allclose(unpacked(frame["stress"]), stored.von_mises, atol=0.51 * frame["stress"]["scale"])
+    surface = read_results(done).mesh[f"contacts/{contact['name']}/points"]
+    assert_allclose(points[unpacked(contact["nodes"])], surface, atol=1e-6)
+
+
+@pytest.mark.parametrize("nodes", [4, 8])
+def test_the_skin_of_a_solid_is_its_boundary(nodes: int) -> None:
+    """Two tetrahedra share a face, two hexahedra too: it is inside."""
+    cells = {4: [[0, 1, 2, 3], [1, 2, 3, 4]], 8: [[*range(8)], [4, 5, 6, 7, 8, 9, 10, 11]]}[nodes]
+    faces, owners = skin(np.array(cells), solid=True)
+    assert len(faces) == {4: 6, 8: 10}[nodes]
+    shared = set(cells[0]) & set(cells[1])
+    assert not any(set(face) == shared for face in faces.tolist())
+    assert all(set(face) <= set(cells[owner]) for face, owner in zip(faces.tolist(), owners, strict=True))
+
+
+@pytest.mark.parametrize(("kind", "cut"), PIECES.items())
+def test_pieces_of_a_facet_use_all_its_nodes(kind: tuple[bool, int], cut: tuple[tuple[int, ...], ...]) -> None:
+    assert {node for piece in cut for node in piece} == set(range(kind[1]))
+
+
+def test_pictures_of_a_user_are_left_out(copied: Path) -> None:
+    (copied / "mine.png").write_bytes(b"mine")
+    assert read_results(copied).pictures == tuple(sorted(set(copied.glob("*.png")) - {copied / "mine.png"}))
+
+
+def test_what_is_not_there_is_left_out(copied: Path) -> None:
+    for path in [*copied.glob("*.png"), *copied.glob("steps/*"), copied / "fields.h5", copied / "run.log"]:
+        path.unlink()
+    content = result(copied)
+    for key in ("audit", "verdict", "counters", "seconds", "warnings", "choice", "plan"):
+        del content[key]
+    (copied / "result.json").write_text(json.dumps(content))
+    shown = Page(page(read_results(copied)))
+    assert {"summary", "forces", "scene", "curves"} <= set(shown.ids)
+    assert not {"view", "pictures", "audit", "canvas"} & set(shown.ids)
+
+
+def test_a_run_that_was_killed_has_a_page(copied: Path, call: Call, folder: Path) -> None:
+    (copied / "result.json").unlink()
+    copied.rename(work_of(folder / "out"))
+    code, out, err = call("report", "out", "-o", "page.html")
+    assert (code, err) == (0, "")
+    assert "page.html" in out
+    text = (folder / "page.html").read_text()
+    assert "not ended" in text
+    assert "results “out”" in text
+    assert len(model_in(text)["frames"]) == len(step_files(work_of(folder / "out"))) > 2
+    assert {"summary", "view", "curves", "forces"} <= set(Page(text).ids)
+
+
+def test_an_interrupted_run_has_a_page(stopped: Path, call: Call) -> None:
+    assert call("report", str(stopped))[0] == 0
+    text = (stopped / "report.html").read_text()
+    assert '<b class="badge doubt">interrupted</b>' in text
+    assert len(model_in(text)["frames"]) == 2
+    assert call("report", str(stopped))[0] == 0, "once more"
+
+
+def test_without_steps_a_page_says_so(copied: Path) -> None:
+    (copied / "result.json").write_text(json.dumps(result(copied) | {"steps": []}))
+    assert "no step was solved" in page(read_results(copied))
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (lambda content: content.update(format=7), "format 7"),
+        (lambda content: content.update(steps=[3]), "not results that this version can read"),
+    ],
+)
+def test_results_of_another_version_are_refused(copied: Path, call: Call, edit: Edit, said: str) -> None:
+    content = result(copied)
+    edit(content)
+    (copied / "result.json").write_text(json.dumps(content))
+    code, _, err = call("report", str(copied))
+    assert code == 2
+    assert_one_line(err)
+    assert said in err
+
+
+def test_a_folder_without_results_is_refused(folder: Path, call: Call, done: Path) -> None:
+    (folder / "empty").mkdir()
+    (folder / "file").touch()
+    for words in (["missing"], ["empty"], ["file"], [str(done), "-o", "empty"]):
+        code, _, err = call("report", *words)
+        assert code == 2
+        assert_one_line(err)
+        assert words[-1] in err
+
+
+def test_two_runs_are_laid_side_by_side(done: Path, call: Call, folder: Path) -> None:
+    changed = ["contacts.joint.friction.mu=0.9", "steps.count=2"]
+    run(read("two_blocks", [*SMALL, f"title={json.dumps(HOSTILE)}", *changed]), folder / "other")
+    code, out, err = call("compare", str(done), "other", "-o", "both.html")
+    assert (code, err) == (0, "")
+    text = (folder / "both.html").read_text()
+    Page(text)
+    assert "<script>alert" not in text
+    first, second = (result(place)["steps"][-1]["contacts"] for place in (done, folder / "other"))
+    for said in (out, text):
+        assert "steps.count" in said
+        assert "0.9" in said
+        for contacts in (first, second):
+            (contact,) = contacts.values()
+            assert plus_minus(contact["normal_force"], contact["error"]["normal_force"]["mesh"]) in said
+    cells = [[cell.strip() for cell in row.split("│")] for row in out.splitlines() if "│" in row]
+    rows = {name: others for _, name, *others, _ in cells}
+    assert rows["time [s]"][:3] == ["2", "2", "0"]
+    assert rows["steps"] == ["4", "2", "0.50"]
+
+
+def test_a_run_beside_itself_differs_in_nothing(done: Path, call: Call) -> None:
+    code, out, _ = call("compare", str(done), str(done))
+    assert code == 0
+    assert "Asked differently" not in out
+    assert " no " not in out
+
+
+def test_what_cannot_be_compared_is_refused(copied: Path, done: Path, call: Call) -> None:
+    (copied / "result.json").write_text(json.dumps(result(copied) | {"steps": []}))
+    for words in ([str(done), "missing"], [str(done), str(copied)], [str(done), str(done), "-o", str(done)]):
+        code, _, err = call("compare", *words)
+        assert code == 2
+        assert_one_line(err)

@@ -1,0 +1,148 @@
+"""Two results side by side: what was asked differently, numbers of the last step with ±, prices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from html import escape
+from typing import Any
+
+from stickslip.geometry.errors import FolderError
+from stickslip.workflows.formats.plus_minus import of_parts, parts_of, plus_minus, stated
+from stickslip.workflows.pictures.report_page import ENERGIES, NUMBERS, PHASES, as_written, bare_page, table
+from stickslip.workflows.pictures.report_results import Results
+
+NOTHING = "–"
+APART = ("title", "hash", "output")  # of a scene: nothing that is asked of the solution
+COUNTED = ("factorisations", "volume_solves", "linear_iterations", "error_solves")
+Rows = list[tuple[str, ...]]
+Told = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A table; the first column holds words."""
+
+    title: str
+    head: tuple[str, ...]
+    rows: Rows
+
+
+def compare(a: Results, b: Results) -> list[Compared]:
+    """The tables, those without a row left out.
+
+    Raises:
+        FolderError: one of them has no step, or is of another version.
+    """
+    for results in (a, b):
+        if not results.reported:
+            raise FolderError(f"{results.folder}: no step was solved, so there is nothing to compare")
+    try:
+        found = (
+            Compared("Asked differently", ("key", "A", "B"), _asked(a, b)),
+            Compared("Last step", ("number", "A", "B", "B - A", "relative", "within ±"), [*_numbers(a, b)]),
+            Compared("Price", ("", "A", "B", "B / A"), [*_prices(a, b)]),
+        )
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        raise FolderError(f"{a.folder} or {b.folder}: not results of this version: {error!r}") from error
+    return [one for one in found if one.rows]
+
+
+def compare_page(a: Results, b: Results) -> str:
+    """The tables as a page."""
+    heads = "".join(f"<p>{name}: {escape(str(r.folder))}, {escape(r.title)}</p>" for name, r in (("A", a), ("B", b)))
+    parts = (
+        f"<section><h2>{one.title}</h2>{table(one.head, one.rows, words=3 if one.title.startswith('Asked') else 1)}"
+        "</section>"
+        for one in compare(a, b)
+    )
+    return bare_page(f"{a.name} and {b.name}", f"<header><h1>Two runs</h1>{heads}</header>{''.join(parts)}")
+
+
+def _asked(a: Results, b: Results) -> Rows:
+    """Keys of the scenes with different values."""
+
+    def leaves(results: Results) -> dict[str, str]:
+        tables = {name: value for name, value in results.scene.items() if name not in APART}
+        return dict(leaf for name, value in tables.items() for leaf in _leaves(name, value))
+
+    first, second = leaves(a), leaves(b)
+    keys = dict.fromkeys([*first, *second])
+    rows = [(key, first.get(key, NOTHING), second.get(key, NOTHING)) for key in keys]
+    return [row for row in rows if row[1] != row[2]]
+
+
+def _leaves(name: str, value: Any) -> Iterator[tuple[str, str]]:
+    """Keys and values as a scene file says them.
+
+    >>> list(_leaves("steps", {"end": 2.0, "count": 2}))
+    [('steps.end', '2'), ('steps.count', '2')]
+    """
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _leaves(f"{name}.{key}", item)
+    elif text := as_written(value):
+        yield name, text
+
+
+def _numbers(a: Results, b: Results) -> Iterator[tuple[str, ...]]:
+    last = a.reported[-1], b.reported[-1]
+    yield _difference("time [s]", *last, "time")
+
+    def both(kind: str) -> Iterator[tuple[str, Told, Told]]:
+        mine, theirs = ((step.get(kind) or {}) for step in last)
+        for name in dict.fromkeys([*mine, *theirs]):
+            yield name, mine.get(name) or {}, theirs.get(name) or {}
+
+    for name, mine, theirs in both("contacts"):
+        for key, words, unit in NUMBERS:
+            yield _difference(f"{name}: {words} [{a.unit(unit)}]", mine, theirs, key)
+    for name, mine, theirs in both("supports"):
+        for place, axis in enumerate("xyz"[: 3 if a.solid else 2]):
+            yield _difference(f"{name}: force {axis} [{a.unit('N')}]", mine, theirs, "force", place)
+    mine, theirs = ((step.get("energy") or {}) for step in last)
+    for words, key in ENERGIES:
+        yield _difference(f"{words} [{a.unit('J')}]", mine, theirs, key)
+
+
+def _difference(words: str, a: Told, b: Told, key: str, place: int | None = None) -> tuple[str, ...]:
+    """A row: both numbers, their difference with the errors of both, relative to A, and whether these explain it."""
+
+    def of(owner: Told) -> tuple[float | None, str, float | None]:
+        value = owner.get(key)
+        value = value[place] if isinstance(value, list) and place is not None and place < len(value) else value
+        if not isinstance(value, int | float):
+            return None, NOTHING, None
+        parts = parts_of((owner.get("error") or {}).get(key), place)
+        return value, of_parts(value, parts), stated(parts)
+
+    (mine, told, error), (theirs, told_too, error_too) = of(a), of(b)
+    if mine is None or theirs is None:
+        return words, told, told_too, NOTHING, NOTHING, NOTHING
+    change = theirs - mine
+    known = None if error is None or error_too is None else error + error_too
+    relative = f"{100 * change / abs(mine):+.3g} %" if mine and change else NOTHING
+    within = NOTHING if known is None else "yes" if abs(change) <= known else "no"
+    return words, told, told_too, plus_minus(change, known) if change else "0", relative, within
+
+
+def _prices(a: Results, b: Results) -> Iterator[tuple[str, ...]]:
+    def found(results: Results) -> dict[str, Any]:
+        content = results.content
+        seconds, counters = content.get("seconds") or {}, content.get("counters") or {}
+        return {
+            "unknown displacements": content.get("dofs"),
+            "contact points": content.get("contact_points"),
+            "steps": len(results.reported),
+            "iterations": sum(step.get("iterations") or 0 for step in results.reported),
+            **{name.replace("_", " "): counters.get(name) for name in COUNTED},
+            **{f"{name} [s]": seconds.get(name) for name in (*PHASES, "total")},
+        }
+
+    mine, theirs = found(a), found(b)
+    yield "method", *(str(r.content.get("method") or NOTHING) for r in (a, b)), ""
+    for name, one in mine.items():
+        other, form = theirs[name], ".2f" if name.endswith("[s]") else ".7g"
+        texts = (NOTHING if value is None else f"{value:{form}}" for value in (one, other))
+        if one or other:
+            yield name, *texts, f"{other / one:.2f}" if one and other is not None else NOTHING

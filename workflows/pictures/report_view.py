@@ -1,0 +1,157 @@
+"""The data of the 3D view: skin of the bodies and contact sides, and what they do in each step, as compact binary.
+
+An array is `{"type", "data"}`, base64 of little-endian numbers; of one with a `scale` the numbers are multiples of it.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from stickslip.geometry.arrays import AnyArray, Array, Ints
+from stickslip.workflows.formats.steps import StoredStep, read_step
+from stickslip.workflows.pictures.report_results import Results
+
+BUDGET = 3_000_000  # bytes of the steps; of a longer history, evenly chosen ones are shown
+VISIBLE, DRAWN = 0.02, 0.05  # of the size: a displacement that can be seen; what a smaller one is scaled to
+TALLEST, LEVELS = 32767, 65535  # of quantised displacements and stresses
+# corners of faces by the number of corners of a cell, in VTK's order
+FACES = {
+    4: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    8: ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+CORNERS = {False: {3: 3, 6: 3, 4: 4, 9: 4}, True: {4: 4, 10: 4, 8: 8, 27: 8}}  # of a cell by its nodes, plane or solid
+# a contact facet in pieces with straight sides, by whether the model is solid and by the number of its nodes
+PIECES = {
+    (False, 2): ((0, 1),),
+    (False, 3): ((0, 2), (2, 1)),
+    (True, 3): ((0, 1, 2),),
+    (True, 4): ((0, 1, 2, 3),),
+    (True, 6): ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
+    (True, 9): ((0, 4, 8, 7), (4, 1, 5, 8), (7, 8, 6, 3), (8, 5, 2, 6)),
+}
+
+
+def model(results: Results) -> dict[str, Any] | None:
+    """What the view shows; None if no step's file or no mesh is there.
+
+    Raises:
+        MachineError: a step's file is damaged.
+    """
+    mesh, solid = results.mesh, results.solid
+    if not results.steps or not {"mesh/points", "mesh/cells", "mesh/body"} <= set(mesh):
+        return None
+    points, bodies = mesh["mesh/points"], tuple(results.scene.get("bodies") or ())
+    faces, owners = skin(mesh["mesh/cells"], solid)
+    names = [name for name in results.scene.get("contacts") or () if f"contacts/{name}/points" in mesh]
+    places = {name: _nodes(results, name, bodies) for name in names}
+    shown = np.unique(np.concatenate([faces.ravel(), *places.values()]))
+    local = np.full(len(points), -1)
+    local[shown] = np.arange(len(shown))
+    each = 6 * len(shown) + 2 * len(faces) + sum(5 * len(nodes) for nodes in places.values())
+    indices = np.array(sorted(results.steps))
+    few = max(2, BUDGET // each)
+    if len(indices) > few:
+        indices = indices[np.unique(np.linspace(0, len(indices) - 1, few).round().astype(int))]
+    steps = [read_step(results.steps[int(index)]) for index in indices]
+    length = max(float(np.abs(step.displacement[shown]).max(initial=0.0)) for step in steps) or 1.0
+    stress = max(float(step.von_mises.max(initial=0.0)) for step in steps) or 1.0
+
+    def frame(step: StoredStep) -> dict[str, Any]:
+        return {
+            "time": step.time,
+            "index": step.index,
+            "displacement": _packed(step.displacement[shown], "int16", length / TALLEST),
+            "stress": _packed(step.von_mises[owners], "uint16", stress / LEVELS),
+            "contacts": {
+                name: {"pressure": _packed(c.pressure, "float32"), "status": _packed(c.status, "int8")}
+                for name, c in step.contacts.items()
+                if name in places
+            },
+        }
+
+    contacts = [
+        {
+            "name": name,
+            "nodes": _packed(local[places[name]], "uint32"),
+            "facets": _packed(pieces(mesh[f"contacts/{name}/cells"], solid), "uint32"),
+        }
+        for name in names
+    ]
+    return {
+        "solid": solid,
+        "bodies": list(bodies),
+        "points": _packed(points[shown], "float32"),
+        "width": faces.shape[1],
+        "pieceWidth": 3 if solid else 2,
+        "faces": _packed(local[faces], "uint32"),
+        "owners": _packed(mesh["mesh/body"][owners], "uint8" if len(bodies) < 256 else "uint32"),
+        "contacts": contacts,
+        "frames": [frame(step) for step in steps],
+        "left_out": len(results.steps) - len(steps),
+        "factors": factors(float(np.ptp(points, axis=0).max()), length),
+    }
+
+
+def skin(cells: Ints, solid: bool) -> tuple[Ints, Ints]:
+    """Faces (f, k) that belong to one cell alone, and their cells (f,); of a plane body the cells themselves.
+
+    Cells are straight, on their corners; nodes in VTK's order.
+    """
+    corners = cells[:, : CORNERS[solid][cells.shape[1]]]
+    if not solid:
+        return corners, np.arange(len(cells))
+    table = np.array(FACES[corners.shape[1]])
+    faces = corners[:, table].reshape(-1, table.shape[1])
+    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    outer = np.sort(first[count == 1])
+    return faces[outer], outer // len(table)
+
+
+def pieces(facets: Ints, solid: bool) -> Ints:
+    """Contact facets as line segments (f, 2), or as triangles (f, 3)."""
+    cut = facets[:, np.array(PIECES[solid, facets.shape[1]])].reshape(-1, len(PIECES[solid, facets.shape[1]][0]))
+    return np.concatenate([cut[:, [0, 1, 2]], cut[:, [0, 2, 3]]]) if cut.shape[1] == 4 else cut
+
+
+def factors(size: float, largest: float) -> dict[str, Any]:
+    """Factors on the displacement to choose from, and the place of the first one.
+
+    >>> factors(1.0, 0.03)["values"]
+    [0.0, 1.0, 2.0, 5.0, 10.0]
+    >>> factors(1.0, 1e-3)
+    {'values': [0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0], 'start': 6}
+    """
+    wanted = 1.0 if largest >= VISIBLE * size else DRAWN * size / largest
+    rounds = [step * 10.0**decade for decade in range(15) for step in (1.0, 2.0, 5.0)]
+    start = max(k for k, factor in enumerate(rounds) if factor <= wanted * (1 + 1e-12))
+    return {"values": [0.0, *rounds[: start + 4]], "start": start + 1}
+
+
+def unpacked(array: Mapping[str, Any]) -> AnyArray:
+    """The numbers of an array of the page, flat."""
+    numbers = np.frombuffer(base64.b64decode(array["data"]), np.dtype(array["type"]).newbyteorder("<"))
+    return numbers * array["scale"] if "scale" in array else numbers
+
+
+def _packed(values: AnyArray, kind: str, scale: float | None = None) -> dict[str, Any]:
+    numbers = np.asarray(values if scale is None else np.round(values / scale))
+    data = base64.b64encode(numbers.astype(np.dtype(kind).newbyteorder("<")).tobytes()).decode()
+    return {"type": kind, "data": data} | ({} if scale is None else {"scale": scale})
+
+
+def _nodes(results: Results, contact: str, bodies: tuple[str, ...]) -> Ints:
+    """Nodes of the mesh of a contact surface, on the body whose nodes they are; if of several, on that of `surface`."""
+    mesh, surface = results.mesh, str(results.scene["contacts"][contact].get("surface", "")).split(".")[0]
+    places: Array = mesh[f"contacts/{contact}/points"]
+    found: list[tuple[float, bool, Ints]] = []
+    scale = float(np.ptp(mesh["mesh/points"], axis=0).max())
+    for number, name in enumerate(bodies):
+        own = np.unique(mesh["mesh/cells"][mesh["mesh/body"] == number])
+        distance, nearest = cKDTree(mesh["mesh/points"][own]).query(places)
+        found.append((round(float(distance.max()) / scale, 9), name != surface, own[nearest]))
+    return min(found, key=lambda one: one[:2])[2]
