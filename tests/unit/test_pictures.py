@@ -121,6 +121,7 @@ def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
         w=np.zeros(0),
         reference=np.zeros(0),
         driven=np.zeros(0),
+        shortened=np.zeros(0),
         searched={},
         slid={},
         obstacles={},
