@@ -270,13 +270,14 @@ class ConjugateGradients:
         """
         r = b - self._apply(self.A.mult, x)
         self.directions.advance(x, r)
-        rounding = ROUNDING**2 * abs(self._dot(b, x))
+        size = abs(self._dot(b, x))
         for _ in range(MOST_ITERATIONS):
             d = self._apply(self.precondition, r).copy()
             left = self._dot(r, d)
             if not left >= 0.0:  # the preconditioner is not positive definite, or NaN
                 break
-            if criterion.met(x, d, left) or left <= rounding:
+            size = max(size, left)  # a start at zero is as far off as the solution is large
+            if criterion.met(x, d, left) or left <= ROUNDING**2 * size:
                 return
             self.directions.conjugate(d)
             Ad = self._apply(self.A.mult, d)
