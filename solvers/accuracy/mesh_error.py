@@ -56,11 +56,11 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
     refined, found = accepted.state.refined, quantities(result)
     if refined is None:
         return {}, {}
-    with_bubbles = _observed(observe, accepted, refined)
+    with_bubbles = observed(observe, accepted, refined)
     corrected = _values(observe, accepted, refined, with_bubbles, result)
     straight = corrected
     if refined.unbent is not None:
-        flat_sides = _observed(observe, accepted, refined.unbent)
+        flat_sides = observed(observe, accepted, refined.unbent)
         straight = _values(observe, accepted, refined.unbent, flat_sides, result)
     errors, chances, least = dict[Quantity, ErrorParts](), dict[Quantity, float](), dict[Quantity, Value]()
     for c in accepted.stepper.system.contacts:
@@ -119,7 +119,7 @@ def _of_stress(error: Array) -> Array:
     return np.where(error == 0, 0.0, np.maximum(error, SMALL * float(np.linalg.norm(error))))
 
 
-def _observed(observe: Observer, accepted: Accepted, state: State) -> Numbers:
+def observed(observe: Observer, accepted: Accepted, state: State) -> Numbers:
     """What another state at the end of the same step exerts; collective."""
     start, before = accepted.start, accepted.substep_start
     same = replace(accepted, state=state, start=start.refined or start, substep_start=before.refined or before)

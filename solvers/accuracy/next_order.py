@@ -1,6 +1,7 @@
 """Error of the mesh of the smooth numbers of each step, order 2 in 3D: the same step with bubbles of order 3.
 
-One step of Jacobi's iteration finds the bubbles, and contact is solved again with them, see `two_level`. Stated is
+Two steps of Jacobi's iteration, which neither bodies nor contact answer to, find the bubbles; then contact is solved
+again with them, see `two_level`. Stated is
 FACTOR times the difference, no less than `by_chance` says of the nodes. `AT_THE_EDGE`, what an edge of contact decides,
 does not change by bubbles; see `lower_order`. Nor do bubbles tell how supports that meet share what they hold, or where
 on periodic sides it is held. The part of curved sides is in it, that of the geometry is zero.
@@ -8,12 +9,10 @@ on periodic sides it is held. The part of curved sides is in it, that of the geo
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from stickslip.solvers.accuracy.by_chance import by_chance
-from stickslip.solvers.accuracy.mesh_error import DISSIPATED, Values
+from stickslip.solvers.accuracy.mesh_error import DISSIPATED, Values, observed
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.results.error_parts import ErrorParts, Quantity, Value
 from stickslip.solvers.results.numbers import quantities
@@ -35,9 +34,7 @@ def smooth_errors(
     refined, companion = accepted.state.refined, observe.stepper.companion
     if refined is None or not isinstance(companion, MeshCorrection):
         return {}, {}
-    start, before = accepted.start, accepted.substep_start
-    same = replace(accepted, state=refined, start=start.refined or start, substep_start=before.refined or before)
-    numbers = observe.numbers(same)
+    numbers = observed(observe, accepted, refined)
     better, least = quantities(numbers), dict[Quantity, Value]()
     moved = companion.displacement_at(refined, observe.probes)
     better |= {Quantity("probes", name, "displacement"): value for name, value in moved.items()}

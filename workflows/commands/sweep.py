@@ -36,7 +36,9 @@ def sweep_scene(scene: Scene, words: Sequence[str], folder: Path, jobs: int, qui
         typer.echo(f"{done.path}: a row for each of {len(done.solved)} members")
     if off:
         names = ", ".join(one.member.name for one in off[:5]) + (", ..." if len(off) > 5 else "")
-        typer.echo(f"stickslip: {len(off)} of {len(done.solved)} members are not solved: {names}", err=True)
+        typer.echo(
+            f"stickslip: {len(off)} of {len(done.solved)} members are not solved, or doubtful: {names}", err=True
+        )
     return max((PROBLEM.get(one.status, 3) for one in off), default=0)
 
 

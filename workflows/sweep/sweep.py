@@ -13,6 +13,7 @@ import json
 import math
 import os
 import tempfile
+import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing.pool import ThreadPool
@@ -46,10 +47,10 @@ class Solved:
     folder: Path
     status: str  # converged, doubtful, not_converged, no_equilibrium, interrupted, failed, killed
     sentence: str
-    seconds: float  # 0: it was solved before
+    seconds: float | None  # None: it was solved before
 
     def __str__(self) -> str:
-        took = f"{self.seconds:.1f} s" if self.seconds else "was solved before"
+        took = "was solved before" if self.seconds is None else f"{self.seconds:.1f} s"
         why = f": {self.sentence}" if self.sentence else ""
         return f"{self.member.name}: {self.status.replace('_', ' ')}, {took}{why}"
 
@@ -109,6 +110,8 @@ def sweep(
         SceneError: a key or a value is wrong; nothing is solved.
         MachineError: the folder cannot be written.
     """
+    from mpi4py import MPI
+
     if jobs < 1:
         raise SceneError(f"jobs = {jobs}: expected a number of processes, at least 1")
     every, place = members(scene, over), Path(folder)
@@ -122,7 +125,7 @@ def sweep(
             ended[name] = Solved(by_name[name], place / name, **answer)
             on_member(len(ended), len(every), ended[name])
     done = Sweep(tuple(ended[member.name] for member in every if member.name in ended), place / TABLE)
-    if len(done.solved) == len(every):
+    if len(done.solved) == len(every) and MPI.COMM_WORLD.rank == 0:
         _write(done)
     return done
 
@@ -135,6 +138,7 @@ def solve_task(task: Task) -> list[tuple[str, dict[str, Any]]]:
             order, answers = Path(here) / "task.json", Path(here) / "answers"
             order.write_text(json.dumps(left), encoding="utf-8")
             answers.touch()
+            began = clock.perf_counter()
             ended = run_child("stickslip.workflows.sweep.child", [str(order), str(answers)], None, math.inf)
             told = [json.loads(line) for line in answers.read_text(encoding="utf-8").splitlines()]
         names = [Path(member["folder"]).name for member in left]
@@ -142,10 +146,15 @@ def solve_task(task: Task) -> list[tuple[str, dict[str, Any]]]:
         left = left[len(told) :]
         if left:
             last = (ended.printed.splitlines() or ["it has printed nothing"])[-1]
-            code = ended.code or 0
+            code, before = ended.code or 0, sum(answer["seconds"] for answer in told)
             why = f"its process was ended by signal {-code}" if code < 0 else f"its process ended: {last}"
             why += "; memory was full" if ended.full else ""
-            found.append((names[len(told)], {"status": "killed", "sentence": why, "seconds": 0.0}))
+            found.append(
+                (
+                    names[len(told)],
+                    {"status": "killed", "sentence": why, "seconds": clock.perf_counter() - began - before},
+                )
+            )
             left = left[1:]
     return found
 
@@ -192,7 +201,7 @@ def _already(member: Member, folder: Path) -> Solved | None:
     known = found.get("status") in FINISHED and (found.get("scene") or {}).get("hash") == scene_hash(member.scene)
     if not known or not is_certified(path):
         return None
-    return Solved(member, folder, found["status"], str(found.get("sentence") or ""), 0.0)
+    return Solved(member, folder, found["status"], str(found.get("sentence") or ""), None)
 
 
 def _last_row(path: Path) -> dict[str, Any]:
