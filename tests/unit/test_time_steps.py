@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from stickslip.solvers.accuracy import time_steps
 from stickslip.solvers.accuracy.time_steps import doubled, halved, stretches
 from stickslip.solvers.methods import Solver
 from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Quantity
@@ -16,9 +17,10 @@ from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Steps
-from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.stepper import StepError, Stepper
 from stickslip.workflows.scene_file.read import read
+from stickslip.workflows.verification.accuracy.problems import PROBLEMS
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
@@ -232,3 +234,20 @@ def test_every_number_of_a_step_has_a_key_and_every_part_a_unit(scene_of: SceneO
     assert ErrorParts(mesh=1.0, converges=True).joined(ErrorParts(time_step=2.0)) == ErrorParts(
         mesh=1.0, time_step=2.0, converges=True
     )
+
+
+def test_no_more_is_stated_of_a_step_than_its_tractions_changes_can_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the last of three steps between two turns most slips at constant traction: shorter histories do not see it."""
+    simulation = prepare(PROBLEMS["half_disc"].meshed(1, 2.25))
+    steps = [*simulation.steps()]
+
+    def stated() -> float:
+        error = simulation.time_step_errors(steps)[-1][Quantity("contacts", "pole", "dissipation")].time_step
+        assert isinstance(error, float)
+        return error
+
+    last, before = steps[-1].contacts["pole"], steps[-2].contacts["pole"]
+    work = (last.weight * np.abs(((last.traction - before.traction) * last.slip_increment).sum(axis=1))).sum()
+    assert_allclose(stated(), 3 * work, rtol=1e-9)
+    monkeypatch.setattr(time_steps, "TURNED", np.inf)
+    assert stated() > 6 * work
