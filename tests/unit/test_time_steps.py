@@ -251,3 +251,14 @@ def test_no_more_is_stated_of_a_step_than_its_tractions_changes_can_do(monkeypat
     assert_allclose(stated(), 3 * work, rtol=1e-9)
     monkeypatch.setattr(time_steps, "TURNED", np.inf)
     assert stated() > 6 * work
+
+
+def test_largest_pressure_is_as_uncertain_as_those_around_it(simulation_of: SimulationOf) -> None:
+    """Those of six and of three steps agree by chance: their difference alone is a fifth of the error."""
+    scene = PROBLEMS["half_disc"].meshed(1, 2.25)
+    simulation, many = simulation_of(scene), simulation_of(replace(scene, steps=replace(scene.steps, count=48)))
+    steps, (*_, exact) = [*simulation.steps()], many.steps()
+    true = abs(steps[-1].contacts["pole"].max_pressure - exact.contacts["pole"].max_pressure)
+    stated = simulation.time_step_errors(steps)[-1]
+    assert 0.5 * true < stated[Quantity("contacts", "pole", "max_pressure")].time_step < 3 * true
+    assert not any(key.quantity in ("pressure", "slip") for key in stated)
