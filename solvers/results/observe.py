@@ -419,5 +419,5 @@ def mesh_data(system: System) -> MeshData:
             c.name: SurfaceMesh(points=c.surface.points, facets=c.surface.facets, shape=c.surface.shape)
             for c in system.contacts
         },
-        gaps={c.name: c.node_gap for c in system.contacts if c.master},
+        gaps={c.name: c.node_gap for c in system.contacts},
     )

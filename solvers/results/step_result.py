@@ -190,4 +190,4 @@ class MeshData:
     body: Ints  # (cells,) index into `bodies`
     bodies: tuple[str, ...]
     surfaces: Mapping[str, SurfaceMesh]  # by contact
-    gaps: Mapping[str, Array] = field(default_factory=dict)  # by contact between bodies, (n,) initial gap [m]
+    gaps: Mapping[str, Array] = field(default_factory=dict)  # by contact, (n,) initial gap [m]

@@ -19,6 +19,8 @@ from scipy.integrate import trapezoid
 import stickslip
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import MachineError
+from stickslip.geometry.obstacles.plane import Plane
+from stickslip.geometry.obstacles.rotation import Rotation
 from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Quantity
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
 from stickslip.solvers.stepping.state import Energy
@@ -30,6 +32,7 @@ from stickslip.workflows.pictures.focus import focus
 from stickslip.workflows.pictures.history_picture import draw_history, errors_of, most, panels_of
 from stickslip.workflows.pictures.loops import Panel, _draw, draw_loops, driving, from_rest, largest, sliding
 from stickslip.workflows.pictures.render import View, grid_of, surface_of
+from stickslip.workflows.pictures.rigid import Rigid
 from stickslip.workflows.pictures.sheet import Sheet
 from stickslip.workflows.writers.steps_table import StepsTable
 from stickslip.workflows.writers.writer import Job
@@ -256,7 +259,7 @@ def test_a_picture_that_cannot_be_written_is_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("largest", "scale"), [(0.0, 1.0), (0.05, 1.0), (0.3, 1.0), (1e-4, 1000.0), (0.01, 10.0), (4.0, 0.02)]
+    ("largest", "scale"), [(0.0, 1.0), (0.05, 1.0), (0.3, 1.0), (1e-4, 1000.0), (0.01, 10.0), (4.0, 1.0)]
 )
 def test_displacements_are_scaled_by_a_round_factor_unless_they_are_seen(largest: float, scale: float) -> None:
     mesh = block("quadrilateral", n=1)
@@ -280,6 +283,53 @@ def test_bodies_that_touch_are_not_drawn_into_each_other(gap: float, scale: floa
         dataclasses.replace(mesh, gaps={name: gaps}), dataclasses.replace(step, displacement=moved)
     )
     assert found == pytest.approx(scale)  # (scale - 1) gap is half a per cent of 2 m at most
+
+
+def test_an_obstacle_is_where_its_motion_has_brought_it() -> None:
+    turned = Plane(point=(0.0, 0.0), normal=(0.0, 1.0), rotation=Rotation(angle=0.02, point=(1.0, 0.0)))
+    rigid = Rigid(turned, np.array([0.0, 0.5]), 0.02)
+    x = np.array([0.0, 1.0, 3.0])
+    surface = np.stack([x, 10 * (0.5 + 0.02 * (x - 1))], axis=1)  # drawn with ten times its motion
+    assert np.abs(rigid.signed_gap(surface, 10.0)).max() < 1e-12
+    assert (rigid.signed_gap(surface + np.array([0.0, 0.1]), 10.0) > 0).all()
+
+
+@pytest.mark.parametrize("shape", ["quadrilateral", "tetrahedron"])
+def test_obstacles_are_drawn(shape: str, tmp_path: Path) -> None:
+    mesh = block(shape)
+    dim = mesh.points.shape[1]
+    floor = Plane(point=(0.0,) * dim, normal=(*(0.0,) * (dim - 1), 1.0))
+    far = dataclasses.replace(floor, point=(-100.0,) * dim)
+    grey = []
+    for obstacle in (floor, far):
+        draw(tmp_path, mesh, pressed(mesh), "floor", obstacles=[Rigid(obstacle, np.zeros(dim), 0.0)])
+        pixels = imread(tmp_path / "deformed.png")[..., :3]
+        grey.append(int(((np.ptp(pixels, axis=2) < 0.01) & (pixels[..., 0] > 0.8) & (pixels[..., 0] < 0.93)).sum()))
+    assert grey[0] > grey[1] + 10_000
+
+
+def test_one_corner_does_not_take_all_colours(tmp_path: Path) -> None:
+    mesh = block("quadrilateral", n=12)
+    stress = np.zeros((len(mesh.cells), 3, 3))
+    stress[:, 1, 1] = np.linspace(1.0, 2.0, len(stress))
+    counts = []
+    for corner in (2.0, 1000.0):
+        stress[0, 1, 1] = corner
+        draw(tmp_path, mesh, dataclasses.replace(pressed(mesh), stress=stress), "corner")
+        counts.append(colours(tmp_path / "deformed.png"))
+    assert counts[1] > 0.8 * counts[0]
+
+
+def test_a_small_contact_is_shown_larger_and_to_scale(tmp_path: Path) -> None:
+    mesh = block("quadrilateral", n=12)
+    step = pressed(mesh)
+    contact = step.contacts["base"]
+    status = np.where(np.abs(mesh.surfaces["base"][0][:, 0] - 1) < 0.2, STICK, OPEN).astype(np.int8)
+    wide = []
+    for each in (contact, dataclasses.replace(contact, status=status)):
+        draw(tmp_path, mesh, dataclasses.replace(step, contacts={"base": each}), "small")
+        wide.append(imread(tmp_path / "deformed.png").shape[1])
+    assert wide[1] > 1.3 * wide[0]
 
 
 @pytest.mark.parametrize("shape", ["tetrahedron", "hexahedron"])

@@ -24,7 +24,7 @@ from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.formats.steps import read_step, step_name, three
 from stickslip.workflows.pictures.body_picture import body_on_stage, displacement_scale, plain
 from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
-from stickslip.workflows.pictures.focus import ROOM
+from stickslip.workflows.pictures.focus import close_up
 from stickslip.workflows.pictures.render import Image, View, render
 from stickslip.workflows.pictures.sheet import COLOURS, STATUS_COLOURS, Sheet, show_image, span
 
@@ -32,7 +32,6 @@ FRAMES = 100  # at most
 SECONDS, SLOWEST, LAST = 8.0, 0.5, 1.5  # longest duration [s] of the whole and of a frame; duration of the last frame
 DPI = 110
 LINE = 9.0  # pixels
-SMALL = 0.25  # relative to the view: a contact region smaller than this is also shown enlarged
 GREYS = 40  # of the 256 colours of a GIF
 Statuses = Mapping[str, NDArray[np.int8]]
 
@@ -116,16 +115,6 @@ def survey(folder: Path, scene: Scene, mesh: MeshData, indices: list[int]) -> Co
     # a solid's contacts are shown on a map, where they were at the start
     touching = np.concatenate(places) + (0.0 if solid else scale) * np.concatenate(moves)
     return Course(span(np.array([highest])), scale, window, nodes, touching)
-
-
-def close_up(view: View, touching: Array) -> View | None:
-    """A square window on the contact points (k, 3) [m], if they fill a small part of the view; else None."""
-    seen = touching @ np.column_stack([view.right, view.up])
-    size = float(np.ptp(seen, axis=0).max()) if len(seen) else 0.0
-    if not 0 < size < SMALL * float(view.size.max()):
-        return None
-    centre = (seen.min(axis=0) + seen.max(axis=0)) / 2
-    return View(view.right, view.up, centre - (0.5 + ROOM) * size, centre + (0.5 + ROOM) * size)
 
 
 class _Film:

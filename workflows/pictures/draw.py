@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from stickslip.solvers.results.error_parts import Errors, Quantity
@@ -15,6 +16,7 @@ from stickslip.workflows.pictures.contact_curves import draw_line
 from stickslip.workflows.pictures.contact_maps import draw_surface
 from stickslip.workflows.pictures.history_picture import draw_history
 from stickslip.workflows.pictures.loops import draw_loops
+from stickslip.workflows.pictures.rigid import Rigid
 
 HISTORY = 3  # smallest number of steps for pictures over time
 
@@ -27,6 +29,7 @@ def draw(
     *,
     errors: Errors | None = None,
     per_metre: bool = False,
+    obstacles: Sequence[Rigid] = (),
 ) -> list[Path]:
     """Draw deformed.png, stress_error.png if the error was estimated, and one contact_NAME.png for each contact.
 
@@ -35,6 +38,7 @@ def draw(
     Args:
         errors: of the numbers of the step; None: not estimated.
         per_metre: whether resultants are those of a metre of thickness.
+        obstacles: at the time of the step.
 
     Returns:
         The paths of the pictures.
@@ -44,9 +48,9 @@ def draw(
     """
     make_folder(folder)
     title = " ".join(title.split())
-    drawn = [draw_body(folder, mesh, result, title)]
+    drawn = [draw_body(folder, mesh, result, title, obstacles)]
     if len(result.stress_error):
-        drawn.append(draw_error(folder, mesh, result, title))
+        drawn.append(draw_error(folder, mesh, result, title, obstacles))
     for name, contact in result.contacts.items():
         surface = mesh.surfaces[name]
         said = _said(name, contact, errors or {}, per_metre)

@@ -69,12 +69,12 @@ class Sheet:
         wide = text.get_window_extent(canvas.get_renderer()).width / self.dpi
         text.set_fontsize(text.get_fontsize() * room / max(wide, room))
 
-    def colour_bar(self, axes: Any, norm: Normalize, label: str, orientation: str) -> None:
-        """Colour bar that fills the axes; orientation: horizontal or vertical."""
+    def colour_bar(self, axes: Any, norm: Normalize, label: str, orientation: str, beyond: str = "neither") -> None:
+        """Colour bar that fills the axes; orientation: horizontal or vertical; beyond: "max" if values are larger."""
         mappable = ScalarMappable(norm, COLOURS)
         logarithmic = isinstance(norm, LogNorm)
         form: dict[str, Any] = {} if logarithmic else {"format": number_format()}
-        bar: Any = self.figure.colorbar(mappable, cax=axes, orientation=orientation, **form)
+        bar: Any = self.figure.colorbar(mappable, cax=axes, orientation=orientation, extend=beyond, **form)
         bar.ax.tick_params(labelsize=8, color=PALE, labelcolor=INK)
         bar.ax.xaxis.get_offset_text().set_fontsize(8)
         bar.ax.yaxis.get_offset_text().set_fontsize(8)

@@ -31,6 +31,7 @@ class Pictures(Writer):
         if not ended.in_haste and ended.steps:
             with _drawing("pictures"):
                 from stickslip.workflows.pictures.draw import draw, draw_course
+                from stickslip.workflows.pictures.rigid import rigids
 
                 scene, errors = self.job.scene, ended.errors[-1] if ended.errors else None
                 draw(
@@ -40,6 +41,7 @@ class Pictures(Writer):
                     scene.title,
                     errors=errors,
                     per_metre=scene.model.startswith("plane"),
+                    obstacles=rigids(scene, ended.steps[-1]),
                 )
                 draw_course(self.job.folder, self.job.scene)
 
