@@ -145,8 +145,7 @@ class _Columns:
 
     def which(self, test: Callable[[Quantity], bool]) -> Ints:
         """Columns of the quantities that pass a test."""
-        each = [key for key, size in zip(self.keys, self.sizes, strict=True) for _ in range(max(size, 1))]
-        return np.flatnonzero([test(key) for key in each])
+        return np.flatnonzero(np.repeat([test(key) for key in self.keys], np.maximum(self.sizes, 1)))
 
     def energy(self, name: str) -> int:
         """The column of an energy."""
