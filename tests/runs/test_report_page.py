@@ -245,3 +245,22 @@ def test_what_cannot_be_compared_is_refused(copied: Path, done: Path, call: Call
         code, _, err = call("compare", *words)
         assert code == 2
         assert_one_line(err)
+
+
+@pytest.mark.parametrize(("name", "words"), [("half_space", ["steps.count=2"]), ("half_ball", [])])
+def test_obstacles_are_in_the_view_and_move(name: str, words: list[str], tmp_path: Path) -> None:
+    coarse = ["output.pictures=false", "output.error=false", *words]
+    run(read(name, coarse), tmp_path / "out")
+    view = model_in(page(read_results(tmp_path / "out")))
+    (obstacle,), solid = view["obstacles"], name == "half_ball"
+    points, pieces = unpacked(obstacle["points"]).reshape(-1, 3), unpacked(obstacle["pieces"])
+    assert pieces.max() < len(points)
+    distance = np.abs(points[:, 2]) if solid else np.abs(np.linalg.norm(points[:, :2] - [0, 2], axis=1) - 2)
+    assert distance.max() < 1e-3
+    motion = unpacked(view["frames"][-1]["obstacles"][obstacle["name"]]).reshape(4, 3)
+    last = result(tmp_path / "out")["steps"][-1]["obstacles"][obstacle["name"]]["displacement"]
+    if solid:
+        assert_allclose(motion, 0.0)
+    else:  # it turns by 0.005 about its axis through (0, 2)
+        assert_allclose(motion[0] + motion[1:] @ [0, 2, 0], [*last, 0.0], atol=1e-6)
+        assert_allclose(motion[1:3, :2], [[0, -0.005], [0.005, 0]], atol=1e-9)

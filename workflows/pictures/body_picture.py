@@ -69,7 +69,7 @@ def _draw(
     solid = mesh.points.shape[1] == 3
     scale, norm = displacement_scale(mesh, result), coloured.norm
     both = np.vstack([three(mesh.points), three(mesh.points + scale * result.displacement)])
-    rigid = surfaces(both, obstacles, scale) if solid else []
+    rigid = [one for one in surfaces(both, obstacles, scale) if one.n_points] if solid else []
     both = np.vstack([both, *(surface.points for surface in rigid)])
     view = View.isometric(both) if solid else View.facing(both)
     close = None if solid else close_up(view, _touching(mesh, result))

@@ -12,8 +12,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import AnyArray, Array, Ints
-from stickslip.workflows.formats.steps import StoredStep, read_step
+from stickslip.geometry.keys import parse
+from stickslip.geometry.obstacles.obstacle import Obstacle
+from stickslip.workflows.formats.steps import StoredStep, read_step, three
 from stickslip.workflows.pictures.report_results import Results
 
 BUDGET = 3_000_000  # bytes of the steps; of a longer history, evenly chosen ones are shown
@@ -61,6 +64,8 @@ def model(results: Results) -> dict[str, Any] | None:
     length = max(float(np.abs(step.displacement[shown]).max(initial=0.0)) for step in steps) or 1.0
     stress = max(float(step.von_mises.max(initial=0.0)) for step in steps) or 1.0
 
+    rigid = _obstacles(results, points)
+
     def frame(step: StoredStep) -> dict[str, Any]:
         return {
             "time": step.time,
@@ -71,6 +76,9 @@ def model(results: Results) -> dict[str, Any] | None:
                 name: {"pressure": _packed(c.pressure, "float32"), "status": _packed(c.status, "int8")}
                 for name, c in step.contacts.items()
                 if name in places
+            },
+            "obstacles": {
+                name: _packed(_motion(results, name, one, step), "float32") for name, (one, *_) in rigid.items()
             },
         }
 
@@ -91,10 +99,46 @@ def model(results: Results) -> dict[str, Any] | None:
         "faces": _packed(local[faces], "uint32"),
         "owners": _packed(mesh["mesh/body"][owners], "uint8" if len(bodies) < 256 else "uint32"),
         "contacts": contacts,
+        "obstacles": [
+            {"name": name, "points": _packed(corners, "float32"), "pieces": _packed(pieces, "uint32")}
+            for name, (_, corners, pieces) in rigid.items()
+        ],
         "frames": [frame(step) for step in steps],
         "left_out": len(results.steps) - len(steps),
         "factors": factors(float(np.ptp(points, axis=0).max()), length),
     }
+
+
+def _obstacles(results: Results, points: Array) -> dict[str, tuple[Obstacle, Array, Ints]]:
+    """By name the obstacles, with points (n, 3) [m] and triangles or segments of their surfaces at rest."""
+    given = results.scene.get("obstacles") or {}
+    if not given:
+        return {}
+    from stickslip.workflows.pictures.rigid import Rigid, surfaces  # VTK takes a second to start
+
+    dim = 3 if results.solid else 2
+    kinds: dict[str, Obstacle] = {name: parse(Obstacle, table, ("obstacles", name)) for name, table in given.items()}
+    at_rest = [Rigid(each, np.zeros(dim), 0.0) for each in kinds.values()]
+    found = dict[str, tuple[Obstacle, Array, Ints]]()
+    for (name, each), surface in zip(kinds.items(), surfaces(three(points), at_rest, 1.0), strict=True):
+        if surface.n_points:
+            cells = (surface.triangulate().faces.reshape(-1, 4) if dim == 3 else surface.lines.reshape(-1, 3))[:, 1:]
+            found[name] = each, np.asarray(surface.points, float), cells
+    return found
+
+
+def _motion(results: Results, name: str, obstacle: Obstacle, step: StoredStep) -> Array:
+    """Motion (4, 3) of an obstacle as an affine map: its translation [m], then the rows of its linear part [-]."""
+    dim = 3 if results.solid else 2
+    told = results.reported[step.index - 1].get("obstacles", {}) if step.index <= len(results.reported) else {}
+    motion = np.zeros((4, 3))
+    motion[0, :dim] = told.get(name, {}).get("displacement", np.zeros(dim))
+    if obstacle.rotation is not None:
+        angle = value_at(obstacle.rotation.angle, step.time, float(results.scene["steps"]["end"]))
+        origin, *axes = obstacle.rotation.displacement(np.vstack([np.zeros(dim), np.eye(dim)]), angle)
+        motion[0, :dim] += origin
+        motion[1 : 1 + dim, :dim] = (np.array(axes) - origin).T
+    return motion
 
 
 def skin(cells: Ints, solid: bool) -> tuple[Ints, Ints]:

@@ -62,16 +62,18 @@ def shade(axes: Any, view: View, each: Sequence[Rigid], scale: float) -> None:
 
 
 def surfaces(points: Array, each: Sequence[Rigid], scale: float) -> list[Any]:
-    """Surfaces of the obstacles of a solid model, near its points (n, 3) [m] as drawn."""
+    """Surfaces of the obstacles near the points (n, 3) [m] of bodies as drawn; of a plane model lines."""
+    plane = not np.ptp(points[:, 2])
     low, high = points.min(axis=0), points.max(axis=0)
-    room = ROOM * float((high - low).max())
+    room = ROOM * float((high - low).max()) * np.array([1.0, 1.0, float(not plane)])
     size = high - low + 2 * room
-    counts = np.maximum(3, (FINE[3] * size / size.max()).astype(int))
-    grid = pv.ImageData(dimensions=tuple(counts), spacing=tuple(size / (counts - 1)), origin=tuple(low - room))
-    gaps = (rigid.signed_gap(np.asarray(grid.points, float), scale) for rigid in each)
+    counts = np.maximum(1 if plane else 3, (FINE[3 - plane] * size / size.max()).astype(int))
+    spacing = np.divide(size, counts - 1, out=np.ones(3), where=counts > 1)
+    grid = pv.ImageData(dimensions=tuple(counts), spacing=tuple(spacing), origin=tuple(low - room))
     contour: Any = grid.contour  # pyvista's annotation names other arrays
-    found = [contour([0.0], scalars=gap) for gap in gaps if gap.min() < 0 < gap.max()]
-    return [surface for surface in found if surface.n_points]
+    places = np.asarray(grid.points, float)[:, : 3 - plane]
+    gaps = (rigid.signed_gap(places, scale) for rigid in each)
+    return [contour([0.0], scalars=gap) if gap.min() < 0 < gap.max() else pv.PolyData() for gap in gaps]
 
 
 def stand(stage: Any, surface: Any) -> None:

@@ -17,6 +17,7 @@
   const contacts = model.contacts.map((c) => ({ name: c.name, nodes: unpacked(c.nodes), facets: unpacked(c.facets) }));
   const frames = model.frames.map((f) => ({
     time: f.time, index: f.index, displacement: unpacked(f.displacement), stress: unpacked(f.stress),
+    obstacles: model.obstacles.map((o) => unpacked(f.obstacles[o.name])),
     contacts: contacts.map((c) => f.contacts[c.name] && { pressure: unpacked(f.contacts[c.name].pressure), status: unpacked(f.contacts[c.name].status) }),
   }));
   const length = (u, node) => Math.hypot(u[3 * node], u[3 * node + 1], u[3 * node + 2]);
@@ -84,6 +85,15 @@
     scene.add(body.mesh, body.lines, body.outline, body.rest);
     return body;
   });
+  // Rigid obstacles: translucent surfaces, of plane models lines
+  const rigid = model.obstacles.map((obstacle) => {
+    const corners = Array.from(unpacked(obstacle.pieces)), at = unpacked(obstacle.points);
+    const look = { color: 0x888888, side: THREE.DoubleSide, transparent: true, opacity: 0.3, depthWrite: false };
+    const object = model.solid ? new THREE.Mesh(filled(corners.length), new THREE.MeshBasicMaterial(look))
+      : new THREE.LineSegments(filled(corners.length), new THREE.LineBasicMaterial({ color: 0x555555 }));
+    scene.add(object);
+    return { object, corners, at };
+  });
   // A facet is cut into the parts next to each node, so that each can have the colour of its node's status
   const corner = (k) => [0, 1, 2].map((j) => Number(j === k)), mean = (...all) => [0, 1, 2].map((k) => all.reduce((sum, one) => sum + one[k], 0) / all.length);
   const middle = mean(corner(0), corner(1), corner(2));
@@ -140,6 +150,11 @@
       body.lines.visible = body.shown && $("lines").checked;
       body.rest.visible = body.shown && $("rest").checked;
     }
+    rigid.forEach(({ object, corners, at }, number) => { // each frame has the translation, then the rows of a linear map
+      const map = frame.obstacles[number];
+      const motion = (node, k) => [0, 1, 2].reduce((sum, j) => sum + map[3 + 3 * k + j] * at[3 * node + j], map[k]);
+      place(object, corners, (node, k) => at[3 * node + k] + factor * motion(node, k));
+    });
     sides.forEach((side, number) => {
       const values = frame.contacts[number];
       side.mesh.visible = onContact && Boolean(values);
