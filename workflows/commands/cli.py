@@ -19,7 +19,7 @@ from typing import Annotated, Any
 import typer
 
 from stickslip import VERSION
-from stickslip.geometry.errors import SceneError, StickslipError, shortened
+from stickslip.geometry.errors import InputError, SceneError, StickslipError, shortened
 from stickslip.workflows.commands.process import STOPPED, STOPPING, leave_together, refused, speaks
 
 LONGEST = 280  # letters of a refusal
@@ -72,7 +72,7 @@ def run_command(
     if not quiet and speaks():
         announce(loaded)
     reporter = Reporter(quiet=quiet or not speaks(), verbose=verbose)
-    with reporter, named(scene):
+    with reporter, named(scene, override or ()):
         if loaded.accuracy.goals:
             outcome, content = Rounds(loaded, reporter.line)(folder, reporter.watch(), resume)
         else:
@@ -137,7 +137,7 @@ def plan_command(
     from stickslip.workflows.scene_file.read import named, read
 
     loaded = read(scene, override or ())
-    with named(scene):
+    with named(scene, override or ()):
         rows = make_plan(loaded)
     content: dict[str, Any] = {
         "title": loaded.title,
@@ -153,7 +153,7 @@ def plan_command(
 
         if speaks():
             announce(loaded)
-        with named(scene):
+        with named(scene, override or ()):
             content["mesh"] = count(loaded)
     if speaks() and not as_json:
         print_plan(content)
@@ -161,7 +161,7 @@ def plan_command(
         from stickslip.workflows.cost.foresee import foresee
         from stickslip.workflows.cost.progress import print_prices
 
-        with named(scene):
+        with named(scene, override or ()):
             foreseen = foresee(loaded)
         content["cost"] = [asdict(row) for row in foreseen]
         if speaks() and not as_json:
@@ -184,7 +184,7 @@ def mesh_command(
 
     if listed or gui:
         model, geometry = read_geometry(scene, override or ())
-        with named(scene):
+        with named(scene, override or ()):
             if listed:
                 list_entities(geometry, model, Path(f"{find(scene).stem}_faces.png"))
             if gui:
@@ -193,7 +193,7 @@ def mesh_command(
         loaded = read(scene, override or ())
         if speaks():
             announce(loaded)
-        with named(scene):
+        with named(scene, override or ()):
             report(loaded, output)
 
 
@@ -224,7 +224,7 @@ def cost_command(
 
     loaded = read(scene, override or ())
     folder = output or Path("results") / f"{find(scene).stem}_cost"
-    with named(scene):
+    with named(scene, override or ()):
         beside = [name.strip() for name in methods.split(",")] if methods is not None else []
         answer = cost(loaded, folder, budget, quantity or (), resume, Teller(budget, quiet), beside)
     typer.echo(answer.sentence)
@@ -249,7 +249,7 @@ def sweep_command(
     from stickslip.workflows.scene_file.read import find, named, read
 
     loaded = read(scene, override or ())
-    with named(scene):
+    with named(scene, override or ()):
         code = sweep_scene(loaded, over, output or Path("results") / f"{find(scene).stem}_sweep", jobs, quiet)
     sys.exit(code)
 
@@ -320,6 +320,17 @@ def scenes_command() -> None:
         typer.echo(f"{path.stem:<12} {title_of(path)}")
 
 
+@app.command("schema")
+def schema_command(
+    of: Annotated[str, typer.Argument(metavar="[scene|result]", help="scene files, or result.json")] = "scene",
+) -> None:
+    """Print the JSON schema of scene files, by which editors complete and check them, or that of result.json."""
+    from stickslip.workflows.commands.schema import schema
+
+    if speaks():
+        typer.echo(schema(of))
+
+
 @app.command("contacts")
 def contacts_command(
     source: Annotated[str, typer.Argument(metavar="FILE", help="a geometry file, or a scene with one")],
@@ -384,9 +395,13 @@ def start(
 
 
 def guarded(act: Callable[[], object]) -> int:
-    """Call `act`, print every expected failure in one line on stderr, and return the exit code."""
+    """Call `act`, print every expected failure on stderr, in a line for each mistake, and return the exit code."""
     try:
         code = act()
+    except InputError as error:
+        for line in error.lines:
+            _say(line, error.exit_code)
+        return error.exit_code
     except StickslipError as error:
         return _say(str(error), error.exit_code)
     except typer.TyperException as error:
