@@ -56,6 +56,7 @@ def result_of(mesh: MeshData, time: float = 0.1 + 0.2, seed: int = 0) -> StepRes
     d, n = mesh.points.shape[1], len(mesh.surfaces["base"][0])
     stress = random.normal(size=(len(mesh.cells), 3, 3))
     contact = ContactState(
+        points=mesh.surfaces["base"][0],
         weight=random.random(n),
         gap=random.random(n),
         pressure=random.random(n),
