@@ -60,7 +60,7 @@ class Key:
     meaning: str
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
-        unit = f" [{self.unit}]" if self.unit != "-" else ""
+        unit = f" [{self.unit}]" if self.unit not in ("", "-") else ""
         return {**handler(schema), "description": f"{self.meaning}{unit}"}
 
 

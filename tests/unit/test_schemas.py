@@ -10,7 +10,10 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from stickslip.geometry.errors import SceneError
+from stickslip.solvers.results import step_result
+from stickslip.solvers.scene.quantities import CONTACT_NUMBERS
 from stickslip.workflows.commands.schema import schema
+from stickslip.workflows.run import result_schema as records
 from stickslip.workflows.scene_file.read import READY, from_dict, read, to_dict
 from stickslip.workflows.scene_file.schema import scene_schema
 
@@ -87,3 +90,34 @@ def test_a_schema_is_asked_for_by_name() -> None:
     assert json.loads(schema("scene")) == scene_schema()
     with pytest.raises(SceneError, match=r"reslt: has no schema; did you mean result\?"):
         schema("reslt")
+    assert json.loads(schema("result")) == records.result_schema()
+
+
+@pytest.mark.parametrize(
+    ("record", "state"),
+    [
+        ("SupportRecord", "Reaction"),
+        ("ObstacleRecord", "ObstacleState"),
+        ("SpringRecord", "SpringForce"),
+        ("BoltRecord", "BoltState"),
+        ("RemotePointRecord", "RemoteState"),
+        ("ProbeRecord", "ProbeValue"),
+        ("BodyRecord", "BodyState"),
+    ],
+)
+def test_a_record_has_what_a_step_has(record: str, state: str) -> None:
+    assert set(getattr(records, record).__annotations__) - {"error"} == set(getattr(step_result, state)._fields)
+
+
+def test_every_number_of_a_contact_has_a_unit() -> None:
+    units = records.units(plane=False)
+    assert {f"contacts.{key}" for key in (*CONTACT_NUMBERS, "force", "moment")} <= set(units)
+    assert (units["contacts.stick_area"], records.units(plane=True)["contacts.stick_area"]) == ("m²", "m")
+
+
+def test_what_is_not_finite_may_be_null() -> None:
+    found = records.result_schema()
+    Draft202012Validator.check_schema(found)
+    step = found["$defs"]["StepRecord"]["properties"]
+    assert step["residual"]["type"] == ["number", "null"]
+    assert step["time"]["description"] == "its end [s]"

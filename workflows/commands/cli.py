@@ -31,11 +31,23 @@ LIBRARIES = (
 
 app = typer.Typer(
     help="Frictional contact between elastic bodies in FEniCSx.",
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="a scene file, or a ready scene's name")]
+
+
+def _scenes(begun: str) -> list[str]:
+    """What a shell completes to a scene: ready scenes, and files and folders here; it knows other paths itself."""
+    ready, here = Path(__file__).parents[1] / "scenes", Path()
+    files = [path.name for path in here.glob("*.toml")] + [f"{path.name}/" for path in here.iterdir() if path.is_dir()]
+    return [
+        name for name in sorted(path.stem for path in ready.glob("*.toml")) + sorted(files) if name.startswith(begun)
+    ]
+
+
+SceneArgument = Annotated[
+    str, typer.Argument(metavar="SCENE", help="a scene file, or a ready scene's name", autocompletion=_scenes)
+]
 UnitOption = Annotated[
     str | None,
     typer.Option("--unit", metavar="UNIT", help="of the geometry file: mm, in, ... [what it declares, or m]"),
@@ -57,12 +69,14 @@ def run_command(
         typer.Option("--accuracy", metavar="NUMBER=1%", help="refine until the error of a number is below this"),
     ] = None,
     budget: Annotated[float | None, typer.Option("--budget", metavar="SECONDS", help="for --accuracy [600]")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print result.json in place of the table")] = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="say nothing but errors")] = False,
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="one line an iteration")] = False,
 ) -> None:
     """Solve a scene and write its results."""
     from stickslip.workflows.accuracy.rounds import Rounds, aiming
     from stickslip.workflows.commands.mesh import announce
+    from stickslip.workflows.run.result import json_text
     from stickslip.workflows.run.run import run
     from stickslip.workflows.run.terminal import Reporter
     from stickslip.workflows.scene_file.read import find, named, read
@@ -77,8 +91,11 @@ def run_command(
             outcome, content = Rounds(loaded, reporter.line)(folder, reporter.watch(), resume)
         else:
             outcome, content = run(loaded, folder, reporter.watch(), resume)
-    reporter.table(content)
-    reporter.files(outcome)
+    if as_json:
+        typer.echo(json_text(content))
+    else:
+        reporter.table(content)
+        reporter.files(outcome)
     if outcome.sentence and speaks():
         again = [
             "stickslip",
