@@ -440,5 +440,6 @@ def mesh_data(system: System) -> MeshData:
             c.name: SurfaceMesh(points=c.surface.points, facets=c.surface.facets, shape=c.surface.shape)
             for c in system.contacts
         },
+        slaves={c.name: np.searchsorted(known, c.surface.input) for c in system.contacts} if len(known) else {},
         gaps={c.name: c.node_gap for c in system.contacts if c.master},
     )

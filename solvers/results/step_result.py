@@ -236,7 +236,7 @@ class StepResult:
 class MeshData:
     """The mesh as plain arrays in the order of the gmsh model.
 
-    `points`, `cells` and `body` are on rank 0 (empty elsewhere), all else is on every rank.
+    `points`, `cells`, `body` and `slaves` are on rank 0 (empty elsewhere), all else is on every rank.
     """
 
     points: Array  # (nodes, d) [m], undeformed
@@ -245,6 +245,7 @@ class MeshData:
     body: Ints  # (cells,) index into `bodies`
     bodies: tuple[str, ...]
     surfaces: Mapping[str, SurfaceMesh]  # by contact
+    slaves: Mapping[str, Ints] = field(default_factory=dict)  # by contact, (n,) rows of `points` of its surface
     gaps: Mapping[str, Array] = field(default_factory=dict)  # by contact between bodies, (n,) initial gap [m]
 
     def __repr__(self) -> str:

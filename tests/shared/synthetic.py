@@ -47,6 +47,7 @@ def mesh_of(shape: str, order: int = 1) -> MeshData:
         body=np.array([0, 1]),
         bodies=("left", "right"),
         surfaces={"base": (flat, facets, FACET[shape])},
+        slaves={"base": np.array([np.linalg.norm(points - x, axis=1).argmin() for x in flat])},
     )
 
 

@@ -16,7 +16,7 @@ MESH_FILE = "fields.h5"
 
 
 def mesh_arrays(mesh: MeshData) -> dict[str, AnyArray]:
-    """All that fields.h5 holds, by place: points (n, 3) [m] and cells (c, k) of mesh/ and contacts/NAME/, mesh/body."""
+    """All that fields.h5 holds, by place: points (n, 3) [m] and cells (c, k) of mesh/ and contacts/NAME/, and more."""
     found: dict[str, AnyArray] = {
         "mesh/body": np.asarray(mesh.body, np.int64),
         "mesh/bodies": np.array([name.encode() for name in mesh.bodies]),
@@ -26,7 +26,7 @@ def mesh_arrays(mesh: MeshData) -> dict[str, AnyArray]:
     for place, (points, cells, shape) in places.items():
         found[f"{place}/points"] = three(points)
         found[f"{place}/cells"] = np.asarray(cells[:, shape_of(shape, cells).order], np.int64)
-    return found
+    return found | {f"contacts/{name}/nodes": np.asarray(nodes, np.int64) for name, nodes in mesh.slaves.items()}
 
 
 def mesh_from(arrays: Mapping[str, AnyArray], dim: int) -> MeshData:
@@ -50,6 +50,7 @@ def mesh_from(arrays: Mapping[str, AnyArray], dim: int) -> MeshData:
         body=arrays["mesh/body"],
         bodies=tuple(name.decode() for name in arrays["mesh/bodies"]),
         surfaces={name: SurfaceMesh(*grid(f"contacts/{name}", dim - 1)) for name in surfaces},
+        slaves={name: arrays[f"contacts/{name}/nodes"] for name in surfaces},
     )
 
 
