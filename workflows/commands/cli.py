@@ -276,6 +276,7 @@ def verify_command(
     names: Annotated[
         list[str] | None, typer.Argument(metavar="[NAME]...", help="cases [all]; or the suite: hard, accuracy")
     ] = None,
+    rows: Annotated[bool, typer.Option("--rows", help="print all figures, not only those that fail")] = False,
     number: Annotated[int, typer.Option("--number", help="hard: number of variations")] = 2000,
     seed: Annotated[int, typer.Option("--seed", help="hard: of their order and random numbers")] = 0,
     scenes: Annotated[str, typer.Option("--scenes", metavar="NAME,NAME", help="suites: these scenes only [all]")] = "",
@@ -301,7 +302,7 @@ def verify_command(
     elif names == ["accuracy"]:
         passed = accuracy(only, jobs, output)
     else:
-        passed = verify(names or [])
+        passed = verify(names or [], rows)
     if not passed:
         raise typer.Exit(1)
 
