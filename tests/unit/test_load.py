@@ -125,3 +125,15 @@ def test_a_body_has_its_largest_values() -> None:
 
 def test_random_numbers_show_themselves_too() -> None:
     assert "nodes" in repr(result_of(mesh_of("triangle")))
+
+
+def test_a_script_hears_warnings_of_a_run_and_no_more(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Even if a library has made the root's logger speak; run.log has all lines."""
+    scene = s.read("block", [*QUIET, "steps.count=1"])
+    with caplog.at_level("WARNING"):
+        s.run(scene, tmp_path / "out")
+    assert not [record for record in caplog.records if record.levelname == "INFO"]
+    assert "iteration 0" in (tmp_path / "out" / "run.log").read_text()
+    with caplog.at_level("INFO"):
+        s.run(scene, tmp_path / "out")
+    assert "iteration 0" in caplog.text
