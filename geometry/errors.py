@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Iterable
 
 LONGEST, LONGEST_LINE = 120, 280  # characters of a user's text that an error repeats, and of the whole line
+MOST_LINES = 30  # mistakes that are said at once
 
 
 def shortened(text: object, longest: int = LONGEST) -> str:
@@ -26,12 +27,25 @@ class StickslipError(Exception):
 
 
 class InputError(StickslipError):
-    """What the user wrote is wrong. It may be of any length, and the text of the error repeats the ends of it only."""
+    """What the user wrote is wrong. It may be of any length, and the text of the error repeats the ends of it only.
+
+    Its text is the first mistake; further ones that were found with it are Python's notes, and `lines` has them all.
+    """
 
     exit_code = 2
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, *further: str) -> None:
         super().__init__(shortened(text, LONGEST_LINE))
+        left_out = len(further) - (MOST_LINES - 1)
+        for line in further[: MOST_LINES - 1]:
+            self.add_note(shortened(line, LONGEST_LINE))
+        if left_out > 0:
+            self.add_note(f"and {left_out} more")
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """One line for each mistake."""
+        return (str(self), *getattr(self, "__notes__", ()))
 
 
 class SceneError(InputError, ValueError):
@@ -73,7 +87,39 @@ class prefixed:  # noqa: N801  reads as a word in `with`
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, SceneError):
-            raise SceneError(f"{self.prefix}.{error}") from None
+            raise SceneError(*(f"{self.prefix}.{line}" for line in error.lines)) from None
+
+
+class Mistakes:
+    """Collects the errors of input of what is done `with` it, so that a user reads them all at once."""
+
+    def __init__(self) -> None:
+        self._found: list[InputError] = []
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> bool:
+        if not isinstance(error, InputError):
+            return False
+        self._found.append(error)
+        return True
+
+    def report(self) -> None:
+        """Raise one error of them all, of the first one's kind; nothing if there was none.
+
+        >>> mistakes = Mistakes()
+        >>> for value in (-1, 2, -3):
+        ...     with mistakes:
+        ...         require(value > 0, "mu", value, "must be positive")
+        >>> try:
+        ...     mistakes.report()
+        ... except SceneError as error:
+        ...     print(error.lines)
+        ('mu = -1: must be positive', 'mu = -3: must be positive')
+        """
+        if self._found:
+            raise type(self._found[0])(*dict.fromkeys(line for error in self._found for line in error.lines))
 
 
 def require(ok: bool, key: str, found: object, expected: str) -> None:

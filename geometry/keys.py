@@ -7,8 +7,9 @@ wrong one is refused in the same words.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
+from difflib import get_close_matches
 from functools import cache, reduce
 from inspect import get_annotations
 from operator import or_
@@ -48,6 +49,7 @@ EXPECTED = {  # pydantic speaks of JSON; a user wrote TOML
     "finite_number": "must be a finite number",
     "tuple_type": "expected a list",
 }
+UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,10 @@ class Key:
 
     unit: str
     meaning: str
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+        unit = f" [{self.unit}]" if self.unit not in ("", "-") else ""
+        return {**handler(schema), "description": f"{self.meaning}{unit}"}
 
 
 class Checked(type):
@@ -68,7 +74,7 @@ class Checked(type):
         try:
             checked = _adapter(cls).validate_python(given, strict=True, by_name=True)
         except ValidationError as error:
-            raise SceneError(_explain(error, cls, given, ())) from None
+            raise SceneError(*_explained(error, cls, given, ())) from None
         return super().__call__(**checked)
 
 
@@ -170,34 +176,70 @@ def parse(kind: Any, value: Any, at: tuple[str, ...]) -> Any:
         at: the key, by its parts.
 
     Raises:
-        SceneError: key, what was found, what is expected, the nearest valid name.
+        SceneError: of each mistake key, what was found, what is expected, the nearest valid name.
     """
     try:
         return adapter(kind).validate_json(json.dumps(value, default=str), strict=True)
     except ValidationError as error:
-        raise SceneError(_explain(error, kind, value, at)) from None
+        raise SceneError(*_explained(error, kind, value, at)) from None
 
 
-def _explain(error: ValidationError, kind: Any, data: Any, at: tuple[str, ...]) -> str:
-    """The most specific of pydantic's errors, in one line in terms of the scene's keys."""
-    rank = {"unexpected_keyword_argument": 0, "extra_forbidden": 0, "value_error": 1, "missing": 2}
-    problem = min(error.errors(include_url=False), key=lambda e: (rank.get(e["type"], 3), len(e["loc"])))
-    path, node = list(at), data
-    for part in problem["loc"]:  # pydantic also names the branch of a choice; the file does not
+def _explained(error: ValidationError, kind: Any, data: Any, at: tuple[str, ...]) -> Iterator[str]:
+    """A line for each mistake, in the scene's words; where several types were tried, of the most specific error."""
+    rank = dict.fromkeys(UNKNOWN, 0) | {"value_error": 1, "missing": 2}
+    by_place: dict[tuple[str, ...], list[Any]] = {}
+    for one in error.errors(include_url=False):
+        by_place.setdefault(_followed(one, data)[2], []).append(one)
+    unknown = [place for place, found in by_place.items() if found[0]["type"] in UNKNOWN]
+    for place, found in by_place.items():
+        misspelt = [name for *table, name in unknown if tuple(table) == place[:-1]]
+        if found[0]["type"].startswith("missing") and get_close_matches(place[-1], misspelt):
+            continue  # it is there, and said to be unknown
+        problem = min(found, key=lambda e: (rank.get(e["type"], 3), len(e["loc"])))
+        path, node, _ = _followed(problem, data)
+        if problem["type"] != "value_error":
+            known = _keys_at(kind, data, path[:-1]) if problem["type"] in UNKNOWN else set()
+            yield _line(problem, [*at, *path], node, known, found)
+            continue
+        cause, key = problem["ctx"]["error"], shortened(".".join([*at, *path]))
+        for line in cause.lines if isinstance(cause, SceneError) else (str(cause),):
+            yield f"{key}{'.' if isinstance(node, Mapping) else ': '}{line}" if key else line
+
+
+def _followed(problem: Any, data: Any) -> tuple[list[str], Any, tuple[str, ...]]:
+    """Key and value of an error, and the key of what is wrong: one that is missing, or for which all types were tried.
+
+    pydantic also names the type that was tried, and the kind that a table chooses; the file does not.
+    """
+    path, node, place = list[str](), data, None
+    for part in problem["loc"]:
         inside = isinstance(node, list | tuple) and isinstance(part, int) and part < len(node)
         if inside or (isinstance(node, Mapping) and part in node):
             path.append(str(part))
             node = node[part]
+        elif place is None and not (isinstance(node, Mapping) and part in node.values()):
+            absent = problem["type"].startswith("missing") and part is problem["loc"][-1]
+            place = (*path, str(part)) if absent else tuple(path)
+    return path, node, tuple(path) if place is None else place
+
+
+def _line(problem: Any, path: Sequence[str], node: Any, known: set[str], beside: Sequence[Any]) -> str:
+    """One of pydantic's errors.
+
+    Args:
+        path: of the key.
+        node: its value.
+        known: valid names in the key's table.
+        beside: the errors of all types that were tried.
+    """
     key, found = shortened(".".join(path)), shortened(json.dumps(node, ensure_ascii=False, default=str, skipkeys=True))
     what, context, inner = problem["type"], problem.get("ctx", {}), f"{key}." if key else ""
-    if what == "value_error":
-        return f"{inner}{context['error']}" if isinstance(node, Mapping) or not key else f"{key}: {context['error']}"
     if what == "missing" and isinstance(node, list | tuple):  # a row of a value in time
         return f"{key} = {found}: expected a pair [time, value]"
     if what in ("missing", "missing_argument", "missing_keyword_only_argument"):
         return f"{inner}{problem['loc'][-1]}: missing, it has no default"
-    if what in ("unexpected_keyword_argument", "extra_forbidden"):
-        return f"{key}: unknown key; {nearest(path[-1], _keys_at(kind, data, path[len(at) : -1]))}"
+    if what in UNKNOWN:
+        return f"{key}: unknown key; {nearest(path[-1], known)}"
     if what in ("union_tag_invalid", "union_tag_not_found"):
         tag = context["discriminator"].strip("'")
         if what == "union_tag_not_found":
@@ -209,7 +251,7 @@ def _explain(error: ValidationError, kind: Any, data: Any, at: tuple[str, ...]) 
         wanted = [name.strip(" '") for name in context["expected"].replace(" or ", ",").split(",")]
         return f"{key} = {found}: not one of these; {nearest(str(node), wanted)}"
     if what == "float_type" and "float" in problem["loc"]:  # one branch of a value in time
-        texts = any(e["type"] == "string_type" and e["loc"][:-1] == problem["loc"][:-1] for e in error.errors())
+        texts = any(e["type"] == "string_type" for e in beside)
         more = ", or an expression in quotes" if texts else ""
         return f"{key} = {found}: expected a number, or a table [[time, value], ...]{more}"
     if what == "dataclass_exact_type":

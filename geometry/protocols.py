@@ -292,3 +292,6 @@ class Gmsh(Protocol):
     fltk: Any  # its window
     merge: Callable[[str], None]
     write: Callable[[str], None]
+
+
+DataFrame = Any  # of pandas, which need not be installed

@@ -10,8 +10,8 @@ A first script
 t = 1.0 s: N = 0.246 N, T = 0.000 N
 t = 2.0 s: N = 0.245 N, T = 0.033 N
 
-Five ways to solve a scene
---------------------------
+Five ways to solve a scene, and one to read results
+---------------------------------------------------
 steps(scene)
     yields a `StepResult` for each requested time; writes nothing.
 run(scene, folder)
@@ -24,6 +24,10 @@ sweep(scene, {"contacts.base.friction.mu": [0.1, 0.2]}, folder)
 prepare(scene).script()
     returns a `Script`, which is told each step: `script.step(to=1.0, supports={"top": {"x": 0.01}})`.
 
+load(folder)
+    gives back what a run has left: `.steps` are the same `StepResult`s, `.mesh` the mesh, `.result` the
+    content of result.json, `.columns` and `.to_pandas()` the table of the steps.
+
 `read` takes a scene file, or the name of a ready scene. A `Scene` can also be built from its parts,
 which have the names of the file's tables and keys:
 
@@ -35,10 +39,11 @@ with type, unit and default.
 What a step holds
 -----------------
 step.contacts["base"]   a `ContactState`: at each node of the slave side (n,) pressure, gap, status and
-                        friction bound, (n, d) traction and slip; of the whole side force, moment, and
-                        the areas that touch, stick and slip
+                        friction bound, (n, d) points, traction and slip; of the whole side force,
+                        moment, and the areas that touch, stick and slip; `.to_pandas()`: its nodes
 step.displacement       (nodes, d) [m]
 step.stress             (cells, 3, 3) [Pa]; step.von_mises (cells,) [Pa]
+step.bodies             a `BodyState` by name: largest displacement [m] and von Mises stress [Pa]
 step.supports           reactions by name: force (d,) [N] and moment [N m]
 step.obstacles          displacement (d,) [m], force (d,) [N] and moment [N m] by name
 step.probes             displacement (d,) [m] and stress (3, 3) [Pa] at points, by name
@@ -66,7 +71,7 @@ nothing can balance the loads. `MachineError` (with `DamagedError`) is about dis
 
 Names
 -----
-Functions         read, prepare, steps, run, sweep
+Functions         read, prepare, steps, run, sweep, load
 Scene             Scene, Material, Contact, Support, Load, Probe, Steps, Solver, Gram, Output, Exact,
                   Accuracy
 Geometry          UserFile, Box; builders: Arch, Block, Cylinders, HalfBall, HalfDisc, HalfSpace, Ring,
@@ -77,10 +82,10 @@ Friction laws     Coulomb, Tresca, TangentialCompliance, Stick
 Effects           Gravity, Periodic
 Solving           Simulation, Script, PlanRow, Seconds, Counters; iterations: HistoryRow,
                   HistoryTuple, Step, Status
-Results           StepResult, ContactState, OPEN, SLIP, STICK, Reaction, ObstacleState, ProbeValue,
-                  Energy, MeshData, SurfaceMesh, Convergence; errors: Quantity, ErrorParts
+Results           StepResult, ContactState, OPEN, SLIP, STICK, BodyState, Reaction, ObstacleState,
+                  ProbeValue, Energy, MeshData, SurfaceMesh, Convergence; errors: Quantity, ErrorParts
 Runs              Watch (callbacks of `run`), MeshReport, ContactReport, Outcome (how a run ended);
-                  sweeps: Sweep, Solved
+                  Loaded; sweeps: Sweep, Solved
 Errors            StickslipError, SceneError, FolderError, GeometryError, SolverError, StepError,
                   NoEquilibriumError, MachineError, DamagedError
 Bases             Builder, Obstacle, NormalLaw, FrictionLaw, Key: to write a kind of one's own

@@ -51,6 +51,7 @@ from stickslip.solvers.results.step_result import (
     OPEN,
     SLIP,
     STICK,
+    BodyState,
     ContactState,
     MeshData,
     ObstacleState,
@@ -71,6 +72,7 @@ from stickslip.solvers.simulation.simulation import Seconds, Simulation, prepare
 from stickslip.solvers.stepping.history import HistoryRow, HistoryTuple
 from stickslip.solvers.stepping.state import Energy
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
+from stickslip.workflows.run.load import Loaded, load
 from stickslip.workflows.run.mesh_report import ContactReport, MeshReport
 from stickslip.workflows.run.result import Outcome
 from stickslip.workflows.run.run import run
@@ -131,6 +133,7 @@ __all__ = [
     "Arch",
     "Bilateral",
     "Block",
+    "BodyState",
     "Box",
     "Builder",
     "Compliance",
@@ -158,6 +161,7 @@ __all__ = [
     "HistoryTuple",
     "Key",
     "Load",
+    "Loaded",
     "MachineError",
     "Material",
     "MeshData",
@@ -207,6 +211,7 @@ __all__ = [
     "Unilateral",
     "UserFile",
     "Watch",
+    "load",
     "prepare",
     "read",
     "run",

@@ -24,6 +24,7 @@ from stickslip.solvers.results.step_result import (
     OPEN,
     SLIP,
     STICK,
+    BodyState,
     BoltState,
     ContactState,
     MeshData,
@@ -35,6 +36,7 @@ from stickslip.solvers.results.step_result import (
     SpringForce,
     StepResult,
     SurfaceMesh,
+    von_mises,
 )
 from stickslip.solvers.stepping.slip_dependence import with_slip
 from stickslip.solvers.stepping.state import State
@@ -72,6 +74,7 @@ class CellStress:
 
     Attributes:
         displacement: dolfinx Function that the last call has set to its u, ghosts included [m].
+        members: own cells of each body.
     """
 
     def __init__(self, system: System) -> None:
@@ -87,12 +90,12 @@ class CellStress:
         basis = dx.reference_basis(mesh.domain.topology.cell_type.name, mesh.degree, dx.midpoint(mesh.domain))[0]
         corners = mesh.domain.geometry.x[:, : mesh.dim][dx.cell_nodes(mesh.domain)[:count]]
         self._middles = np.einsum("n,cnd->cd", basis[0], corners)
-        self._lame, self._members = np.zeros((count, 2)), dict[str, Ints]()
+        self._lame, self.members = np.zeros((count, 2)), dict[str, Ints]()
         for name, tag in mesh.bodies.items():
             material = system.problem.bodies[name]
             members = mesh.cell_tags.indices[mesh.cell_tags.values == tag]
-            self._members[name] = members[members < count]
-            self._lame[self._members[name]] = material.lame_lambda, material.lame_mu
+            self.members[name] = members[members < count]
+            self._lame[self.members[name]] = material.lame_lambda, material.lame_mu
 
     def __call__(self, u: Vec, initial: Array) -> Array:
         """Stress (own cells, 3, 3) [Pa], tension positive; collective.
@@ -109,14 +112,14 @@ class CellStress:
         strain[:, :d, :d] = found.reshape(-1, d, d)
         own = np.trace(strain, axis1=1, axis2=2)
         for value, given in zip(initial, self._system.initial.strains, strict=False):
-            members, timeline = self._members[given.body], self._system.course.timeline
+            members, timeline = self.members[given.body], self._system.course.timeline
             strain[members] -= value * self._system.initial.at(given, self._middles[members], timeline)
         lame_lambda, lame_mu = self._lame.T
         if self._system.problem.model == "plane stress":
             strain[:, 2, 2] = -lame_lambda / (lame_lambda + 2 * lame_mu) * (strain[:, 0, 0] + strain[:, 1, 1])
         trace = np.trace(strain, axis1=1, axis2=2)
         for body, mean in self._system.dilatation.at_midpoints(u, self._means).items():
-            members = self._members[body]
+            members = self.members[body]
             trace[members] += mean[members] - own[members]
         return np.asarray(2 * lame_mu[:, None, None] * strain + (lame_lambda * trace)[:, None, None] * np.eye(3))
 
@@ -212,6 +215,7 @@ class Observer:
             convergence=accepted.convergence,
             history=tuple(row.as_tuple() for row in accepted.history),
             other_solutions=tuple(_normal_forces(accepted, p) for p in accepted.others),
+            bodies=self._bodies(nodal, cell_stress),
             columns=self._columns(state.time),
         )
         began = clock.perf_counter()
@@ -270,6 +274,22 @@ class Observer:
         self.on_error(clock.perf_counter() - began)
         return size / float(np.sqrt(2 * peak)) if peak > 0 else 0.0, found.stress
 
+    def _bodies(self, nodal: Array, cell_stress: Array) -> dict[str, BodyState]:
+        """The largest values of each body; collective.
+
+        Args:
+            nodal: displacement of all dofs that this rank knows, ghosts included [m].
+            cell_stress: of the own cells (cells, 3, 3) [Pa].
+        """
+        system = self.stepper.system
+        lengths, equivalent = np.linalg.norm(nodal.reshape(-1, system.mesh.dim), axis=1), von_mises(cell_stress)
+        nodes, members = dx.cell_dofs(system.space), self.stress.members
+        own = {
+            name: (lengths[nodes[m]].max(initial=0.0), equivalent[m].max(initial=0.0)) for name, m in members.items()
+        }
+        offers = system.mesh.comm.allgather(own)
+        return {name: BodyState(*np.max([offer[name] for offer in offers], axis=0).tolist()) for name in own}
+
     def _columns(self, time: float) -> dict[str, float]:
         """Numbers that active effects add to steps.csv at a time [s], by column."""
         system = self.stepper.system
@@ -300,6 +320,7 @@ class Observer:
         if c.surface.axisymmetric:  # over the full circle the radial parts balance
             resultant, tangential, moment = resultant * [0, 1], tangential * [0, 1], 0 * moment
         return ContactState(
+            points=c.surface.points,
             weight=weight,
             gap=gap,
             pressure=pressure,
@@ -419,5 +440,6 @@ def mesh_data(system: System) -> MeshData:
             c.name: SurfaceMesh(points=c.surface.points, facets=c.surface.facets, shape=c.surface.shape)
             for c in system.contacts
         },
+        slaves={c.name: np.searchsorted(known, c.surface.input) for c in system.contacts} if len(known) else {},
         gaps={c.name: c.node_gap for c in system.contacts},
     )

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from html import escape
+from operator import or_
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.arrays import AnyArray, Array, Ints
+from stickslip.geometry.protocols import DataFrame
 from stickslip.solvers.newton.solution import Convergence
 from stickslip.solvers.results.error_parts import ErrorParts, Value
+from stickslip.solvers.scene.quantities import CONTACT_NUMBERS
 from stickslip.solvers.stepping.history import HistoryTuple
 from stickslip.solvers.stepping.state import Energy
 
 OPEN, SLIP, STICK = 0, 1, 2  # values of `ContactState.status`
+STATUS_WORDS = ("open", "slip", "stick")  # of these values, in tables
 
 
 class Reaction(NamedTuple):
@@ -55,6 +61,13 @@ class RemoteState(NamedTuple):
     moment: Array  # (1,) or (3,) about the point [N m]
 
 
+class BodyState(NamedTuple):
+    """The largest values of a body's fields."""
+
+    max_displacement: float  # largest length of the displacement of a node [m]
+    max_von_mises: float  # largest equivalent stress at the midpoint of a cell [Pa]
+
+
 class ProbeValue(NamedTuple):
     """Fields at a point that a probe names."""
 
@@ -70,7 +83,7 @@ class SurfaceMesh(NamedTuple):
     shape: str  # interval, triangle or quadrilateral
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class ContactState:
     """One contact at the end of a step, at the n nodes of its slave side and as resultants.
 
@@ -79,6 +92,7 @@ class ContactState:
     axisymmetric ones of the full circle.
     """
 
+    points: Array  # (n, d) undeformed [m]
     weight: Array  # (n,) area that each node stands for [m^(d-1)]; its sum is the area of the side
     gap: Array  # (n,) current gap g - u_n [m]; negative: penetration
     pressure: Array  # (n,) p_n [Pa]
@@ -101,6 +115,39 @@ class ContactState:
     dissipation: float  # work of friction in this step, >= 0 [J]
     dissipation_total: float  # the same, since t = 0 [J]
 
+    def columns(self) -> dict[str, AnyArray]:
+        """What stands at the nodes, by the columns of contact_NAME.csv: arrays (n,); a status is a word."""
+        axes = "xyz"[: self.points.shape[1]]
+        vectors = (("traction", self.traction), ("slip", self.slip), ("slip_increment", self.slip_increment))
+        parts = (("", self.points), *((f"{name}_", values) for name, values in (*vectors, ("lambda", self.lam))))
+        (place, *at_nodes) = ({f"{name}{a}": v for a, v in zip(axes, values.T, strict=True)} for name, values in parts)
+        numbers = {"weight": self.weight, "gap": self.gap, "pressure": self.pressure}
+        words = {"status": np.array(STATUS_WORDS)[self.status]}
+        return reduce(or_, (place, numbers, *at_nodes, words))
+
+    def to_pandas(self) -> DataFrame:
+        """The nodes as a `pandas.DataFrame`, with the columns of contact_NAME.csv.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        import pandas
+
+        return pandas.DataFrame(self.columns())
+
+    def counts(self) -> dict[str, int]:
+        """Number of nodes that are open, slip and stick."""
+        return dict(zip(STATUS_WORDS, np.bincount(self.status, minlength=3).tolist(), strict=True))
+
+    def __repr__(self) -> str:
+        said = ", ".join(f"{number} {word}" for word, number in self.counts().items())
+        forces = f"normal_force={self.normal_force:.6g}, tangential_force={self.tangential_force:.6g}"
+        return f"ContactState({len(self.weight)} nodes: {said}; {forces}, max_pressure={self.max_pressure:.6g})"
+
+    def _repr_html_(self) -> str:
+        """A table of the resultants, for notebooks."""
+        return html_table("contact", {"": self.counts() | {key: getattr(self, key) for key in CONTACT_NUMBERS}})
+
 
 @dataclass(frozen=True, kw_only=True)
 class Numbers:
@@ -115,7 +162,7 @@ class Numbers:
     energy: Energy  # totals since t = 0 [J]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class StepResult:
     """The solution at a requested time.
 
@@ -163,7 +210,16 @@ class StepResult:
     springs: Mapping[str, SpringForce] = field(default_factory=dict)
     bolts: Mapping[str, BoltState] = field(default_factory=dict)
     remote_points: Mapping[str, RemoteState] = field(default_factory=dict)
+    bodies: Mapping[str, BodyState] = field(default_factory=dict)
     columns: Mapping[str, float] = field(default_factory=dict)  # numbers that effects add to steps.csv, by column
+
+    def __repr__(self) -> str:
+        return f"StepResult(time={self.time:g}, {len(self.displacement)} nodes, contacts={dict(self.contacts)})"
+
+    def _repr_html_(self) -> str:
+        """A table of the contacts' resultants, for notebooks."""
+        numbers = {name: {key: getattr(c, key) for key in CONTACT_NUMBERS} for name, c in self.contacts.items()}
+        return html_table(f"t = {self.time:g}", numbers)
 
     def without_fields(self) -> StepResult:
         """The same, fields of nodes and cells empty: their memory grows with the mesh."""
@@ -173,15 +229,14 @@ class StepResult:
     @property
     def von_mises(self) -> Array:
         """Equivalent stress (cells,) [Pa], >= 0; on rank 0 (empty elsewhere)."""
-        deviator = self.stress - np.trace(self.stress, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
-        return np.asarray(np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator)))
+        return von_mises(self.stress)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class MeshData:
     """The mesh as plain arrays in the order of the gmsh model.
 
-    `points`, `cells` and `body` are on rank 0 (empty elsewhere), all else is on every rank.
+    `points`, `cells`, `body` and `slaves` are on rank 0 (empty elsewhere), all else is on every rank.
     """
 
     points: Array  # (nodes, d) [m], undeformed
@@ -190,4 +245,30 @@ class MeshData:
     body: Ints  # (cells,) index into `bodies`
     bodies: tuple[str, ...]
     surfaces: Mapping[str, SurfaceMesh]  # by contact
+    slaves: Mapping[str, Ints] = field(default_factory=dict)  # by contact, (n,) rows of `points` of its surface
     gaps: Mapping[str, Array] = field(default_factory=dict)  # by contact, (n,) initial gap [m]
+
+    def __repr__(self) -> str:
+        found = f"{len(self.cells)} cells ({self.shape}), {len(self.points)} nodes, bodies {', '.join(self.bodies)}"
+        return f"MeshData({found})"
+
+
+def von_mises(stress: Array) -> Array:
+    """Equivalent stress (cells,) [Pa] of stresses (cells, 3, 3)."""
+    deviator = stress - np.trace(stress, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
+    return np.asarray(np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator)))
+
+
+def html_table(title: str, numbers: Mapping[str, Mapping[str, float]]) -> str:
+    """Names and numbers as a table of HTML: a column for each name, a row for each number.
+
+    >>> html_table("t = 1", {"base": {"force": 2.0}})
+    '<table><tr><th>t = 1</th><th>base</th></tr><tr><td>force</td><td>2</td></tr></table>'
+    """
+    rows = dict.fromkeys(row for column in numbers.values() for row in column)
+    head = "".join(f"<th>{escape(text)}</th>" for text in (title, *numbers))
+    lines = [
+        f"<td>{escape(row)}</td>" + "".join(f"<td>{column[row]:.6g}</td>" for column in numbers.values())
+        for row in rows
+    ]
+    return f"<table>{''.join(f'<tr>{line}</tr>' for line in (head, *lines))}</table>"

@@ -12,7 +12,7 @@ import numpy as np
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders import Builder
-from stickslip.geometry.errors import SceneError, nearest, prefixed, require, shortened
+from stickslip.geometry.errors import Mistakes, SceneError, nearest, prefixed, require, shortened
 from stickslip.geometry.expression import Expression, Varying
 from stickslip.geometry.keys import Key, Noun
 from stickslip.geometry.obstacles import Obstacle
@@ -95,16 +95,16 @@ class Scene(Noun):
     sections: Mapping[str, EffectTable | Mapping[str, EffectTable]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._check_names()
-        self._check_dimensions()
-        self._check_references()
-        self._check_expressions()
-        with prefixed("geometry"):
-            self.geometry.refuse_too_large(self.request())
-        for key, table in self._tables_by_key().items():
-            table.check(self, key)
-        self.exact.check(self.quantities())
-        self.accuracy.check(self.quantities())
+        """Check all tables against each other; what rests on names is checked where all names are right.
+
+        Raises:
+            SceneError, GeometryError: with a line for each mistake.
+        """
+        for checks in ((self._check_names,), (self._check_dimensions, self._check_references), (self._check_rest,)):
+            mistakes = Mistakes()
+            for check in checks:
+                check(mistakes)
+            mistakes.report()
 
     @property
     def dim(self) -> int:
@@ -252,44 +252,67 @@ class Scene(Noun):
             for (quantity, part), amplitude in table.amplitudes().items():
                 yield Place(section, name, quantity, part), amplitude
 
-    def _check_names(self) -> None:
+    def _check_names(self, mistakes: Mistakes) -> None:
         tables = ("bodies", "obstacles", "contacts", "supports", "loads", "probes")
         names = [(table, name) for table in tables for name in getattr(self, table)]
         for table, name in [*names, *((section, name) for section, name in self.effect_tables() if name)]:
-            if not NAME.fullmatch(name):
-                raise SceneError(f"{table}.{name}: a name is made of a-z, 0-9 and _, and begins with a letter")
+            with mistakes:
+                if not NAME.fullmatch(name):
+                    raise SceneError(f"{table}.{name}: a name is made of a-z, 0-9 and _, and begins with a letter")
         known = self.geometry.bodies(self.dim)
-        for name in self.bodies:
-            if name not in known:
-                raise SceneError(f"bodies.{name}: no such body in the geometry; {nearest(name, known)}")
-        for name in known:
-            if name not in self.bodies:
-                raise SceneError(f"bodies.{name}: missing, this body of the geometry needs E and nu")
+        wrong = {
+            name: f"no such body in the geometry; {nearest(name, known)}" for name in self.bodies if name not in known
+        }
+        lacking = {
+            name: "missing, this body of the geometry needs E and nu" for name in known if name not in self.bodies
+        }
+        for name, why in (wrong or lacking).items():  # a name that is misspelt is both
+            with mistakes:
+                raise SceneError(f"bodies.{name}: {why}")
 
-    def _check_dimensions(self) -> None:
-        with prefixed("geometry"):
+    def _check_dimensions(self, mistakes: Mistakes) -> None:
+        with mistakes, prefixed("geometry"):
             self.geometry.check_model(self.model)
         for name, obstacle in self.obstacles.items():
-            with prefixed(f"obstacles.{name}"):
+            with mistakes, prefixed(f"obstacles.{name}"):
                 obstacle.check_model(self.model)
         for name, contact in self.contacts.items():
             if contact.friction is not None:
-                with prefixed(f"contacts.{name}.friction"):
+                with mistakes, prefixed(f"contacts.{name}.friction"):
                     contact.friction.check_model(self.model)
         expected = f"expected {self.dim} components in this model"
         for name, load in self.loads.items():
             vector = load.traction if load.traction is not None else load.force
             key = f"loads.{name}.{'traction' if load.traction is not None else 'force'}"
-            require(vector is None or len(vector) == self.dim, key, list(vector or ()), expected)
             radial = self.axisymmetric and load.force is not None and load.force[0] != 0
-            require(not radial, key, list(vector or ()), "a radial force has no resultant; use traction or pressure")
+            with mistakes:
+                require(vector is None or len(vector) == self.dim, key, list(vector or ()), expected)
+                require(
+                    not radial, key, list(vector or ()), "a radial force has no resultant; use traction or pressure"
+                )
         for table, items in (("supports", self.supports), ("probes", self.probes)):
             for name, item in items.items():
                 found = list(item.point or ())
-                require(item.point is None or len(found) == self.dim, f"{table}.{name}.point", found, expected)
+                with mistakes:
+                    require(item.point is None or len(found) == self.dim, f"{table}.{name}.point", found, expected)
         for name, support in self.supports.items():
-            if self.dim == 2 and "z" in support.displacement:
-                raise SceneError(f"supports.{name}.displacement.z: a plane model has x and y only")
+            with mistakes:
+                if self.dim == 2 and "z" in support.displacement:
+                    raise SceneError(f"supports.{name}.displacement.z: a plane model has x and y only")
+
+    def _check_rest(self, mistakes: Mistakes) -> None:
+        with mistakes:
+            self._check_expressions()
+        with mistakes, prefixed("geometry"):
+            self.geometry.refuse_too_large(self.request())
+        for key, table in self._tables_by_key().items():
+            with mistakes:
+                table.check(self, key)
+        mistakes.report()  # effects know the quantities
+        with mistakes:
+            self.exact.check(self.quantities())
+        with mistakes:
+            self.accuracy.check(self.quantities())
 
     def _check_expressions(self) -> None:
         for place, expression in self.expressions().items():
@@ -320,11 +343,23 @@ class Scene(Noun):
         sides = [side for each in self.contacts.values() for side in (each.surface, each.against)]
         return own > SOFTER * other and sides.count(contact.against) == 1 and contact.operator in (None, "mortar")
 
-    def _check_references(self) -> None:
+    def _check_references(self, mistakes: Mistakes) -> None:
+        for table, items in (("supports", self.supports), ("loads", self.loads)):
+            for name, item in items.items():
+                if item.boundary is not None:
+                    with mistakes:
+                        self.require_side(item.boundary, f"{table}.{name}.boundary")
+        for name, contact in self.contacts.items():
+            with mistakes:
+                self.require_side(contact.surface, f"contacts.{name}.surface")
+            with mistakes:
+                self._check_other_side(name, contact)
+        mistakes.report()  # roles are those of sides that are there
+        self._check_roles()
+
+    def _check_roles(self) -> None:
         slaves: dict[str, str] = {}
         for name, contact in self.contacts.items():
-            self.require_side(contact.surface, f"contacts.{name}.surface")
-            self._check_other_side(name, contact)
             slave, _ = self.slave_and_master(name)
             other = slaves.setdefault(slave, name)
             expected = f"already the slave of contacts.{other}; a facet has one slave role"
@@ -336,10 +371,6 @@ class Scene(Noun):
             mutual = master is not None and self.slave_and_master(other)[1] == slave and other != name
             expected = f"contacts.{other} has the same two sides exchanged: both would carry the pressure; keep one"
             require(not mutual, f"contacts.{name}.against", contact.against, expected)
-        for table, items in (("supports", self.supports), ("loads", self.loads)):
-            for name, item in items.items():
-                if item.boundary is not None:
-                    self.require_side(item.boundary, f"{table}.{name}.boundary")
 
     def _check_other_side(self, name: str, contact: Contact) -> None:
         """Check that `against` is an obstacle or a side of another body, and that the model has the operator."""

@@ -2,11 +2,14 @@
 
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from shared.command import BUILT, COARSE, READY_NAMES, Call, result, table
+from shared.histories import SMALL
 from stickslip import VERSION
 from stickslip.workflows.scene_file.read import READY, read
 
@@ -204,3 +207,34 @@ def test_every_second_step_is_shown_and_all_are_stored(call: Call, folder: Path)
     shown = re.findall(r"steps/(\d+)\.h5:/displacement", (folder / "out" / "fields.xdmf").read_text())
     assert [int(index) for index in shown] == [2, 4, 6]  # t = 0.4, 0.8, (1), 1.2, 1.6, 2: six times, and the last
     assert len(list((folder / "out" / "steps").glob("*.h5"))) == 6
+
+
+def test_a_run_prints_its_result_for_scripts(call: Call, folder: Path) -> None:
+    code, out, err = call("run", "block", "-o", "out", "--json", *(f"--set={word}" for word in SMALL))
+    assert code == 0
+    assert json.loads(out) == json.loads((folder / "out" / "result.json").read_text())
+    assert "unknown displacements" in err
+    code, out, _ = call("run", "block", "-o", "out", "--json", "--set=bodies.block.nu=2")
+    assert (code, out) == (2, "")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("stickslip sch", {"schema"}),
+        ("stickslip run hal", {"half_ball", "half_disc", "half_space"}),
+        ("stickslip plan m", {"mine.toml", "models/"}),
+        ("stickslip run ./m", set()),
+        ("stickslip run block --re", {"--resume"}),
+    ],
+)
+def test_a_shell_completes_commands_scenes_and_options(
+    words: str, expected: set[str], folder: Path, environment: dict[str, str]
+) -> None:
+    (folder / "mine.toml").touch()
+    (folder / "models").mkdir()
+    asked = {"_STICKSLIP_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(len(words.split()) - 1)}
+    program = "import sys; sys.argv[0] = 'stickslip'; from stickslip.workflows.commands.start import main; main()"
+    line, variables = [sys.executable, "-c", program], environment | asked
+    done = subprocess.run(line, cwd=folder, env=variables, capture_output=True, text=True, check=False)
+    assert (set(done.stdout.split()), done.stderr) == (expected, "")

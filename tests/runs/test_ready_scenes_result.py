@@ -3,8 +3,13 @@
 import math
 from typing import Any
 
+from jsonschema import Draft202012Validator
+
 from shared.solved import Json, Solved
+from stickslip.workflows.run.result_schema import result_schema
 from stickslip.workflows.scene_file.read import from_dict
+
+SCHEMA = Draft202012Validator(result_schema())
 
 
 def is_number(value: Any) -> bool:
@@ -161,3 +166,8 @@ def test_result_repeats_the_scene_so_that_it_can_be_solved_again(solved: Solved)
     stored = dict(solved.result["scene"])
     assert len(stored.pop("hash")) == 64
     assert from_dict(stored) == solved.scene
+
+
+def test_is_valid_under_its_schema(solved: Solved) -> None:
+    errors = SCHEMA.iter_errors(solved.result)
+    assert [f"{error.json_path}: {error.message[:200]}" for error in errors] == []

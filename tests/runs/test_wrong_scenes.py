@@ -422,11 +422,14 @@ def words(overrides: list[str]) -> list[str]:
     return [word for override in overrides for word in ("--set", override)]
 
 
+SEVERAL = ("no width in space", "cylinder without an axis in space", "sphere with half a centre")  # of other tables too
+
+
 def assert_refused(spoken: Spoken, pattern: str, folder: Path, before: list[str]) -> None:
-    """Exit code 2, one line that says `pattern`, and the folder as it was."""
+    """Exit code 2, a line for each mistake of which one says `pattern`, and the folder as it was."""
     code, out, err = spoken
-    assert (code, out, err.count("\n")) == (2, "", 1), (code, out, err)
-    assert err.startswith("stickslip: ")
+    assert (code, out) == (2, ""), (code, out, err)
+    assert all(line.startswith("stickslip: ") for line in err.splitlines())
     assert re.search(pattern, err), err
     assert sorted(str(path.relative_to(folder)) for path in folder.rglob("*")) == before
 
@@ -436,6 +439,7 @@ def test_wrong_scene_is_refused_with_one_line_and_nothing_is_written(name: str, 
     overrides, pattern = WRONG[name]
     spoken = call("run", "block", "-q", "-o", "out", *words(COARSE), *words(overrides))
     assert_refused(spoken, pattern, folder, [])
+    assert spoken[2].count("\n") == 1 or name in SEVERAL
 
 
 @pytest.mark.parametrize("name", ["unknown key", "incompressible", "body that nothing holds", "Uzawa for a body held"])
@@ -457,8 +461,8 @@ def test_a_process_refuses_as_the_function_does(name: str, spawn: Call, folder: 
         ("model = 'plane strain\n", r"scene\.toml: not valid TOML: Expected"),
         ("title = 'a'\ntitle = 'b'\n", r"scene\.toml: not valid TOML: .*line 2"),
         ("", r"scene\.toml: .*missing"),
-        ("model = '3d'\n[geometry]\nbuilder = 'block'", r"scene\.toml: geometry\.[a-z_]+: missing"),
-        ("a = " + "[" * 40 + "]" * 40, r"scene\.toml: a\.0\.0.*: tables and lists more than 20 deep"),
+        ("model = '3d'\n[geometry]\nbuilder = 'block'", r"scene\.toml:2: geometry\.[a-z_]+: missing"),
+        ("a = " + "[" * 40 + "]" * 40, r"scene\.toml:1: a\.0\.0.*: tables and lists more than 20 deep"),
     ],
     ids=["quote left open", "key twice", "empty", "little", "nested"],
 )
@@ -486,7 +490,51 @@ def test_folder_in_place_of_a_file_is_refused(call: Call, folder: Path) -> None:
 def test_error_names_the_scene_file(call: Call, folder: Path) -> None:
     text = (READY / "block.toml").read_text().replace("nu = 0.3", "nu = 0.7")
     (folder / "mine.toml").write_text(text)
-    assert_refused(call("run", "mine.toml", "-q"), r"mine\.toml: bodies\.block\.nu = 0\.7", folder, ["mine.toml"])
+    assert_refused(call("run", "mine.toml", "-q"), r"mine\.toml:\d+: bodies\.block\.nu = 0\.7", folder, ["mine.toml"])
+
+
+MISTAKES = {  # in the ready scene `block` -> what is said of it
+    ("title = ", "titel = "): r"titel: unknown key; did you mean title\?",
+    ("height = 2.0", "height = -2.0"): r"geometry\.height = -2\.0: must be positive",
+    ("E = 1.0", 'E = "steel"'): r'bodies\.block\.E = "steel": expected a number',
+    ("nu = 0.3", ""): r"bodies\.block\.nu: missing",
+    ("surface = ", "surfce = "): r"contacts\.base\.surfce: unknown key; did you mean surface\?",
+    ("mu = 0.3", "mu = 0.3, eta = 2"): r"contacts\.base\.friction\.eta: unknown key",
+    ("[1, 0], [2, 0.05]", "[1], [2, 0.05]"): r"supports\.top\.displacement\.x\.1 = \[1\]: expected a pair",
+    ("count = 2", "count = 2.5"): r"steps\.count = 2\.5: expected a whole number",
+}
+UNKNOWN_NAMES = {
+    ("block.bottom", "block.botom"): r"contacts\.base\.surface = block\.botom: no such side",
+    ('"foundation"', '"foundatoin"'): r"contacts\.base\.against = foundatoin: no such obstacle or side",
+    ('"block.top"', '"block.tp"'): r"supports\.top\.boundary = block\.tp: no such side",
+}
+
+
+@pytest.mark.parametrize("mistakes", [MISTAKES, UNKNOWN_NAMES])
+def test_all_mistakes_are_said_at_once_with_their_lines(
+    mistakes: dict[tuple[str, str], str], call: Call, folder: Path
+) -> None:
+    text = (READY / "block.toml").read_text()
+    expected = []
+    for (right, wrong), said in mistakes.items():
+        assert text.count(right) == 1
+        line = 1 + text[: text.index(right)].count("\n")
+        text = text.replace(right, wrong)
+        lacks = "missing" in said  # then it is the line of the table
+        expected.append((line - 2 if lacks else line, said))
+    (folder / "mine.toml").write_text(text)
+    code, _, err = call("plan", "mine.toml")
+    assert code == 2
+    found = err.splitlines()
+    assert len(found) == len(expected), err
+    for one, (line, said) in zip(found, sorted(expected), strict=True):
+        assert re.match(rf"stickslip: mine\.toml:{line}: {said}", one), one
+
+
+def test_a_key_of_set_has_no_line(call: Call, folder: Path) -> None:
+    (folder / "mine.toml").write_text((READY / "block.toml").read_text().replace("nu = 0.3", "nu = 0.7"))
+    _, _, err = call("plan", "mine.toml", "--set", "bodies.block.nu=0.8")
+    assert err.startswith("stickslip: mine.toml: bodies.block.nu = 0.8: ")
 
 
 def test_foreign_folder_is_not_written_to(call: Call, folder: Path) -> None:

@@ -13,7 +13,21 @@ Spoken = tuple[int, str, str]
 Call = Callable[..., Spoken]
 Start = Callable[..., subprocess.CompletedProcess[str]]
 LIMIT = 60  # s; a process that does not end by itself
-BUILT = {"run", "report", "compare", "plan", "mesh", "contacts", "cost", "sweep", "verify", "fclib", "scenes", "new"}
+BUILT = {
+    "run",
+    "report",
+    "compare",
+    "plan",
+    "mesh",
+    "contacts",
+    "cost",
+    "sweep",
+    "verify",
+    "fclib",
+    "scenes",
+    "schema",
+    "new",
+}
 READY_NAMES = sorted(path.stem for path in READY.glob("*.toml"))
 COARSE = [
     "--set=geometry.mesh_size=1.0",

@@ -47,6 +47,7 @@ def mesh_of(shape: str, order: int = 1) -> MeshData:
         body=np.array([0, 1]),
         bodies=("left", "right"),
         surfaces={"base": (flat, facets, FACET[shape])},
+        slaves={"base": np.array([np.linalg.norm(points - x, axis=1).argmin() for x in flat])},
     )
 
 
@@ -56,6 +57,7 @@ def result_of(mesh: MeshData, time: float = 0.1 + 0.2, seed: int = 0) -> StepRes
     d, n = mesh.points.shape[1], len(mesh.surfaces["base"][0])
     stress = random.normal(size=(len(mesh.cells), 3, 3))
     contact = ContactState(
+        points=mesh.surfaces["base"][0],
         weight=random.random(n),
         gap=random.random(n),
         pressure=random.random(n),

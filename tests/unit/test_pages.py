@@ -1,6 +1,7 @@
 """README and docs: links lead somewhere, scenes are scenes, commands and programs are read by their parsers."""
 
 import ast
+import json
 import re
 import shlex
 import subprocess
@@ -19,6 +20,7 @@ from stickslip.workflows.scene_file.read import READY, from_dict
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "workflows/SCENE.md", ROOT / "solvers/SOURCES.md"]
 PAGES += sorted((ROOT / "docs").rglob("*.md"))
+NOTEBOOKS = sorted((ROOT / "docs").rglob("*.ipynb"))  # executed by `make docs`
 NAMES = [page.relative_to(ROOT).as_posix() for page in PAGES]
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 INCLUDE = re.compile(r"^```\{include\} (\S+)$", re.MULTILINE)
@@ -55,7 +57,8 @@ def test_every_link_leads_to_a_file_and_a_heading(page: Path) -> None:
 def test_every_page_is_in_the_list_of_contents() -> None:
     listed = set(re.findall(r"^[\w/]+$", "\n".join(b[3] for b in toctrees(ROOT / "docs/index.md")), re.MULTILINE))
     listed |= {f"gallery/{n}" for b in toctrees(ROOT / "docs/gallery/index.md") for n in b[3].split("\n") if n}
-    pages = {page.relative_to(ROOT / "docs").with_suffix("").as_posix() for page in (ROOT / "docs").rglob("*.md")}
+    found = [*(ROOT / "docs").rglob("*.md"), *NOTEBOOKS]
+    pages = {page.relative_to(ROOT / "docs").with_suffix("").as_posix() for page in found}
     assert pages - {"index"} == {name for name in listed if not name.startswith("gallery/:")}
 
 
@@ -78,6 +81,18 @@ def test_every_block_is_what_it_says(page: Path, tmp_path: Path, monkeypatch: py
                 from_dict(content)
         if language == "python" and page.stem not in ("architecture", "the_method"):  # excerpts, with their own tests
             ast.parse(content)
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_compiles_links_and_is_stored_without_outputs(notebook: Path) -> None:
+    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    for cell in cells:
+        source = "".join(cell["source"])
+        if cell["cell_type"] == "code":
+            ast.parse(source)
+            assert (cell["outputs"], cell["execution_count"]) == ([], None)
+        for target in LINK.findall(source) if cell["cell_type"] == "markdown" else ():
+            assert (notebook.parent / target).exists(), target
 
 
 def command_lines(text: str) -> list[str]:

@@ -65,6 +65,7 @@ def block(shape: str, n: int = 4) -> MeshData:
         body=np.zeros(len(cells), np.int64),
         bodies=("block",),
         surfaces={"base": (points[bottom.ravel()], facets, facet)},
+        slaves={"base": bottom.ravel()},
     )
 
 
@@ -91,6 +92,7 @@ def pressed(mesh: MeshData, size: float = 1.0) -> StepResult:
     status = np.where(p == 0, OPEN, np.where(share == 1.0, SLIP, STICK)).astype(np.int8)
     zeros = {f.name: 0.0 for f in dataclasses.fields(ContactState) if f.type == "float"}
     contact = ContactState(
+        points=at,
         weight=np.ones(len(at)),
         gap=np.where(p > 0, 0.0, 0.01),
         pressure=p * size,

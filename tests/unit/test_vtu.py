@@ -6,8 +6,10 @@ import errno
 import os
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import meshio
+import numpy as np
 import pytest
 import pyvista as pv
 from numpy.testing import assert_allclose, assert_array_equal
@@ -19,10 +21,11 @@ from stickslip.solvers.results.step_result import MeshData, StepResult
 from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.formats.own_files import MARKER, claim, mark
 from stickslip.workflows.formats.shapes import SHAPES
-from stickslip.workflows.formats.steps import step_name, write_step
+from stickslip.workflows.formats.steps import shown_as, step_name, write_step
 from stickslip.workflows.run.run import run
 from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import read, to_dict
+from stickslip.workflows.writers import paraview_view
 from stickslip.workflows.writers.vtu import VtuFiles
 from stickslip.workflows.writers.writer import Ended
 
@@ -74,6 +77,9 @@ def test_every_body_and_contact_is_a_block_that_says_what_the_step_says(tmp_path
             assert_array_equal(grid.point_data["displacement"], padded(result.displacement[nodes]))
             assert_array_equal(grid.cell_data["stress"], result.stress[number].reshape(1, 9))
             assert_array_equal(grid.cell_data["von_mises"], result.von_mises[[number]])
+            smooth = grid.point_data["nodal_stress"]  # of the only cell
+            assert_allclose(smooth, np.tile(result.stress[number].ravel(), (len(nodes), 1)), rtol=1e-15)
+            assert_allclose(grid.point_data["nodal_von_mises"], result.von_mises[number], rtol=1e-12)
         points, facets, facet = mesh.surfaces["base"]
         (grid,), contact = found["contacts"], result.contacts["base"]
         assert_array_equal(grid.points, padded(points))
@@ -83,7 +89,9 @@ def test_every_body_and_contact_is_a_block_that_says_what_the_step_says(tmp_path
         for key in ("pressure", "gap", "status"):
             assert_array_equal(grid.point_data[key], getattr(contact, key))
         for key in ("traction", "slip", "slip_increment", "lam"):
-            assert_array_equal(grid.point_data[key], padded(getattr(contact, key)))
+            assert_array_equal(grid.point_data[shown_as(key)], padded(getattr(contact, key)))
+        moved = {tuple(x): u for x, u in zip(mesh.points, result.displacement, strict=True)}
+        assert_array_equal(grid.point_data["displacement"], padded(np.array([moved[tuple(x)] for x in points])))
 
 
 @pytest.mark.parametrize("shape", FACET)
@@ -97,6 +105,40 @@ def test_meshio_reads_a_block_alone(tmp_path: Path, shape: str) -> None:
     assert_array_equal(body.cell_data["stress"][0], result.stress[1].reshape(1, 9))
     base = meshio.read(tmp_path / "vtu" / "000001_contact_base.vtu")
     assert_array_equal(base.point_data["pressure"], result.contacts["base"].pressure)
+
+
+def test_the_nodes_of_a_contact_move_with_its_body_in_a_real_mesh(tmp_path: Path) -> None:
+    """Also where a node of the other body lies in the same place."""
+    sizes = [f"geometry.{key}=0.5" for key in ("mesh_size", "lower_mesh_size", "contact_mesh_size")]
+    scene = read("two_blocks", [*sizes, "steps.count=2", "output.pictures=false", "output.vtu=true"])
+    run(scene, tmp_path / "out")
+    found = shown(tmp_path / "out", times_of(tmp_path / "out")[-1])
+    upper, joint = found["bodies"]["upper"], found["contacts"]["joint"]
+    at = [np.linalg.norm(upper.points - x, axis=1).argmin() for x in joint.points]
+    assert_array_equal(joint.points, upper.points[at])
+    assert_array_equal(joint.point_data["displacement"], upper.point_data["displacement"][at])
+    sliding = np.linalg.norm(joint.point_data["slip"], axis=1)
+    lower = found["bodies"]["lower"]
+    beside = [np.linalg.norm(lower.points - x, axis=1).argmin() for x in joint.points]
+    off = joint.point_data["displacement"] - lower.point_data["displacement"][beside]
+    assert_allclose(abs(off[:, 0]), sliding, atol=0.3 * sliding.max())  # the nearest node of the other mesh
+    warped = found.combine().warp_by_vector("displacement")  # one filter moves all blocks
+    assert warped.n_points == upper.n_points + lower.n_points + joint.n_points
+
+
+@pytest.mark.parametrize(("flat", "opacity"), [(True, None), (False, 0.4)])
+def test_the_macro_asks_paraview_for_the_usual_view(flat: bool, opacity: float | None) -> None:
+    """It was tried with ParaView 5.11; here its calls are recorded."""
+    pv, source = MagicMock(), MagicMock(TimestepValues=[0.5, 1.0])
+    source.GetDataInformation().GetBounds.return_value = (0.0, 3.0, 0.0, 4.0, 0.0, 0.0 if flat else 12.0)
+    source.PointData["displacement"].GetRange.return_value = (0.0, 0.5)
+    view = paraview_view.show(pv, source, None)
+    assert view.ViewTime == 1.0
+    assert pv.WarpByVector.return_value.ScaleFactor == pytest.approx(1.0 if flat else 2.6)  # a tenth of the size / 0.5
+    assert [c.args[1] for c in pv.ColorBy.call_args_list] == [("POINTS", "nodal_von_mises"), ("POINTS", "pressure")]
+    assert [c.kwargs["registrationName"] for c in pv.ExtractBlock.call_args_list] == ["bodies", "contacts"]
+    assert view.InteractionMode == ("2D" if flat else "3D")
+    assert opacity is None or pv.Show.return_value.Opacity == opacity
 
 
 def test_bodies_that_share_no_node_are_apart_in_a_real_mesh(tmp_path: Path) -> None:
@@ -174,7 +216,7 @@ def test_a_run_writes_it_on_request_only(tmp_path: Path) -> None:
     run(plain, tmp_path / "off")
     run(asks, tmp_path / "on")
     more = names_in(tmp_path / "on") - names_in(tmp_path / "off")
-    assert {name.split("/")[0] for name in more} == {"fields.pvd", "vtu"}
+    assert {name.split("/")[0] for name in more} == {"fields.pvd", "vtu", "paraview_view.py"}
     with pytest.raises(SceneError, match=r"output\.vtu = 1: expected true or false"):
         read("block", ["output.vtu=1"])
 

@@ -19,7 +19,7 @@ from typing import Annotated, Any
 import typer
 
 from stickslip import VERSION
-from stickslip.geometry.errors import SceneError, StickslipError, shortened
+from stickslip.geometry.errors import InputError, SceneError, StickslipError, shortened
 from stickslip.workflows.commands.process import STOPPED, STOPPING, leave_together, refused, speaks
 
 LONGEST = 280  # letters of a refusal
@@ -31,11 +31,23 @@ LIBRARIES = (
 
 app = typer.Typer(
     help="Frictional contact between elastic bodies in FEniCSx.",
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-SceneArgument = Annotated[str, typer.Argument(metavar="SCENE", help="a scene file, or a ready scene's name")]
+
+
+def _scenes(begun: str) -> list[str]:
+    """What a shell completes to a scene: ready scenes, and files and folders here; it knows other paths itself."""
+    ready, here = Path(__file__).parents[1] / "scenes", Path()
+    files = [path.name for path in here.glob("*.toml")] + [f"{path.name}/" for path in here.iterdir() if path.is_dir()]
+    return [
+        name for name in sorted(path.stem for path in ready.glob("*.toml")) + sorted(files) if name.startswith(begun)
+    ]
+
+
+SceneArgument = Annotated[
+    str, typer.Argument(metavar="SCENE", help="a scene file, or a ready scene's name", autocompletion=_scenes)
+]
 UnitOption = Annotated[
     str | None,
     typer.Option("--unit", metavar="UNIT", help="of the geometry file: mm, in, ... [what it declares, or m]"),
@@ -57,12 +69,14 @@ def run_command(
         typer.Option("--accuracy", metavar="NUMBER=1%", help="refine until the error of a number is below this"),
     ] = None,
     budget: Annotated[float | None, typer.Option("--budget", metavar="SECONDS", help="for --accuracy [600]")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="print result.json in place of the table")] = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="say nothing but errors")] = False,
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="one line an iteration")] = False,
 ) -> None:
     """Solve a scene and write its results."""
     from stickslip.workflows.accuracy.rounds import Rounds, aiming
     from stickslip.workflows.commands.mesh import announce
+    from stickslip.workflows.run.result import json_text
     from stickslip.workflows.run.run import run
     from stickslip.workflows.run.terminal import Reporter
     from stickslip.workflows.scene_file.read import find, named, read
@@ -72,13 +86,16 @@ def run_command(
     if not quiet and speaks():
         announce(loaded)
     reporter = Reporter(quiet=quiet or not speaks(), verbose=verbose)
-    with reporter, named(scene):
+    with reporter, named(scene, override or ()):
         if loaded.accuracy.goals:
             outcome, content = Rounds(loaded, reporter.line)(folder, reporter.watch(), resume)
         else:
             outcome, content = run(loaded, folder, reporter.watch(), resume)
-    reporter.table(content)
-    reporter.files(outcome)
+    if as_json:
+        typer.echo(json_text(content))
+    else:
+        reporter.table(content)
+        reporter.files(outcome)
     if outcome.sentence and speaks():
         again = [
             "stickslip",
@@ -137,7 +154,7 @@ def plan_command(
     from stickslip.workflows.scene_file.read import named, read
 
     loaded = read(scene, override or ())
-    with named(scene):
+    with named(scene, override or ()):
         rows = make_plan(loaded)
     content: dict[str, Any] = {
         "title": loaded.title,
@@ -153,7 +170,7 @@ def plan_command(
 
         if speaks():
             announce(loaded)
-        with named(scene):
+        with named(scene, override or ()):
             content["mesh"] = count(loaded)
     if speaks() and not as_json:
         print_plan(content)
@@ -161,7 +178,7 @@ def plan_command(
         from stickslip.workflows.cost.foresee import foresee
         from stickslip.workflows.cost.progress import print_prices
 
-        with named(scene):
+        with named(scene, override or ()):
             foreseen = foresee(loaded)
         content["cost"] = [asdict(row) for row in foreseen]
         if speaks() and not as_json:
@@ -184,7 +201,7 @@ def mesh_command(
 
     if listed or gui:
         model, geometry = read_geometry(scene, override or ())
-        with named(scene):
+        with named(scene, override or ()):
             if listed:
                 list_entities(geometry, model, Path(f"{find(scene).stem}_faces.png"))
             if gui:
@@ -193,7 +210,7 @@ def mesh_command(
         loaded = read(scene, override or ())
         if speaks():
             announce(loaded)
-        with named(scene):
+        with named(scene, override or ()):
             report(loaded, output)
 
 
@@ -224,7 +241,7 @@ def cost_command(
 
     loaded = read(scene, override or ())
     folder = output or Path("results") / f"{find(scene).stem}_cost"
-    with named(scene):
+    with named(scene, override or ()):
         beside = [name.strip() for name in methods.split(",")] if methods is not None else []
         answer = cost(loaded, folder, budget, quantity or (), resume, Teller(budget, quiet), beside)
     typer.echo(answer.sentence)
@@ -249,7 +266,7 @@ def sweep_command(
     from stickslip.workflows.scene_file.read import find, named, read
 
     loaded = read(scene, override or ())
-    with named(scene):
+    with named(scene, override or ()):
         code = sweep_scene(loaded, over, output or Path("results") / f"{find(scene).stem}_sweep", jobs, quiet)
     sys.exit(code)
 
@@ -259,6 +276,7 @@ def verify_command(
     names: Annotated[
         list[str] | None, typer.Argument(metavar="[NAME]...", help="cases [all]; or the suite: hard, accuracy")
     ] = None,
+    rows: Annotated[bool, typer.Option("--rows", help="print all figures, not only those that fail")] = False,
     number: Annotated[int, typer.Option("--number", help="hard: number of variations")] = 2000,
     seed: Annotated[int, typer.Option("--seed", help="hard: of their order and random numbers")] = 0,
     scenes: Annotated[str, typer.Option("--scenes", metavar="NAME,NAME", help="suites: these scenes only [all]")] = "",
@@ -284,7 +302,7 @@ def verify_command(
     elif names == ["accuracy"]:
         passed = accuracy(only, jobs, output)
     else:
-        passed = verify(names or [])
+        passed = verify(names or [], rows)
     if not passed:
         raise typer.Exit(1)
 
@@ -318,6 +336,17 @@ def scenes_command() -> None:
 
     for path in sorted(READY.glob("*.toml")):
         typer.echo(f"{path.stem:<12} {title_of(path)}")
+
+
+@app.command("schema")
+def schema_command(
+    of: Annotated[str, typer.Argument(metavar="[scene|result]", help="scene files, or result.json")] = "scene",
+) -> None:
+    """Print the JSON schema of scene files, by which editors complete and check them, or that of result.json."""
+    from stickslip.workflows.commands.schema import schema
+
+    if speaks():
+        typer.echo(schema(of))
 
 
 @app.command("contacts")
@@ -384,9 +413,13 @@ def start(
 
 
 def guarded(act: Callable[[], object]) -> int:
-    """Call `act`, print every expected failure in one line on stderr, and return the exit code."""
+    """Call `act`, print every expected failure on stderr, in a line for each mistake, and return the exit code."""
     try:
         code = act()
+    except InputError as error:
+        for line in error.lines:
+            _say(line, error.exit_code)
+        return error.exit_code
     except StickslipError as error:
         return _say(str(error), error.exit_code)
     except typer.TyperException as error:

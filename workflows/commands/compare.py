@@ -8,9 +8,9 @@ from rich.table import Table
 
 from stickslip.geometry.errors import SceneError
 from stickslip.workflows.commands.process import speaks
-from stickslip.workflows.commands.report import found
 from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.pictures.report_compare import compare, compare_page
+from stickslip.workflows.run.load import found
 from stickslip.workflows.run.terminal import console, print_table
 
 WIDE = 160  # letters

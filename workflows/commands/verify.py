@@ -1,4 +1,4 @@
-"""`stickslip verify`: solve the verification problems with every method, and print computed against expected."""
+"""`stickslip verify`: solve the verification problems with every method, and hold computed against expected figures."""
 
 from __future__ import annotations
 
@@ -15,8 +15,11 @@ from stickslip.workflows.verification.registry import CASES
 Row = tuple[str, str, Check]  # case, method, result
 
 
-def verify(names: Sequence[str]) -> bool:
-    """Run the named problems, or all if no name is given, and print a table after each.
+def verify(names: Sequence[str], every_row: bool = False) -> bool:
+    """Run the named problems, or all if no name is given, and print a line of each, and its figures that fail.
+
+    Args:
+        every_row: print all figures.
 
     Returns:
         Whether every check passed.
@@ -31,11 +34,24 @@ def verify(names: Sequence[str]) -> bool:
     total, failed = 0, 0
     for name in dict.fromkeys(names or CASES):
         rows = list(solve(name))
-        console.print(table(rows, CASES[name].about))
+        wrong = [row for row in rows if not row[2].passed]
+        console.print(line(name, len(rows), len(wrong)), soft_wrap=True)
+        if shown := rows if every_row else wrong:
+            console.print(table(shown, CASES[name].about))
         total += len(rows)
-        failed += sum(not check.passed for _, _, check in rows)
+        failed += len(wrong)
     console.print(f"{failed} of {total} checks failed" if failed else f"all {total} checks passed")
     return failed == 0
+
+
+def line(name: str, count: int, failed: int) -> str:
+    """What is said of a problem.
+
+    >>> line("zeros", 9, 2)
+    'zeros              2 of 9 FAILED  no force, friction, increment, bound or touch: nothing changes'
+    """
+    said = f"{failed} of {count} FAILED" if failed else f"{count} passed"
+    return f"{name:<{max(map(len, CASES))}}  {said:>14}  {CASES[name].about}"
 
 
 def solve(name: str) -> Iterator[Row]:

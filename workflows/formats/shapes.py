@@ -14,6 +14,7 @@ import numpy as np
 from stickslip.geometry.arrays import AnyArray, Ints
 
 CORNERS = {"interval": 2, "triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
+DIMENSIONS = {"interval": 1, "triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,15 @@ SHAPES = {
 def shape_of(name: str, cells: AnyArray) -> Shape:
     """Shape of cells (c, k) by its dolfinx name."""
     return SHAPES[name, cells.shape[1]]
+
+
+def shape_with(dim: int, width: int) -> str:
+    """dolfinx's name of the cells of a dimension that have so many nodes.
+
+    >>> shape_with(2, 4), shape_with(3, 4)
+    ('quadrilateral', 'tetrahedron')
+    """
+    return next(name for name, count in SHAPES if DIMENSIONS[name] == dim and count == width)
 
 
 def corner_cells(name: str, cells: AnyArray) -> tuple[Ints, int]:

@@ -68,6 +68,15 @@ def step_name(index: int) -> str:
     return f"steps/{index:06d}.h5"
 
 
+def shown_as(field: str) -> str:
+    """Name of a field of `StoredContact` in all files that people open; lambda is a word of Python's.
+
+    >>> shown_as("lam"), shown_as("gap")
+    ('lambda', 'gap')
+    """
+    return {"lam": "lambda"}.get(field, field)
+
+
 def step_files(folder: Path) -> dict[int, Path]:
     """Those below the results folder by index; what else a user keeps there is none."""
     return {int(path.stem): path for path in sorted(folder.glob(f"steps/{'[0-9]' * 6}.h5"))}

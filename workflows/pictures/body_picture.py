@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
-from scipy.spatial import cKDTree
 
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.results.step_result import OPEN, MeshData, StepResult
@@ -110,9 +109,9 @@ def _draw(
 
 def _touching(mesh: MeshData, result: StepResult) -> Array:
     """Places (k, 3) [m] of the contact points that touch."""
-    moved = three(mesh.points + result.displacement)
-    each = [points[result.contacts[name].status != OPEN] for name, (points, *_) in mesh.surfaces.items()]
-    return moved[cKDTree(mesh.points).query(np.concatenate(each))[1]] if each else np.zeros((0, 3))
+    nodes = [rows[result.contacts[name].status != OPEN] for name, rows in mesh.slaves.items()]
+    each = np.concatenate([np.zeros(0, np.int64), *nodes])
+    return three(mesh.points[each] + result.displacement[each])
 
 
 def body_on_stage(mesh: MeshData, moved: Array, values: Array, norm: Normalize) -> Callable[[Any], None]:

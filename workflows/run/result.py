@@ -1,4 +1,7 @@
-"""result.json: the whole run in one file that scripts can rely on (format 1, SI, no NaN, null where not computed)."""
+"""result.json: the whole run in one file that scripts can rely on (format 1, SI, no NaN, null where not computed).
+
+Its tables are the records of result_schema.py.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +29,7 @@ from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.run.audit import Audited
 from stickslip.workflows.run.packages import packages
+from stickslip.workflows.run.result_schema import units
 from stickslip.workflows.scene_file.read import to_dict
 
 OF_COARSE = ("factorisations", "volume_solves", "linear_iterations")  # counters of the coarse mesh beside
@@ -64,6 +68,7 @@ def summary(
         "status": outcome.status,
         "sentence": outcome.sentence,
         "warnings": list(outcome.warnings),
+        "units": units(plane=scene.model.startswith("plane")),
         "scene": resolved | {"hash": scene_hash(scene)},
         "version": VERSION,
         "dolfinx": DOLFINX,
@@ -133,9 +138,13 @@ def write_result(folder: Path, content: dict[str, Any]) -> None:
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write a JSON file whole; a number that is not finite becomes null."""
-    text = json.dumps(_finite(content), indent=1, ensure_ascii=False, allow_nan=False)
-    write_aside(path, (text + "\n").encode())
+    """Write a JSON file whole."""
+    write_aside(path, f"{json_text(content)}\n".encode())
+
+
+def json_text(content: dict[str, Any]) -> str:
+    """As a JSON file has it; a number that is not finite becomes null."""
+    return json.dumps(_finite(content), indent=1, ensure_ascii=False, allow_nan=False)
 
 
 def _step(step: StepResult, errors: Errors | None, audit: Audit | None) -> dict[str, Any]:
@@ -179,6 +188,7 @@ def _step(step: StepResult, errors: Errors | None, audit: Audit | None) -> dict[
             | error("probes", name)
             for name, (u, sigma) in step.probes.items()
         },
+        "bodies": {name: body._asdict() for name, body in step.bodies.items()},
         "energy": {
             "external": energy.external,
             "stored": energy.stored,
@@ -221,7 +231,7 @@ def _plain(value: Any) -> Any:
 
 def _contact(contact: ContactState) -> dict[str, Any]:
     resultants = {"force": contact.force.tolist(), "moment": _moment(contact.moment)}
-    return resultants | {key: getattr(contact, key) for key in CONTACT_NUMBERS}
+    return resultants | {key: getattr(contact, key) for key in CONTACT_NUMBERS} | {"statuses": contact.counts()}
 
 
 def _moment(moment: np.ndarray[Any, Any]) -> Any:

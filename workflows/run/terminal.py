@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
+import time as clock
 from collections.abc import Iterable
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from stickslip.solvers.results.error_parts import PARTS, ErrorParts
@@ -32,9 +33,11 @@ class Reporter:
     def __init__(self, quiet: bool, verbose: bool) -> None:
         self.quiet, self.verbose = quiet, verbose
         self.console = Console(stderr=True, highlight=False, markup=False)
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        clocks = (TimeElapsedColumn(), TextColumn("left:"), TimeRemainingColumn())
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *clocks)
         self.progress = Progress(*columns, console=self.console, disable=quiet or not self.console.is_terminal)
         self.task = self.progress.add_task("meshing and preparing", total=None)
+        self.began, self.done, self.count = clock.monotonic(), 0, 0  # of solving; steps of this process; of them all
 
     def __enter__(self) -> Reporter:
         self.progress.start()
@@ -67,6 +70,7 @@ class Reporter:
 
     def _prepared(self, simulation: Simulation) -> None:
         times = simulation.scene.requested_times()
+        self.began, self.count = clock.monotonic(), len(times)
         self.progress.update(self.task, total=len(times), description="solving")
         free, points = simulation.system.constraints.free_total, simulation.stepper.cone.size
         self.line(f"{free} unknown displacements, {points} contact unknowns, {len(times)} steps")
@@ -81,14 +85,18 @@ class Reporter:
 
     def _step(self, step: StepResult) -> None:
         self.progress.advance(self.task)
+        self.done += 1
         if not self.console.is_terminal or self.verbose:
-            self.line(f"t = {step.time:g}: {step.iterations} iterations, residual {step.residual:.1e}")
+            took = (clock.monotonic() - self.began) / self.done
+            left = time_left(took * (self.count - self.done))
+            self.line(f"t = {step.time:g}: {step.iterations} iterations, residual {step.residual:.1e}{left}")
 
     def _estimate(self) -> None:
         self.progress.update(self.task, description="estimating the error of the time steps")
 
     def _resumed(self, done: int, time: float) -> None:
         self.progress.advance(self.task, done)
+        self.count -= done
         self.line(f"resumed after step {done}, t = {time:g}")
 
     def _note(self, line: str) -> None:
@@ -152,6 +160,18 @@ class Reporter:
         )
         print(f"results in {folder}: {', '.join(said)},")
         print(f"pictures {', '.join(pictures)}" if pictures else "no pictures")
+
+
+def time_left(seconds: float) -> str:
+    """What is said of the time that the steps to come will take; nothing below a minute.
+
+    >>> time_left(59.0), time_left(100.0), time_left(20_000.0)
+    ('', ', about 2 minutes left', ', about 5.6 hours left')
+    """
+    if seconds < 60:
+        return ""
+    minutes = seconds / 60
+    return f", about {minutes:.0f} minutes left" if minutes < 120 else f", about {minutes / 60:.1f} hours left"
 
 
 def listed(names: Iterable[str]) -> str:

@@ -57,29 +57,45 @@ def foreseen(simulation: Simulation, report: MeshReport) -> tuple[str, ...]:
     return (*warnings(simulation.scene), *report.warnings())
 
 
+class Onward(logging.Handler):
+    """Passes records on to whoever listens above, from the level on that the loggers have had by themselves."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        logging.getLogger().handle(record)
+
+
 class RunLog(logging.FileHandler):
     """Context in which the lines of the program's own loggers go to a file; a resumed run goes on in the same file.
 
+    A script that calls `run` hears no more of them than it has asked for: a library may have made the root speak.
     Nothing is said here of a full disk: the step that cannot be written says it.
     """
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, encoding="utf-8")
-        self._former: dict[str, int] = {}  # levels of the loggers
+        self._former: dict[str, tuple[int, bool]] = {}  # of the loggers: level, and whether they propagate
+        self._onward = Onward()
         self.setFormatter(logging.Formatter("%(asctime)s %(name)s %(levelname)s %(message)s"))
 
     def __enter__(self) -> RunLog:
         for name in LOGGERS:
             logger = logging.getLogger(name)
-            self._former[name] = logger.level
+            self._former[name] = logger.level, logger.propagate
+            if logger.propagate:
+                self._onward.setLevel(logger.getEffectiveLevel())
+                logger.addHandler(self._onward)
+                logger.propagate = False
             logger.addHandler(self)
             logger.setLevel(logging.INFO)
         return self
 
     def __exit__(self, *error: object) -> None:
         for name in LOGGERS:
-            logging.getLogger(name).removeHandler(self)
-            logging.getLogger(name).setLevel(self._former[name])
+            logger = logging.getLogger(name)
+            logger.removeHandler(self)
+            logger.removeHandler(self._onward)
+            level, logger.propagate = self._former[name]
+            logger.setLevel(level)
         with suppress(OSError):
             self.close()
 

@@ -12,7 +12,15 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from stickslip.geometry.builders import Builder
-from stickslip.geometry.errors import FolderError, GeometryError, SceneError, nearest, require, shortened
+from stickslip.geometry.errors import (
+    FolderError,
+    GeometryError,
+    Mistakes,
+    SceneError,
+    nearest,
+    require,
+    shortened,
+)
 from stickslip.geometry.keys import adapter, parse
 from stickslip.geometry.shape import Model
 from stickslip.geometry.user_files.open_file import kind_of
@@ -22,11 +30,13 @@ from stickslip.solvers.methods import Solver
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Output
 from stickslip.solvers.scene.settings import Solver as Settings
+from stickslip.workflows.scene_file.lines import located
 from stickslip.workflows.writers.writer import added_keys
 
 LARGEST = 20_000_000  # characters of a scene file
 WORD = re.compile(r"[^\[\]{}\"',]*")  # a value of --set that may be a text without quotes
 DEEPEST = 20  # tables and lists within each other
+REQUIRED = ("model", "geometry", "bodies")
 READY = Path(__file__).parents[1] / "scenes"
 
 
@@ -41,11 +51,11 @@ def read(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
         The scene: frozen, checked, with every default filled in; nothing is meshed.
 
     Raises:
-        SceneError: the file, a key or a value is wrong; one line names it and what is expected.
+        SceneError: the file, keys or values are wrong; a line for each names it and what is expected.
         GeometryError: the geometry's file is wrong.
     """
     path, data = _load(source, overrides)
-    with named(path):
+    with named(path, overrides):
         return from_dict(data, path.parent)
 
 
@@ -56,7 +66,7 @@ def read_geometry(source: str | Path, overrides: Sequence[str] = ()) -> tuple[Mo
         SceneError: either of the two is wrong or missing.
     """
     path, data = _load(source, overrides)
-    with named(path):
+    with named(path, overrides):
         _refuse_odd_values(data)
         for key in ("model", "geometry"):
             if key not in data:
@@ -87,14 +97,20 @@ def _load(source: str | Path, overrides: Sequence[str]) -> tuple[Path, dict[str,
 
 
 @contextmanager
-def named(source: str | Path) -> Iterator[None]:
-    """Context that puts the name of the scene file in front of errors of the scene."""
+def named(source: str | Path, overrides: Sequence[str] = ()) -> Iterator[None]:
+    """Context that puts the name of the scene file, and the line of the key, in front of errors of the scene.
+
+    Args:
+        overrides: those of `read`; their keys stand in no line.
+    """
     try:
         yield
     except FolderError:
         raise
     except (SceneError, GeometryError) as error:
-        raise type(error)(f"{find(source).name}: {error}") from None
+        path = find(source)
+        where = located(error.lines, path, [override.partition("=")[0].strip() for override in overrides])
+        raise type(error)(*(f"{path.name}{f':{line}' if line else ''}: {text}" for line, text in where)) from None
 
 
 def find(source: str | Path) -> Path:
@@ -131,25 +147,29 @@ def from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Scene:
     """Validate parsed TOML; `folder` is where a relative `geometry.file` begins, by default the working folder.
 
     Raises:
-        SceneError: key, what was found, what is expected, the nearest valid name.
+        SceneError: of each mistake key, what was found, what is expected, the nearest valid name.
     """
     _refuse_odd_values(data)
+    mistakes = Mistakes()
     sections = {effect.name: effect.table for effect in EFFECTS if effect.table is not None}
     core = {key: value for key, value in data.items() if key not in sections}
     known = {f.name for f in fields(Scene)} - {"sections"}
-    for key in core:
-        if key not in known:
-            raise SceneError(f"{key}: unknown key; {nearest(key, known | set(sections))}")
     kinds = kinds_of_keys()
-    if "geometry" in core:
-        kinds["geometry"], core["geometry"] = _geometry(core["geometry"], folder or Path())
     values: dict[str, Any] = {"sections": {}}
     for key, value in core.items():
-        values[key] = _output(value) if key == "output" else parse(kinds[key], value, (key,))
-    values["sections"] = {key: parse(sections[key], data[key], (key,)) for key in data if key in sections}
-    missing = [key for key in ("model", "geometry", "bodies") if key not in values]
-    if missing:
-        raise SceneError(f"{missing[0]}: missing, every scene needs it")
+        with mistakes:
+            if key not in known:
+                raise SceneError(f"{key}: unknown key; {nearest(key, known | set(sections))}")
+            if key == "geometry":
+                kinds[key], value = _geometry(value, folder or Path())
+            values[key] = _output(value) if key == "output" else parse(kinds[key], value, (key,))
+    for key in [key for key in data if key in sections]:
+        with mistakes:
+            values["sections"][key] = parse(sections[key], data[key], (key,))
+    for key in [key for key in REQUIRED if key not in core]:
+        with mistakes:
+            raise SceneError(f"{key}: missing, every scene needs it")
+    mistakes.report()
     return Scene(**values)
 
 
@@ -178,9 +198,12 @@ def _output(table: Any) -> Output:
     added, own = added_keys(), {f.name for f in fields(Output)} - {"writers"}
     if not isinstance(table, Mapping):
         table = parse(dict[str, Any], table, ("output",))  # says that a table is expected
+    mistakes = Mistakes()
     for key in table:
-        if key not in own and key not in added:
-            raise SceneError(f"output.{key}: unknown key; {nearest(key, own | set(added))}")
+        with mistakes:
+            if key not in own and key not in added:
+                raise SceneError(f"output.{key}: unknown key; {nearest(key, own | set(added))}")
+    mistakes.report()
     found: dict[str, Any] = {}
     for kind in dict.fromkeys(added.values()):
         said = [f.name for f in fields(kind) if f.name in table]

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from stickslip.geometry.errors import SceneError
+from stickslip.geometry.protocols import DataFrame
 from stickslip.geometry.user_files.child import run_child
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import disk_errors, write_aside
@@ -76,7 +77,7 @@ class Sweep:
             found.append(own | _last_row(place_of(one.folder) / "steps.csv"))
         return found
 
-    def to_pandas(self) -> Any:
+    def to_pandas(self) -> DataFrame:
         """The rows as a `pandas.DataFrame`.
 
         Raises:

@@ -1,7 +1,7 @@
 """Outputs of a run, and the formats of its files: a module here that defines a `Writer` is all it takes to add one.
 
-writer is the contract; tables and series are bases that several writers share; aside, hdf5, mesh_file, serialised,
-shapes and steps are formats, also of the run's own files; every other module is a writer.
+writer is the contract; tables and series are bases that several writers share; paraview_view is a program for ParaView
+that vtu copies; every other module is a writer.
 """
 
 from __future__ import annotations

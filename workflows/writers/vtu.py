@@ -1,7 +1,8 @@
 """fields.pvd and the folder vtu/: each step complete, one block for each body and each contact, for readers of VTK.
 
 XDMF stores nothing twice, but needs a reader of HDF5. Here a step can be taken alone, vtu/000012.vtm or one of its
-blocks, vtu/000012_body_NAME.vtu and vtu/000012_contact_NAME.vtu; each file holds its part of the mesh.
+blocks, vtu/000012_body_NAME.vtu and vtu/000012_contact_NAME.vtu; each file holds its part of the mesh. All blocks have
+the displacement, so that they warp together. paraview_view.py beside them shows the usual picture in ParaView.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Annotated, Any
 from xml.etree import ElementTree as ET  # it writes only  # nosec B405
 
@@ -17,16 +19,18 @@ import numpy as np
 from stickslip.geometry.arrays import AnyArray, Array, Ints
 from stickslip.geometry.errors import MachineError
 from stickslip.geometry.keys import Key
-from stickslip.solvers.results.step_result import StepResult
+from stickslip.solvers.results.step_result import StepResult, von_mises
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import disk_errors, make_folder, write_aside
 from stickslip.workflows.formats.own_files import own_files
 from stickslip.workflows.formats.shapes import shape_of
-from stickslip.workflows.formats.steps import StoredStep, read_step, step_name, three
+from stickslip.workflows.formats.steps import StoredStep, read_step, shown_as, step_name, three
+from stickslip.workflows.writers import paraview_view
 from stickslip.workflows.writers.series import SeriesWriter
 from stickslip.workflows.writers.writer import Keys, keys_of
 
 INDEX, FOLDER = "fields.pvd", "vtu"
+VIEW = Path(paraview_view.__file__)  # copied as it is
 OF_STEP = re.compile(r"(\d{6})[._]")  # how the names of a step's files begin
 
 
@@ -88,7 +92,7 @@ class VtuFiles(SeriesWriter):
     """A time series of multiblock data sets, with the blocks `bodies` and `contacts`."""
 
     keys = VtuKeys
-    files = (INDEX,)
+    files = (INDEX, VIEW.name)
 
     @classmethod
     def wanted(cls, scene: Scene) -> bool:
@@ -125,13 +129,15 @@ class VtuFiles(SeriesWriter):
         write_aside(folder / f"{index:06d}.vtm", _text(root))
 
     def write_index(self, steps: Sequence[tuple[int, float]]) -> None:
-        """The file that names the steps; none without a step."""
-        path = self.job.folder / INDEX
+        """The file that names the steps, and the one that shows them; none without a step."""
+        path, view = self.job.folder / INDEX, self.job.folder / VIEW.name
         if not steps:
-            if path in own_files(self.job.folder):
-                with disk_errors(path):
-                    path.unlink(missing_ok=True)
+            with disk_errors(path):
+                for file in {path, view} & set(own_files(self.job.folder)):
+                    file.unlink(missing_ok=True)
             return
+        if not view.exists():
+            write_aside(view, VIEW.read_bytes())
         root, kind = _root("Collection", "0.1")
         for index, time in steps:
             about = {"timestep": repr(float(time)), "part": "0", "file": f"{FOLDER}/{index:06d}.vtm"}
@@ -150,14 +156,29 @@ class VtuFiles(SeriesWriter):
             nodes, local = np.unique(mesh.cells[own], return_inverse=True)
             cells = local.reshape(-1, mesh.cells.shape[1])[:, shape.order]
             block = Block(three(mesh.points[nodes]), cells, shape.vtk, nodes, own)
-            yield name, block.content({"displacement": step.displacement}, at_cells)
+            stress = means_at_nodes(mesh.cells[own], step.stress[own], len(mesh.points))
+            smooth = {"nodal_stress": stress.reshape(-1, 9), "nodal_von_mises": von_mises(stress)}
+            yield name, block.content({"displacement": step.displacement, **smooth}, at_cells)
 
     def _contacts(self, step: StoredStep) -> Iterator[tuple[str, bytes]]:
         """Name and file of each; nodes and facets in the order of the surface."""
         for name, (points, facets, kind) in self.job.mesh.surfaces.items():
             shape, contact = shape_of(kind, facets), step.contacts[name]
             block = Block(three(points), facets[:, shape.order], shape.vtk, slice(None), slice(None))
-            yield name, block.content({field.name: getattr(contact, field.name) for field in fields(contact)}, {})
+            at_nodes = {shown_as(field.name): getattr(contact, field.name) for field in fields(contact)}
+            yield name, block.content(at_nodes | {"displacement": step.displacement[self.job.mesh.slaves[name]]}, {})
+
+
+def means_at_nodes(cells: Ints, values: Array, count: int) -> Array:
+    """Mean at each of `count` nodes of the values (c, 3, 3) of its cells (c, k); NaN at nodes of no cell.
+
+    >>> means_at_nodes(np.array([[0, 1], [1, 2]]), np.array([2.0, 4.0])[:, None, None] * np.eye(3), 4)[:, 0, 0]
+    array([ 2.,  3.,  4., nan])
+    """
+    at, width = cells.ravel(), cells.shape[1]
+    sums = [np.bincount(at, np.repeat(part, width), count) for part in values.reshape(len(cells), 9).T]
+    with np.errstate(invalid="ignore"):
+        return np.asarray((np.array(sums) / np.bincount(at, minlength=count)).T.reshape(count, 3, 3))
 
 
 def _root(kind: str, version: str) -> tuple[ET.Element, ET.Element]:

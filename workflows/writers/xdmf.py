@@ -12,7 +12,7 @@ from stickslip.workflows.formats.aside import make_folder, write_aside
 from stickslip.workflows.formats.hdf5 import checksum, stored_checksum, write_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_arrays
 from stickslip.workflows.formats.shapes import Shape, shape_of
-from stickslip.workflows.formats.steps import step_name
+from stickslip.workflows.formats.steps import shown_as, step_name
 from stickslip.workflows.writers.series import SeriesWriter
 from stickslip.workflows.writers.writer import Job
 
@@ -94,7 +94,7 @@ def contact_fields(name: str) -> tuple[Field, ...]:
     """Fields at the nodes of a contact surface."""
 
     def field(key: str, kind: str, number: tuple[str, str] = FLOAT) -> Field:
-        return Field(key, kind, "Node", f"{{step}}:/contacts/{name}/{key}", number)
+        return Field(shown_as(key), kind, "Node", f"{{step}}:/contacts/{name}/{key}", number)
 
     return (
         field("pressure", "Scalar"),

@@ -1,0 +1,78 @@
+"""The lines of a scene file in which its keys stand, for messages that an editor can follow."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+TOKEN = re.compile(
+    r'"""(?:\\.|[^\\])*?"{3,5}' r"|'''.*?'{3,5}" r'|"(?:\\.|[^"\\\n])*"' r"|'[^'\n]*'" r"|#[^\n]*|.", re.DOTALL
+)
+KEY = re.compile(r"[^\s:=]+")  # at the beginning of a message
+
+
+def located(messages: Sequence[str], path: Path, but: Sequence[str] = ()) -> list[tuple[int | None, str]]:
+    """Each message that begins with a dotted key, with the line of that key, or of the table that lacks it; by lines.
+
+    Args:
+        but: keys that come from elsewhere.
+    """
+    try:
+        lines = lines_of_keys(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        lines = {}
+    found = [(_line(message, lines, but), message) for message in messages]
+    return sorted(found, key=lambda each: each[0] or 0)
+
+
+def _line(message: str, lines: dict[str, int], but: Sequence[str]) -> int | None:
+    words = KEY.match(message)
+    key = words[0] if words else ""
+    while key:
+        if any(f"{key}.".startswith(f"{other}.") for other in but):
+            return None
+        if key in lines:
+            return lines[key]
+        key = key.rpartition(".")[0]
+    return None
+
+
+def lines_of_keys(text: str) -> dict[str, int]:
+    """Line of each dotted key and table of a text that is TOML; keys in one value are all in the line of its beginning.
+
+    >>> lines_of_keys('a = 1\\n[b.c]  # [d]\\nx = [\\n1,\\n2]\\ny = {z = 3}')
+    {'a': 1, 'b': 2, 'b.c': 2, 'b.c.x': 3, 'b.c.y': 6, 'b.c.y.z': 6}
+    """
+    found: dict[str, int] = {}
+    table: tuple[str, ...] = ()
+    for line, statement in _statements(text):
+        paths, head = list(_paths(tomllib.loads(statement))), statement.startswith("[")
+        for path in paths:
+            found.setdefault(".".join(path if head else (*table, *path)), line)
+        table = paths[-1] if head else table
+    return found
+
+
+def _statements(text: str) -> Iterator[tuple[int, str]]:
+    """Line and text of each table's head and each `key = value`, which goes on while a bracket is open."""
+    begin, line, depth, statement = 1, 1, 0, ""
+    for token in [*TOKEN.findall(text), "\n"]:
+        depth += (token in "[{") - (token in "]}")
+        if token == "\n" and depth == 0:
+            if statement.strip():
+                yield begin, statement.strip()
+            statement = ""
+        elif not token.startswith("#"):
+            begin = line if not statement.strip() else begin
+            statement += token
+        line += token.count("\n")
+
+
+def _paths(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """All keys in what a statement says, a table before what it holds."""
+    for name, item in value.items() if isinstance(value, dict) else ():
+        yield (*above, name)
+        yield from _paths(item, (*above, name))
