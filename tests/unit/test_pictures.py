@@ -226,10 +226,12 @@ def test_slim_bodies_many_contacts_and_no_contact(tmp_path: Path) -> None:
     draw(tmp_path / "tall", tall, pressed(tall), "tall")
     step = pressed(mesh)
     contact, surface = step.contacts["base"], mesh.surfaces["base"]
-    two = dataclasses.replace(mesh, surfaces={"a": surface, "b": surface})
+    two = dataclasses.replace(
+        mesh, surfaces={"a": surface, "b": surface}, slaves=dict.fromkeys("ab", mesh.slaves["base"])
+    )
     drawn = draw(tmp_path, two, dataclasses.replace(step, contacts={"a": contact, "b": contact}), "two")
     assert [path.name for path in drawn] == ["deformed.png", "stress_error.png", "contact_a.png", "contact_b.png"]
-    free = dataclasses.replace(mesh, surfaces={})
+    free = dataclasses.replace(mesh, surfaces={}, slaves={})
     unjudged = dataclasses.replace(step, contacts={}, stress_error=np.zeros(0))
     assert [path.name for path in draw(tmp_path, free, unjudged, "free")] == ["deformed.png"]
 

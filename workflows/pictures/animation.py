@@ -15,7 +15,6 @@ from matplotlib import colormaps
 from matplotlib.colors import Normalize, to_rgb
 from numpy.typing import NDArray
 from PIL import Image as Pillow
-from scipy.spatial import cKDTree
 
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.solvers.results.step_result import OPEN, MeshData
@@ -53,7 +52,6 @@ class Course:
     norm: Normalize  # of von Mises stress
     scale: float  # factor on displacements
     view: View
-    nodes: Mapping[str, Ints]  # nodes of the mesh, by contact surface
     touching: Array  # (k, 3) [m] points, as drawn, that are in contact at any time
 
 
@@ -64,7 +62,7 @@ def animate(folder: Path, scene: Scene, mesh: MeshData, count: int) -> Path:
         MachineError: a step's file cannot be read, or the disk is full.
     """
     indices = np.unique(np.linspace(1, count, min(count, FRAMES)).round().astype(int)).tolist()
-    course = survey(folder, scene, mesh, indices)
+    course = survey(folder, mesh, indices)
     drawn = _Film(mesh, course, " ".join(scene.title.split()))
     pictures = [Pillow.fromarray(drawn(frame)) for frame in frames(folder, mesh, indices)]
     each = min(SLOWEST, SECONDS / len(pictures))
@@ -87,9 +85,8 @@ def frames(folder: Path, mesh: MeshData, indices: list[int]) -> Iterator[Frame]:
         yield Frame(step.time, step.displacement, step.von_mises, {n: c.status for n, c in step.contacts.items()})
 
 
-def survey(folder: Path, scene: Scene, mesh: MeshData, indices: list[int]) -> Course:
+def survey(folder: Path, mesh: MeshData, indices: list[int]) -> Course:
     """Find one colour scale, one factor on displacements and one window for all frames."""
-    nodes = {name: nodes_of(mesh, name, scene.slave_and_master(name)[0].split(".")[0]) for name in mesh.surfaces}
     places, moves = [np.zeros((0, 3))], [np.zeros((0, 3))]
     solid = mesh.points.shape[1] == 3
     points = three(mesh.points)
@@ -103,7 +100,7 @@ def survey(folder: Path, scene: Scene, mesh: MeshData, indices: list[int]) -> Co
         if step.displacement.any():
             scales.append(displacement_scale(mesh, step))
         for name, contact in step.contacts.items():
-            there = nodes[name][contact.status != OPEN]
+            there = mesh.slaves[name][contact.status != OPEN]
             places.append(points[there])
             moves.append(step.displacement[there])
         seen = step.displacement @ across
@@ -114,7 +111,7 @@ def survey(folder: Path, scene: Scene, mesh: MeshData, indices: list[int]) -> Co
     window = View.around(corners @ across.T, view.right, view.up)
     # a solid's contacts are shown on a map, where they were at the start
     touching = np.concatenate(places) + (0.0 if solid else scale) * np.concatenate(moves)
-    return Course(span(np.array([highest])), scale, window, nodes, touching)
+    return Course(span(np.array([highest])), scale, window, touching)
 
 
 class _Film:
@@ -196,7 +193,7 @@ class _Film:
     def _line(self, name: str, moved: Array, status: NDArray[np.int8]) -> pv.PolyData:
         """The deformed contact line, each half of a facet in the colour of the node at its end."""
         size = float(np.ptp(self.mesh.points, axis=0).max())
-        points = moved[self.course.nodes[name]] + np.array([0.0, 0.0, 1e-2 * size])  # in front of the bodies
+        points = moved[self.mesh.slaves[name]] + np.array([0.0, 0.0, 1e-2 * size])  # in front of the bodies
         pairs = np.concatenate(
             [np.stack(pair, axis=1) for pair in pairwise(_along(self.mesh.surfaces[name][1]))]
         )  # neighbours along the facets
@@ -207,12 +204,6 @@ class _Film:
         line = pv.PolyData(ends, lines=cells.ravel())
         line.cell_data["colour"] = _colours(status)[np.concatenate([pairs[:, 0], pairs[:, 1]])]
         return line
-
-
-def nodes_of(mesh: MeshData, contact: str, body: str) -> Ints:
-    """Mesh nodes of a contact surface, on its own body: two touching bodies have nodes at the same place."""
-    own = np.unique(mesh.cells[mesh.body == mesh.bodies.index(body)])
-    return np.asarray(own[cKDTree(mesh.points[own]).query(mesh.surfaces[contact][0])[1]])
 
 
 def _along(facets: Ints) -> tuple[Ints, ...]:
