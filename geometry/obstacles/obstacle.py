@@ -10,6 +10,7 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.components import TABLE
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Choice, Key
 from stickslip.geometry.obstacles.rotation import Rotation
@@ -26,12 +27,13 @@ class Obstacle(Choice):
     tag: ClassVar[str] = "shape"
     vectors: ClassVar[tuple[str, ...]] = ()  # keys with one component an axis
 
-    displacement: Annotated[Mapping[Axis, Amplitude], Key("m", "prescribed motion by component, in time")] = field(
-        default_factory=dict
+    displacement: Annotated[Mapping[Axis, Amplitude], Key("m", "prescribed motion by component, in time"), TABLE] = (
+        field(default_factory=dict)
     )
     force: Annotated[
         Mapping[Axis, Amplitude],
         Key("N", "force on the obstacle by component, in time; it then moves freely along that axis"),
+        TABLE,
     ] = field(default_factory=dict)
     rotation: Annotated[Rotation | None, Key("-", "{ angle, point, axis }: prescribed rotation")] = None
 

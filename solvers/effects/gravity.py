@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.components import LIST
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
 from stickslip.solvers.effects.effect import Effect
@@ -21,7 +22,7 @@ from stickslip.solvers.scene.timeline import Place
 class Gravity(EffectTable):
     """Acceleration of gravity, the same in all bodies."""
 
-    acceleration: Annotated[tuple[Amplitude, ...], Key("m/s²", "by component, in time")]
+    acceleration: Annotated[tuple[Amplitude, ...], Key("m/s²", "by component, in time"), LIST]
 
     def __post_init__(self) -> None:
         for amplitude in self.acceleration:

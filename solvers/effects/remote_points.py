@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.components import TABLE
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.obstacles.obstacle import AXES, Axis
@@ -28,18 +29,18 @@ class RemotePoint(EffectTable):
         Literal["rigid", "distributing"],
         Key("-", "the side moves as a rigid body, or deforms: the point then follows its mean motion"),
     ]
-    force: Annotated[Mapping[Axis, Amplitude], Key("N", "by component, in time; plane: per metre")] = field(
+    force: Annotated[Mapping[Axis, Amplitude], Key("N", "by component, in time; plane: per metre"), TABLE] = field(
         default_factory=dict
     )
-    moment: Annotated[Mapping[Axis, Amplitude], Key("N m", "by axis, in time; plane: z, per metre")] = field(
+    moment: Annotated[Mapping[Axis, Amplitude], Key("N m", "by axis, in time; plane: z, per metre"), TABLE] = field(
         default_factory=dict
     )
-    displacement: Annotated[Mapping[Axis, Amplitude], Key("m", "rigid: prescribed, by component, in time")] = field(
-        default_factory=dict
+    displacement: Annotated[Mapping[Axis, Amplitude], Key("m", "rigid: prescribed, by component, in time"), TABLE] = (
+        field(default_factory=dict)
     )
-    rotation: Annotated[Mapping[Axis, Amplitude], Key("rad", "rigid: prescribed and small, by axis, in time")] = field(
-        default_factory=dict
-    )
+    rotation: Annotated[
+        Mapping[Axis, Amplitude], Key("rad", "rigid: prescribed and small, by axis, in time"), TABLE
+    ] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for key, motion in PAIRS.items():

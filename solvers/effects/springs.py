@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.components import LIST
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.keys import Key
 from stickslip.geometry.obstacles.rotation import unit
@@ -30,9 +31,9 @@ class Spring(EffectTable):
         float | tuple[float, ...], Key("N/m", "along direction, or by component; plane: per metre; of the full circle")
     ]
     direction: Annotated[tuple[float, ...] | None, Key("-", "of a single stiffness, of any length")] = None
-    displacement: Annotated[tuple[Amplitude, ...] | None, Key("m", "motion of the ground, by component, in time")] = (
-        None
-    )
+    displacement: Annotated[
+        tuple[Amplitude, ...] | None, Key("m", "motion of the ground, by component, in time"), LIST
+    ] = None
     acts: Annotated[Literal["both", "tension", "compression"], Key("-", "in both ways; others are refused")] = "both"
 
     def __post_init__(self) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.components import LIST, TABLE
 from stickslip.geometry.errors import SceneError, require
 from stickslip.geometry.expression import Varying, check_varying
 from stickslip.geometry.keys import Key, Noun
@@ -23,13 +24,13 @@ class Load(Noun):
     """Exactly one of traction, pressure, force."""
 
     boundary: Annotated[str, Key("-", "side, as body.side")]
-    traction: Annotated[tuple[Varying, ...] | None, Key("Pa", "force per area, by component")] = None
+    traction: Annotated[tuple[Varying, ...] | None, Key("Pa", "force per area, by component"), LIST] = None
     pressure: Annotated[
         Varying | None, Key("Pa", 'positive pushes inward; of water up to y = 2: "9810*max(2-y, 0)"')
     ] = None
-    force: Annotated[tuple[Amplitude, ...] | None, Key("N", "resultant, spread evenly; per metre in plane models")] = (
-        None
-    )
+    force: Annotated[
+        tuple[Amplitude, ...] | None, Key("N", "resultant, spread evenly; per metre in plane models"), LIST
+    ] = None
 
     def __post_init__(self) -> None:
         given = [key for key in ("traction", "pressure", "force") if getattr(self, key) is not None]
@@ -54,7 +55,7 @@ Direction = Literal["x", "y", "z", "normal"]
 class Support(Noun):
     """Prescribed displacement; components that are not named stay free."""
 
-    displacement: Annotated[Mapping[Direction, Varying], Key("m", "by component x, y, z or normal (outward)")]
+    displacement: Annotated[Mapping[Direction, Varying], Key("m", "by component x, y, z or normal (outward)"), TABLE]
     boundary: Annotated[str | None, Key("-", "side, as body.side")] = None
     point: Annotated[tuple[float, ...] | None, Key("m", "a mesh vertex lies here; instead of boundary")] = None
 

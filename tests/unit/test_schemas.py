@@ -55,6 +55,33 @@ def with_value(key: str, value: Any) -> dict[str, Any]:
     return whole
 
 
+BY_COMPONENT: tuple[tuple[str, Any, Any], ...] = (
+    ("supports.top.displacement", {"x": 0.0, "y": [[0, 0], [1, -0.1]]}, [0.0, [[0, 0], [1, -0.1]]]),
+    ("obstacles.foundation.displacement", {"x": 0.1, "y": 0.0}, [0.1, 0.0]),
+    (
+        "loads",
+        {"l": {"boundary": "block.left", "traction": {"y": 3.0}}},
+        {"l": {"boundary": "block.left", "traction": [0, 3]}},
+    ),
+    (
+        "loads",
+        {"l": {"boundary": "block.left", "force": {"x": 3.0}}},
+        {"l": {"boundary": "block.left", "force": [3, 0]}},
+    ),
+    ("gravity", {"acceleration": {"y": -9.81}}, {"acceleration": [0, -9.81]}),
+)
+
+
+@pytest.mark.parametrize(("key", "table", "listed"), BY_COMPONENT)
+def test_components_are_a_list_or_a_table(key: str, table: Any, listed: Any) -> None:
+    scenes = [with_value(key, value) for value in (table, listed)]
+    for scene in scenes:
+        scene["bodies"]["block"]["density"] = 1.0
+        assert not [*of_scenes().iter_errors(scene)]
+    one, other = map(from_dict, scenes)
+    assert one == other
+
+
 @pytest.mark.parametrize("scene", sorted(READY.glob("*.toml")), ids=lambda path: path.stem)
 def test_every_ready_scene_is_valid(scene: Path) -> None:
     errors = of_scenes().iter_errors(tomllib.loads(scene.read_text(encoding="utf-8")))

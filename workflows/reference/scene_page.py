@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.builders import Builder
+from stickslip.geometry.components import Components
 from stickslip.geometry.keys import Choice, Key, Noun
 from stickslip.geometry.user_files.user_file import Box, UserFile
 from stickslip.solvers.effects import EFFECTS
@@ -100,7 +102,10 @@ def _rows(noun: Any) -> Iterator[tuple[str, ...]]:
 
 def _row(f: Field[Any], hint: Any) -> tuple[str, ...]:
     key = next(found for found in get_args(hint)[1:] if isinstance(found, Key))
-    return f"`{f.name.rstrip('_')}`", _type_text(get_args(hint)[0]), key.unit, _default_text(f), key.meaning
+    kind = _type_text(get_args(hint)[0])
+    if any(isinstance(found, Components) for found in get_args(hint)):
+        kind = re.sub("^(list|table) of", "list or table of", kind)
+    return f"`{f.name.rstrip('_')}`", kind, key.unit, _default_text(f), key.meaning
 
 
 def _table(rows: Iterator[tuple[str, ...]]) -> Iterator[str]:
