@@ -12,6 +12,7 @@ from stickslip.solvers.results.error_parts import PARTS, ErrorParts
 
 DIGITS = 1e-6  # of a number: a smaller error is not shown
 MOST_PLACES = 6  # behind the point
+PLAIN = 1e5  # smaller numbers have no exponent
 MISSING = "*"  # behind a stated error that lacks a part
 
 
@@ -25,6 +26,8 @@ def plus_minus(value: float, error: float | None, converges: bool | None = None,
 
     >>> plus_minus(0.242957, 0.0002), plus_minus(0.242957, None, False), plus_minus(0.242957, None)
     ('0.2430 ± 0.0002', '0.24 (grows)', '0.24296')
+    >>> plus_minus(1324.0, 87.0), plus_minus(0.0, 3.0), plus_minus(2.1e7, 3e5)
+    ('1320 ± 90', '0 ± 3', '(2.10 ± 0.03)e+07')
     """
     if converges is False:
         return f"{value:.2g} (grows)"
@@ -34,8 +37,11 @@ def plus_minus(value: float, error: float | None, converges: bool | None = None,
     last = math.floor(math.log10(float(f"{error:.0e}")))  # place of its only digit
     if 0 < -last <= MOST_PLACES:
         return f"{value:.{-last}f} ± {error:.{-last}f}{star}"
-    places = max(math.floor(math.log10(abs(value))) - last, 0) if value else 0
-    return f"{value:.{places}e} ± {error:.0e}{star}" if value else f"0 ± {error:.0e}{star}"
+    if last >= 0 and max(abs(value), error) < PLAIN:
+        return f"{round(value / 10**last) * 10**last} ± {round(error / 10**last) * 10**last}{star}"
+    power = math.floor(math.log10(max(abs(value), error)))
+    places = max(power - last, 0)
+    return f"({value / 10**power:.{places}f} ± {error / 10**power:.{places}f}){f'{10**power:.0e}'[1:]}{star}"
 
 
 def missing(parts: ErrorParts) -> list[str]:

@@ -17,6 +17,7 @@ import typer
 from PIL import Image
 
 from stickslip import VERSION
+from stickslip.workflows.formats.plus_minus import plus_minus
 from stickslip.workflows.scene_file.read import READY
 
 ROOT = Path(__file__).absolute().parents[3]
@@ -98,11 +99,9 @@ def amount(value: float, error: dict[str, Any]) -> str:
     """A number with its error.
 
     >>> amount(0.03214, {"total": 0.0001, "converges": True}), amount(2.0, {"total": None, "converges": False})
-    ('0.03214 ± 0.0001', '2 (grows as the mesh is refined)')
+    ('0.0321 ± 0.0001', '2 (grows as the mesh is refined)')
     """
-    if not error["converges"]:
-        return f"{value:.3g} (grows as the mesh is refined)"
-    return f"{value:.4g}" + ("" if error["total"] is None else f" ± {error['total']:.1g}")
+    return plus_minus(value, error["total"], error["converges"]).replace("(grows)", "(grows as the mesh is refined)")
 
 
 def page(name: str, fact: dict[str, Any], result: dict[str, Any]) -> str:
