@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 import stickslip as s
 from stickslip.geometry.errors import LONGEST_LINE, SceneError, nearest, require
 from stickslip.solvers.laws.friction import Coulomb
+from stickslip.workflows.scene_file.lines import lines_of_keys
 from stickslip.workflows.scene_file.read import from_dict, read
 
 
@@ -143,3 +145,22 @@ def test_a_mesh_that_does_not_fit_is_refused_with_what_it_needs() -> None:
         SceneError, match=r"^mesh_size = 0.005: makes about 6.4e\+05 cells; gmsh would take about 0.96 GB"
     ):
         geometry.refuse_too_large(request, free=1e8)
+
+
+def test_lines_of_keys_are_found_beside_texts_comments_and_brackets() -> None:
+    text = (
+        '\ntitle = """a\n "b" # no\n"""\n'  # from line 2
+        "s = '''\nx = [\n'''\n"  # 5
+        'b = "]#"  # ]\n'  # 8
+        "[t]\nc = [ # [\n 1,\n]\n"  # 9, 10
+        "d = '['\n\"p.q\" = { r = 1 }\n"  # 13, 14
+    )
+    expected = {"title": 2, "s": 5, "b": 8, "t": 9, "t.c": 10, "t.d": 13, "t.p.q": 14, "t.p.q.r": 14}
+    assert lines_of_keys(text) == expected
+    assert lines_of_keys("[a]\nt = [" + "[0, 1],\n" * 10_000 + "]\nz = 1\n")["a.z"] == 10_003
+
+
+def test_keys_that_are_too_deep_have_no_line(tmp_path: Path) -> None:
+    (tmp_path / "deep.toml").write_text("a." * 3000 + "a = 1\n")
+    with pytest.raises(SceneError, match=r"^deep\.toml: a\.a\..*more than 20 deep"):
+        read(tmp_path / "deep.toml")

@@ -128,7 +128,7 @@ def test_the_nodes_of_a_contact_move_with_its_body_in_a_real_mesh(tmp_path: Path
 
 @pytest.mark.parametrize(("flat", "opacity"), [(True, None), (False, 0.4)])
 def test_the_macro_asks_paraview_for_the_usual_view(flat: bool, opacity: float | None) -> None:
-    """It was tried with ParaView 5.11; here its calls are recorded."""
+    """It was tried with pvpython of ParaView 5.11; here its calls are recorded."""
     pv, source = MagicMock(), MagicMock(TimestepValues=[0.5, 1.0])
     source.GetDataInformation().GetBounds.return_value = (0.0, 3.0, 0.0, 4.0, 0.0, 0.0 if flat else 12.0)
     source.PointData["displacement"].GetRange.return_value = (0.0, 0.5)

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-TOKEN = re.compile(
-    r'"""(?:\\.|[^\\])*?"{3,5}' r"|'''.*?'{3,5}" r'|"(?:\\.|[^"\\\n])*"' r"|'[^'\n]*'" r"|#[^\n]*|.", re.DOTALL
+TOKEN = re.compile(  # a text, a comment, a bracket or an end of line, or what lies between
+    r'''"""(?:\\.|[^\\])*?"{3,5}|"(?:\\.|[^"\\\n])*"|'{3}.*?'{3,5}|'[^'\n]*'|#[^\n]*|[^"'#\[\]{}\n]+|.''', re.DOTALL
 )
 KEY = re.compile(r"[^\s:=]+")  # at the beginning of a message
 
@@ -22,7 +22,7 @@ def located(messages: Sequence[str], path: Path, but: Sequence[str] = ()) -> lis
     """
     try:
         lines = lines_of_keys(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):  # the message says it
         lines = {}
     found = [(_line(message, lines, but), message) for message in messages]
     return sorted(found, key=lambda each: each[0] or 0)
@@ -49,7 +49,7 @@ def lines_of_keys(text: str) -> dict[str, int]:
     found: dict[str, int] = {}
     table: tuple[str, ...] = ()
     for line, statement in _statements(text):
-        paths, head = list(_paths(tomllib.loads(statement))), statement.startswith("[")
+        paths, head = list(_paths(tomllib.loads(statement))), statement.lstrip().startswith("[")
         for path in paths:
             found.setdefault(".".join(path if head else (*table, *path)), line)
         table = paths[-1] if head else table
@@ -58,16 +58,16 @@ def lines_of_keys(text: str) -> dict[str, int]:
 
 def _statements(text: str) -> Iterator[tuple[int, str]]:
     """Line and text of each table's head and each `key = value`, which goes on while a bracket is open."""
-    begin, line, depth, statement = 1, 1, 0, ""
-    for token in [*TOKEN.findall(text), "\n"]:
+    begin, line, depth, parts = 1, 1, 0, list[str]()
+    for token in (found[0] for found in TOKEN.finditer(f"{text}\n")):
         depth += (token in "[{") - (token in "]}")
         if token == "\n" and depth == 0:
-            if statement.strip():
-                yield begin, statement.strip()
-            statement = ""
-        elif not token.startswith("#"):
-            begin = line if not statement.strip() else begin
-            statement += token
+            if parts:
+                yield begin, "".join(parts)
+            parts = []
+        elif not token.startswith("#") and (parts or not token.isspace()):
+            begin = begin if parts else line
+            parts.append(token)
         line += token.count("\n")
 
 
