@@ -92,7 +92,7 @@ def _lines(found: Found, command: str) -> Iterator[str]:
         " taken out. *Differ*: counters of the table below, or bits of displacements and tractions, that are not the"
         " same. *Asked*: calls of Python functions that are left out without it: they ask whether it is on. *Idle*:"
         " calls of files that serve it alone, by all of stickslip's in the run: they find nothing to do. *Seconds*: of"
-        f" the processor with it, by those without it, medians of {REPEATS} pairs, and of them that of the scenes. Of all"
+        f" the processor with it, by those without it, medians of {REPEATS} pairs, then of the scenes. Of all"
         f" pairs half lie within {seconds[0]:.3f} and {seconds[2]:.3f}, their median is {seconds[1]:.3f}; those of a"
         f" scene and itself within {itself[0]:.3f} and {itself[2]:.3f}, {itself[1]:.3f}."
     )
