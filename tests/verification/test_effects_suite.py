@@ -39,6 +39,18 @@ def names() -> set[str]:
     return {effect.name for effect in registry.EFFECTS}
 
 
+def test_the_plan_says_what_each_effect_and_law_adds() -> None:
+    of_laws = {"unilateral", "compliance", "bilateral", "tied"}  # the row of the law; contact has their words
+    for name, part in EFFECTS.items():
+        tables = {**SCENES[part.base], **part.calls}
+        assert name in of_laws or {row.effect: row.adds for row in plan_rows(from_dict(tables))}[name]
+    for name, part in LAWS.items():
+        rows = {row.effect: row.adds for row in plan_rows(from_dict({**SCENES[part.base], **part.calls}))}
+        assert rows["friction"].startswith(f"{name}: ")
+        assert ("again until mu" in rows["friction"]) == (name in ("slip_dependent", "static_kinetic"))
+        assert ("along its directions" in rows["friction"]) == name.startswith("orthotropic")
+
+
 def test_every_effect_and_every_law_has_a_scene_that_calls_for_it() -> None:
     assert set(EFFECTS) == names()
     assert set(LAWS) == {law.law for law in FrictionLaw.kinds}
