@@ -48,6 +48,17 @@ def test_every_node_of_a_rigid_side_moves_as_prescribed() -> None:
     assert_allclose(point.displacement, [case.PULLED, 0.0], atol=1e-15)
 
 
+def test_rotations_of_bodies_of_any_size_are_prescribed() -> None:
+    """A side's motions have two units, whose ratio grows with the bodies."""
+    length = 1e11
+    size = {"builder": "block", "length": length, "height": length, "mesh_size": 0.5 * length}
+    given = {"boundary": "block.right", "point": [length, 0.5 * length], "coupling": "rigid"}
+    given |= {"displacement": {"x": 0.0, "y": 0.0}, "rotation": {"z": 1e-3}}
+    (step,) = prepare(scene({"p": given}, geometry=size)).steps()
+    assert_allclose(step.remote_points["p"].rotation, 1e-3, rtol=1e-8)
+    assert_allclose(step.remote_points["p"].displacement, 0.0, atol=1e-12 * length)
+
+
 def test_what_is_free_of_a_rigid_side_follows_what_is_prescribed() -> None:
     """Turned by a moment with x prescribed at an arm: as the same side under the reaction that is reported."""
     _, one = solved(scene(end(displacement={"x": 1e-3}, force={"y": FY}, moment={"z": MZ})))
