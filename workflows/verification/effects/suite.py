@@ -29,7 +29,7 @@ from stickslip.workflows.scene_file.read import from_dict, read
 from stickslip.workflows.verification.effects.parts import EFFECTS, LAWS, SCENES, Part, Tables
 
 ROOT = Path(stickslip.__file__).parent
-REPEATS = 5  # pairs of runs whose seconds are compared
+REPEATS = 3  # pairs of runs whose seconds are compared
 
 
 @dataclass(frozen=True, kw_only=True)
