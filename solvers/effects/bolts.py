@@ -76,5 +76,11 @@ class _Bolts(Effect):
     name = "bolts"
     table = Mapping[str, Bolt]
 
+    def adds(self, scene: Scene) -> str:
+        bolts = [link for link in scene.links() if link.table == self.name]
+        found = sum(link.tension is not None for link in bolts)
+        more = f"; {found} tightened by force: such a step is solved twice and more often" if found else ""
+        return f"{len(bolts)} spring{'s' * (len(bolts) > 1)} in the stiffness{more}"
+
 
 EFFECT = _Bolts()

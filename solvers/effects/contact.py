@@ -15,6 +15,9 @@ class _Contact(Effect):
     def because(self, scene: Scene) -> str | None:
         return ", ".join(f"contacts.{name}" for name in scene.contacts) or None
 
+    def adds(self, scene: Scene) -> str:
+        return "a problem on the surface, one row a point"
+
 
 class _Law(Effect):
     """Active if a contact has a law of the given kind under `key`, which is `normal` or `friction`."""
@@ -27,8 +30,23 @@ class _Law(Effect):
         return ", ".join(f"contacts.{name}.{self.key}" for name in of_kind) or None
 
 
+class _Friction(_Law):
+    """What each law costs beside Coulomb's."""
+
+    def adds(self, scene: Scene) -> str:
+        friction = [contact.friction for contact in scene.contacts.values() if contact.friction is not None]
+        laws = {getattr(law, law.tag): law for law in friction}
+        rows = f"{scene.dim - 1} row{'s' * (scene.dim > 2)} a point"
+        return "; ".join(f"{name}: {rows}{_more(law)}" for name, law in laws.items())
+
+
+def _more(law: FrictionLaw) -> str:
+    again = ", each step again until mu is that of its slip" if law.remembers else ""
+    return again + (", measured along its directions" if law.orthotropic else "")
+
+
 EFFECTS = (
     _Contact(),
     *(_Law(get_args(get_type_hints(law)["law"])[0], "normal", law) for law in NormalLaw.kinds),
-    _Law("friction", "friction", FrictionLaw),
+    _Friction("friction", "friction", FrictionLaw),
 )

@@ -32,6 +32,18 @@ class Effect(ABC):
         named = [name for section, name in scene.effect_tables() if section == self.name]
         return ", ".join(f"{self.name}.{name}" if name else self.name for name in named) or None
 
+    def adds(self, scene: Scene) -> str:
+        """What the effect adds to the problem of a scene that calls for it, and what that costs, for the plan."""
+        kind, plain = type(self), Effect
+        overridden = {
+            "a load": kind.loads is not plain.loads,
+            "an initial strain, which is a load and a part of the stress": (
+                kind.initial_strains is not plain.initial_strains
+            ),
+            "entries of the stiffness": self.stiffens,
+        }
+        return ", ".join(words for words, so in overridden.items() if so)
+
     def loads(self, problem: Problem, weak: WeakForms) -> Iterable[LoadTerm]:
         """Loads on the bodies; they enter the equilibrium, the external work and the audit."""
         return ()

@@ -11,6 +11,10 @@ class MeanDilatationEffect(Effect):
 
     name = "mean_dilatation"
 
+    def adds(self, scene: Scene) -> str:
+        more = 6 if scene.dim == 2 else 15
+        return f"nodes two cells apart are coupled: up to {more} times the entries of the stiffness"
+
     def because(self, scene: Scene) -> str | None:
         if scene.model == "plane stress":
             return None

@@ -39,5 +39,8 @@ class _Periodic(Effect):
     name = "periodic"
     table = Mapping[str, Periodic]
 
+    def adds(self, scene: Scene) -> str:
+        return "no unknowns on the one side, which follows the other"
+
 
 EFFECT = _Periodic()

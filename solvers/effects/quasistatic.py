@@ -9,6 +9,9 @@ from stickslip.solvers.scene.scene import Scene
 class _Quasistatic(Effect):
     name = "quasistatic"
 
+    def adds(self, scene: Scene) -> str:
+        return "steps with one factor of the stiffness"
+
     def because(self, scene: Scene) -> str | None:
         times = scene.requested_times()
         return f"steps: {len(times)} times are requested" if len(times) > 1 else None

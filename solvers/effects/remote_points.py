@@ -93,5 +93,11 @@ class _RemotePoints(Effect):
     name = "remote_points"
     table = Mapping[str, RemotePoint]
 
+    def adds(self, scene: Scene) -> str:
+        rigid = sum(coupling.rigid for coupling in scene.couplings())
+        spread = len(scene.couplings()) - rigid
+        words = [f"{rigid} rigid: the nodes of the side move as one, fewer unknowns"] * bool(rigid)
+        return "; ".join([*words, *[f"{spread} distributing: a load"] * bool(spread)])
+
 
 EFFECT = _RemotePoints()

@@ -9,6 +9,9 @@ from stickslip.solvers.scene.scene import Scene
 class _Sliding(Effect):
     name = "sliding"
 
+    def adds(self, scene: Scene) -> str:
+        return "search and integrals again in each step"
+
     def because(self, scene: Scene) -> str | None:
         return ", ".join(f"contacts.{name}.sliding" for name, c in scene.contacts.items() if c.sliding) or None
 

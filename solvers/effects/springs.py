@@ -91,5 +91,9 @@ class _Springs(Effect):
     name = "springs"
     table = Mapping[str, Spring]
 
+    def adds(self, scene: Scene) -> str:
+        rows = sum(len(link.stiffness) for link in scene.links() if link.table == self.name)
+        return f"{rows} spring{'s' * (rows > 1)} in the stiffness, which couple all nodes of a side with each other"
+
 
 EFFECT = _Springs()

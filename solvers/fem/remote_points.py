@@ -60,8 +60,19 @@ class RemotePoint:
         return np.asarray(np.linalg.norm(self.fields, axis=(0, 1)) / np.sqrt(len(self.nodes)))
 
     @cached_property
+    def _rows(self) -> Array:
+        """D (r, k), of z in its units."""
+        return np.array([row.direction for row in self.rows]).reshape(-1, self.fields.shape[2])
+
+    @cached_property
+    def _sizes(self) -> Array:
+        """(r,) of the rows of D, which have units of their own too: that of a rotation is 1 / length."""
+        sizes = np.linalg.norm(self._rows / self._scale, axis=1)
+        return np.where(sizes > 0, sizes, 1.0)  # around an axis no motion of the side is radial
+
+    @cached_property
     def _directions(self) -> Array:
-        return np.array([row.direction for row in self.rows]).reshape(-1, self.fields.shape[2]) / self._scale
+        return self._rows / self._scale / self._sizes[:, None]
 
     @cached_property
     def free(self) -> Array:
@@ -88,7 +99,7 @@ class RemotePoint:
         Raises:
             SceneError: what is prescribed contradicts itself.
         """
-        wanted = self.wanted(course, time)
+        wanted = self.wanted(course, time) / self._sizes
         z = np.linalg.pinv(self._directions, rcond=SMALL) @ wanted if self.rows else np.zeros(len(self._scale))
         if np.any(np.abs(self._directions @ z - wanted) > SMALL * np.abs(wanted).max(initial=0.0)):
             key = self.coupling.key
@@ -99,11 +110,11 @@ class RemotePoint:
     def multipliers(self, forces: Array) -> Array:
         """Force (r,) of each row, from the forces out of balance (n, d) [N] at the nodes."""
         pulled = np.einsum("nd,ndk->k", forces, self.fields) / self._scale
-        return np.linalg.pinv(self._directions.T, rcond=SMALL) @ pulled if self.rows else np.zeros(0)
+        return np.linalg.pinv(self._directions.T, rcond=SMALL) @ pulled / self._sizes if self.rows else np.zeros(0)
 
     def motion_of(self, modes: Array) -> Array:
         """D z (r, c) of displacement fields (n, d, c) of the nodes that are rigid."""
-        return self._directions * self._scale @ np.tensordot(self.weights, modes, 2)
+        return self._rows @ np.tensordot(self.weights, modes, 2)
 
     def left(self, modes: Array) -> Array:
         """(n d, c) what a rigid side lets not move of displacement fields (n, d, c) of its nodes."""

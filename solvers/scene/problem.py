@@ -23,6 +23,7 @@ class PlanRow:
     effect: str
     on: bool
     because: str
+    adds: str = ""  # what it adds to the problem, and what that costs
 
 
 @dataclass(frozen=True, kw_only=True)

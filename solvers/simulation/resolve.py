@@ -47,6 +47,11 @@ def resolve(scene: Scene) -> Problem:
 
 
 def plan_rows(scene: Scene) -> tuple[PlanRow, ...]:
-    """One row for each known effect: whether it is on, and the scene key that switches it on."""
-    because = [(effect.name, effect.because(scene)) for effect in EFFECTS]
-    return tuple(PlanRow(effect=name, on=bool(key), because=key or "not in the scene") for name, key in because)
+    """One row for each known effect: whether it is on, the scene key that switches it on, what it adds."""
+    because = [(effect, effect.because(scene)) for effect in EFFECTS]
+    return tuple(
+        PlanRow(effect=effect.name, on=True, because=key, adds=effect.adds(scene))
+        if key
+        else PlanRow(effect=effect.name, on=False, because="not in the scene")
+        for effect, key in because
+    )

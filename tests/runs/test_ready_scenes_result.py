@@ -84,7 +84,7 @@ FORMAT_1: Json = {
     "method": lambda value: is_text(value) and value != "auto",
     "dofs": is_count,
     "contact_points": is_count,
-    "plan": [{"effect": is_text, "on": is_truth, "because": is_text}],
+    "plan": [{"effect": is_text, "on": is_truth, "because": is_text, "adds": lambda value: isinstance(value, str)}],
     "steps": [
         {
             "time": is_number,

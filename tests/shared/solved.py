@@ -17,6 +17,7 @@ COARSER = 2.5  # times the mesh sizes of the ready scenes: what is tested holds 
 SIZES = ("mesh_size", "contact_mesh_size", "lower_mesh_size", "inner_mesh_size")
 FEWER = {  # steps, of scenes that have many for the accuracy of their dissipation
     "axisymmetric": 4,
+    "dam": 12,
     "half_ball": 2,
     "half_disc": 8,
     "half_space": 4,
@@ -66,7 +67,7 @@ def coarse(name: str) -> list[str]:
     assert contact is not None
     alone = support is None or contact.against in scene.obstacles  # else another body may reach over the contact side
     side = contact.surface if alone else support.boundary
-    corner = scene.geometry.sample(side, scene.dim)[0][0].tolist()
+    corner = list(support.point) if side is None else scene.geometry.sample(side, scene.dim)[0][0].tolist()
     return [
         *([f"steps.count={FEWER[name]}"] if name in FEWER else []),
         *(f"geometry.{key}={COARSER * size}" for key, size in sizes.items() if size is not None),

@@ -15,32 +15,12 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan, planned
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.cases import beam as case
+from stickslip.workflows.verification.cases.beam import ARM, FX, FY, LENGTH, MZ, E, end, scene
+from stickslip.workflows.verification.check import failures
 from stickslip.workflows.verification.prepared import prepare
 
-E, LENGTH, ARM = 1000.0, 10.0, 2.0
-FX, FY, MZ = 0.02, 0.01, 0.03
 MU = {"law": "coulomb", "mu": 0.3}
-
-
-def scene(points: dict[str, Any], model: str = "plane strain", order: int = 1, **tables: Any) -> Scene:
-    """A bar 10 x 1 (x 1), nu = 0; its left end is held."""
-    size = {"length": LENGTH, "height": 1.0, "mesh_size": 0.5, "order": order}
-    axes = "xyz" if model == "3d" else "xy"
-    data = {
-        "model": model,
-        "geometry": {"builder": "block", **size, **({"width": 1.0} if model == "3d" else {})},
-        "bodies": {"block": {"E": E, "nu": 0.0, "density": 1.0}},
-        "supports": {"left": {"boundary": "block.left", "displacement": dict.fromkeys(axes, 0.0)}},
-        "remote_points": points,
-    }
-    return from_dict(data | tables)
-
-
-def end(model: str = "plane strain", coupling: str = "rigid", **given: Any) -> dict[str, Any]:
-    """A point beyond the right end, on the bar's axis."""
-    across = [0.5, 0.5] if model == "3d" else [0.5]
-    return {"p": {"boundary": "block.right", "point": [LENGTH + ARM, *across], "coupling": coupling, **given}}
 
 
 def solved(scene: Scene, tolerance: float = 1e-9) -> tuple[Simulation, StepResult]:
@@ -51,40 +31,32 @@ def solved(scene: Scene, tolerance: float = 1e-9) -> tuple[Simulation, StepResul
     return simulation, step
 
 
-@pytest.mark.parametrize("coupling", ["rigid", "distributing"])
-@pytest.mark.parametrize("model", ["plane strain", "3d"])
-def test_a_force_beside_a_beam_bends_and_pulls_it(model: str, coupling: str) -> None:
-    """Bernoulli's beam with Timoshenko's shear, under a force and a moment at an arm; order 2 is nearly exact."""
-    up, about = ("z", "y") if model == "3d" else ("y", "z")
-    turn = -1.0 if model == "3d" else 1.0  # x towards z turns about -y
-    given = {"force": {"x": FX, up: FY}, "moment": {about: turn * MZ}}
-    _, step = solved(scene(end(model, coupling, **given), model, order=2), 1e-8)
-    bend, shear = E / 12, 5 / 6 * E / 2
-    moment = MZ + FY * ARM
-    slope = FY * LENGTH**2 / (2 * bend) + moment * LENGTH / bend
-    sag = FY * LENGTH**3 / (3 * bend) + moment * LENGTH**2 / (2 * bend) + FY * LENGTH / shear
-    point, last = step.remote_points["p"], -1 if model == "3d" else 1
-    assert_allclose(point.displacement[[0, last]], [FX * LENGTH / E, sag + ARM * slope], rtol=2e-3)
-    assert_allclose(np.abs(point.rotation).max(), slope, rtol=2e-3)
-    assert_allclose(step.supports["left"].force[[0, last]], [-FX, -FY], rtol=1e-8)
-    assert_allclose([point.force[0], point.force[last]], [FX, FY], rtol=1e-12)
+def test_a_beam_bends_and_turns_as_its_end_is_loaded_or_driven() -> None:
+    for simulation, step, checks in case.problems():
+        assert not failures(checks)
+        assert step.energy.external == pytest.approx(step.energy.stored, rel=1e-8)
+        assert max(audit(simulation, step).values()) < 1e-8
+        assert values(step)["remote_point.p.force.x"] == step.remote_points["p"].force[0]
 
 
-def test_a_rigid_side_moves_as_prescribed_and_states_its_reaction() -> None:
-    """Pulled by u, turned by w about its end's centre: N = E u / L, M = 4 E I w / L, Q = 6 E I w / L²."""
-    given = {"displacement": {"x": 1e-3, "y": 0.0}, "rotation": {"z": 2e-3}}
-    simulation, step = solved(scene({"p": {**end(**given)["p"], "point": [LENGTH, 0.5]}}, order=2))
-    point, right = step.remote_points["p"], simulation.data.points[:, 0] > LENGTH - 1e-9
-    x, moved = simulation.data.points[right], step.displacement[right]
-    assert_allclose(moved, np.stack([1e-3 - 2e-3 * (x[:, 1] - 0.5), 0 * x[:, 1]], axis=1), atol=1e-15)
-    assert_allclose(point.displacement, [1e-3, 0.0], atol=1e-15)
-    assert_allclose(point.rotation, [2e-3], rtol=1e-10)
-    soft = 12 * (E / 12) / (5 / 6 * E / 2 * LENGTH**2)  # share of shear
-    bend = E / 12 * 2e-3 / LENGTH / (1 + soft)
-    assert_allclose(point.force, [E * 1e-3 / LENGTH, -6 * bend / LENGTH], rtol=2e-3)
-    assert_allclose(point.moment, [(4 + soft) * bend], rtol=2e-3)
-    assert_allclose(point.force, -step.supports["left"].force, rtol=1e-8)
-    assert values(step)["remote_point.p.force.x"] == point.force[0]
+def test_every_node_of_a_rigid_side_moves_as_prescribed() -> None:
+    simulation, step, _ = case.driven()
+    right = simulation.data.points[:, 0] > LENGTH - 1e-9
+    y, point = simulation.data.points[right, 1], step.remote_points["p"]
+    exact = np.stack([case.PULLED - case.TURNED * (y - 0.5), 0 * y], axis=1)
+    assert_allclose(step.displacement[right], exact, atol=1e-15)
+    assert_allclose(point.displacement, [case.PULLED, 0.0], atol=1e-15)
+
+
+def test_rotations_of_bodies_of_any_size_are_prescribed() -> None:
+    """A side's motions have two units, whose ratio grows with the bodies."""
+    length = 1e11
+    size = {"builder": "block", "length": length, "height": length, "mesh_size": 0.5 * length}
+    given = {"boundary": "block.right", "point": [length, 0.5 * length], "coupling": "rigid"}
+    given |= {"displacement": {"x": 0.0, "y": 0.0}, "rotation": {"z": 1e-3}}
+    (step,) = prepare(scene({"p": given}, geometry=size)).steps()
+    assert_allclose(step.remote_points["p"].rotation, 1e-3, rtol=1e-8)
+    assert_allclose(step.remote_points["p"].displacement, 0.0, atol=1e-12 * length)
 
 
 def test_what_is_free_of_a_rigid_side_follows_what_is_prescribed() -> None:

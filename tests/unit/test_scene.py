@@ -151,6 +151,7 @@ def test_the_plan_switches_on_what_the_scene_contains_and_says_why(scene_of: Sce
     assert rows["contact"].because == "contacts.base"
     assert rows["unilateral"].because == "contacts.base.normal"
     assert rows["gravity"].because == "not in the scene"
+    assert (rows["contact"].adds, rows["gravity"].adds) == ("a problem on the surface, one row a point", "")
 
 
 WRONG: list[tuple[dict[str, Any], str]] = [

@@ -2,113 +2,44 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 
 import stickslip
 from shared.audited import audit
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.error_parts import Quantity
 from stickslip.solvers.results.quantities import values
-from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan, planned
-from stickslip.workflows.scene_file.read import from_dict
+from stickslip.workflows.verification.cases.springs import AREA, CORNERS, K, alone, between, floor, pressed, scene
+from stickslip.workflows.verification.check import failures
 from stickslip.workflows.verification.prepared import prepare
-
-E, K, MOVED = 1000.0, 300.0, -0.02
-
-
-def scene(springs: dict[str, Any], model: str = "plane strain", order: int = 1, **tables: Any) -> Scene:
-    """A block 2 x 1 (x 0.5), nu = 0."""
-    shape = {"builder": "block", "length": 2.0, "height": 1.0, "mesh_size": 0.5, "order": order}
-    data = {
-        "model": model,
-        "geometry": shape | ({"width": 0.5} if model == "3d" else {}),
-        "bodies": {"block": {"E": E, "nu": 0.0, "density": 1.0}},
-        "springs": springs,
-    }
-    return from_dict(data | tables)
-
-
-AREA = {"plane strain": 2.0, "3d": 1.0, "axisymmetric": np.pi * 4.0}
-
-
-def floor(model: str) -> dict[str, Any]:
-    """A floor under the block, and supports that keep it from sliding."""
-    up = [0.0, 0.0, 1.0] if model == "3d" else [0.0, 1.0]
-    sides = {"left": "x", "front": "y"} if model == "3d" else {"left": "x"} if model == "plane strain" else {}
-    return {
-        "obstacles": {"floor": {"shape": "plane", "point": [0.0] * len(up), "normal": up}},
-        "contacts": {"base": {"surface": "block.bottom", "against": "floor"}},
-        "supports": {side: {"boundary": f"block.{side}", "displacement": {axis: 0.0}} for side, axis in sides.items()},
-    }
 
 
 @pytest.mark.parametrize("surface", ["condensed", "matrix-free"])
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("model", [*AREA])
-def test_a_spring_presses_a_column_on_the_floor(model: str, order: int, surface: str) -> None:
-    """In series: k E A/h / (k + E A/h) times the motion of the ground."""
-    down, moved = ([0.0] * (model == "3d") + [0.0, value] for value in (-2.0, MOVED))
-    springs = {"s": {"at": "block.top", "stiffness": K, "direction": down, "displacement": moved}}
-    solver = {"method": "surface-uzawa", "surface": surface}
-    simulation = prepare(scene(springs, model, order, **floor(model), solver=solver))
-    (step,) = simulation.steps()
-    column = E * AREA[model]
-    force = -MOVED * K * column / (K + column)
-    assert_allclose(values(step)[f"spring.s.force.{'z' if model == '3d' else 'y'}"], -force, rtol=1e-6)
-    assert_allclose(step.contacts["base"].normal_force, force, rtol=1e-6)
-    assert step.energy.stored == pytest.approx(-force * MOVED / 2, rel=1e-6)
-    assert step.energy.external == pytest.approx(step.energy.stored, rel=1e-6)
+def test_a_spring_presses_a_column_on_the_floor(model: str, order: Literal[1, 2], surface: str) -> None:
+    simulation, step, checks = pressed(model, order, "surface-uzawa", surface)
+    assert not failures(checks)
     assert max(audit(simulation, step).values()) < 1e-6
+    along = "z" if model == "3d" else "y"
+    assert values(step)[f"spring.s.force.{along}"] == step.springs["s"].force[-1]
 
 
-def test_springs_alone_hold_a_body() -> None:
-    """Statics: three springs at two corners carry the weight, whose line is 1.0 m from either."""
-    corners: dict[str, Any] = {
-        "a": {"at": [0.0, 0.0], "stiffness": [K, K]},
-        "b": {"at": [2.0, 0.0], "stiffness": 2 * K, "direction": [0.0, 1.0]},
-    }
-    assert planned(scene(corners)).rigid_modes.shape == (3, 0)
-    for order in (1, 2):
-        simulation = prepare(scene(corners, order=order, gravity={"acceleration": [3.0, -2.0]}))
-        (step,) = simulation.steps()
-        # moments about the first corner: 2 b = 4 * 1.0 + 6 * 0.5
-        assert_allclose(step.springs["b"].force, [0.0, 3.5], atol=1e-9)
-        assert_allclose(step.springs["a"].force, [-6.0, 0.5], atol=1e-9)
-        assert step.energy.external == pytest.approx(step.energy.stored, rel=1e-10)
-        assert max(audit(simulation, step).values()) < 1e-10
+def test_springs_hold_a_body_and_pull_on_two() -> None:
+    assert planned(scene(CORNERS)).rigid_modes.shape == (3, 0)
+    for simulation, step, checks in (alone(1), alone(2), between()):
+        assert not failures(checks)
+        assert max(audit(simulation, step).values()) < 1e-9
 
 
 def test_a_mean_resists_no_rotation_about_its_centre() -> None:
     """One spring under the whole base holds it up, not upright."""
     with pytest.raises(SceneError, match=r"supports: nothing resists the rotation"):
         make_plan(scene({"s": {"at": "block.bottom", "stiffness": [K, K]}}))
-
-
-def test_a_spring_between_two_bodies_pulls_on_both() -> None:
-    """Columns of heights .5 and 1 and a spring between them, apart by MOVED: all in series."""
-    tables: dict[str, Any] = {
-        "model": "plane strain",
-        "geometry": {"builder": "two_blocks", "mesh_size": 0.25, "length": 1.0, "height": 1.0, "lower_height": 0.5},
-        "bodies": {"lower": {"E": E, "nu": 0.0}, "upper": {"E": 2 * E, "nu": 0.0}},
-        "supports": {
-            "foot": {"boundary": "lower.bottom", "displacement": {"x": 0.0, "y": 0.0}},
-            "head": {"boundary": "upper.top", "displacement": {"x": 0.0, "y": -MOVED}},
-        },
-        "springs": {"s": {"at": "upper.bottom", "to": "lower.top", "stiffness": [0.0, K]}},
-        "contacts": {"pair": {"surface": "upper.bottom", "against": "lower.top"}},
-    }
-    simulation = prepare(from_dict(tables))
-    (step,) = simulation.steps()
-    force = -MOVED / (1 / K + 0.5 / E + 1 / (2 * E))
-    assert_allclose(step.springs["s"].force, [0.0, -force], rtol=1e-9, atol=1e-9)
-    assert_allclose(step.supports["head"].force[1], force, rtol=1e-9)
-    assert step.contacts["pair"].normal_force == 0.0
-    assert max(audit(simulation, step).values()) < 1e-9
 
 
 def test_stated_errors_of_spring_forces_hold_and_points_have_none() -> None:

@@ -8,60 +8,37 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.audited import record_of
-from stickslip.solvers.laws.cohesion import Cohesion
 from stickslip.solvers.laws.friction import Coulomb
-from stickslip.solvers.laws.law import FrictionLaw
 from stickslip.solvers.laws.orthotropic_coulomb import OrthotropicCoulomb
-from stickslip.solvers.laws.pressure_dependent import PressureDependent
-from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
+from stickslip.solvers.laws.slip_dependent import StaticKinetic
 from stickslip.solvers.results.audit import Auditor
 from stickslip.solvers.results.step_result import SLIP, STICK
 from stickslip.solvers.simulation.plan import warnings
 from stickslip.solvers.stepping.stepper import NoEquilibriumError
 from stickslip.workflows.run.doubts import doubts
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.cases.sheared_column import K_T, PRESSURE, E, bases, compare, scene, solve
+from stickslip.workflows.verification.cases import friction_laws as case
+from stickslip.workflows.verification.cases.friction_laws import BRITTLE, HARDENING, SOFT, TOP, G
+from stickslip.workflows.verification.cases.sheared_column import PRESSURE, E, bases, scene
 from stickslip.workflows.verification.check import failures
-from stickslip.workflows.verification.closed_forms import sheared_column, weakening
 from stickslip.workflows.verification.prepared import prepare
 
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("surface-uzawa", "nsgs")]
 METHODS = ["condensed-newton", "uzawa", *SLOW]
-TOP = np.array([0.001, 0.0035, 0.01, 0.005, -0.01, 0.01])  # [m]: stick, little slip, much, unloading, back, forth
-G = sheared_column.COLUMN.G  # the column is 1 m high: the stiffness of its base against slip [Pa/m]
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(
-    ("law", "bound"),
-    [
-        (Cohesion(a=1.2, mu=0.1), 2.2),
-        (Cohesion(a=0.7, mu=0.0, k_T=K_T), 0.7),
-        (PressureDependent(mu=((0.0, 0.4), (20.0, 0.24))), 3.2),
-        (PressureDependent(mu=((1.0, 0.1), (5.0, 0.25)), k_T=K_T), 2.5),
-    ],
-)
-def test_column_slips_at_the_bound_of_its_pressure(method: str, law: FrictionLaw, bound: float) -> None:
-    states = bases(scene(dim=2, method=method, E=E, friction=law, path=sheared_column.TOP[:, None]))
-    exact = replace(sheared_column.COLUMN, bound=bound, k_T=law.k_T or np.inf)
-    assert not failures(compare("law", states, PRESSURE, exact, sheared_column.TOP))  # within 1e-9
-    assert failures(compare("another", states, PRESSURE, replace(exact, bound=1.01 * bound), sheared_column.TOP))
+def test_columns_on_every_law_follow_their_closed_forms(method: str) -> None:
+    assert not failures(case.checks(method))
 
 
-SOFT = StaticKinetic(mu_s=0.3, mu_k=0.2, slip_length=3e-3)  # falls by 333 Pa/m at 10 Pa: a third of G
-BRITTLE = StaticKinetic(mu_s=0.3, mu_k=0.2, slip_length=5e-4)  # twice G
-HARDENING = SlipDependent(mu=((0.0, 0.1), (2e-3, 0.3), (8e-3, 0.25)))
-
-
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("law", [SOFT, BRITTLE, HARDENING, replace(SOFT, k_T=2 * G), replace(BRITTLE, k_T=2 * G)])
-def test_column_drops_from_static_to_kinetic_friction_as_it_slips(method: str, law: StaticKinetic) -> None:
-    steps = solve(scene(dim=2, method=method, E=E, friction=law, path=TOP[:, None]))[1:]
-    tau, length = weakening.drag(law.table, PRESSURE, G * (2 / 3 if law.k_T else 1.0), TOP)
-    for step, t, slid in zip(steps, tau, length, strict=True):
-        base = step.contacts["base"]
-        assert_allclose(-base.traction[:, 0], t, atol=1e-9 * abs(tau).max())
-        assert_allclose(step.slid["base"], slid, atol=1e-9 * length.max())
+def test_checks_notice_another_bound_fall_or_ellipse(monkeypatch: pytest.MonkeyPatch) -> None:
+    law, bound = case.BOUNDED[0]
+    assert failures(case.bounded("condensed-newton", law, 1.01 * bound))
+    monkeypatch.setattr(case, "G", 1.01 * G)
+    assert failures(case.weakened("condensed-newton", SOFT))
+    monkeypatch.setattr(case, "MU", 1.01 * case.MU)
+    assert failures(case.dragged("condensed-newton"))
 
 
 def test_kinetic_friction_equal_to_static_is_coulombs() -> None:
@@ -87,37 +64,6 @@ def test_whether_the_step_keeps_one_solution_is_said_in_plan_and_result() -> Non
             assert_allclose(worst, 0.1 * PRESSURE / law.slip_length / G, rtol=1e-6)
     plain = scene(dim=2, method="condensed-newton", E=E, friction=Coulomb(mu=0.3), path=top[:, None])
     assert not any("mu falls" in line for line in warnings(plain))
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_the_forces_that_make_a_column_slip_are_an_ellipse(method: str) -> None:
-    """Far behind the top, slip goes the way of the top V: t_i = mu_i^2 V_i p / |mu V| in the law's directions."""
-    mu, axis = np.array([0.3, 0.12]), np.array([0.8, 0.6])
-    frame = np.array([axis, [-axis[1], axis[0]]])
-    law = OrthotropicCoulomb(mu_1=mu[0], mu_2=mu[1], axis=(1.6, 1.2, 0.7))  # the part along the normal is of no account
-    angles = np.radians([0.0, 40.0, 80.0, 120.0])
-    turn = np.column_stack([np.cos(angles), np.sin(angles)])
-    path = np.cumsum(1e2 * np.arange(1, 5)[:, None] * turn, axis=0)
-    for base, way in zip(bases(scene(dim=3, method=method, E=E, friction=law, path=path))[1:], turn, strict=True):
-        v = frame @ way
-        t = mu**2 * v * PRESSURE / np.linalg.norm(mu * v)
-        assert_allclose(-base.traction[:, :2] @ frame.T, np.broadcast_to(t, (len(base.traction), 2)), atol=1e-3)
-        assert np.all(base.status == SLIP)
-        assert_allclose(np.linalg.norm(base.lam, axis=1), 1.0, rtol=1e-6)
-    a, b = -base.traction[:, :2].mean(axis=0) @ frame.T / (mu * PRESSURE)
-    assert_allclose(a**2 + b**2, 1.0, rtol=1e-9)  # on the ellipse itself
-
-
-def test_a_column_that_slips_goes_to_the_nearest_point_of_the_ellipse() -> None:
-    """From rest the isotropic column's trial traction G V is projected onto the ellipse: by its normal there."""
-    mu, V = np.array([0.3, 0.15]), np.array([0.006, 0.004])
-    law = OrthotropicCoulomb(mu_1=mu[0], mu_2=mu[1], axis=(1.0, 0.0, 0.0))
-    _, base = bases(scene(dim=3, method="condensed-newton", E=E, friction=law, path=V[None]))
-    t = -base.traction[0, :2]
-    assert_allclose(np.linalg.norm(t / (mu * PRESSURE)), 1.0, rtol=1e-9)
-    left, normal = G * V - t, t / mu**2
-    assert_allclose(left[0] * normal[1], left[1] * normal[0], rtol=1e-9)
-    assert_allclose(base.bound[0], np.linalg.norm(t), rtol=1e-9)  # the bound is that in the direction of the traction
 
 
 def test_equal_coefficients_in_both_directions_are_coulombs() -> None:

@@ -13,26 +13,13 @@ from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.solvers.simulation.plan import make_plan, warnings
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.scene_file.read import from_dict
-from stickslip.workflows.verification.cases import hertz as case
-from stickslip.workflows.verification.closed_forms import hertz
+from stickslip.workflows.verification.cases.hertz import Touch
+from stickslip.workflows.verification.cases.rubber import heated, off
+from stickslip.workflows.verification.check import failures
 from stickslip.workflows.verification.prepared import prepare
 
 AUTO: dict[str, Any] = {}
 ALONE = {"formulation": "displacement"}
-
-
-def off(nu: float, touch: case.Touch, monkeypatch: pytest.MonkeyPatch) -> float:
-    """Root mean square error of the pressures within .9 a by Hertz' peak, at the computed force."""
-    monkeypatch.setattr(case, "NU", nu)
-    monkeypatch.setattr(case, "E_STAR", hertz.plane_strain(case.E, nu))
-    simulation = prepare(case.scene(touch))
-    (step,) = simulation.steps()
-    face, points = step.contacts["face"], simulation.data.surfaces["face"].points
-    exact = touch.exact(face.normal_force / case.SHARE[touch.model])
-    r = np.linalg.norm(points[:, :-1], axis=1)
-    inside = r < 0.9 * exact.a
-    error = face.pressure - exact.p0 * np.sqrt(np.maximum(1 - (r / exact.a) ** 2, 0.0))
-    return float(np.sqrt(np.mean(error[inside] ** 2))) / exact.p0
 
 
 @pytest.mark.parametrize(
@@ -48,9 +35,9 @@ def off(nu: float, touch: case.Touch, monkeypatch: pytest.MonkeyPatch) -> float:
 )
 @pytest.mark.parametrize("nu", [0.4999, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_round_bodies_press_as_hertz_says(
-    nu: float, model: Model, order: Literal[1, 2], cells: int, within: float, monkeypatch: pytest.MonkeyPatch
+    nu: float, model: Model, order: Literal[1, 2], cells: int, within: float
 ) -> None:
-    assert off(nu, case.Touch(model=model, order=order, cells=float(cells)), monkeypatch) < within
+    assert off(Touch(model=model, order=order, cells=float(cells), nu=nu)) < within
 
 
 def block(nu: float, dim: int = 2, cells: str = "simplex", order: int = 1, h: float = 0.125, **body: Any) -> Simulation:
@@ -121,27 +108,9 @@ def test_the_plan_names_the_bodies_and_what_locks_is_warned_of() -> None:
     assert [len(warnings(each)) for each in (soft, ordinary, alone)] == [0, 0, 1]
 
 
-def test_rubber_between_supports_that_heats_presses_by_its_bulk_modulus() -> None:
-    """Held on all sides, p = 3 K e for a free strain e; unheld it has no stress, although its volume changes."""
-    e, E, nu = 1e-3, 2.0, 0.499
-    for sides, K in ((("left", "right", "top"), E / 3 / (1 - 2 * nu)), ((), 0.0)):
-        held = {side: {"boundary": f"block.{side}", "displacement": {"normal": 0.0}} for side in sides}
-        foot = {"foot": {"point": [0.0, 0.0], "displacement": {"x": 0.0}}} if not sides else {}
-        scene = from_dict(
-            {
-                "model": "plane strain" if sides else "axisymmetric",
-                "geometry": {"builder": "block", "length": 1.0, "height": 1.0, "mesh_size": 0.25},
-                "bodies": {"block": {"E": E, "nu": nu}},
-                "obstacles": {"floor": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
-                "contacts": {
-                    "base": {"surface": "block.bottom", "against": "floor", "normal": {"law": "bilateral"}}
-                },
-                "supports": held | (foot if sides else {}),
-                "thermal": {"block": {"expansion": 1e-5, "temperature": e / 1e-5}},
-            }
-        )  # fmt: skip
-        step, audit = audited(prepare(scene))
-        assert max(asdict(audit).values()) < 1e-9
-        pressure = 3 * K * e
-        assert_allclose(step.stress, np.broadcast_to(-pressure * np.eye(3), step.stress.shape), atol=1e-9)
-        assert_allclose(step.contacts["base"].pressure, pressure, atol=1e-9)
+@pytest.mark.parametrize("sides", [("left", "right", "top"), ()])
+def test_rubber_between_supports_that_heats_presses_by_its_bulk_modulus(sides: tuple[str, ...]) -> None:
+    simulation, step, checks = heated(0.499, sides)
+    assert not failures(checks)
+    record = replace(record_of(step), stored=stored_by(step))
+    assert max(asdict(Auditor(simulation.problem, simulation.mesh)(record)).values()) < 1e-9

@@ -23,7 +23,9 @@ from stickslip.workflows.scene_file.read import READY
 ROOT = Path(__file__).absolute().parents[3]
 PAGES = ROOT / "docs" / "gallery"
 RUNS = ROOT / "build" / "gallery"
-MACHINES = ("arch", "cad_part", "fretting", "ring", "shaft", "shrink_fit")  # what is built and worn
+MACHINES = (  # what is built and worn
+    "arch", "cad_part", "dam", "fretting", "lap_joint", "ring", "rotor", "rubber_mount", "shaft", "shrink_fit"
+)  # fmt: skip
 FACTS = re.compile(r"^<!-- facts: (.*) -->$", re.MULTILINE)
 WIDTH, COLOURS = 1000, 256  # of the pictures
 NUMBERS = {

@@ -79,7 +79,7 @@ def summary(
         "switches": [asdict(switch) for switch in chain.switches],
         "dofs": simulation.system.constraints.free_total,
         "contact_points": sum(len(c.W_n) for c in contacts),
-        "plan": [{"effect": row.effect, "on": row.on, "because": row.because} for row in simulation.plan],
+        "plan": [asdict(row) for row in simulation.plan],
         "steps": [
             _step(step, errors[index] if errors else None, audits[index] if audits else None)
             for index, step in enumerate(steps)

@@ -247,10 +247,10 @@ def print_plan(content: Content) -> None:
     out = console(120)
     out.print(content["title"])
     table = Table()
-    for name in ("effect", "on", "because"):
+    for name in ("effect", "on", "because", "adds"):
         table.add_column(name)
     for row in content["effects"]:
-        table.add_row(row["effect"], "yes" if row["on"] else "-", row["because"])
+        table.add_row(row["effect"], "yes" if row["on"] else "-", row["because"], row["adds"])
     out.print(table)
     times = content["times"]
     shown = ", ".join(f"{t:g}" for t in times[:8]) + (", ..." if len(times) > 8 else "")

@@ -6,11 +6,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from stickslip.workflows.verification.cases import agreement as agreement_case
+from stickslip.workflows.verification.cases import beam as beam_case
 from stickslip.workflows.verification.cases import bolted_joint as bolted_joint_case
+from stickslip.workflows.verification.cases import by_place as by_place_case
 from stickslip.workflows.verification.cases import cattaneo as cattaneo_case
 from stickslip.workflows.verification.cases import circular_drive as circular_drive_case
 from stickslip.workflows.verification.cases import column as column_case
 from stickslip.workflows.verification.cases import elastic_bed as elastic_bed_case
+from stickslip.workflows.verification.cases import friction_laws as friction_laws_case
 from stickslip.workflows.verification.cases import hertz as hertz_case
 from stickslip.workflows.verification.cases import incline as incline_case
 from stickslip.workflows.verification.cases import lifted as lifted_case
@@ -21,18 +24,23 @@ from stickslip.workflows.verification.cases import patch as patch_case
 from stickslip.workflows.verification.cases import punch as punch_case
 from stickslip.workflows.verification.cases import raous as raous_case
 from stickslip.workflows.verification.cases import raous_compliance as raous_compliance_case
+from stickslip.workflows.verification.cases import rubber as rubber_case
 from stickslip.workflows.verification.cases import shear_lag as shear_lag_case
 from stickslip.workflows.verification.cases import sheared_column as sheared_column_case
 from stickslip.workflows.verification.cases import shrink_fit as shrink_fit_case
 from stickslip.workflows.verification.cases import slivers as slivers_case
 from stickslip.workflows.verification.cases import spinning_rings as spinning_rings_case
+from stickslip.workflows.verification.cases import springs as springs_case
 from stickslip.workflows.verification.cases import two_bars as two_bars_case
+from stickslip.workflows.verification.cases import two_materials as two_materials_case
 from stickslip.workflows.verification.cases import units as units_case
+from stickslip.workflows.verification.cases import warm_bars as warm_bars_case
 from stickslip.workflows.verification.cases import zeros as zeros_case
 from stickslip.workflows.verification.check import Check
 
 TWO = ("condensed-newton", "uzawa")
 METHODS = (*TWO, "surface-uzawa")  # surface-uzawa where it does not take minutes
+ONE = ("condensed-newton",)  # where there is little contact, or none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +81,23 @@ CASES: Mapping[str, Case] = {
     ),
     "elastic_bed": Case(about="a column that only springs hold, pressed and sheared", checks=elastic_bed_case.checks),
     "bolted_joint": Case(about="a bolt tightened, held, its joint drawn apart", checks=bolted_joint_case.checks),
+    "springs": Case(about="springs in series with a column, alone, between bodies", checks=springs_case.checks),
+    "beam": Case(
+        about="a beam bent through a remote point, rigid and distributing", checks=beam_case.checks, methods=ONE
+    ),
+    "warm_bars": Case(
+        about="temperatures in space and by body: bars, a cylinder, a gap", checks=warm_bars_case.checks, methods=ONE
+    ),
+    "by_place": Case(
+        about="water on a wall; loads and displacements by place", checks=by_place_case.checks, methods=ONE
+    ),
+    "two_materials": Case(
+        about="two materials that share nodes: in series, side by side", checks=two_materials_case.checks, methods=ONE
+    ),
+    "rubber": Case(about="nearly incompressible: Hertz at nu = .4999, heat", checks=rubber_case.checks, methods=ONE),
+    "friction_laws": Case(
+        about="cohesion, tables of mu, static and kinetic, two coefficients", checks=friction_laws_case.checks
+    ),
     "cattaneo": Case(about="two cylinders pressed and sheared: Hertz, Cattaneo, Mindlin", checks=cattaneo_case.checks),
     "zeros": Case(about="no force, friction, increment, bound or touch: nothing changes", checks=zeros_case.checks),
     "units": Case(about="every scene in mm, N, MPa: the same answers", checks=units_case.checks, methods=TWO),

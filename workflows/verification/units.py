@@ -8,6 +8,8 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from operator import mul
 from typing import Any, TypeVar, get_type_hints
 
+from stickslip.geometry.errors import SceneError
+from stickslip.geometry.expression import check_varying
 from stickslip.geometry.keys import Key
 from stickslip.solvers.scene.scene import Scene
 
@@ -42,7 +44,7 @@ class Units:
         symbols |= {"Pa": self.force / self.length**2, "kg": self.force / self.length, "J": self.force * self.length}
         if self.plane:
             symbols |= {"N": self.force / self.length, "J": self.force}
-        total, unit = 1.0, unit.split(", ")[-1]
+        total, unit = 1.0, unit.split(", ")[-1].replace("N/m³", "Pa/m")  # per volume in plane models too
         parts = [(place, word) for place, part in enumerate(unit.split("/")) for word in part.split()]
         for place, word in parts if unit != "-" else ():
             if word == "1":
@@ -87,7 +89,20 @@ def _scaled(value: Any, factor: float, units: Units) -> Any:
         return tuple((time, entry * factor) for time, entry in value)
     if isinstance(value, tuple):
         return tuple(_scaled(entry, factor, units) for entry in value)
+    if isinstance(value, str) and _is_formula(value):
+        pascal, length = units.factor("Pa"), units.length
+        text = re.sub(r"\b([xyz])\b", rf"(\1/{length!r})", re.sub(r"\bE\b", f"(E/{pascal!r})", value))
+        return f"{factor!r}*({text})"
     return value * factor if isinstance(value, float | int) and factor != 1 else value
+
+
+def _is_formula(text: str) -> bool:
+    """Whether a text is an expression of place or time, not the name of a side, a law or a body."""
+    try:
+        check_varying(text, "")
+    except SceneError:
+        return False
+    return not text.isidentifier()
 
 
 def _is_row(row: Any) -> bool:

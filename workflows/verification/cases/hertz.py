@@ -52,6 +52,7 @@ class Touch:
     order: Literal[1, 2] = 2
     method: str = "condensed-newton"
     driven_by: Literal["force", "displacement"] = "force"
+    nu: float = NU
 
     @cached_property
     def radius(self) -> float:
@@ -61,7 +62,7 @@ class Touch:
     def exact(self, load: float) -> Hertz:
         """Hertz' answer to a load."""
         kind = hertz.cylinder if self.model == "plane strain" else hertz.sphere
-        return kind(load, self.radius, E_STAR)
+        return kind(load, self.radius, hertz.plane_strain(E, self.nu))
 
     @property
     def dim(self) -> int:
@@ -79,7 +80,7 @@ def scene(touch: Touch) -> Scene:
         title="Hertz contact",
         model=touch.model,
         geometry=geometry,
-        bodies={body: Material(E=E, nu=NU)},
+        bodies={body: Material(E=E, nu=touch.nu)},
         obstacles={"tool": _obstacle(touch, up)},
         contacts={"face": Contact(surface=f"{body}.{face}", against="tool")},
         supports={

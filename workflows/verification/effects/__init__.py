@@ -1,0 +1,1 @@
+"""What effects cost: counters of scenes with and without each effect and law; `stickslip verify effects`."""
