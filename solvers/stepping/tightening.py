@@ -1,7 +1,8 @@
 """Bolts tightened by force: in each step the shortening is found at which the tension is what the scene gives.
 
-A step is solved for a shortening, and again for a better one by Broyden's method; where bodies and contact answer in
-proportion, as where nothing opens or slips, two solutions find it. A bolt that is held keeps its shortening.
+A step is solved for a shortening, and again for a better one by Broyden's method, whose first matrix are the secants of
+each bolt; where bodies and contact answer in proportion, as where nothing opens or slips, two solutions find it for a
+bolt that is alone. A bolt that is held keeps its shortening.
 
 Source: Broyden, Math. Comp. 19 (1965).
 """
@@ -40,11 +41,11 @@ class Tightening:
         self.bolts = system.initial.tightened
         self.places = [bolt.index for bolt in self.bolts]
         self.k = np.diag(system.initial.coupling)[self.places]
-        self.before = start.initial[self.places]
+        self.before, self.pulled = start.initial[self.places], self.tension(start)
         self.free = np.array([start.time < bolt.held_from * (1 - CLOSE) for bolt in self.bolts])
         self.wanted = np.array([course.value(bolt.tension, target) for bolt in self.bolts])
         self.largest = np.array([_largest(system, bolt) for bolt in self.bolts])
-        self.x = self.before + np.where(self.free, (self.wanted - self.tension(start)) / self.k, 0.0)
+        self.x = self.before + np.where(self.free, (self.wanted - self.pulled) / self.k, 0.0)
         self.J = np.diag(self.k)
         self.tried: tuple[Array, Array] | None = None  # shortenings, and by how much tensions were off
         self._set()
@@ -71,7 +72,11 @@ class Tightening:
         near = np.all(np.abs(off) <= allowed)  # with a loose solver no shortening need be better
         if np.all(np.abs(off) <= TIGHT * self.largest) or (near and self.tried and _worse(off, self.tried[1])):
             return True
-        if self.tried is not None:
+        if self.tried is None:  # how much the bodies give way is known now: as if bolts did not loosen each other
+            moved, gained = self.x - self.before, self.tension(state) - self.pulled
+            rises = np.flatnonzero(gained * moved > 0)
+            self.J[rises, rises] = gained[rises] / moved[rises]
+        else:
             x, residual = self.tried
             moved = self.x - x
             self.J += np.outer(off - residual - self.J @ moved, moved) / (moved @ moved)
