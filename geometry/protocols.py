@@ -274,6 +274,8 @@ class FunctionSpace(Protocol):
     mesh: DolfinxMesh
     dofmap: Any  # index_map; its table of dofs differs between versions, see `dolfinx_versions.cell_dofs`
 
+    def tabulate_dof_coordinates(self) -> Array: ...
+
 
 class Function(UflExpr, Protocol):
     """dolfinx finite element function, which is also a UFL expression."""

@@ -14,8 +14,8 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.geometry.mesh.mesh import Mesh
-from stickslip.geometry.protocols import CompiledForm, Constant, FunctionSpace, Measure, UflExpr, UflForm
-from stickslip.solvers.fem.terms import InitialStrain, LoadTerm
+from stickslip.geometry.protocols import CompiledForm, Constant, Function, FunctionSpace, Measure, UflExpr, UflForm, Vec
+from stickslip.solvers.fem.terms import InitialStrain, LoadTerm, drawn_together
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.contact import Contact
@@ -184,6 +184,11 @@ class WeakForms:
 
     def initial_load(self, initial: InitialStrain) -> UflForm:
         """∫ sigma : eps(v) dx with `initial_stress`: the load of the initial strain at value 1 [N]."""
+        if initial.shrunk is not None:
+            whole: UflForm = ufl.inner(self.stress(self.shrinking(initial), initial.body), self.strain(self.v)) * (
+                self.volume(initial.body)
+            )
+            return whole
         strain, stress = self.strain(self.v), self.initial_stress(initial)
         size = strain.ufl_shape[0]
         terms = [(i, j) for i in range(size) for j in range(size) if stress[i, j] != 0]
@@ -195,10 +200,37 @@ class WeakForms:
 
     def initial_energy(self, one: InitialStrain, other: InitialStrain) -> float:
         """∫ strain : C strain dx [J] of two initial strains of a body, both at value 1; collective."""
+        if one.shrunk is not None:
+            return float(self.load_of(other).dot(dx.petsc_vector(self.shrinking(one))))
+        if other.shrunk is not None:
+            return self.initial_energy(other, one)
         both = [self._value(field, self.constant(0.0)) for field in (one.field, other.field) if field]
         density = prod(both, start=self.constant(1.0))
         size = self._integral(density * self._volume_of(one if one.field else other))
         return float(size * np.sum(one.strain * self.initial_stress(other)))
+
+    def load_of(self, initial: InitialStrain) -> Vec:
+        """`initial_load` over all displacements [N]; collective."""
+        return dx.assemble_vector(self.compile(self.initial_load(initial)))
+
+    def shrinking(self, initial: InitialStrain) -> Function:
+        """The displacement [m] whose strain an initial strain is, see `drawn_together`; ghosts included."""
+        found: Function = dx.fem.Function(self.space)
+        d = self.mesh.dim
+        points = self.space.tabulate_dof_coordinates()[:, :d]
+        assert initial.shrunk is not None
+        found.x.array[:] = drawn_together(points, *initial.shrunk).ravel()
+        return found
+
+    def strain_by_cell(self, u: Function) -> Array:
+        """Strain (own cells, 3, 3) [-] of a displacement at the cells' midpoints; compiled here; collective."""
+        domain = self.mesh.domain
+        cells = np.arange(domain.topology.index_map(self.mesh.dim).size_local)
+        values = dx.CellExpression(self.strain(u), dx.midpoint(domain), domain)(cells)
+        self.counters.forms += 1
+        found, d = np.zeros((len(cells), 3, 3)), round(values.shape[-1] ** 0.5)
+        found[:, :d, :d] = values.reshape(-1, d, d)
+        return found
 
     def _volume_of(self, initial: InitialStrain) -> Measure:
         return self.volume(initial.body, 2 * self.mesh.degree + SMOOTH if initial.field else None)

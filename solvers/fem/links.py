@@ -28,16 +28,8 @@ class Rest:
 
     drive: Drive
     elongation: Array
-
-
-@dataclass(frozen=True, kw_only=True)
-class Tightened:
-    """A spring whose tension is given: its shortening is found."""
-
-    row: int  # among the links
-    tension: Place  # [N]
-    shortening: Place  # [m]
-    held_from: float  # [s]
+    tension: Place | None = None  # [N] given, of a single spring: the value is then found
+    held_from: float = np.inf  # [s], from there on it is kept
 
 
 @dataclass(frozen=True)
@@ -56,7 +48,6 @@ class Links:
 
     names: tuple[tuple[str, str], ...]  # (r,) table and name of the scene
     rests: tuple[Rest, ...]
-    tightened: tuple[Tightened, ...]
     directions: Array  # (r, d)
     stiffness: Array  # (r,) [N/m]
     rows: Sparse  # (r, d nodes): elongation = rows @ displacement, the motion of the ground left out
@@ -146,11 +137,6 @@ def find_links(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes)
         matrix.eliminate_zeros()
     return Links(
         names=tuple((link.table, link.name) for link, _ in rows),
-        tightened=tuple(
-            Tightened(row=row, tension=link.tension, shortening=next(iter(link.rests)), held_from=link.held_from)
-            for row, (link, _) in enumerate(rows)
-            if link.tension is not None
-        ),
         rests=tuple(_rest(problem, link, place) for link in problem.links for place in link.rests),
         directions=np.array([link.directions[k] for link, k in rows]).reshape(-1, d),
         stiffness=np.array([link.stiffness[k] for link, k in rows]),
@@ -165,7 +151,7 @@ def find_links(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes)
 def _rest(problem: Problem, link: Link, place: Place) -> Rest:
     """A value in time of one of the links; the others do not follow it."""
     every = [own.rests[place] if own is link else 0.0 * own.stiffness for own in problem.links]
-    return Rest(drive=place, elongation=np.concatenate(every))
+    return Rest(drive=place, elongation=np.concatenate(every), tension=link.tension, held_from=link.held_from)
 
 
 def _spot(mesh: Mesh, space: FunctionSpace, nodes: Nodes, end: End, key: str) -> Spot:

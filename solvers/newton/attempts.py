@@ -15,6 +15,7 @@ from stickslip.solvers.newton.solution import OnStep, Solution, Stall, Status, S
 from stickslip.solvers.newton.starts import Start
 
 STALL_WINDOW = 20  # iterations in which the smallest residual of a damped attempt must halve
+HOPPING_WINDOW = 6  # likewise of plain Newton
 SAME = 1e-10  # relative change up to which two iterates are the same
 RETREATS = 6  # how often trial tractions that leave the bodies without hold are halved towards earlier ones
 ATTEMPT = 60  # iterations of an attempt
@@ -52,6 +53,7 @@ class Attempts:
     on_step: OnStep = ignore
     history: list[Step] = field(default_factory=list)
     best: Solution | None = None  # the iterate with the smallest residual; its u_c is `u` of the bodies
+    stalled: bool = False  # whether the last attempt ended because the smallest residual did not halve
 
     @property
     def over(self) -> bool:
@@ -69,14 +71,16 @@ class Attempts:
         problem, gamma = self.problem, start.factor * self.problem.gamma
         p, u, p_hat, known = start.p, start.u_c, start.p_hat, start.in_equilibrium
         w, held = self.bodies.relative(p, u), p_hat
-        stalled, search, visited = Stall(STALL_WINDOW, 0.5), LineSearch(problem, gamma), list[tuple[Array, Array]]()
+        stalled, visited = Stall(HOPPING_WINDOW if proximal is None else STALL_WINDOW, 0.5), list[tuple[Array, Array]]()
+        search, self.stalled = LineSearch(problem, gamma), False
         for k in range(ATTEMPT):
             weight = 0.0
             if known:
                 residual = self._judge(p, w, u, first=k)
                 if self.over or not np.isfinite(residual):
                     return
-                if k > 0 and (_repeats((p, w), visited) if proximal is None else stalled(k, residual)):
+                self.stalled = k > 0 and stalled(k, residual)
+                if self.stalled or (k > 0 and proximal is None and _repeats((p, w), visited)):
                     return
                 visited.append((p, w))
                 weight = min(1.0, residual) * (proximal or 0.0)

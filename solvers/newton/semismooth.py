@@ -13,6 +13,7 @@ from stickslip.solvers.newton.attempts import Attempts
 from stickslip.solvers.newton.solution import OnStep, Solution, ignore
 from stickslip.solvers.newton.starts import Start, again, first_starts, other_starts
 
+HOPPING = 1e-2  # weight of the proximal term where plain Newton hops between active sets [-]
 FIRM = (1e-3, 1e-5)  # weights of the proximal term from the first start [-]
 FIRMER = (1e-3, 1e-4, 1e-2, 1e-6, 1e-5)  # likewise from the best iterate so far
 
@@ -24,9 +25,11 @@ class SemismoothNewton:
     """Solves p = P_C(p + gamma (w - gap)) for tractions and contact displacement together.
 
     The active set (stick, slip, open) follows from the trial tractions p_hat = p + gamma (w - gap), gamma = E / depth.
-    Plain Newton comes first. Only if it fails, it is damped, see `Attempts`; then follow the ends of paths, see `path`,
-    solutions with simpler laws, see `simpler_laws`, and other trial tractions to start from, before the step counts as
-    failed. None of this costs a volume solve but starts whose displacement is not known.
+    Plain Newton comes first. Where two contacts press on an edge that bodies share, as under a bolt's head, their rows
+    almost depend on each other: it then hops between active sets of a few such points, and is damped from the best
+    iterate on, see `Attempts`. If it fails otherwise, it is damped from the start; then follow the ends of paths, see
+    `path`, solutions with simpler laws, see `simpler_laws`, and other trial tractions to start from, before the step
+    counts as failed. None of this costs a volume solve but starts whose displacement is not known.
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991); Hüeber, Stadler & Wohlmuth,
     SIAM J. Sci. Comput. 30 (2008). Proximal term: Rockafellar, SIAM J. Control Optim. 14 (1976).
@@ -57,6 +60,8 @@ class SemismoothNewton:
         for start in first_starts(problem, p):
             firsts.append(start)
             yield start, None
+            if attempts.stalled and attempts.best is not None:
+                yield again(problem, attempts.best), HOPPING
         for proximal in FIRM:
             yield firsts[-1], proximal
         assert attempts.best is not None

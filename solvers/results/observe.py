@@ -38,6 +38,7 @@ from stickslip.solvers.results.step_result import (
     SurfaceMesh,
     von_mises,
 )
+from stickslip.solvers.scene.timeline import Place
 from stickslip.solvers.stepping.slip_dependence import with_slip
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Accepted, Stepper
@@ -111,9 +112,10 @@ class CellStress:
         d = round(found.shape[-1] ** 0.5)
         strain[:, :d, :d] = found.reshape(-1, d, d)
         own = np.trace(strain, axis1=1, axis2=2)
-        for value, given in zip(initial, self._system.initial.strains, strict=False):
+        for number, given in enumerate(self._system.initial.strains):
             members, timeline = self.members[given.body], self._system.course.timeline
-            strain[members] -= value * self._system.initial.at(given, self._middles[members], timeline)
+            own_strain = self._system.initial.at(number, self._middles[members], members, timeline)
+            strain[members] -= initial[number] * own_strain
         lame_lambda, lame_mu = self._lame.T
         if self._system.problem.model == "plane stress":
             strain[:, 2, 2] = -lame_lambda / (lame_lambda + 2 * lame_mu) * (strain[:, 0, 0] + strain[:, 1, 1])
@@ -176,7 +178,6 @@ class Observer:
     def __call__(self, accepted: Accepted) -> StepResult:
         """The result of a step; collective. Displacement and stress are on rank 0 only."""
         system, state = accepted.stepper.system, accepted.state
-        links = system.constraints.links
         cell_stress, nodal = self.stress(state.u, state.initial), self.stress.displacement.x.array
         numbers = self.numbers(accepted)
         displacement = self.by_node(state.u.array.reshape(-1, system.mesh.dim))
@@ -206,7 +207,7 @@ class Observer:
             w=state.w,
             reference=accepted.problem.gap,
             driven=state.driven,
-            shortened=np.array([system.course.value(bolt.shortening, state.time) for bolt in links.tightened], float),
+            shortened=state.initial[[bolt.index for bolt in system.initial.tightened]],
             searched=accepted.stepper.searched,
             slid=state.slid,
             weakening=accepted.weakening,
@@ -243,12 +244,13 @@ class Observer:
         """Each spring between places, and each bolt."""
         system, links = self.stepper.system, self.stepper.system.constraints.links
         rest = state.initial[len(system.initial.strains) :] @ links.at_rest
-        tension = links.stiffness * (state.elongation - rest)
-        forces = links.resultants(tension)
+        forces = links.resultants(links.stiffness * (state.elongation - rest))
         springs = {name: SpringForce(force) for (table, name), force in forces.items() if table == "springs"}
-        pulls = zip(links.names, tension, rest, strict=True)
+        shortened = zip(system.initial.every, state.initial_work, state.initial, strict=True)
         return springs, {
-            name: BoltState(float(pull), -float(e)) for (table, name), pull, e in pulls if table == "bolts"
+            each.drive.name: BoltState(-float(work), float(x))
+            for each, work, x in shortened
+            if isinstance(each.drive, Place) and each.drive.table == "bolts"
         }
 
     def _remote_points(self, state: State, reactions: Mapping[str, tuple[Array, Array]]) -> dict[str, RemoteState]:

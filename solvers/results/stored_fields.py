@@ -124,9 +124,10 @@ def stress_difference(system: System, displacement: Array, time: float, stored: 
     for name, body in problem.bodies.items():
         inside = tags == mesh.bodies[name]
         elastic = strain[inside]
-        for value, given in zip(values, system.initial.strains, strict=False):
+        for number, given in enumerate(system.initial.strains):
             if given.body == name:
-                elastic = elastic - value * system.initial.at(given, middles[inside], system.course.timeline)
+                at = system.initial.at(number, middles[inside], np.flatnonzero(inside), system.course.timeline)
+                elastic = elastic - values[number] * at
         volume = np.trace(elastic, axis1=1, axis2=2)
         if name in means:
             volume += (means[name][:count] - np.trace(strain, axis1=1, axis2=2))[inside]

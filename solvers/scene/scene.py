@@ -157,7 +157,8 @@ class Scene(Noun):
 
     def quantities(self) -> tuple[str, ...]:
         """Names of the numbers that every step of this scene has."""
-        springs, bolts = ([link.name for link in self.links() if link.table == kind] for kind in ("springs", "bolts"))
+        springs = [link.name for link in self.links() if link.table == "springs"]
+        bolts = [name for section, name in self.effect_tables() if section == "bolts"]
         points = [coupling.key.split(".")[1] for coupling in self.couplings()]
         return names(self.dim, self.contacts, self.supports, self.obstacles, self.probes, springs, points, bolts)
 

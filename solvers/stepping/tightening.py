@@ -1,7 +1,8 @@
 """Bolts tightened by force: in each step the shortening is found at which the tension is what the scene gives.
 
-A step is solved for a shortening, and again for a better one by Broyden's method; where bodies and contact answer in
-proportion, as where nothing opens or slips, two solutions find it. A bolt that is held keeps its shortening.
+A step is solved for a shortening, and again for a better one by Broyden's method, whose first matrix are the secants of
+each bolt; where bodies and contact answer in proportion, as where nothing opens or slips, two solutions find it for a
+bolt that is alone. A bolt that is held keeps its shortening.
 
 Source: Broyden, Math. Comp. 19 (1965).
 """
@@ -14,9 +15,9 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Vec
-from stickslip.solvers.fem.links import Tightened
 from stickslip.solvers.scene.timeline import CLOSE
 from stickslip.solvers.stepping.state import State
+from stickslip.solvers.system.initial_strain import Tightened
 from stickslip.solvers.system.system import System
 
 TIGHT = 1e-9  # deviation of the tension, relative to the largest of a bolt in time, that is aimed at
@@ -36,17 +37,15 @@ class Tightening:
             target: time at its end [s].
         """
         self.system, self.start, self.target = system, start, target
-        links, course = system.constraints.links, system.course
-        self.bolts = links.tightened
-        self.rows = [bolt.row for bolt in self.bolts]
-        self.k = links.stiffness[self.rows]
-        drives = [rest.drive for rest in links.rests]
-        self.places = [len(system.initial.strains) + drives.index(bolt.shortening) for bolt in self.bolts]
-        self.before = start.initial[self.places]
+        course = system.course
+        self.bolts = system.initial.tightened
+        self.places = [bolt.index for bolt in self.bolts]
+        self.k = np.diag(system.initial.coupling)[self.places]
+        self.before, self.pulled = start.initial[self.places], self.tension(start)
         self.free = np.array([start.time < bolt.held_from * (1 - CLOSE) for bolt in self.bolts])
         self.wanted = np.array([course.value(bolt.tension, target) for bolt in self.bolts])
         self.largest = np.array([_largest(system, bolt) for bolt in self.bolts])
-        self.x = self.before + np.where(self.free, (self.wanted - self.tension(start)) / self.k, 0.0)
+        self.x = self.before + np.where(self.free, (self.wanted - self.pulled) / self.k, 0.0)
         self.J = np.diag(self.k)
         self.tried: tuple[Array, Array] | None = None  # shortenings, and by how much tensions were off
         self._set()
@@ -59,11 +58,11 @@ class Tightening:
     @classmethod
     def of(cls, system: System, start: State, target: float) -> Tightening | None:
         """None: no bolt is tightened by force."""
-        return cls(system, start, target) if system.constraints.links.tightened else None
+        return cls(system, start, target) if system.initial.tightened else None
 
     def tension(self, state: State) -> Array:
         """Of each bolt (b,) [N]."""
-        return np.asarray(self.k * (state.elongation[self.rows] + state.initial[self.places]))
+        return np.asarray(-state.initial_work[self.places])
 
     def done(self, state: State) -> bool:
         """Whether the tensions are right; if not, the step is to be solved again with other shortenings."""
@@ -73,7 +72,11 @@ class Tightening:
         near = np.all(np.abs(off) <= allowed)  # with a loose solver no shortening need be better
         if np.all(np.abs(off) <= TIGHT * self.largest) or (near and self.tried and _worse(off, self.tried[1])):
             return True
-        if self.tried is not None:
+        if self.tried is None:  # how much the bodies give way is known now: as if bolts did not loosen each other
+            moved, gained = self.x - self.before, self.tension(state) - self.pulled
+            rises = np.flatnonzero(gained * moved > 0)
+            self.J[rises, rises] = gained[rises] / moved[rises]
+        else:
             x, residual = self.tried
             moved = self.x - x
             self.J += np.outer(off - residual - self.J @ moved, moved) / (moved @ moved)
@@ -106,20 +109,16 @@ def _largest(system: System, bolt: Tightened) -> float:
 
 def recall(system: System, time: float, shortened: Array) -> None:
     """Use the shortenings (b,) [m] that were found at a time [s]."""
-    bolts = zip(system.constraints.links.tightened, shortened.tolist(), strict=True)
+    bolts = zip(system.initial.tightened, shortened.tolist(), strict=True)
     system.course.found = {bolt.shortening: ((time, x),) for bolt, x in bolts}
 
 
 def tension_off(system: System, u: Vec, time: float) -> Array:
     """By how much the tension of each bolt differs from what the scene gives [N], 0 where it is held; collective."""
-    links, course = system.constraints.links, system.course
-    elongation = links.elongation(u)
-    return np.array(
-        [
-            links.stiffness[bolt.row] * (elongation[bolt.row] + course.value(bolt.shortening, time))
-            - course.value(bolt.tension, time)
-            for bolt in links.tightened
-            if time <= bolt.held_from * (1 + CLOSE)
-        ],
-        float,
-    )
+    course, bolts = system.course, system.initial.tightened
+    held = [time > bolt.held_from * (1 + CLOSE) for bolt in bolts]
+    if all(held):
+        return np.zeros(0)
+    work = system.initial.stress_work(system.initial.values(course, time), u)
+    given = zip(bolts, held, strict=True)
+    return np.array([-work[bolt.index] - course.value(bolt.tension, time) for bolt, gone in given if not gone])

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.fem.links import Rest
 from stickslip.solvers.fem.terms import InitialStrain
-from stickslip.solvers.scene.timeline import Course, Timeline
+from stickslip.solvers.scene.timeline import Course, Place, Timeline
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tightened:
+    """A bolt whose tension is given: its shortening is found."""
+
+    index: int  # among the initial strains
+    tension: Place  # [N]
+    shortening: Place  # [m]
+    held_from: float  # [s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,13 +33,32 @@ class InitialStrains:
     rests: tuple[Rest, ...]
     forces: tuple[Vec, ...]  # ∫ C strain : eps(v) dx at value 1, PETSc over all displacements [N]
     coupling: Array  # (k, k) ∫ strain_i : C strain_j dx at value 1 [J]
+    by_cell: Mapping[int, Array]  # strains (own cells, 3, 3) [-] of those that shrink, by their number
 
-    def at(self, strain: InitialStrain, points: Array, timeline: Timeline) -> Array:
-        """A strain (m, 3, 3) [-] at value 1, at points (m, d) [m].
+    @cached_property
+    def every(self) -> tuple[InitialStrain | Rest, ...]:
+        """All k."""
+        return *self.strains, *self.rests
+
+    @cached_property
+    def tightened(self) -> tuple[Tightened, ...]:
+        """Bolts whose tension is given."""
+        return tuple(
+            Tightened(index=index, tension=each.tension, shortening=each.drive, held_from=each.held_from)
+            for index, each in enumerate(self.every)
+            if each.tension is not None and isinstance(each.drive, Place)
+        )
+
+    def at(self, number: int, points: Array, cells: Ints, timeline: Timeline) -> Array:
+        """Strain (m, 3, 3) [-] of a number at value 1, at the midpoints (m, d) [m] of own cells (m,).
 
         Raises:
             SceneError: its expression has no finite value at a point.
         """
+        strain = self.strains[number]
+        if number in self.by_cell:
+            found: Array = self.by_cell[number][cells]
+            return found
         size = np.ones(len(points))
         if strain.field is not None:
             size = timeline.values(strain.field, points, timeline.end)
@@ -35,8 +66,7 @@ class InitialStrains:
 
     def values(self, course: Course, time: float) -> Array:
         """a (k,) at a time [s]."""
-        drives = [strain.drive for strain in self.strains] + [rest.drive for rest in self.rests]
-        return np.array([course.value(drive, time) for drive in drives], float)
+        return np.array([course.value(each.drive, time) for each in self.every], float)
 
     def added(self, load: Vec, values: Array) -> Vec:
         """Load plus the forces of the initial strains, over all displacements [N]; `load` itself if there are none."""

@@ -30,11 +30,13 @@ from stickslip.solvers.fem.terms import InitialStrain
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.scene.problem import Problem
-from stickslip.solvers.scene.timeline import Course
+from stickslip.solvers.scene.timeline import Course, Place
 from stickslip.solvers.system.applied_loads import AppliedLoads
 from stickslip.solvers.system.contact_interface import ContactInterface, components
 from stickslip.solvers.system.initial_strain import InitialStrains
 from stickslip.solvers.system.obstacles import Obstacles
+
+NOTHING = 1e-20  # stiffness of what shrinks, relative to E: below it is rounding [m]
 
 
 def free_stiffness(K: Mat, T: Mat, constraints: Constraints) -> Mat:
@@ -233,7 +235,11 @@ def applied_loads(problem: Problem, weak: WeakForms, constraints: Constraints, l
 
 
 def _initial_strains(problem: Problem, weak: WeakForms, links: Links, like: Vec) -> InitialStrains:
-    """Assemble the initial strains of all active effects, and of links; collective."""
+    """Assemble the initial strains of all active effects, and of links; collective.
+
+    Raises:
+        SceneError: an expression has no finite value, or a body nothing that could shrink.
+    """
     strains = tuple(strain for effect in active(problem) for strain in effect.initial_strains(problem))
     rests = links.at_rest
     coupling = block_diag(np.zeros((len(strains), len(strains))), rests * links.stiffness @ rests.T)
@@ -241,8 +247,14 @@ def _initial_strains(problem: Problem, weak: WeakForms, links: Links, like: Vec)
         for j, other in enumerate(strains):
             if one.body == other.body:
                 coupling[i, j] = weak.initial_energy(one, other)
+        if one.shrunk is not None and coupling[i, i] <= NOTHING * problem.bodies[one.body].E:
+            assert isinstance(one.drive, Place)
+            key = f"{one.drive.table}.{one.drive.name}.shank"
+            raise SceneError(f"{key}: no part of {one.body} lies between the two planes")
+    shrinking = {i: weak.shrinking(strain) for i, strain in enumerate(strains) if strain.shrunk is not None}
     return InitialStrains(
         strains=strains,
+        by_cell={i: weak.strain_by_cell(u) for i, u in shrinking.items()},
         rests=links.rests,
         forces=(
             *(_initial_forces(weak, strain) for strain in strains),
@@ -258,7 +270,7 @@ def _initial_forces(weak: WeakForms, strain: InitialStrain) -> Vec:
     Raises:
         SceneError: an expression has no finite value.
     """
-    found = dx.assemble_vector(weak.compile(weak.initial_load(strain)))
+    found = weak.load_of(strain)
     if not np.isfinite(found.norm()):
         raise SceneError(f"{strain.field}: the expression has no finite value somewhere in the body")
     return found

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from shared.assemblies import stacked, write_assembly
+from shared.assemblies import bolted, stacked, write_assembly
 from shared.command import Call, assert_one_line, result
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import build_mesh
@@ -51,6 +51,47 @@ def test_from_an_assembly_to_results_without_a_line_typed(call: Call, folder: Pa
     assert force == pytest.approx(weight, rel=1e-6)
 
 
+PULL = """
+[loads.pull]
+boundary = "part_2.right"
+force = [[[1.0, 0.0], [2.0, 1500.0]], 0.0, 0.0]
+
+[steps]
+end = 2.0
+count = 2
+"""
+
+
+def test_a_bolted_joint_from_file_to_slip_with_six_lines_typed(call: Call, folder: Path) -> None:
+    """Nut and bolt are known by their shapes; tightened to 100 MPa, the plates slip at mu times the tension.
+
+    The pull of 1500 N is above mu F = 1005 N: what is more bends the bolt, for the friction under head and nut holds.
+    """
+    write_assembly(folder / "lap.step", bolted)
+    assert call("new", "--from", "lap.step")[0] == 0
+    text = (folder / "lap.toml").read_text()
+    assert (
+        'part_3 = { body = "part_3", shank = [[0.02, 0.02, 0.004], [0.02, 0.02, 0.012]], force = [[1.0, 5.03e+03]]'
+        in text
+    )
+    assert text.count("threaded, by the shape of a nut") == 1
+    assert 'boundary = "part.left"' in text
+    (folder / "lap.toml").write_text(text + PULL)
+    coarse = ("--set=geometry.mesh_size=8e-3", "--set=geometry.contact_mesh_size=4e-3")
+    code, _, err = call(
+        "run", "lap.toml", "-o", "out", *coarse, "--set=output.pictures=false", "--set=output.error=false"
+    )
+    assert code == 0, err
+    tightened, pulled = result(folder / "out")["steps"]
+    assert tightened["bolts"]["part_3"]["tension"] == pytest.approx(5030.0, rel=1e-6)
+    plates, head = (tightened["contacts"][name]["normal_force"] for name in ("part_part_2", "part_3_part_2"))
+    # cells of 4 mm: facets of the shank that meet the nut reach into the part that is shortened, 8 mm long
+    assert [plates, head] == pytest.approx([5030.0, 5030.0], rel=3e-3)
+    joint = pulled["contacts"]["part_part_2"]
+    assert joint["stick_area"] == 0.0
+    assert joint["tangential_force"] == pytest.approx(0.2 * joint["normal_force"], rel=1e-3)
+
+
 def test_bodies_get_names_and_lists_tell_partners(call: Call, folder: Path) -> None:
     write_assembly(folder / "stack.brep", stacked)
     (folder / "s.toml").write_text(
@@ -62,6 +103,21 @@ def test_bodies_get_names_and_lists_tell_partners(call: Call, folder: Path) -> N
     assert {(body.strip(), partner.strip()) for body, _, partner in touching} >= {("plate", "cube"), ("cube", "plate")}
     code, out, _ = call("contacts", "s.toml", "-o", "drawn")
     assert (code, "cube.to_plate" in out) == (0, True)
+
+
+def test_a_program_that_draws_gets_a_scene(call: Call, folder: Path) -> None:
+    (folder / "stack.py").write_text(
+        "def build(model, parameters):\n"
+        "    boxes = [model.occ.addBox(0, 0, z, 1, 1, 1) for z in (0, 1)]\n"
+        "    model.occ.synchronize()\n"
+        "    for box, name in zip(boxes, ('plate', 'cube')):\n"
+        "        model.setPhysicalName(3, model.addPhysicalGroup(3, [box]), name)\n"
+    )
+    code, out, err = call("contacts", "stack.py")
+    assert (code, "cube.to_plate" in out) == (0, True), err
+    assert call("new", "--from", "stack.py")[0] == 0
+    (contact,) = read(folder / "stack.toml").contacts.values()
+    assert {contact.surface, contact.against} == {"cube.to_plate", "plate.to_cube"}
 
 
 def test_refinement_is_where_bodies_are_close(call: Call, folder: Path) -> None:

@@ -42,3 +42,14 @@ def pinned(occ: Any, clearance: float = 0.0) -> None:
         plate, hole = occ.addBox(0, 0, z, 1, 1, 0.4), occ.addCylinder(0.5, 0.5, z, 0, 0, 0.4, 0.2)
         occ.cut([(3, plate)], [(3, hole)])
     occ.addCylinder(0.5, 0.5, 0, 0, 0, 0.8, 0.2 - clearance)
+
+
+def bolted(occ: Any) -> None:
+    """Two plates 40 x 40 x 8 with holes of radius 4.4, a bolt of radius 4 with a head and a nut, without names."""
+    for z in (0.0, 8.0):
+        plate, hole = occ.addBox(0, 0, z, 40, 40, 8), occ.addCylinder(20, 20, z, 0, 0, 8, 4.4)
+        occ.cut([(3, plate)], [(3, hole)])
+    shank, head = occ.addCylinder(20, 20, -8, 0, 0, 24, 4), occ.addCylinder(20, 20, 16, 0, 0, 5, 7)
+    occ.fuse([(3, shank)], [(3, head)])
+    nut, bore = occ.addCylinder(20, 20, -6, 0, 0, 6, 7), occ.addCylinder(20, 20, -6, 0, 0, 6, 4)
+    occ.cut([(3, nut)], [(3, bore)])

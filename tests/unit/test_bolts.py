@@ -151,3 +151,64 @@ def test_a_bolt_is_held_from_the_end_of_a_step() -> None:
 def test_a_bolt_is_along_the_axis_of_symmetry() -> None:
     with pytest.raises(SceneError, match=r"bolts\.b\.axis = \[1\.0, 0\.0\]: an axisymmetric model has bolts along"):
         joint("axisymmetric", bolt={"axis": [1.0, 0.0]})
+
+
+def drawn(model: str, order: int, **bolt: Any) -> Scene:
+    """Two blocks that are tied to each other between rigid walls; the upper one is the bolt, from y = .2 to .7."""
+    up, across = ("z", ["left", "front"]) if model == "3d" else ("y", ["left"])
+    ends = {"roof": "upper.top", "floor": "lower.bottom"}
+    walls = {name: {"boundary": side, "displacement": {up: 0.0}} for name, side in ends.items()}
+    sides = {
+        f"{body}_{side}": {"boundary": f"{body}.{side}", "displacement": {"x" if side == "left" else "y": 0.0}}
+        for body in ("lower", "upper")
+        for side in ([] if model == "axisymmetric" else across)
+    }
+    plates = {"builder": "two_blocks", "length": 2.0, "height": 1.0, "mesh_size": 0.5, "order": order}
+    shank = [[*[0.3 * (model != "axisymmetric")] * ((model == "3d") + 1), level] for level in (0.2, 0.7)]
+    data = {
+        "model": model,
+        "geometry": plates | ({"width": 0.5} if model == "3d" else {}),
+        "bodies": {"upper": {"E": E, "nu": 0.3}, "lower": {"E": E, "nu": 0.3}},
+        "supports": sides | walls,
+        "contacts": {"joint": {"surface": "upper.bottom", "against": "lower.top", "normal": {"law": "tied"}}},
+        "bolts": {"b": {k: v for k, v in ({"body": "upper", "shank": shank} | bolt).items() if v is not None}},
+    }
+    return from_dict(data)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("model", [*AREA])
+def test_a_drawn_bolt_pulls_as_hooke_says(model: str, order: int) -> None:
+    """Of a column of length 2 between walls: E A shortening / 2, uniform, wherever the planes cut cells."""
+    stiffness = E * AREA[model] / 2 / (1 - 0.3**2 if model == "plane strain" else 1)
+    for bolt in ({"shortening": [[1.0, SHORTER]]}, {"force": [[1.0, stiffness * SHORTER]], "held_from": 1.0}):
+        simulation = prepare(drawn(model, order, **bolt))
+        *_, step = simulation.steps()
+        assert_allclose(step.bolts["b"], (stiffness * SHORTER, SHORTER), rtol=1e-8)
+        assert_allclose(step.stress[:, *[2 if model == "3d" else 1] * 2], stiffness * SHORTER / AREA[model], rtol=1e-8)
+        assert_allclose(np.abs(step.supports["floor"].force).max(), stiffness * SHORTER, rtol=1e-8)
+        energy = stiffness * SHORTER**2 / 2
+        assert_allclose([step.energy.external, step.energy.stored], energy, rtol=1e-8)
+        assert max(audit(simulation, step).values()) < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("bolt", "message"),
+    [
+        ({"body": "uper"}, r"bolts\.b\.body = uper: did you mean upper"),
+        ({"shank": [[0.0, 1.2], [0.0, 1.2]]}, r"bolts\.b\.shank = .*: two different points are needed"),
+        ({"shank": [[0.0, 1.2], [0.0]]}, r"bolts\.b\.shank = \[0\.0\]: expected 2 components"),
+        ({"shank": None}, r"bolts\.b\.shank = missing: a bolt has body and shank"),
+        ({"stiffness": 1.0}, r"bolts\.b\.stiffness = 1\.0: belongs to a bolt that is a spring; remove it"),
+        ({"body": None}, r"bolts\.b\.shank = .*: belongs to a bolt that is a body; remove it"),
+    ],
+)
+def test_a_drawn_bolt_has_a_body_and_a_shank(bolt: dict[str, Any], message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        drawn("plane strain", 1, **{"shortening": SHORTER} | bolt)
+
+
+@pytest.mark.parametrize("levels", [(1.2, 1.4), (-0.4, -0.1)])
+def test_a_shank_beside_its_body_is_refused(levels: tuple[float, float]) -> None:
+    with pytest.raises(SceneError, match=r"bolts\.b\.shank: no part of upper lies between the two planes"):
+        prepare(drawn("plane strain", 1, shortening=SHORTER, shank=[[0.1, y] for y in levels]))

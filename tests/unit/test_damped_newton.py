@@ -220,12 +220,16 @@ def test_the_last_iteration_is_the_one_past_those_that_are_allowed(held: Surface
     assert attempt.best.status is Status.CONVERGED  # type: ignore[union-attr]
 
 
-def test_an_attempt_that_never_repeats_has_an_end() -> None:
+@pytest.mark.parametrize(("factor", "most"), [(0.8, ATTEMPT - 1), (0.99, 2 + attempts.HOPPING_WINDOW)])
+def test_an_attempt_that_never_repeats_has_an_end(factor: float, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plain Newton goes on while the residual halves within its window; where it does not, it hops."""
     problem, random = given(), np.random.default_rng(1)
     answers = iter([random.random(len(problem.gap)) for _ in range(200)])
+    falling = (factor**k for k in range(100))
+    monkeypatch.setattr(SurfaceProblem, "imbalance", lambda self, p: 1e9 * next(falling))
     attempt = Attempts(problem, Scripted(problem, answers), 1e-12, 1000)
     attempt(replace(start_of(problem), in_equilibrium=False))
-    assert len(attempt.history) == ATTEMPT - 1
+    assert (len(attempt.history), attempt.stalled) == (most, factor == 0.99)
 
 
 def test_iterations_run_out(held: SurfaceProblem) -> None:

@@ -94,7 +94,7 @@ def _list(source: str, unit: str | None, within: float | None, folder: Path | No
             row += [names[side], ", ".join(map(str, side.numbers))]
         low, high = (pair.fit, pair.fit) if pair.exact else pair.gap
         gap = f"{max(0.0, low):.3g}" + (f" to {high:.3g}" if high > max(0.0, low) else "")
-        table.add_row(*row, f"{pair.area:.3g}", gap, f"{max(0.0, -low):.3g}", proposed_law(pair)[0])
+        table.add_row(*row, f"{pair.area:.3g}", gap, f"{max(0.0, -low):.3g}", proposed_law(pair, found)[0])
     if found.pairs:
         print_table(table, out)
         _draw(found, folder)

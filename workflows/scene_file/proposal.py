@@ -20,6 +20,9 @@ from stickslip.geometry.user_files.touching import Pair, Side, named, touching
 from stickslip.geometry.user_files.user_file import UserFile
 
 THREADED = ("nut", "mutter", "din934", "iso4032")  # ends of words in names of bodies that have a thread
+STOUT = 2.5  # outer radius of a nut relative to its bore's, at most
+SHANK = 0.5  # of the grip, in its middle, is shortened: there nothing but tension acts on the bolt
+CLAMPED, SNUG = 100e6, 10e6  # [Pa] tension of a bolt with a head, and of one between two nuts
 BONDED = ("weld", "glue", "adhesive", "bond", "solder")
 DECLARES = {".step": "mm", ".stp": "mm"}  # gmsh turns the unit that such a file declares into mm
 ENDS = {2: ("left", "right", "bottom", "top"), 3: ("left", "right", "front", "back", "bottom", "top")}
@@ -73,14 +76,82 @@ def from_geometry(path: Path, geometry: UserFile, model: Model, within: float | 
     return Assembly(path, geometry, model, outline, tuple(touching(outline, dim, within)))
 
 
-def proposed_law(pair: Pair) -> tuple[str, str]:
+def proposed_law(pair: Pair, found: Assembly) -> tuple[str, str]:
     """The law that a pair probably has, `tied` or `unilateral`, and why."""
     words = [word for side in (pair.one, pair.other) for word in side.body.split("_")]
-    if pair.kind == "cylinder" and pair.exact and pair.fit <= 0 and any(word.endswith(THREADED) for word in words):
-        return "tied", "threaded, by the name of a body"
+    if pair.kind == "cylinder" and pair.exact and pair.fit <= 0:
+        if any(word.endswith(THREADED) for word in words):
+            return "tied", "threaded, by the name of a body"
+        if _is_nut(pair, found):
+            return "tied", "threaded, by the shape of a nut"
     if any(word.startswith(BONDED) for word in words):
         return "tied", "bonded, by the name of a body"
     return "unilateral", ""
+
+
+def _is_nut(pair: Pair, found: Assembly) -> bool:
+    """Whether the body around is a small one, without a gap on the shaft, that is pressed by planes alone."""
+    bore = min((pair.one, pair.other), key=lambda side: side.form.radius)
+    shaft = pair.other if bore is pair.one else pair.one
+    others = [
+        p
+        for p in found.pairs
+        if bore.body in (p.one.body, p.other.body) and shaft.body not in (p.one.body, p.other.body)
+    ]
+    corners = np.concatenate([f.corners.reshape(-1, 3) for f in found.outline.entities if f.bodies == (bore.body,)])
+    outer = np.linalg.norm(np.cross(corners - bore.form.point, bore.form.axis), axis=1).max()
+    return bool(others) and all(p.kind == "plane" for p in others) and outer <= -STOUT * bore.form.radius
+
+
+@dataclass(frozen=True, eq=False)
+class Bolt:
+    """A body with a thread in a nut, and two planes between which it clamps."""
+
+    body: str
+    nuts: tuple[str, ...]
+    ends: tuple[Array, Array]  # (3,) on its axis, between the planes [m]
+    force: float  # [N]
+    why: str
+
+
+def bolts(found: Assembly) -> list[Bolt]:
+    """Bodies that are probably bolts: their threads are in nuts, and head and nut, or two nuts, press on planes."""
+    nuts: dict[Side, list[str]] = {}
+    for pair in found.pairs:
+        if proposed_law(pair, found)[1].startswith("threaded"):
+            bore, shank = sorted((pair.one, pair.other), key=lambda side: side.form.radius)
+            nuts.setdefault(shank, []).append(bore.body)
+    listed, size = [], float(np.linalg.norm(np.ptp(found.outline.box, axis=0)))
+    for shank, own in nuts.items():
+        axis, at = shank.form.axis * np.sign(shank.form.axis.sum() or 1.0), shank.form.point
+        pressed = [
+            (side.body, float((side.form.point - at) @ axis))
+            for pair in found.pairs
+            for side, other in ((pair.one, pair.other), (pair.other, pair.one))
+            if pair.kind == "plane" and side.body in (shank.body, *own) and other.body not in (shank.body, *own)
+            if abs(abs(side.form.axis @ axis) - 1) < 1e-3
+        ]
+        levels = [level for _, level in pressed]
+        if not levels or max(levels) == min(levels):
+            continue
+        middle, half = (max(levels) + min(levels)) / 2, SHANK * (max(levels) - min(levels)) / 2
+        headed = any(body == shank.body for body, _ in pressed)
+        area = np.pi * shank.form.radius**2
+        listed.append(
+            Bolt(
+                body=shank.body,
+                nuts=tuple(own),
+                ends=(_rounded(at + (middle - half) * axis, size), _rounded(at + (middle + half) * axis, size)),
+                force=float(area * (CLAMPED if headed else SNUG)),
+                why="head and nut" if headed else "between nuts",
+            )
+        )
+    return listed
+
+
+def _rounded(point: Array, size: float) -> Array:
+    """A point of an assembly of a size, without what is rounding."""
+    return np.asarray((point / size).round(9) * size + 0.0)
 
 
 def scene_text(found: Assembly, target: Path) -> str:
@@ -114,11 +185,16 @@ def scene_text(found: Assembly, target: Path) -> str:
     lines += [f"{body} = {{ E = 210e9, nu = 0.3, density = 7850.0 }}" for body in found.outline.bodies]
     labels = numbered(f"{pair.one.body}_{pair.other.body}" for pair in found.pairs)
     for pair, label, slave in zip(found.pairs, labels, slaves(found.pairs), strict=True):
-        lines += ["", *_contact(pair, label, slave, names)]
+        lines += ["", *_contact(pair, label, slave, names, found)]
+    lines += _bolts(found)
     lines += ["", "# where it is held, and what loads it: to begin with, its weight presses the largest of the planes"]
     down = _downwards(found)
     if ends:
-        side = max(ends, key=lambda side: (side.form.kind == "plane" and side.form.axis @ down > 0, side.area))
+        small = {name for bolt in bolts(found) for name in (bolt.body, *bolt.nuts)}
+        side = max(
+            ends,
+            key=lambda s: (s.body not in small, s.form.kind == "plane" and s.form.axis @ down > 0, s.area),
+        )
         held = ", ".join(f"{axis} = 0.0" for axis in "xyz"[: found.dim])
         lines += ["[supports.base]", f'boundary = "{ends[side]}"', f"displacement = {{ {held} }}", ""]
     pull = ", ".join(f"{x:.4g}" for x in down[: found.dim])
@@ -126,12 +202,25 @@ def scene_text(found: Assembly, target: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _contact(pair: Pair, label: str, slave: Side | None, names: Mapping[Side, str]) -> list[str]:
+def _bolts(found: Assembly) -> list[str]:
+    """The table of bolts, ready to tighten."""
+    listed = bolts(found) if found.dim == 3 else []
+    if not listed:
+        return []
+    lines = ["", "[bolts]  # tightened to a force until t = 1, then held at their length; what pulls comes after that"]
+    for bolt in listed:
+        ends = ", ".join(f"[{', '.join(f'{x:.6g}' for x in end)}]" for end in bolt.ends)
+        force = f"force = [[1.0, {bolt.force:.3g}]], held_from = 1.0"
+        lines.append(f'{bolt.body} = {{ body = "{bolt.body}", shank = [{ends}], {force} }}  # {bolt.why}')
+    return lines
+
+
+def _contact(pair: Pair, label: str, slave: Side | None, names: Mapping[Side, str], found: Assembly) -> list[str]:
     """The table of a contact."""
     one, other = (pair.other, pair.one) if slave is pair.other else (pair.one, pair.other)
     if slave is None:
         return [f"# {names[one]} and {names[other]}: left out, each is the slave of another contact; split one of them"]
-    law, why = proposed_law(pair)
+    law, why = proposed_law(pair, found)
     lines = [f"[contacts.{label}]", f'surface = "{names[one]}"', f'against = "{names[other]}"']
     if law == "tied":
         return [*lines, f'normal = {{ law = "tied" }}  # {why}']
