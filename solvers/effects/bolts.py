@@ -116,9 +116,7 @@ class _Bolts(Effect):
         drawn = len(bolts) - springs
         found = sum(bolt.force is not None for bolt in bolts.values())
         words = [f"{springs} spring{'s' * (springs > 1)} in the stiffness"] * bool(springs)
-        words += [f"{len(bolts) - springs} shortened shank{'s' * (len(bolts) - springs > 1)}: loads"] * (
-            len(bolts) > springs
-        )
+        words += [f"{drawn} shank{'s' * (drawn > 1)} shortened: a load"] * bool(drawn)
         words += [f"{found} tightened by force: such a step is solved twice and more often"] * bool(found)
         return "; ".join(words)
 
