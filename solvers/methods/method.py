@@ -62,6 +62,7 @@ class Turn:
     form: Form  # of the bodies; turns with the condensed form also come after all others, if memory suffices
     place: int  # order among the turns of that form, ascending
     safe: bool = False  # with a metric that overestimates the bodies' flexibility: shorter steps
+    short: bool = False  # in 3D and for few steps alone, and where no force moves an obstacle
 
 
 class Ready(ABC):

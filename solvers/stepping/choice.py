@@ -34,6 +34,7 @@ COMPACT = 2.0  # a floating body more slender than this takes more, in proportio
 METRIC, PER_DOF = 0.03, 1e-4  # of a step's problems on the surface: the least, and for each contact dof
 COPIES = 5  # copies of the dense stiffness that are in memory at the same time
 FACTOR = {2: 40.0, 3: 60.0}  # entries of a factor, to be multiplied by N and N^(4/3)
+SHORT = 4  # steps up to which a method that learns nothing from step to step is cheaper, see docs/tangent_cg.md
 SHARE = 0.7  # of the available memory that the condensed form may take
 
 
@@ -61,6 +62,7 @@ class Size:
     slender: float = 1.0  # length over thickness of the most slender body that floats
     ranks: int = 1  # that share a machine's memory
     floating: bool = False  # whether contact or forces alone hold a body or an obstacle
+    driven: bool = False  # whether a force moves an obstacle
 
     @staticmethod
     def of(problem: Problem, mesh: Mesh, constraints: Constraints, contacts: tuple[ContactRows, ...]) -> Size:
@@ -80,6 +82,7 @@ class Size:
             slender=max([1.0, *(_slenderness(mesh, body) for body in _floating(problem))]),
             ranks=ranks,
             floating=bool(problem.rigid_modes.shape[1] or problem.driven),
+            driven=bool(problem.driven),
         )
 
     @property
@@ -157,20 +160,23 @@ def chosen(size: Size, solver: Solver, memory: float) -> Choice:
     forms: tuple[Form, ...] = ("condensed",)
     if form == "matrix-free":
         forms = ("matrix-free", "condensed") if size.dense_bytes < SHARE * memory else ("matrix-free",)
-    return Choice(tuple(stage for each in forms for stage in chain(each, size.floating)), because)
+    short = size.dim == 3 and size.steps <= SHORT and not size.driven
+    return Choice(tuple(stage for each in forms for stage in chain(each, size.floating, short)), because)
 
 
-def chain(form: Form, floating: bool) -> tuple[Stage, ...]:
+def chain(form: Form, floating: bool, short: bool = False) -> tuple[Stage, ...]:
     """Stages that `auto` tries with one form of the bodies, in the order of the methods' turns.
 
     Args:
         floating: whether they must work with bodies that contact alone holds.
+        short: whether turns for few steps in 3D are among them.
 
     >>> [str(stage) for stage in chain("matrix-free", floating=True)]
     ['surface-uzawa (matrix-free)', 'surface-uzawa (matrix-free, safer metric)']
     """
     able = {name: method for name, method in METHODS.items() if method.WORKS_WITH.floating or not floating}
     turns = [(turn, name) for name, method in able.items() for turn in method.TURNS if turn.form == form]
+    turns = [(turn, name) for turn, name in turns if short or not turn.short]
     return tuple(Stage(name, form, turn.safe) for turn, name in sorted(turns, key=lambda each: each[0].place))
 
 
