@@ -31,6 +31,7 @@ class Load:
     f_c: Array  # (c,) condensed onto the contact dofs [N]; matrix-free: any forces there with the same resultant
     resultant: Array  # (r,) R^T f, the work on each rigid mode
     free: Array  # (c,) displacement of the contact dofs under the load alone, without contact [m]
+    rough: bool = False  # whether `free` is a scale only
 
     @property
     def magnitude(self) -> float:

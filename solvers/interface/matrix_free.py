@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.protocols import Mat, Sparse, Vec
+from stickslip.geometry.protocols import PC, Mat, Sparse, Vec
 from stickslip.solvers.interface.flexibility import DelassusOperator, Load, T
 from stickslip.solvers.linear.conjugate_gradients import (
     ConjugateGradients,
@@ -35,8 +36,8 @@ class IterativeVolume:
     """
 
     def __init__(self, system: System) -> None:
-        """Set up multigrid; collective."""
-        self.counters = system.counters
+        """Take K_B over; collective."""
+        self._system, self.counters = system, system.counters
         self.K: Mat = system.K_B
         K = self.K
         self.contact = Replicated(K.createVecRight(), system.interface.dofs)
@@ -44,8 +45,12 @@ class IterativeVolume:
         diagonal = self.contact.read(K.getDiagonal())
         self.stiffness = float(diagonal.mean()) if len(diagonal) else 1.0
         self.tolerance = system.problem.solver.tolerance
-        self._multigrid = multigrid(self._bedded(K), lambda: near_nullspace(system), "volume_")
         self._cg = ConjugateGradients(K, self._precondition, self.counters)
+
+    @cached_property
+    def _multigrid(self) -> PC:
+        """Set up at the first solve: a method that needs none does without."""
+        return multigrid(self._bedded(self.K), lambda: near_nullspace(self._system), "volume_")
 
     def remember(self, most: int) -> None:
         """Forget the search directions, and store up to `most` of them from now on."""
@@ -63,7 +68,8 @@ class IterativeVolume:
 
     def release(self) -> None:
         """Free the memory; no solve is possible after that; collective."""
-        self._multigrid.destroy()
+        if "_multigrid" in vars(self):
+            self._multigrid.destroy()
         self.remember(1)
 
     def snapshot(self) -> dict[str, Plain]:
@@ -147,9 +153,16 @@ class MatrixFreeSurface(DelassusOperator):
         self.volume = volume
         self.rho = volume.stiffness
         self._last: Vec = volume.K.createVecRight()  # deformation under the last load and tractions
+        self._known: tuple[Array, Vec] | None = None  # tractions, and the displacement that a method has found for them
+        self.guess: Callable[[Vec], Vec] | None = None  # of a method that needs the displacement without contact
+        #                                                 as a scale only: about the displacement under forces
 
     def load(self, f_q: Vec, driving: Array, error: float = 0.0) -> Load:
         resultant = np.concatenate([self.volume.floating.resultant(f_q.array_r), driving])
+        if self.guess is not None and not error:
+            free = np.zeros(self.size)
+            free[: self.size - self.driven] = self.volume.contact.read(self.guess(f_q))
+            return Load(f_q=f_q, driving=driving, f_c=self.R @ resultant, resultant=resultant, free=free, rough=True)
         deformation = f_q.duplicate()
         free = self._solved(f_q, deformation, resultant, error, EXACT if error else SCALE)
         return Load(f_q=f_q, driving=driving, f_c=self.R @ resultant, resultant=resultant, free=free)
@@ -186,7 +199,13 @@ class MatrixFreeSurface(DelassusOperator):
         self.volume.solve_residual(self._total(load, self.agreed(self.forces(p))), self._last, allowed)
         return self.volume.contact.read(self._last)
 
+    def found(self, p: Array, q: Vec) -> None:
+        """Take over the displacement q [m] of all free dofs that a method has found with tractions p (rows,) [Pa]."""
+        self._known, self._last, self.linear_error = (p, q), q.copy(), 0.0
+
     def recover(self, load: Load, p: Array, u_c: Array) -> Vec:
+        if self._known is not None and self._known[0] is p:
+            return self._known[1]
         q = self._last.copy()
         self.linear_error = self.volume.solve_energy(
             self._total(load, self.forces(p)), q, SHARE * self.volume.tolerance

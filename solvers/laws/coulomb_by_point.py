@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.errors import require
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.laws.friction import Coulomb
@@ -37,6 +37,9 @@ class CoulombByPoint(FrictionLaw):
 
     def of_point(self, point: int) -> FrictionLaw:
         return Coulomb(mu=float(self.mu[point]), k_T=self.k_T)
+
+    def of_points(self, points: Ints) -> FrictionLaw:
+        return replace(self, mu=self.mu[points])
 
     def homogeneous(self, normal: NormalLaw, time: float, end: float) -> bool:
         return True

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from stickslip.geometry.amplitude import Amplitude
-from stickslip.geometry.arrays import Array, Bools
+from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.errors import require
 from stickslip.geometry.keys import Choice, Key
 from stickslip.geometry.protocols import Sparse
@@ -43,6 +43,10 @@ class NormalLaw(Choice):
 
     def stiffness(self, p: Array, p_hat: Array) -> Array:
         """dp/d(penetration) (m,) [Pa/m] at p = resolvent(p_hat): 0 where open, inf where the law is rigid."""
+        raise NotImplementedError
+
+    def pressure(self, penetration: Array) -> Array:
+        """Pressure (m,) [Pa] at a penetration u_n - g (m,) [m], of a law at quadrature points."""
         raise NotImplementedError
 
     def penetration(self, p: Array) -> Array:
@@ -114,6 +118,10 @@ class FrictionLaw(Choice):
 
     def of_point(self, point: int) -> FrictionLaw:
         """The law of one tangential point."""
+        return self
+
+    def of_points(self, points: Ints) -> FrictionLaw:
+        """The law of some tangential points."""
         return self
 
     def directions(self, tangents: Array, free: Bools) -> Array:

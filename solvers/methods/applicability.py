@@ -15,6 +15,7 @@ class Applicability:
     """
 
     floating: bool  # bodies that only contact and friction hold, and obstacles that a force moves
+    driven: bool = True  # the latter, if the former
     bedded: bool = False  # floating bodies, if compliant contact alone resists their rigid modes
     normal: tuple[str, ...] | None = None  # names of the supported normal laws; None: all
     friction: tuple[str, ...] | None = None  # names of the supported friction laws; None: all

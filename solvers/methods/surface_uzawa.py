@@ -87,7 +87,8 @@ class LearningIteration(SameEveryStep):
         status = Status.MAX_IT
         inner = 0.0 if surface.exact or problem.p_ref == 0 else VOLUME  # p_ref = 0: no load and no motion
         accuracy = inner
-        u_c = problem.contact_displacement(p, accuracy) if p.any() else problem.load.free
+        known = not (p.any() or problem.load.rough)
+        u_c = problem.load.free if known else problem.contact_displacement(p, accuracy)
         w, forces = problem.relative_displacement(u_c), surface.forces(p)
         motion = np.zeros_like(u_c)
         balanced = not surface.floating or problem.p_ref == 0

@@ -33,7 +33,7 @@ def refusals(problem: Problem) -> Iterator[str]:
         contact = pair.contact
         for key, value, reason in _contact(contact, pair.obstacle is not None, table):
             yield f"contacts.{name}.{key} = {value}: {method} {reason}; use condensed-newton"
-    for reason in _floating(problem, table) if not table.floating else ():
+    for reason in _floating(problem, table):
         yield f"{method}: {reason}; use condensed-newton"
 
 
@@ -78,8 +78,8 @@ def _contact(contact: Contact, rigid: bool, table: Applicability) -> Iterator[Re
 
 def _floating(problem: Problem, table: Applicability) -> Iterator[str]:
     """Why a method cannot solve a problem with floating bodies or driven obstacles."""
-    if problem.rigid_modes.shape[1] and not (table.bedded and problem.bedded):
+    if problem.rigid_modes.shape[1] and not table.floating and not (table.bedded and problem.bedded):
         what = "supports or compliant pressures" if table.bedded else "supports"
         yield f"needs bodies that their {what} hold; this one is held by contact alone"
-    for name in dict.fromkeys(name for name, _ in problem.driven):
+    for name in dict.fromkeys(name for name, _ in problem.driven) if not (table.floating and table.driven) else ():
         yield f"cannot move obstacles.{name} by a force"

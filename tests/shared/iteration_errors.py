@@ -19,6 +19,7 @@ EXACT = {"perturbed-lagrangian": 1e-12, "regularised": 1e-12, "condensed-newton"
 WAYS = (
     "condensed-newton", "surface-uzawa, condensed", "surface-uzawa, matrix-free", "uzawa, condensed", "inexact-uzawa",
     "nonlinear-uzawa", "gram-uzawa", "nsgs", "block-uzawa", "block-uzawa, ksp", "perturbed-lagrangian", "regularised",
+    "tangent-cg",
 )  # fmt: skip
 OPTIONS = {"": (), "ksp": ('solver.outer="ksp"',), "condensed": ('solver.surface="condensed"',)}
 OPTIONS |= {"matrix-free": ('solver.surface="matrix-free"',)}

@@ -21,8 +21,8 @@ SOURCES = [*sorted(FACE.glob("*.py")), *sorted(p for name in PACKAGES for p in (
 FLOORS = {  # from the ground up
     "geometry": "errors memory keys components arrays protocols amplitude expression size_field shape form_cache"
     " dolfinx_versions mesh surfaces user_files nested_mesh corner_mesh builders obstacles",
-    "solvers": "parallel linear laws scene fem contact effects system interface blocks metrics newton methods stepping"
-    " results accuracy simulation analysis",
+    "solvers": "parallel linear laws scene fem contact effects system interface blocks metrics newton tangent methods"
+    " stepping results accuracy simulation analysis",
     "workflows": "formats pictures writers scene_file run accuracy sweep cost verification commands",
     "": "public __main__",  # the public face; what stands on it is a script that a user might have written
     "workflows above": "reference benchmarks studies demos",

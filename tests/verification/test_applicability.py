@@ -20,7 +20,15 @@ COARSE = 0.01  # regularised, compliance with friction: the bound is that of nod
 ENOUGH = 400  # iterations of a step; none of these cells takes more
 EVERY = 83  # a prime: the sample takes each method through laws, operators, models and more by turns
 CELLS = [cell for method in METHODS for model in MODELS for cell in whole(method, model)]
-OPEN = {"normal": None, "friction": None, "operators": None, "k_T": True, "sliding": True, "floating": True}
+OPEN = {
+    "normal": None,
+    "friction": None,
+    "operators": None,
+    "k_T": True,
+    "sliding": True,
+    "floating": True,
+    "driven": True,
+}
 
 
 def wrong(cell: Cell, limit: int = 10000) -> str | None:

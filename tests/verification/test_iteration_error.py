@@ -23,6 +23,8 @@ QUICK = [
     ("block", "regularised", 1e-3),
     ("cube", "condensed-newton", 1e-3),  # slip changes its direction
     ("cube", "surface-uzawa, matrix-free", 1e-5),
+    ("cube", "tangent-cg", 1e-3),
+    ("cube", "tangent-cg", 1e-8),
     ("foundation", "condensed-newton", 1e-5),  # a compliant contact is all that holds the body
     ("foundation", "block-uzawa", 1e-3),
     ("stack", "surface-uzawa, matrix-free", 1e-3),  # bodies that float

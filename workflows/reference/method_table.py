@@ -32,7 +32,9 @@ def columns(method: Applicability) -> tuple[str, ...]:
         _known(method.normal),
         _known(method.friction) + ("" if method.k_T else "; no k_T"),
         _known(method.operators) + ("" if method.sliding else "; no sliding"),
-        "held or floating" if method.floating else f"held by supports{' or compliance' if method.bedded else ''}",
+        f"held or floating{'' if method.driven else '; no driven obstacles'}"
+        if method.floating
+        else f"held by supports{' or compliance' if method.bedded else ''}",
         " or ".join(form for form in ("condensed", "matrix-free") if getattr(method, form.replace("-", "_"))) or "-",
     )
 

@@ -1,0 +1,335 @@
+"""Tangent conjugate gradients: the bodies move while contact is decided, for the price of about two linear solves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.interface.flexibility import DelassusOperator
+from stickslip.solvers.interface.prepare import matrix_free
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.applicability import Applicability
+from stickslip.solvers.methods.method import Before, Method, Ready, Setup, Solve
+from stickslip.solvers.newton.solution import Correction, OnStep, Solution, Stall, Status, Step, ending, ignore
+from stickslip.solvers.parallel.serialise import Plain
+from stickslip.solvers.tangent.coarse import CoarseMotions
+from stickslip.solvers.tangent.coordinates import ContactCoordinates
+from stickslip.solvers.tangent.faces import CompliantFaces
+from stickslip.solvers.tangent.laws import ContactPoints, Tangent
+from stickslip.solvers.tangent.operator import TangentOperator
+
+SWEEPS = 2  # over the contact points alone, before each iteration
+SHORTEST = 1e-3  # step that is halved no more
+PATIENCE = 150  # iterations of a step, if another form of the bodies can take over
+STALL_WINDOW = 40  # iterations in which the error must halve; usual are 7 to 20 in all
+ROUNDING = 1e-12  # of the energy: a growth that counts as none
+FASTEST, SLOWEST = 0.3, 0.9  # limits of the contraction of an iteration that is counted on
+SLOW = 0.45  # contraction at which, for the second time, multigrid is set up again or coarse motions are made
+FEW = 0.1  # of the slave nodes; with fewer changes multigrid stays
+MARGIN = 2.2  # of the error that is stated
+
+
+@dataclass(frozen=True, kw_only=True)
+class TangentCG(Method):
+    """Conjugate gradients on the tangent problem of the present state of contact, which each iteration decides anew.
+
+    An iteration: (1) each contact point moves to the solution of its own laws, the others at rest; (2) the laws are
+    linearised there: stuck motions are held, slip turns on a spring and grows with the pressure; (3) one multigrid
+    cycle of the bodies with their contact nodes held, smoothed at the contact, gives a direction; (4) the step is the
+    best in the span of it and of the last correction, which makes conjugate gradients while contact does not change;
+    (5) it is projected, and halved until the energy with frozen friction bounds does not grow.
+
+    What stops it is the natural residual, and the error in the energy norm, (r . z)^(1/2), r the tangent residual and z
+    the direction, relative to the displacement.
+
+    Source: truncated multigrid: Kornhuber, Numer. Math. 69 (1994); Gräser & Kornhuber, J. Comput. Math. 27 (2009).
+    """
+
+    NAME: ClassVar = "tangent-cg"
+    WHEN: ClassVar = (
+        "large bodies in 3D: contact is decided while the bodies are solved; two steps for one to two linear solves, "
+        "three to four where all slips"
+    )
+    WORKS_WITH: ClassVar = Applicability(floating=True, driven=False, condensed=False)
+    ROW: ClassVar = 2
+
+    def build(self, setup: Setup) -> Ready:
+        return OnTangent(self, setup)
+
+
+class OnTangent(Ready):
+    """The iteration with its operator."""
+
+    def __init__(self, method: TangentCG, setup: Setup) -> None:
+        """Set up the coordinates and multigrid; collective."""
+        self.method, self.system, self.surface, self.hurried = method, setup.system, setup.surface, setup.hurried
+        self.coordinates = ContactCoordinates.of(setup.system, setup.surface)
+        self.operator = TangentOperator(setup.system, self.coordinates)
+        matrix_free(setup.surface).guess = self._guess
+        self.coarse: CoarseMotions | None = None  # made when they are needed
+        self.nodes: Ints | None = None  # that multigrid holds; None: all slave nodes
+
+    def snapshot(self) -> dict[str, Plain]:
+        """Which nodes multigrid holds, and whether there are coarse motions; see `restore`."""
+        return {"held": self.nodes, "coarse": self.coarse is not None}
+
+    def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
+        if snapshot["held"] is not None:
+            self.hold(snapshot["held"])
+        if snapshot["coarse"]:
+            self.make_coarse()
+
+    def renewed(self, setup: Setup) -> Ready:
+        return OnTangent(self.method, setup)
+
+    def after(self, state: Before) -> Solve:
+        return partial(self.step, state.u)
+
+    def step(self, u: Vec, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
+        """Solve one step from displacement u [m] of all dofs; see `SameEveryStep`; collective."""
+        return Iteration(self, problem, u).solve(on_step)
+
+    def hold(self, nodes: Ints) -> None:
+        """Set up multigrid with these slave nodes held; collective."""
+        self.operator.hold(ContactCoordinates.of(self.system, self.surface, nodes))
+        self.coarse, self.nodes = None, nodes
+
+    def make_coarse(self) -> None:
+        """Add coarse motions to all later iterations; collective."""
+        pressing = self.coordinates.at[: self.surface.normal_rows]
+        self.coarse = CoarseMotions(self.system, self.operator, pressing)
+
+    def _guess(self, f: Vec) -> Vec:
+        """The best multiple of a multigrid cycle for the displacement under forces f."""
+        operator = self.operator
+        r = operator.forces(f)
+        z = operator.cycle(r)
+        z[operator.at] = r[operator.at] / np.einsum("mii->mi", operator.diagonal).ravel()
+        energy = operator.dot(z, operator.product(z))
+        return operator.displacement(z * (operator.dot(z, r) / energy if energy else 0.0))
+
+
+class Iteration:
+    """The iteration on one step: coordinates v, and forces g = f - K v that bodies leave to contact."""
+
+    def __init__(self, ready: OnTangent, problem: SurfaceProblem, u: Vec) -> None:
+        self.ready, self.problem, self.operator = ready, problem, ready.operator
+        self.faces = CompliantFaces(self.operator, ready.coordinates, problem)
+        self.points = ContactPoints(self.operator, ready.coordinates, problem, self.faces)
+        system, time = ready.system, problem.cone.time
+        self.v = self.operator.coordinates(system.free_part(u, time))
+        self.f = self.operator.forces(problem.load.f_q)
+        self.g = self.f - self.operator.product(self.v)
+        self.pressed = self.faces.pressed(self.v)
+        self.last: tuple[Array, Array] | None = None  # the last correction, and K times it
+        self.pulled, self.stored = np.zeros_like(self.f), 0.0  # by supports: T^T K u_s [N], and u_s . K u_s [J]
+        if system.rigid_motion(time) is None:
+            u_s = system.prescribed(time)
+            forces, free = system.K * u_s, system.T.createVecRight()
+            system.T.multTranspose(forces, free)
+            self.pulled, self.stored = self.operator.forces(free), float(forces.dot(u_s))
+
+    def solve(self, on_step: OnStep) -> Solution:
+        """Iterate until the error that is expected is small enough; collective."""
+        operator, rtol = self.operator, self.ready.method.rtol
+        history: list[Step] = []
+        status: Status | None = None
+        stalled = Stall(STALL_WINDOW, 0.5)
+        before, expected, slow = np.inf, np.inf, 0
+        left = np.zeros_like(self.v), np.zeros_like(self.v)
+        for k in range(self.ready.method.max_it + 1):
+            trial = self._relax()
+            tangent = self._tangent(trial)
+            r = self._residual(tangent)
+            enough = expected <= rtol and self._natural(tangent) <= rtol
+            if enough:
+                residual, status = expected, Status.CONVERGED
+            else:
+                z, K_z = self._direction(tangent, r)
+                error = float(np.sqrt(abs(operator.dot(r, z))))
+                scale = max(self._size(), error)
+                residual = error / scale if scale else 0.0
+                status = ending(residual, 0.0, stalled(k, residual))
+                if status is None and self.ready.hurried and k == PATIENCE:
+                    status = Status.SLOW
+            history.append(Step(k, residual, self.problem.volume_solves))
+            on_step(history[-1])
+            if status is not None or k == self.ready.method.max_it:
+                break
+            contraction = float(np.clip(residual / before, FASTEST, SLOWEST))
+            slow += contraction > SLOW
+            if slow == 2 and not self._held_anew(tangent) and self.ready.coarse is None:
+                self.ready.make_coarse()
+            slow %= 2
+            moved, K_moved = self._advance(tangent, r, z, K_z)
+            step = float(np.sqrt(max(operator.dot(moved, r), 0.0))) / scale
+            expected, before = contraction / (1 - contraction) * max(residual, step), residual
+            left = contraction * moved, contraction * K_moved
+        return self._solution(tangent, trial, left, status or Status.MAX_IT, expected, history)
+
+    def _held_anew(self, tangent: Tangent) -> bool:
+        """Set up multigrid again with the nodes held that touch now, if many others are; collective."""
+        operator = self.operator
+        dim = operator.diagonal.shape[1]
+        touch = self.points.truncated(tangent, np.ones(len(operator.at))) == 0
+        touch = (touch | (self.pressed.diagonal > 0)).reshape(-1, dim).any(axis=1)
+        was = operator.held.reshape(-1, dim).any(axis=1)
+        changed, count = operator.comm.allreduce(np.array([(touch != was).sum(), len(was)]))
+        if changed <= FEW * count:
+            return False
+        nodes = (operator.at.reshape(-1, dim)[touch, 0] + operator.K_B.getOwnershipRange()[0]) // dim
+        self.ready.hold(np.concatenate(operator.comm.allgather(nodes)))
+        return True
+
+    def _forces(self) -> Array:
+        """Forces (m d,) [N] at slave nodes that bodies and compliant faces leave to the points."""
+        return np.asarray((self.g - self.pressed.force)[self.operator.at])
+
+    def _relax(self) -> Array:
+        """Sweeps over the contact points; the trial tractions (rows,) [Pa] of the last one."""
+        for _ in range(SWEEPS):
+            change, trial = self.points.relax(self.v[self.operator.at], self._forces(), self.pressed)
+            self._move(self.operator.on_slaves(change), self.operator.of_slaves(change))
+        return trial
+
+    def _move(self, moved: Array, K_moved: Array) -> None:
+        self.v, self.g = self.v + moved, self.g - K_moved
+        self.pressed = self.faces.pressed(self.v)
+
+    def _tangent(self, trial: Array) -> Tangent:
+        return self.points.tangent(self.v[self.operator.at], self._forces(), trial, self.pressed)
+
+    def _residual(self, tangent: Tangent) -> Array:
+        r = self.g - self.pressed.force
+        r[self.operator.at] = self.points.residual(tangent, r[self.operator.at])
+        return r
+
+    def _answer(self, tangent: Tangent, d: Array, K_d: Array) -> Array:
+        """The tangent operator on a motion d (owned,), given K d."""
+        at, closing = self.operator.at, tangent.pressed.stiffness * self.faces.motion(d)
+        found = K_d + self.faces.forces(closing)
+        found[at] = self.points.apply(tangent, found[at], d[at], closing / self.problem.surface.W)
+        return found
+
+    def _direction(self, tangent: Tangent, r: Array) -> tuple[Array, Array]:
+        """An approximate solution of the tangent problem, and K times it: multigrid between sweeps at the contact."""
+        operator, inverse = self.operator, self.points.inverse_blocks(tangent)
+
+        def sweep(z: Array, K_z: Array) -> tuple[Array, Array]:
+            left = (r - self._answer(tangent, z, K_z))[operator.at].reshape(inverse.shape[:2])
+            more = np.einsum("mij,mj->mi", inverse, left).ravel()
+            return z + self.operator.on_slaves(more), K_z + operator.of_slaves(more)
+
+        z, K_z = sweep(*sweep(np.zeros_like(r), np.zeros_like(r)))
+        left = r - self._answer(tangent, z, K_z)
+        left[operator.at] = self.points.truncated(tangent, left[operator.at])
+        e = operator.cycle(left)
+        e[operator.at] = self.points.truncated(tangent, e[operator.at])
+        return sweep(*sweep(z + e, K_z + operator.product(e)))
+
+    def _advance(self, tangent: Tangent, r: Array, z: Array, K_z: Array) -> tuple[Array, Array]:
+        """Take the best step in the span of z, of the last correction, and of coarse motions; returns it, and K it."""
+        D, K_D = [z], [K_z]
+        if self.last is not None:
+            self._add(tangent, *self.last, D, K_D)
+        fine = len(D)
+        if self.ready.coarse is not None:
+            for d, K_d in zip(self.ready.coarse.D, self.ready.coarse.K_D, strict=True):
+                self._add(tangent, d, K_d, D, K_D)
+        answers = np.array([self._answer(tangent, *x) for x in zip(D, K_D, strict=True)])
+        for count in (len(D), fine)[: 1 + (fine < len(D))]:
+            share = self._galerkin(np.array(D[:count]), answers[:count], r)
+            c, K_c = share @ np.array(D[:count]), share @ np.array(K_D[:count])
+            moved, K_moved, lower = self._tried(tangent, c, K_c, 1.0)
+            if lower:
+                break
+        self.last, step = (c, K_c) if lower else None, 1.0
+        while not lower and step > SHORTEST:
+            step /= 2
+            moved, K_moved, lower = self._tried(tangent, c, K_c, step)
+        self._move(moved, K_moved)
+        return moved, K_moved
+
+    def _add(self, tangent: Tangent, d: Array, K_d: Array, D: list[Array], K_D: list[Array]) -> None:
+        """Add a direction (owned,), without what is held, to those of a step."""
+        at = self.operator.at
+        less = self.points.truncated(tangent, d[at]) - d[at]
+        D.append(d + self.operator.on_slaves(less))
+        K_D.append(K_d + self.operator.of_slaves(less))
+
+    def _tried(self, tangent: Tangent, c: Array, K_c: Array, step: float) -> tuple[Array, Array, bool]:
+        """The admissible motion next to a step along c, K times it, and whether the energy does not grow."""
+        operator, v = self.operator, self.v[self.operator.at]
+        beside = self.points.project(tangent, v, v + step * c[operator.at]) - v - step * c[operator.at]
+        moved, K_moved = step * c + operator.on_slaves(beside), step * K_c + operator.of_slaves(beside)
+        allowed = ROUNDING * abs(operator.dot(self.v, self.f + self.g)) / 2
+        return moved, K_moved, self._growth(tangent, moved, K_moved) <= allowed
+
+    def _galerkin(self, D: Array, AD: Array, r: Array) -> Array:
+        """Shares (k,) of the directions D (k, owned) in the solution of A x = r in their span; collective."""
+        found = self.operator.comm.allreduce(D @ np.vstack([AD, r]).T)
+        G, rhs = found[:, :-1], found[:, -1]
+        scale = 1 / np.sqrt(np.where(np.diag(G) > 0, np.diag(G), 1.0))
+        return np.asarray(scale * np.linalg.lstsq(G * scale[:, None] * scale, rhs * scale, rcond=1e-12)[0])
+
+    def _growth(self, tangent: Tangent, moved: Array, K_moved: Array) -> float:
+        """Growth of the energy [J] by a motion, friction bounds frozen; collective."""
+        v = self.v[self.operator.at]
+        friction = self.points.friction_work(tangent, v, v + moved[self.operator.at])
+        bodies = float(moved @ (K_moved / 2 - self.g))
+        faces = self.faces.growth(self.pressed, self.faces.pressed(self.v + moved))
+        return float(self.operator.comm.allreduce(bodies + friction)) + faces
+
+    def _size(self) -> float:
+        """Energy norm of the displacement [J^(1/2)]."""
+        energy = self.operator.dot(self.v, self.f - self.g + 2 * self.pulled) + self.stored
+        return float(np.sqrt(max(energy, 0.0)))
+
+    def _tractions(self, tangent: Tangent) -> tuple[Array, Array, Vec]:
+        """Tractions and relative displacement (rows,), and the displacement of all free dofs."""
+        q = self.operator.displacement(self.v)
+        w = self.problem.relative_displacement(matrix_free(self.problem.surface).volume.contact.read(q))
+        return self.points.gathered(tangent.p), w, q
+
+    def _natural(self, tangent: Tangent) -> float:
+        """The natural residual, or the imbalance of bodies that float if that is larger; collective."""
+        p, w, _ = self._tractions(tangent)
+        return max(self.problem.natural_residual(p, w), self.problem.imbalance(p))
+
+    def _solution(
+        self,
+        tangent: Tangent,
+        trial: Array,
+        left: tuple[Array, Array],
+        status: Status,
+        expected: float,
+        history: list[Step],
+    ) -> Solution:
+        """The solution at the present state; `left` is about the motion that is left, and K times it."""
+        problem, surface = self.problem, matrix_free(self.problem.surface)
+        p, w, q = self._tractions(tangent)
+        p = problem.project(p + problem.weight * (w - problem.gap), problem.weight)
+        surface.found(p, q)
+        size = self._size()
+        self._move(*left)
+        after, w_after, _ = self._tractions(self._tangent(trial))
+        expected = expected if np.isfinite(expected) else 0.0
+        own = Correction(p=MARGIN * (after - p), w=MARGIN * (w_after - w), size=MARGIN * expected * size)
+
+        kept = self.points.gathered(((tangent.spring > 0) | ~tangent.free).astype(float)) > 0
+        kept[: surface.normal_rows] = False
+
+        def correct(before: Correction) -> Correction:
+            """Errors of earlier steps live on in where points stick; those of several steps are independent."""
+            known, w_kept = float(np.linalg.norm(before.w[surface.normal_rows :])), np.where(kept, before.w, 0.0)
+            share = float(np.linalg.norm(w_kept)) / known if known else 0.0
+            size = float(np.hypot(own.size, share * before.size))
+            return Correction(own.p + share * before.p, own.w + w_kept, size)
+
+        u_c = surface.volume.contact.read(q)
+        return Solution(p, w, u_c, status, history[-1].residual, tuple(history), correct=correct)

@@ -1,0 +1,80 @@
+"""Compliant faces: pressure at quadrature points as a function of displacement, as forces on the coordinates.
+
+Every rank has all of these points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Sparse
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.tangent.coordinates import ContactCoordinates
+from stickslip.solvers.tangent.operator import TangentOperator
+
+
+@dataclass(frozen=True)
+class Pressed:
+    """The faces at a displacement; arrays (rows,) are zero at rows that are not compliant."""
+
+    p: Array  # (rows,) [Pa]
+    penetration: Array  # (rows,) [m]
+    stiffness: Array  # (rows,) W dp/d(penetration) [N/m]
+    force: Array  # (owned,) on the coordinates [N]
+    diagonal: Array  # (m d,) sums of the rows of their stiffness at slave nodes [N/m]
+
+
+class CompliantFaces:
+    """Motion of the faces by the coordinates, N T, and the forces of their pressures."""
+
+    def __init__(self, operator: TangentOperator, coordinates: ContactCoordinates, problem: SurfaceProblem) -> None:
+        """Take the faces of a step; collective."""
+        self.problem, self.operator = problem, operator
+        self.places = [block for block in problem.cone.places if block.rows.normal.at_quadrature]
+        compliant = np.zeros(len(problem.gap))
+        for block in self.places:
+            compliant[block.normal] = 1.0
+        self.N: Sparse = (sparse.diags(compliant) @ coordinates.rows).tocsr()
+        self.scatter = Replicated(operator.K_B.createVecRight(), coordinates.numbers)
+        low = operator.K_B.getOwnershipRange()[0]
+        self.slaves = np.searchsorted(coordinates.numbers, operator.at + low)
+
+    def motion(self, v: Array) -> Array:
+        """Closing motion N v (rows,) [m] of coordinates v (owned,); collective."""
+        if not self.places:
+            return np.zeros(len(self.problem.gap))
+        vector = self.operator.K_B.createVecRight()
+        vector.array[:] = v
+        return np.asarray(self.N @ self.scatter.read(vector))
+
+    def pressed(self, v: Array) -> Pressed:
+        """The faces at coordinates v (owned,) [m]; collective."""
+        rows = len(self.problem.gap)
+        p, stiffness = np.zeros(rows), np.zeros(rows)
+        x = self.motion(v) + self.problem.offset - self.problem.gap
+        for block in self.places:
+            n, law = block.normal, block.rows.normal
+            p[n] = law.pressure(x[n])
+            stiffness[n] = self.problem.surface.W[n] * law.stiffness(p[n], x[n])
+        diagonal = np.zeros(len(self.operator.at))
+        if self.places:
+            size = abs(self.N)
+            diagonal = (size.T @ (stiffness * (size @ np.ones(size.shape[1]))))[self.slaves]
+        return Pressed(p, x, stiffness, self.forces(self.problem.surface.W * p), diagonal)
+
+    def forces(self, weighted: Array) -> Array:
+        """Forces N^T f (owned,) [N] of forces f (rows,) [N] of the points."""
+        vector = self.operator.K_B.createVecRight()
+        if self.places:
+            self.scatter.write(vector, self.N.T @ weighted)
+        return vector.array_r.copy()
+
+    def growth(self, was: Pressed, now: Pressed) -> float:
+        """Growth of the energy stored in the faces [J]."""
+        energy, W = self.problem.cone.energy, self.problem.surface.W
+        return float(W @ (energy(now.p) - energy(was.p))) if self.places else 0.0

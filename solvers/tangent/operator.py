@@ -1,0 +1,158 @@
+"""The stiffness in contact coordinates, and multigrid of the bodies with their contact nodes held.
+
+Both are set up once: what contact does to them in a step are changes at the slave nodes alone, whose columns are
+stored. So an iteration takes one product with K_B and one multigrid cycle, however often contact is looked at.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+from stickslip.geometry.arrays import Array
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.linear.multigrid import multigrid
+from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.system.floating_modes import near_nullspace
+from stickslip.solvers.system.system import System
+from stickslip.solvers.tangent.coordinates import ContactCoordinates
+
+PREFIX = "tangent_"  # of PETSc's options
+
+
+class TangentOperator:
+    """K = T^T K_B T; vectors are this rank's part (owned,), those at slave nodes its (m d,) entries there.
+
+    Attributes:
+        at: positions (m d,) of this rank's entries at slave nodes in its part of a vector.
+        diagonal: blocks (m, d, d) of K at slave nodes.
+    """
+
+    def __init__(self, system: System, coordinates: ContactCoordinates) -> None:
+        """Set up multigrid; collective."""
+        self.K_B, self.T, self._inverse = system.K_B, coordinates.T, coordinates.inverse
+        self.counters: Counters = system.counters
+        self.comm = self.K_B.comm.tompi4py()
+        low, high = self.K_B.getOwnershipRange()
+        mine = (coordinates.blocks[:, 0] >= low) & (coordinates.blocks[:, 0] < high)
+        self.at = (coordinates.blocks[mine] - low).ravel()
+        self._slaves = PETSc.IS().createGeneral((self.at + low).astype(PETSc.IntType), comm=self.K_B.comm)
+        every = PETSc.IS().createGeneral(np.arange(low, high, dtype=PETSc.IntType), comm=self.K_B.comm)
+        if coordinates.alone:
+            T_s = self.T.createSubMatrix(self._slaves, self._slaves)
+            self._K = None
+            self._columns = self.T.transposeMatMult(self.K_B.createSubMatrix(every, self._slaves).matMult(T_s))
+        else:
+            self._K = self.K_B.PtAP(self.T)
+            self._columns = self._K.createSubMatrix(every, self._slaves)
+        self.diagonal = self._diagonal(system.mesh.dim)
+        self._system = system
+        self._in, self._out = self.K_B.createVecRight(), self.K_B.createVecRight()
+        self._more = self.K_B.createVecRight()
+        self._slave = self._columns.createVecRight()
+        self.hold(coordinates)
+
+    def product(self, v: Array) -> Array:
+        """K v."""
+        self._in.array[:] = v
+        if self._K is not None:
+            self._K.mult(self._in, self._out)
+        else:
+            self.T.mult(self._in, self._out)
+            self.K_B.mult(self._out, self._more)
+            self.T.multTranspose(self._more, self._out)
+        return self._out.array_r.copy()
+
+    def of_slaves(self, v_s: Array) -> Array:
+        """K v of a v (m d,) that is zero but at slave nodes."""
+        self._slave.array[:] = v_s
+        self._columns.mult(self._slave, self._out)
+        return self._out.array_r.copy()
+
+    def on_slaves(self, v_s: Array) -> Array:
+        """The coordinates (owned,) that are v_s (m d,) at slave nodes, and zero elsewhere."""
+        found = np.zeros(self._in.getLocalSize())
+        found[self.at] = v_s
+        return found
+
+    def jump(self, u: Array) -> Array:
+        """Coordinates (m d,) at slave nodes of free displacements u (owned,) [m]."""
+        self._in.array[:] = u
+        return np.asarray(self.coordinates(self._in)[self.at])
+
+    def hold(self, coordinates: ContactCoordinates) -> None:
+        """Set up multigrid with the slave nodes of these coordinates held, and with all others as they are; collective.
+
+        Args:
+            coordinates: of these slave nodes alone.
+        """
+        low, high = self.K_B.getOwnershipRange()
+        numbers = coordinates.blocks.ravel()
+        self.held = np.isin(self.at + low, numbers)
+        every = all(self.comm.allgather(bool(self.held.all())))
+        self._plain = every
+        self._change = None if every or coordinates.alone else coordinates.T
+        whole = self._K if every and self._K is not None else self.K_B
+        matrix = whole.copy() if self._change is None else whole.PtAP(self._change)
+        held = numbers[(numbers >= low) & (numbers < high)].astype(PETSc.IntType)
+        matrix.zeroRowsColumns(held, diag=float(matrix.getDiagonal().sum() / matrix.getSize()[0]))
+
+        def motions() -> Array:
+            found = near_nullspace(self._system)
+            found[held - low] = 0.0
+            return found
+
+        self._multigrid = multigrid(matrix, motions, PREFIX)
+        self.counters.factorisations += 1
+
+    def cycle(self, r: Array) -> Array:
+        """A multigrid cycle for K v = r with v = 0 where nodes are held."""
+        self._in.array[:] = r
+        self._in.array[self.at[self.held]] = 0.0
+        self.counters.linear_iterations += 1
+        if self._plain:
+            self._multigrid.apply(self._in, self._out)
+        else:  # from these coordinates by way of the displacements
+            self._inverse.multTranspose(self._in, self._more)
+            if self._change is not None:
+                self._change.multTranspose(self._more, self._in)
+                self._multigrid.apply(self._in, self._out)
+                self._change.mult(self._out, self._more)
+            else:
+                self._multigrid.apply(self._more, self._out)
+                self._more.array[:] = self._out.array_r
+            self._inverse.mult(self._more, self._out)
+        found = self._out.array_r.copy()
+        found[self.at[self.held]] = 0.0
+        return found
+
+    def forces(self, f: Vec) -> Array:
+        """Forces T^T f on the coordinates, of forces f over the free displacements [N]."""
+        self.T.multTranspose(f, self._out)
+        return self._out.array_r.copy()
+
+    def displacement(self, v: Array) -> Vec:
+        """u = T v over the free displacements [m]."""
+        self._in.array[:] = v
+        found = self._in.duplicate()
+        self.T.mult(self._in, found)
+        return found
+
+    def coordinates(self, u: Vec) -> Array:
+        """v = T^-1 u of free displacements u [m]."""
+        self._inverse.mult(u, self._out)
+        return self._out.array_r.copy()
+
+    def dot(self, a: Array, b: Array) -> float:
+        """Scalar product over all ranks; collective."""
+        return float(self.comm.allreduce(a @ b))
+
+    def _diagonal(self, dim: int) -> Array:
+        block = self._columns.createSubMatrix(self._slaves, None)
+        pointer, columns, values = block.getValuesCSR()
+        low = block.getOwnershipRange()[0]
+        row = np.repeat(np.arange(len(pointer) - 1), np.diff(pointer))
+        own = (columns - low) // dim == row // dim
+        found = np.zeros((len(self.at) // dim, dim, dim))
+        found[row[own] // dim, row[own] % dim, (columns[own] - low) % dim] = values[own]
+        return found
