@@ -51,8 +51,8 @@ of a shared machine: counts are firm, seconds are not. The error is what the met
 energy norm. Where nearly all points slip (μ = 0.05), cycles include those that make coarse motions.
 
 Few steps on a large contact surface are where it wins; with many steps on one operator `surface-uzawa` has learnt the
-operator, and where little of the surface touches (`half_ball`, `spheres`) it takes fewer cycles. So `auto` does not take it
-yet: ask for it, `solver.method = "tangent-cg"`, where much of the surface is pressed and most of it sticks.
+operator, and where little of the surface touches (`half_ball`, `spheres`) it takes fewer cycles. So `auto` does not
+take it yet: ask for it, `solver.method = "tangent-cg"`, where much of the surface is pressed and most of it sticks.
 
 """
 

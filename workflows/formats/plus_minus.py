@@ -34,7 +34,8 @@ def plus_minus(value: float, error: float | None, converges: bool | None = None,
     if error is None or not error > DIGITS * abs(value):
         return f"{value:.5g}"
     star = MISSING if incomplete else ""
-    last = math.floor(math.log10(float(f"{error:.0e}")))  # place of its only digit
+    error = float(f"{error:.0e}")
+    last = math.floor(math.log10(error))  # place of its only digit
     if 0 < -last <= MOST_PLACES:
         return f"{value:.{-last}f} ± {error:.{-last}f}{star}"
     if last >= 0 and max(abs(value), error) < PLAIN:
