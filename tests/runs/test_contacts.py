@@ -92,6 +92,17 @@ def test_a_bolted_joint_from_file_to_slip_with_six_lines_typed(call: Call, folde
     assert joint["tangential_force"] == pytest.approx(0.2 * joint["normal_force"], rel=1e-3)
 
 
+@pytest.mark.slow  # 10 s: faces of 18 solids are compared
+def test_the_18_solids_of_a_demo_have_seven_bolts(call: Call, folder: Path) -> None:
+    demo = Path("/usr/share/doc/gmsh-doc/doc/gmsh/demos/api/as1-tu-203.stp.gz")
+    assert call("new", "--from", str(demo), "as1.toml")[0] == 0
+    scene = read(folder / "as1.toml")
+    assert (len(scene.bodies), len(scene.contacts)) == (18, 38)
+    assert sum(contact.normal.sides == 2 for contact in scene.contacts.values()) == 8
+    tables = scene.effect_tables()
+    assert [name for kind, name in tables if kind == "bolts"] == ["rod", *("bolt", *(f"bolt_{n}" for n in range(2, 7)))]
+
+
 def test_bodies_get_names_and_lists_tell_partners(call: Call, folder: Path) -> None:
     write_assembly(folder / "stack.brep", stacked)
     (folder / "s.toml").write_text(
