@@ -10,7 +10,9 @@ import numpy as np
 from stickslip.solvers.accuracy.iteration_errors import iteration_errors
 from stickslip.solvers.accuracy.mesh_error import mesh_errors
 from stickslip.solvers.accuracy.next_order import smooth_errors
-from stickslip.solvers.results.error_parts import ErrorParts, Errors
+from stickslip.solvers.accuracy.resolution import with_unresolved
+from stickslip.solvers.contact.rows import ContactRows
+from stickslip.solvers.results.error_parts import ErrorParts, Errors, Quantity
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.observe import Observer
 from stickslip.solvers.results.step_result import StepResult
@@ -24,20 +26,28 @@ def with_errors(observe: Observer, accepted: Accepted, result: StepResult) -> St
     corrected, of_mesh = (mesh_errors if of_order_1 else smooth_errors)(observe, accepted, result)
     of_iteration = iteration_errors(observe, accepted, found)
     exact_laws = accepted.stepper.chain.exact_laws
-    errors = {}
+    errors = dict[Quantity, ErrorParts]()
     for key, value in found.items():
         laws = ErrorParts(law=np.abs(0.0 * value) if exact_laws else None)
         parts = [part for part in (of_mesh.get(key), of_iteration.get(key)) if part is not None]
         for part in parts:
             laws = laws.joined(part)
-        errors[str(key)] = laws
-    return replace(result, corrected={str(key): value for key, value in corrected.items()}, errors=errors)
+        errors[key] = laws
+    known = with_unresolved(accepted.stepper.system.contacts, result, errors)
+    return replace(
+        result,
+        corrected={str(key): value for key, value in corrected.items()},
+        errors={str(key): parts for key, parts in known.items()},
+    )
 
 
-def joined(steps: Sequence[StepResult], *found_later: Sequence[Errors]) -> tuple[Errors, ...]:
+def joined(
+    contacts: Sequence[ContactRows], steps: Sequence[StepResult], *found_later: Sequence[Errors]
+) -> tuple[Errors, ...]:
     """All errors of the numbers of each step.
 
     Args:
+        contacts: of the run's mesh.
         found_later: those that are found at the end of a run, each for as many steps as they are known for.
     """
     found = []
@@ -46,5 +56,5 @@ def joined(steps: Sequence[StepResult], *found_later: Sequence[Errors]) -> tuple
         own = {key: step.errors.get(str(key), ErrorParts()) for key in quantities(step)}
         for errors in later:
             own = {key: parts.joined(errors.get(key, ErrorParts())) for key, parts in own.items()}
-        found.append(own)
+        found.append(with_unresolved(contacts, step, own))
     return tuple(found)

@@ -74,11 +74,7 @@ class ContactRows:
 
     def node_traction(self, t: Array) -> Array:
         """Tangential multiplier (n, d) [Pa], Cartesian, at the surface's nodes, from t (m_t, d-1); sigma_T = -t."""
-        n, d = self.surface.points.shape
-        if not len(self.W_t):
-            return np.zeros((n, d))
-        nodal_forces = self.N_t.T @ (t.reshape(len(self.W_t), d - 1) * self.W_t[:, None]).ravel()
-        return self._per_weight(self.surface.forces_transform @ nodal_forces.reshape(-1, d)[:n])
+        return np.asarray(self.share_t.T @ np.einsum("mc,mcd->md", t * self.free, self.tangents))
 
     def normal_of_nodes(self, pressure: Array) -> Array:
         """Pressure at normal points (m_n,) from that of the nodes (n,): the transpose of `node_pressure`, weighted."""

@@ -59,7 +59,7 @@ def contact_differences(
     p_top: float,
     rounding: float,
 ) -> Iterator[float]:
-    """Differences of the stored fields of a contact, slip apart [-].
+    """Differences of the stored fields of a contact, slip apart [-]; tractions also as forces on the nodes of bodies.
 
     Args:
         stored: by name, on the n nodes of the slave side.
@@ -81,7 +81,10 @@ def contact_differences(
     lam = np.asarray(stored["lam"], float)[:, :d] * nodal[:, None]
     yield difference(np.asarray(stored["weight"], float), rows.node_weights)
     yield difference(np.asarray(stored["pressure"], float), pressure, p_top)
-    yield difference(np.asarray(stored["traction"], float)[:, :d], traction, p_top)
+    shown = np.asarray(stored["traction"], float)[:, :d]
+    yield difference(shown, traction, p_top)
+    felt = -(rows.N_t.T @ (t * rows.W_t[:, None]).ravel()).reshape(-1, d)  # by the nodes of both sides [N]
+    yield difference(rows.relative.T @ (rows.node_weights[:, None] * shown), felt, p_top * rows.node_weights.max())
     yield difference(lam[judged], -traction[judged], p_top)
     yield difference(np.asarray(stored["gap"], float), node_gap - closing, rounding=rounding)
     # where the edge of contact crosses a facet, dual means of compliant pressures may be below zero beside it

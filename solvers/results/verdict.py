@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 
 from stickslip.solvers.results.audit import Audit
@@ -15,6 +15,20 @@ LAWS = 1e-5  # contact laws; the ready scenes stay below 1e-7
 LOOSE = 30.0  # times solver.tolerance: the scales of the audit are the step's own, smaller than those of the tolerance
 ROUGH = 0.1  # with any method
 APART = 30.0  # times the error that a method states of its laws: that is of the whole body, this of one point
+
+ITERATE, UNITS = "try a smaller solver.tolerance or another solver.method", "check the units of E, loads and lengths"
+DEFECT = "no setting of the scene decides that: it is a defect of the program or of the files; please report it"
+HINTS: Mapping[str, str] = {  # what to do about each number of the audit
+    "equilibrium": f"{ITERATE}, and {UNITS}",
+    "rounding": f"the last digit of the displacements decides the forces; {UNITS}, or keep bodies from moving far",
+    "supports": DEFECT,
+    "penetration": ITERATE,
+    "negative_pressure": ITERATE,
+    "cone": ITERATE,
+    "complementarity": ITERATE,
+    "dissipation": ITERATE,
+    "fields": DEFECT,
+}
 
 
 def limits(tolerance: float, law_error: float = 0.0, rounding: float = 0.0) -> Audit:
@@ -43,7 +57,7 @@ def limits(tolerance: float, law_error: float = 0.0, rounding: float = 0.0) -> A
 def passed(
     audits: Sequence[Audit], times: Sequence[float], law_errors: Sequence[float], tolerance: float
 ) -> Iterator[str]:
-    """Sentences on the defects that pass their limits: for each its worst step.
+    """Sentences on the defects that pass their limits: for each its worst step, and what to do about it.
 
     Args:
         audits: one a step.
@@ -61,5 +75,5 @@ def passed(
         if over[worst] > 1:
             yield (
                 f"{name.replace('_', ' ')} is {found[worst][name]:.1e} in step {worst + 1} (t = {times[worst]:g}), "
-                f"more than {allowed[worst][name]:.1e}"
+                f"more than {allowed[worst][name]:.1e}: {HINTS[name]}"
             )

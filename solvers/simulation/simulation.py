@@ -145,7 +145,8 @@ class Simulation:
         Returns:
             For each step its numbers' errors; a part that is not known is None.
         """
-        return joined(steps, self.time_step_errors(steps, on_iteration), self.mesh_errors(steps, on_iteration))
+        of_time = self.time_step_errors(steps, on_iteration)
+        return joined(self.system.contacts, steps, of_time, self.mesh_errors(steps, on_iteration))
 
     def time_step_errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None

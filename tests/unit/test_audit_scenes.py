@@ -27,6 +27,7 @@ BALL = {"shape": "sphere", "center": [0.0, -3.0], "radius": 3.0}
 DRAWN = {"top": {"boundary": "block.top", "displacement": {"x": [[1, 0], [2, 0.1]], "y": [[0, 0], [1, -0.12]]}}}
 DOWN = {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": [[0, 0], [2, -0.12]]}}}
 SPRINGS = {"law": "coulomb", "mu": 0.3, "k_T": 7.0}
+COULOMB = {"law": "coulomb", "mu": 0.1}
 COMPLIANCE = {"law": "compliance", "c_n": 40.0, "m_n": 1.5}
 TRESCA = {"law": "tresca", "bound": [[0, 0.01], [2, 0.03]]}
 
@@ -67,6 +68,18 @@ SCENES |= {
 }  # fmt: skip
 
 
+SHORTER = {"lower_length": 1.6, "lower_mesh_size": 0.25}  # its edges cross facets of the side above, at .2 and 1.8
+OVERHANG = TWO | {"geometry": TWO["geometry"] | SHORTER, "contacts": {"base": JOINT | {"friction": COULOMB}}}
+OVERHANG_3D = OVERHANG | {
+    "geometry": OVERHANG["geometry"] | {"width": 0.5},
+    "supports": {
+        "bed": {"boundary": "lower.bottom", "displacement": {"x": 0.0, "y": 0.0, "z": 0.0}},
+        "top": {"boundary": "upper.top", "displacement": {"x": [[1, 0], [2, 0.1]], "z": [[0, 0], [1, -0.12]]}},
+    },
+}
+SCENES |= {"overhang": OVERHANG, "overhang in 3D": OVERHANG_3D}
+
+
 WALL = {"shape": "plane", "point": [2.005, 0.0], "normal": [-1.0, 0.0]}
 SCENES["on two sides"] = table(
     {"friction": SPRINGS}, thermal={"block": {"expansion": 1e-3, "temperature": [[0, 0], [1, 20.0], [2, -10.0]]}}
@@ -101,7 +114,7 @@ def case_of(scene_of: SceneOf, simulation_of: SimulationOf) -> Callable[[str], C
         if name not in known:
             tables = {"bodies": {"block": {"E": 2.0, "nu": 0.3}}, "steps": {"end": 2.0, "count": 4}}
             tables |= {"solver": {"tolerance": 1e-10}}
-            simulation = simulation_of(scene_of(3 if name == "in 3D" else 2, **tables | SCENES[name]))
+            simulation = simulation_of(scene_of(3 if "in 3D" in name else 2, **tables | SCENES[name]))
             steps = tuple(simulation.steps())
             records = tuple(replace(record_of(step), stored=stored_by(step)) for step in steps)
             known[name] = Case(simulation, steps, records)
@@ -117,6 +130,18 @@ def test_accepted_steps_are_clean(name: str, case_of: Callable[[str], Case]) -> 
         assert max(found.values()) < CLEAN, found
     assert all(step.substeps == 1 for step in case.steps)  # so that slip is followed from step to step
     assert max(step.contacts["base"].normal_force for step in case.steps) > 0.01
+
+
+@pytest.mark.parametrize("name", ["overhang", "overhang in 3D"])
+def test_nodes_partly_beyond_the_other_side_slip_like_the_rest(name: str, case_of: Callable[[str], Case]) -> None:
+    """What the node beyond the edge feels belongs to the neighbour that carries its multiplier."""
+    case = case_of(name)
+    base, (rows,) = case.steps[-1].contacts["base"], case.simulation.system.contacts
+    assert ((base.weight > 0) & (base.weight < rows.surface.node_weights() * (1 - 1e-9))).any()
+    assert base.contact_area == pytest.approx(1.6 * (0.5 if "3D" in name else 1.0))
+    assert base.stick_area == 0
+    assert base.tangential_force == pytest.approx(float(np.linalg.norm(base.force[:-1])), rel=1e-8)
+    assert base.tangential_force == pytest.approx(0.1 * base.normal_force, rel=1e-3)  # in 3D not all slips along x
 
 
 @pytest.mark.parametrize("name", ["compliance", "sliding compliance", "springs"])

@@ -235,7 +235,14 @@ def test_the_worst_step_is_named() -> None:
     audits = [zero, replace(zero, cone=2e-3), replace(zero, cone=1e-3, supports=np.nan)]
     found = tuple(passed(audits, [1.0, 2.0, 3.0], [0.0] * 3, 1e-8))
     assert [sentence.split()[0] for sentence in found] == ["supports", "cone"]
-    assert "cone is 2.0e-03 in step 2 (t = 2), more than 1.0e-05" in found
+    assert "cone is 2.0e-03 in step 2 (t = 2), more than 1.0e-05: try a smaller solver.tolerance" in found[1]
+
+
+def test_each_number_has_its_own_advice() -> None:
+    bad = Audit(**dict.fromkeys(vars(limits(1e-8)), 1.0))
+    found = {line.split(" is ")[0]: line.split(": ", 1)[1] for line in passed([bad], [1.0], [0.0], 1e-8)}
+    assert {name for name, advice in found.items() if "please report it" in advice} == {"supports", "fields"}
+    assert {name for name, advice in found.items() if "units" in advice} == {"equilibrium", "rounding"}
 
 
 def test_what_passes_its_limit_is_said_and_no_more() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.accuracy.resolution import elements_touched, unresolved
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.results.error_parts import Errors, Quantity
 from stickslip.solvers.results.step_result import OPEN, ContactState, MeshData, StepResult
@@ -26,6 +27,7 @@ ROUNDED = 1e-9  # of the work and energy; what friction dissipated is less where
 SOFT = 0.4  # Poisson's ratio up to which no mesh locks
 LARGE_JUMP = 0.25  # of the equivalent stress: the maximum pressure is then 15 % off and more, as measured
 FEWEST = {2: 4, 3: 9}  # closed facets (in 3D of four corners) for a maximum pressure within 10 %, by dimension
+ACROSS = {2: 4.0, 3: 3.0}  # elements of the other side across the part that touches, for the same
 LARGE_PEAK = 0.1  # a peak higher by that than the mean of its neighbours is noise of the mesh, as measured on balls
 LARGE_SAGITTA = 0.05  # of the motion that the contact's pressure causes
 CREASE = 30.0  # [degrees]; where facets meet at a larger angle the side has a corner, and is no curve
@@ -132,7 +134,7 @@ def doubts(
             yield from _slid_far(rows, problem, states)
         peak = max(states, key=lambda state: state.max_pressure)
         if (peak.status != OPEN).any() and peak.max_pressure > 0:
-            yield from _few_points(rows, peak)
+            yield from _few_points(rows, problem, peak)
             yield from _cut_corners(rows, problem, peak)
 
 
@@ -224,29 +226,41 @@ def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState
         )
 
 
-def _few_points(rows: ContactRows, state: ContactState) -> Iterator[str]:
-    """A closed part with an open edge on a curved gap, with too few points, or with a peak that its mesh makes."""
-    closed, beside = state.status != OPEN, rows.surface.neighbours()
+def _few_points(rows: ContactRows, problem: Problem, state: ContactState) -> Iterator[str]:
+    """A closed part with an open edge on a curved gap, with too few elements, or with a peak that its mesh makes."""
+    closed, beside, pair = state.status != OPEN, rows.surface.neighbours(), problem.pairs[rows.name]
     ring = closed | (beside @ closed > 0)
     gap = rows.node_gap[ring]
-    if closed.all() or float(np.ptp(gap)) <= 1e-9 * float(np.ptp(rows.surface.points, axis=0).max()):
+    flat = closed.all() or float(np.ptp(gap)) <= 1e-9 * float(np.ptp(rows.surface.points, axis=0).max())
+    if flat and not unresolved(rows, state):
         return  # all of the side, or flat on flat
     facets = int(closed[rows.surface.facets].all(axis=1).sum())
     alike = facets / 2 if rows.surface.shape == "triangle" else facets
-    top = int(np.argmax(state.pressure))
+    top, other = int(np.argmax(state.pressure)), elements_touched(rows, state)[1]
     around = beside[top].indices
     peak = float(state.pressure[top] / state.pressure[around].mean() - 1) if closed[around].all() else 0.0
-    advice = "refine contact_mesh_size" + ("" if rows.surface.degree > 1 else ", or set geometry.order = 2")
+    advice = _refine(problem, pair.slave) + ("" if rows.surface.degree > 1 else ", or set geometry.order = 2")
     if alike < FEWEST[rows.surface.dim]:
         yield (
             f"contacts.{rows.name}: only {int(closed.sum())} points touch, on {facets} whole facets, too few for the "
             f"maximum pressure; {advice}"
+        )
+    elif other < ACROSS[rows.surface.dim]:
+        yield (
+            f"contacts.{rows.name}: the part that touches has only {other:.2g} elements of {pair.master} across, too "
+            f"few for the maximum pressure; {_refine(problem, str(pair.master))}"
         )
     elif peak > LARGE_PEAK:
         yield (
             f"contacts.{rows.name}: the maximum pressure stands {peak:.0%} above that of the points around it, where "
             f"{int(closed.sum())} touch: it is the mesh's; {advice}"
         )
+
+
+def _refine(problem: Problem, side: str) -> str:
+    """What makes the elements of a side smaller: some builders have a key of their own for a body."""
+    key = f"{side.partition('.')[0]}_mesh_size"
+    return f"refine geometry.{key}" if getattr(problem.shape, key, None) else "refine contact_mesh_size"
 
 
 def _cut_corners(rows: ContactRows, problem: Problem, state: ContactState) -> Iterator[str]:

@@ -12,11 +12,13 @@ from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
 from stickslip.geometry.amplitude import Amplitude, listed_times, value_at
+from stickslip.geometry.arrays import Bools
 from stickslip.geometry.memory import available
 from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.mesh.quality import worst_quality
 from stickslip.geometry.surfaces.surface import Surface
+from stickslip.solvers.accuracy.resolution import faced
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import EFFECTS
 from stickslip.solvers.fem.supports import find_constraints
@@ -46,6 +48,8 @@ class ContactReport:
     overlapping_points: int
     overlap_area: float
     points_that_can_touch: int
+    other_elements_across: int | None = None  # of the other side; None: a rigid obstacle
+    other_size: float | None = None  # of its elements by those of this side, where the gap is smallest
 
 
 @dataclass(frozen=True)
@@ -62,9 +66,14 @@ class MeshReport:
         yield f"mesh: {self.cells} cells, {self.nodes} nodes, worst quality {self.worst_quality:.2f}"
         for name, c in self.contacts.items():
             overlap = f"{c.overlapping_points} points overlap, {c.overlap_area:.4g} m²" if c.overlapping_points else ""
+            other = ""
+            if c.other_elements_across is not None:
+                other = (
+                    f" ({c.other_elements_across} of the other side, {c.other_size:.3g} times as large where nearest)"
+                )
             yield (
                 f"contact {name}: {c.normal_points} normal and {c.tangential_points} tangential points, area "
-                f"{c.area:.4g} m², {c.elements_across} elements across, gap {c.smallest_gap:.4g} to "
+                f"{c.area:.4g} m², {c.elements_across} elements across{other}, gap {c.smallest_gap:.4g} to "
                 f"{c.largest_gap:.4g} m, {overlap or 'no overlap'}"
             )
 
@@ -97,7 +106,7 @@ def report_mesh(scene: Scene, mesh: Mesh, nodes: int, contacts: Sequence[Contact
 
 
 def _report_contact(scene: Scene, c: ContactRows, size: float) -> ContactReport:
-    overlap = c.node_gap < -1e-9 * size
+    overlap, nearest = c.node_gap < -1e-9 * size, c.node_gap == c.node_gap[c.node_weights > 0].min()
     return ContactReport(
         normal_points=len(c.W_n),
         tangential_points=len(c.W_t),
@@ -109,7 +118,15 @@ def _report_contact(scene: Scene, c: ContactRows, size: float) -> ContactReport:
         overlapping_points=int(overlap.sum()),
         overlap_area=float(c.node_weights[overlap].sum()),
         points_that_can_touch=int(np.sum(can_touch(scene, c.node_gap, size))),
+        other_elements_across=None if c.master is None else elements_across(c.master),
+        other_size=None if c.master is None else _size_at(c.master, faced(c, nearest)) / _size_at(c.surface, nearest),
     )
+
+
+def _size_at(surface: Surface, nodes: Bools) -> float:
+    """Mean edge [m] of the facets at these nodes (n,)."""
+    ends = surface.points[surface.facets[nodes[surface.facets].any(axis=1)][:, :2]]
+    return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())
 
 
 def can_touch(scene: Scene, gap: Any, size: float) -> Any:

@@ -50,7 +50,6 @@ from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity
 from stickslip.workflows.writers.writer import Ended, Job, wanted
 
 log = logging.getLogger(__name__)
-TRY = "try a smaller solver.tolerance or another solver.method, and check the units of E, loads and lengths"
 
 
 class Run:
@@ -178,7 +177,7 @@ class Run:
             audited = audit_steps(simulation, self._folder, self.steps)
         warnings = self._warnings()
         if audited.passed and status == "converged":
-            status, sentence = "doubtful", f"the audit finds that {'; '.join(audited.passed)}; {TRY}"
+            status, sentence = "doubtful", f"the audit finds that {'; '.join(audited.passed)}"
         elif audited.passed:
             warnings += tuple(f"the audit finds that {one}" for one in audited.passed)
         outcome = Outcome(status, sentence, self._place, warnings)

@@ -274,12 +274,13 @@ def print_mesh(report: MeshReport, out: Console) -> None:
     """The mesh in a table, its contacts in another, warnings below."""
     out.print(f"{report.cells} cells, {report.nodes} nodes, worst quality {report.worst_quality:.2f} (1 is best)")
     table = Table()
-    heads = ("contact", "normal points", "tangential", "area [m²]", "elements across", "smallest gap [m]")
-    for name in (*heads, "largest gap [m]", "overlapping points", "overlap [m²]", "can touch"):
+    heads = ("contact", "normal points", "tangential", "area [m²]", "elements across", "other side")
+    for name in (*heads, "smallest gap [m]", "largest gap [m]", "overlapping points", "overlap [m²]", "can touch"):
         table.add_column(name, justify="left" if name == "contact" else "right")
     for name, c in report.contacts.items():
         gaps = (f"{c.smallest_gap:.4g}", f"{c.largest_gap:.4g}", str(c.overlapping_points), f"{c.overlap_area:.4g}")
-        points = (str(c.normal_points), str(c.tangential_points), f"{c.area:.4g}", str(c.elements_across))
+        other = "" if c.other_elements_across is None else f"{c.other_elements_across} (× {c.other_size:.3g})"
+        points = (str(c.normal_points), str(c.tangential_points), f"{c.area:.4g}", str(c.elements_across), other)
         table.add_row(name, *points, *gaps, str(c.points_that_can_touch))
     if report.contacts:
         print_table(table, out)
