@@ -198,8 +198,9 @@ def _explained(error: ValidationError, kind: Any, data: Any, at: tuple[str, ...]
         problem = min(found, key=lambda e: (rank.get(e["type"], 3), len(e["loc"])))
         path, node, _ = _followed(problem, data)
         if problem["type"] != "value_error":
-            known = _keys_at(kind, data, path[:-1]) if problem["type"] in UNKNOWN else set()
-            yield _line(problem, [*at, *path], node, known, found)
+            known = set(_keys_at(kind, data, path[:-1])) if problem["type"] in UNKNOWN else set()
+            unit = _unit_at(kind, data, path) if problem["type"] == "float_type" else ""
+            yield _line(problem, [*at, *path], node, known, found, unit)
             continue
         cause, key = problem["ctx"]["error"], shortened(".".join([*at, *path]))
         for line in cause.lines if isinstance(cause, SceneError) else (str(cause),):
@@ -223,7 +224,7 @@ def _followed(problem: Any, data: Any) -> tuple[list[str], Any, tuple[str, ...]]
     return path, node, tuple(path) if place is None else place
 
 
-def _line(problem: Any, path: Sequence[str], node: Any, known: set[str], beside: Sequence[Any]) -> str:
+def _line(problem: Any, path: Sequence[str], node: Any, known: set[str], beside: Sequence[Any], unit: str) -> str:
     """One of pydantic's errors.
 
     Args:
@@ -231,6 +232,7 @@ def _line(problem: Any, path: Sequence[str], node: Any, known: set[str], beside:
         node: its value.
         known: valid names in the key's table.
         beside: the errors of all types that were tried.
+        unit: of a number; may be empty.
     """
     key, found = shortened(".".join(path)), shortened(json.dumps(node, ensure_ascii=False, default=str, skipkeys=True))
     what, context, inner = problem["type"], problem.get("ctx", {}), f"{key}." if key else ""
@@ -253,14 +255,26 @@ def _line(problem: Any, path: Sequence[str], node: Any, known: set[str], beside:
     if what == "float_type" and "float" in problem["loc"]:  # one branch of a value in time
         texts = any(e["type"] == "string_type" for e in beside)
         more = ", or an expression in quotes" if texts else ""
-        return f"{key} = {found}: expected a number, or a table [[time, value], ...]{more}"
+        number = f"a number{f' in {unit}' if unit else ''}"
+        return f"{key} = {found}: expected {number}, or a table [[time, value], ...]{more}"
     if what == "dataclass_exact_type":
         return f"{key} = {found}: expected a {context['class_name']}"
-    return f"{key} = {found}: {EXPECTED.get(what, problem['msg'][0].lower() + problem['msg'][1:])}"
+    said = EXPECTED.get(what, problem["msg"][0].lower() + problem["msg"][1:])
+    return f"{key} = {found}: {said}{f', in {unit}' if unit else ''}"
 
 
-def _keys_at(kind: Any, data: Any, path: Sequence[str]) -> set[str]:
-    """Valid names in the table at `path`, found by walking the types along the data."""
+def _unit_at(kind: Any, data: Any, path: Sequence[str]) -> str:
+    """Unit of the number at `path`, which is that of the innermost key around it; empty if it has none."""
+    for place in range(len(path) - 1, -1, -1):
+        hint = _keys_at(kind, data, path[:place]).get(path[place])
+        units = [key.unit for key in getattr(hint, "__metadata__", ()) if isinstance(key, Key)]
+        if units:
+            return units[0] if units[0] not in ("", "-", "m, -", "Pa, -") else ""
+    return ""
+
+
+def _keys_at(kind: Any, data: Any, path: Sequence[str]) -> dict[str, Any]:
+    """Valid names in the table at `path`, with their types, found by walking the types along the data."""
     kind = (
         next((k for k in get_args(kind) if k is not type(None)), kind)
         if get_origin(kind) in (Union, UnionType)
@@ -269,12 +283,12 @@ def _keys_at(kind: Any, data: Any, path: Sequence[str]) -> set[str]:
     if get_origin(kind) is Annotated:
         return _keys_at(get_args(kind)[0], data, path)
     if get_origin(kind) is Mapping:
-        return _keys_at(get_args(kind)[1], data[path[0]], path[1:]) if path else set()
+        return _keys_at(get_args(kind)[1], data[path[0]], path[1:]) if path else {}
     if isinstance(kind, type) and issubclass(kind, Choice) and Choice in kind.__bases__:
         tags = {get_args(get_type_hints(k)[kind.tag])[0]: k for k in kind.kinds}
         kind = tags[data[kind.tag]] if len(tags) > 1 else kind.kinds[0]
     if not is_dataclass(kind):
-        return set()
+        return {}
     hints = get_type_hints(kind, include_extras=True)
     names = {f.name.rstrip("_"): hints[f.name] for f in fields(kind)}
-    return _keys_at(names[path[0]], data[path[0]], path[1:]) if path else set(names)
+    return _keys_at(names[path[0]], data[path[0]], path[1:]) if path else names

@@ -18,6 +18,7 @@ KINDS = {".geo": "geo", ".step": "cad", ".stp": "cad", ".brep": "cad", ".msh": "
 # How files of a kind begin; gmsh would run any other content as a .geo script.
 BEGINS = {".msh": "$MeshFormat", ".step": "ISO-10303-21", ".stp": "ISO-10303-21", ".brep": "CASCADE Topology"}
 HEAD = 4096  # bytes in which that must occur
+STEP = (".step", ".stp")
 STARTS = ("Info: Calling ", "aborting system call", "Abnormal server termination")  # how gmsh logs that
 LARGEST = 2**30  # bytes of an unpacked file
 
@@ -25,6 +26,11 @@ LARGEST = 2**30  # bytes of an unpacked file
 def kind_of(path: Path) -> str | None:
     """Kind of the file (geo, cad, msh or py) by its ending, without .gz; None if unknown."""
     return KINDS.get(_suffix(path))
+
+
+def declared_unit(path: Path) -> str | None:
+    """Unit in which gmsh gives the coordinates of a file that declares its own, whichever that is; else None."""
+    return "mm" if _suffix(path) in STEP else None
 
 
 def _suffix(path: Path) -> str:

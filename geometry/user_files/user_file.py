@@ -21,7 +21,7 @@ from stickslip.geometry.shape import Model, Request, Shape
 from stickslip.geometry.user_files.cut_cells import cut_to_sizes
 from stickslip.geometry.user_files.geo_script import parameter_names
 from stickslip.geometry.user_files.meshing import MeshOptions
-from stickslip.geometry.user_files.open_file import KINDS, Parameter, kind_of
+from stickslip.geometry.user_files.open_file import KINDS, Parameter, declared_unit, kind_of
 from stickslip.geometry.user_files.outline import Outline
 from stickslip.geometry.user_files.raw_mesh import RawMesh
 from stickslip.geometry.user_files.reader import Question, ask
@@ -63,7 +63,7 @@ class UserFile(Noun, Shape):
     file: Annotated[str, Key("-", ".geo, .step, .brep, .msh or .py (or any of these .gz), relative to the scene file")]
     length_unit: Annotated[
         Literal["m", "dm", "cm", "mm", "um", "nm", "km", "in", "ft"],
-        Key("-", "unit of the file's coordinates; gmsh turns STEP files that declare a unit into mm"),
+        Key("-", 'unit of the file\'s coordinates; write "mm" for every STEP file: gmsh turns its own unit into mm'),
     ] = "m"
     mesh_size: Annotated[
         float | None,
@@ -163,6 +163,17 @@ class UserFile(Noun, Shape):
             areas += [area for p in _close(self._key(dim), request.facing, fine) for area in (p.area, p.area)]
             near = sum(refined_near(area, depth, fine, size, dim) for area in areas)
         return filled(outline.volume, size, dim) + near
+
+    def refuse_too_large(self, request: Request, free: float = np.inf) -> None:
+        try:
+            super().refuse_too_large(request, free)
+        except SceneError as error:
+            declared = declared_unit(Path(self.file))
+            if declared in (None, self.length_unit):
+                raise
+            box = " x ".join(f"{length:.3g}" for length in np.ptp(self.box(request.dim), axis=0))
+            hint = f"the file's box, read in {self.length_unit}, is {box} m; is length_unit = '{declared}' missing?"
+            raise SceneError(f"{error}; {hint}") from None
 
     def size(self, dim: int) -> float | None:
         """Edge length of the cells [m]; where a CAD file comes without one, that of CELLS cells of its volume."""

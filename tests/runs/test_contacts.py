@@ -11,6 +11,8 @@ from shared.assemblies import bolted, stacked, write_assembly
 from shared.command import Call, assert_one_line, result
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.mesh.mesh import build_mesh
+from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.own_files import mark
 from stickslip.workflows.scene_file.read import read
 
 
@@ -22,10 +24,24 @@ def test_pairs_are_listed_and_drawn(call: Call, folder: Path) -> None:
     assert [cell.strip() for cell in row.split("│")[2:-1]] == [
         *("plane", "part_2.to_part", "11", "part.to_part_2", "6", "1", "0", "0", "unilateral")
     ]
-    assert [path.name for path in (folder / "stack_contacts").iterdir()] == ["01_part_2_part.png"]
+    drawn = folder / "stack_contacts"
+    assert [path.name for path in drawn.glob("*.png")] == ["01_part_2_part.png"]
+
+
+def test_pictures_of_pairs_are_drawn_again_in_place_of_their_own_kind_only(call: Call, folder: Path) -> None:
+    write_assembly(folder / "stack.brep", stacked)
+    drawn, old = folder / "stack_contacts", folder / "stack_contacts" / "02_old_pair.png"
+    drawn.mkdir()
     code, _, err = call("contacts", "stack.brep")
     assert_one_line(err)
     assert (code, "stack_contacts: exists already" in err) == (2, True)
+    mark(drawn)
+    write_aside(old, b"of a pair that there is no more")
+    (drawn / "notes.txt").write_text("mine")
+    assert call("contacts", "stack.brep")[0] == 0
+    assert sorted(path.name for path in drawn.glob("[!.]*")) == ["01_part_2_part.png", "notes.txt"]
+    write_aside(drawn / "result.json", b"of a run")
+    assert call("contacts", "stack.brep")[0] == 2
 
 
 def test_from_an_assembly_to_results_without_a_line_typed(call: Call, folder: Path) -> None:

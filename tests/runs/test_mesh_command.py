@@ -63,7 +63,7 @@ def test_the_report_names_counts_quality_gaps_and_overlap(call: Call) -> None:
 
 def test_a_contact_that_stays_out_of_reach_is_a_warning_in_plan_mesh_and_run(call: Call, folder: Path) -> None:
     far = ["--set", "obstacles.foundation.point=[0.0, -0.2]", *COARSE]  # the top comes down by 0.1 m only
-    expected = "contacts.base: only 0 points can touch, fewer than 4"
+    expected = "contacts.base: never touches: the gap is 0.2 m"
     assert f"warning: {expected}" in call("mesh", "block", *far)[1]
     assert json.loads(call("plan", "block", "--mesh", "--json", *far)[1])["mesh"]["warnings"][0].startswith(expected)
     assert expected in " ".join(call("plan", "block", "--mesh", *far)[1].split())

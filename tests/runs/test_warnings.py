@@ -44,6 +44,13 @@ def test_no_warning_where_nothing_locks(override: str) -> None:
     assert warnings(read("block", [SOFT[6:], ALONE[6:], override])) == ()
 
 
+def test_bodies_that_nothing_loads_are_doubted(call: Call, folder: Path) -> None:
+    still = "--set=supports.top.displacement={x=0, y=0}"
+    code, _, err = call("run", "block", "-o", "out", still, *COARSE)
+    assert (code, "warning: nothing loads or moves the bodies" in flat(err)) == (0, True), err
+    assert any("nothing loads" in line for line in json.loads((folder / "out" / "result.json").read_text())["warnings"])
+
+
 def test_displacements_that_are_not_small_are_doubted(call: Call, folder: Path) -> None:
     """A block 2 m high, pressed by 1.8 m; or moved by 10 m as a whole, together with its foundation."""
     coarse = ("--set", "geometry.mesh_size=0.5", "--set", "geometry.contact_mesh_size=0.5")

@@ -71,7 +71,14 @@ WRONG = {
         r"contacts\.Base: a name is made of a-z, 0-9 and _",
     ),
     # types
-    "text for a number": (["bodies.block.E='steel'"], r'bodies\.block\.E = "steel": expected a number'),
+    "text for a number": (["bodies.block.E='210 GPa'"], r'block\.E = "210 GPa": expected a number, in Pa$'),
+    "text in a list": (["obstacles.foundation.point=['a',0.0]"], r'point\.0 = "a": expected a number, in m$'),
+    "text for a number without a unit": (["contacts.base.friction.mu='a'"], r'mu = "a": expected a number$'),
+    "misspelt name": (
+        ["contacts.bas.friction.mu=0.2"],
+        r"contacts\.bas: there is none .* \(a new one needs surface, against, friction\.law\); did you mean base\?$",
+    ),
+    "name of nothing": (["bodies.steel.E=1.0"], r"bodies\.steel: there is none .* needs nu\); known: block$"),
     "truth for a number": (["bodies.block.E=true"], r"bodies\.block\.E = true: .*number"),
     "list for a number": (["geometry.length=[1, 2]"], r"geometry\.length = \[1, 2\]: .*number"),
     "fraction for a whole number": (["steps.count=2.5"], r"steps\.count = 2\.5: expected a whole number"),
@@ -311,7 +318,7 @@ WRONG = {
     ),
     "rotation in words": (
         ["obstacles.foundation.rotation={angle='90 degrees',point=[0.0,0.0]}"],
-        r'foundation\.rotation\.angle = "90 degrees": expected a number, or a table',
+        r'foundation\.rotation\.angle = "90 degrees": expected a number in rad, or a table',
     ),
     "rotation about an axis in the plane": (
         ["obstacles.foundation.rotation={angle=0.1,point=[0.0,0.0],axis=[0.0,0.0,1.0]}"],
@@ -473,7 +480,7 @@ def test_file_that_is_no_scene_is_refused(text: str, pattern: str, call: Call, f
 
 def test_bytes_that_are_no_text_are_refused(call: Call, folder: Path) -> None:
     (folder / "scene.toml").write_bytes(b"title = '\xff\xfe'")
-    assert_refused(call("run", "scene.toml", "-q"), r"scene\.toml: cannot be read", folder, ["scene.toml"])
+    assert_refused(call("run", "scene.toml", "-q"), r"scene\.toml: is not a text file", folder, ["scene.toml"])
 
 
 def test_missing_file_is_refused_with_the_nearest_ready_scene(call: Call, folder: Path) -> None:
@@ -543,6 +550,17 @@ def test_foreign_folder_is_not_written_to(call: Call, folder: Path) -> None:
     spoken = call("run", "block", "-q", "-o", "thesis", *words(COARSE))
     assert_refused(spoken, r"thesis: .*choose another folder with -o", folder, ["thesis", "thesis/chapter.tex"])
     assert (folder / "thesis" / "chapter.tex").read_text() == "years of work"
+
+
+def test_a_geometry_file_is_no_scene(call: Call, folder: Path) -> None:
+    (folder / "x.step").write_text("ISO-10303-21;")
+    said = r"x\.step: is a geometry file; for a scene: stickslip new --from x\.step$"
+    assert_refused(call("run", "x.step", "-q"), said, folder, ["x.step"])
+
+
+def test_overrides_add_a_whole_noun(call: Call, folder: Path) -> None:
+    keys = ("boundary=block.left", "pressure=1.0")
+    assert call("plan", "block", *(f"--set=loads.side.{key}" for key in keys))[0] == 0
 
 
 def test_file_in_place_of_the_results_folder_is_not_overwritten(call: Call, folder: Path) -> None:

@@ -89,7 +89,7 @@ def test_a_script_repeats_them() -> None:
         ({"body_force": {"blok": {"force": [0.0, 1.0]}}}, r"body_force\.blok: no such body.*did you mean block\?"),
         ({"body_force": {"block": {"force": [1.0]}}}, r"body_force\.block\.force = \[1\.0\]: expected 2 components"),
         ({"body_force": {"block": {"force": ["x+", 0.0]}}}, r'body_force\.block\.force = "x\+": column 3: invalid'),
-        ({"body_force": {"block": {"force": [True, 0.0]}}}, r"force\.0 = true: expected a number, .*in quotes"),
+        ({"body_force": {"block": {"force": [True, 0.0]}}}, r"force\.0 = true: expected a number in N/m³, .*in quotes"),
         ({"body_force": {"block": {"force": [0.0, "z"]}}}, r'body_force\.block\.force\.y = "z": z: a plane model has'),
         (
             {"loads": {"a": {"boundary": "block.top", "pressure": "x*(y"}}},

@@ -37,7 +37,7 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
     "infinite": (lambda: s.Steps(end=math.inf), "^end = Infinity: must be a finite number$"),
     "nan": (lambda: s.Material(E=math.nan, nu=0.3), "^E = NaN: must be a finite number$"),
     "tiny": (lambda: s.Steps(end=1e-300), "^end = 1e-300: must be from 1e-100 to 1e.100 s$"),
-    "text for a number": (lambda: s.Material(E="1", nu=0.3), '^E = "1": expected a number$'),  # type: ignore[arg-type]
+    "text for a number": (lambda: s.Material(E="1", nu=0.3), '^E = "1": expected a number, in Pa$'),  # type: ignore[arg-type]
     "fraction": (lambda: s.Steps(count=2.5), "^count = 2.5: expected a whole number$"),  # type: ignore[arg-type]
     "truth": (lambda: s.Steps(count=True), "^count = true: expected a whole number$"),
     "unknown key": (lambda: s.Steps(cout=2), r"^cout: unknown key; did you mean count\?$"),  # type: ignore[call-arg]

@@ -180,6 +180,16 @@ def test_a_gz_is_unpacked(tmp_path: Path) -> None:
         from_dict(scene_data(packed, 3, "part", mesh_size=0.5, names=FACES))
 
 
+def test_a_step_file_that_is_read_in_metres_says_so_where_its_cells_are_too_many(tmp_path: Path) -> None:
+    file = draw(tmp_path / "b.step")
+    data = scene_data(file, 3, "part", mesh_size=4e-3, names=FACES)
+    with pytest.raises(SceneError, match=r"box, read in m, is 4 x 2 x 2 m; is length_unit = 'mm' missing\?"):
+        make_plan(from_dict(data))
+    data["geometry"] |= {"length_unit": "mm", "mesh_size": 4e-9}
+    with pytest.raises(SceneError, match=r"use a larger size$"):
+        make_plan(from_dict(data))
+
+
 def test_names_of_a_step_file_are_its_last_component_numbered_on_repeat(tmp_path: Path) -> None:
     text = draw(tmp_path / "b.step").read_text()
     named = write(tmp_path / "n.step", re.sub(r"Open CASCADE STEP translator [0-9. ]+", "Assembly/Left Jaw-2", text))

@@ -50,7 +50,7 @@ SceneArgument = Annotated[
 ]
 UnitOption = Annotated[
     str | None,
-    typer.Option("--unit", metavar="UNIT", help="of the geometry file: mm, in, ... [what it declares, or m]"),
+    typer.Option("--unit", metavar="UNIT", help="of the geometry file: mm, in, ... [STEP: mm; else m]"),
 ]
 WithinOption = Annotated[
     float | None, typer.Option("--within", metavar="METRES", help="largest gap of a pair [.001 of the assembly's size]")

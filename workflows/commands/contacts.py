@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from stickslip.geometry.user_files.parts import FACET_WORD
 from stickslip.geometry.user_files.touching import joined
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.workflows.formats.aside import disk_errors
+from stickslip.workflows.formats.own_files import is_marked, listed, mark, move_own, remove_own
 from stickslip.workflows.run.collective import raise_together
 from stickslip.workflows.run.terminal import console, print_table
 from stickslip.workflows.scene_file.proposal import (
@@ -27,12 +29,14 @@ from stickslip.workflows.scene_file.proposal import (
 )
 from stickslip.workflows.scene_file.read import find, named, read_geometry
 
+PICTURE = re.compile(r"\d+_\w+\.png")
+
 
 def list_contacts(source: str, unit: str | None, within: float | None, folder: Path | None) -> None:
-    """Print the pairs of a geometry file, or of a scene's, and draw each in a new folder; collective.
+    """Print the pairs of a geometry file, or of a scene's, and draw each in a folder; collective.
 
     Raises:
-        SceneError: the folder exists already.
+        FolderError: the folder exists, and has not been made here.
     """
     raise_together(MPI.COMM_WORLD, lambda: _list(source, unit, within, folder))
 
@@ -75,8 +79,8 @@ def found_in(source: str, unit: str | None, within: float | None) -> Assembly:
 
 def _list(source: str, unit: str | None, within: float | None, folder: Path | None) -> None:
     folder = folder or Path(f"{stem(Path(source))}_contacts")
-    if folder.exists():
-        raise FolderError(f"{folder}: exists already; choose another folder with -o")
+    if folder.exists() and not (is_marked(folder) and all(map(PICTURE.fullmatch, listed(folder)))):
+        raise FolderError(f"{folder}: exists already, and not from here; choose another folder with -o")
     found, out = found_in(source, unit, within), console(160)
     names, word = side_names(found), FACET_WORD[found.dim]
     out.print(f"{len(found.outline.bodies)} bodies, {len(found.pairs)} pairs of sides that touch or nearly do")
@@ -102,7 +106,7 @@ def _list(source: str, unit: str | None, within: float | None, folder: Path | No
 
 
 def _draw(found: Assembly, folder: Path) -> None:
-    """Draw each pair in a new folder, which appears whole or not at all; only this function imports VTK."""
+    """Draw each pair, and put the pictures in place of earlier ones when all are there; only here VTK is imported."""
     from stickslip.workflows.pictures.pairs import draw_pair
 
     names = side_names(found)
@@ -110,14 +114,17 @@ def _draw(found: Assembly, folder: Path) -> None:
     with disk_errors(folder):
         shutil.rmtree(aside, ignore_errors=True)  # of a run that was killed
         aside.mkdir()
+        mark(aside)
         try:
             for k, pair in enumerate(found.pairs, start=1):
                 sides = names[pair.one], names[pair.other]
                 draw_pair(aside / f"{k:02d}_{pair.one.body}_{pair.other.body}.png", found.outline, pair, sides)
-            aside.rename(folder)
         except BaseException:
             shutil.rmtree(aside, ignore_errors=True)
             raise
+        for name in set(listed(folder)) - set(listed(aside)):
+            remove_own(folder, below=name)
+        move_own(aside, folder)
 
 
 def _write(path: Path, unit: str | None, within: float | None, target: Path) -> None:

@@ -25,7 +25,7 @@ from stickslip.workflows.formats.steps_csv import NAME as STEPS
 from stickslip.workflows.formats.steps_csv import read_steps_table
 
 RESULT, BEGUN, LOG = "result.json", "begun.json", "run.log"
-PER_METRE = {"N": "N/m", "N m": "N", "J": "J/m", "m²": "m"}
+PER_METRE = {"N": "N/m", "N m": "N m/m", "J": "J/m", "m²": "m"}
 WORK = re.compile(r"^\.(.*)\.running$")  # name of the folder in which a run works
 OF_MESH = re.compile(r" INFO ((?:mesh|contact \w+): .*)$", re.MULTILINE)  # lines of the log
 

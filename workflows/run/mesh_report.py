@@ -60,21 +60,28 @@ class MeshReport:
     nodes: int
     worst_quality: float
     contacts: Mapping[str, ContactReport]
+    plane: bool  # whether areas are those of a metre of thickness
+
+    @property
+    def area_unit(self) -> tuple[str, str]:
+        """What an area is called, and its unit."""
+        return ("length", "m") if self.plane else ("area", "m²")
 
     def lines(self) -> Iterator[str]:
         """Sentences for the terminal and the log."""
+        area, unit = self.area_unit
         yield f"mesh: {self.cells} cells, {self.nodes} nodes, worst quality {self.worst_quality:.2f}"
         for name, c in self.contacts.items():
-            overlap = f"{c.overlapping_points} points overlap, {c.overlap_area:.4g} m²" if c.overlapping_points else ""
+            overlap = f"{c.overlapping_points} points overlap, {c.overlap_area:.4g} {unit}"
             other = ""
             if c.other_elements_across is not None:
                 other = (
                     f" ({c.other_elements_across} of the other side, {c.other_size:.3g} times as large where nearest)"
                 )
             yield (
-                f"contact {name}: {c.normal_points} normal and {c.tangential_points} tangential points, area "
-                f"{c.area:.4g} m², {c.elements_across} elements across{other}, gap {c.smallest_gap:.4g} to "
-                f"{c.largest_gap:.4g} m, {overlap or 'no overlap'}"
+                f"contact {name}: {c.normal_points} normal and {c.tangential_points} tangential points, {area} "
+                f"{c.area:.4g} {unit}, {c.elements_across} elements across{other}, gap {c.smallest_gap:.4g} to "
+                f"{c.largest_gap:.4g} m, {overlap if c.overlapping_points else 'no overlap'}"
             )
 
     def warnings(self) -> Iterator[str]:
@@ -82,7 +89,9 @@ class MeshReport:
         if self.worst_quality < POOR:
             yield f"worst cell quality {self.worst_quality:.2g} is below {POOR:g}; change mesh_size or the geometry"
         for name, c in self.contacts.items():
-            if c.points_that_can_touch < FEWEST:
+            if not c.points_that_can_touch:
+                yield f"contacts.{name}: never touches: the gap is {c.smallest_gap:.4g} m, and nothing closes it"
+            elif c.points_that_can_touch < FEWEST:
                 yield (
                     f"contacts.{name}: only {c.points_that_can_touch} points can touch, fewer than {FEWEST}; refine "
                     "contact_mesh_size, or check the gap"
@@ -102,6 +111,7 @@ def report_mesh(scene: Scene, mesh: Mesh, nodes: int, contacts: Sequence[Contact
         nodes=nodes,
         worst_quality=worst_quality(mesh),
         contacts={c.name: _report_contact(scene, c, size) for c in contacts},
+        plane=scene.model.startswith("plane"),
     )
 
 

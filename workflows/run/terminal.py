@@ -266,16 +266,17 @@ def print_plan(content: Content) -> None:
             if c["dropped_multipliers"]:
                 out.print(f"contact {name}: {c['dropped_multipliers']} multipliers dropped")
         contacts = {name: ContactReport(**c) for name, c in mesh["contacts"].items()}
-        report = MeshReport(**{key: mesh[key] for key in ("cells", "nodes", "worst_quality")}, contacts=contacts)
+        keys = ("cells", "nodes", "worst_quality", "plane")
+        report = MeshReport(**{key: mesh[key] for key in keys}, contacts=contacts)
         print_mesh(report, out)
 
 
 def print_mesh(report: MeshReport, out: Console) -> None:
     """The mesh in a table, its contacts in another, warnings below."""
     out.print(f"{report.cells} cells, {report.nodes} nodes, worst quality {report.worst_quality:.2f} (1 is best)")
-    table = Table()
-    heads = ("contact", "normal points", "tangential", "area [m²]", "elements across", "other side")
-    for name in (*heads, "smallest gap [m]", "largest gap [m]", "overlapping points", "overlap [m²]", "can touch"):
+    table, (area, unit) = Table(), report.area_unit
+    heads = ("contact", "normal points", "tangential", f"{area} [{unit}]", "elements across", "other side")
+    for name in (*heads, "smallest gap [m]", "largest gap [m]", "overlapping points", f"overlap [{unit}]", "can touch"):
         table.add_column(name, justify="left" if name == "contact" else "right")
     for name, c in report.contacts.items():
         gaps = (f"{c.smallest_gap:.4g}", f"{c.largest_gap:.4g}", str(c.overlapping_points), f"{c.overlap_area:.4g}")

@@ -14,6 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.shape import Model
+from stickslip.geometry.user_files.open_file import declared_unit
 from stickslip.geometry.user_files.outline import Outline
 from stickslip.geometry.user_files.parts import FACET_WORD, numbered
 from stickslip.geometry.user_files.touching import Pair, Side, named, touching
@@ -24,7 +25,6 @@ STOUT = 2.5  # outer radius of a nut relative to its bore's, at most
 SHANK = 0.5  # of the grip, in its middle, is shortened: there nothing but tension acts on the bolt
 CLAMPED, SNUG = 100e6, 10e6  # [Pa] tension of a bolt with a head, and of one between two nuts
 BONDED = ("weld", "glue", "adhesive", "bond", "solder")
-DECLARES = {".step": "mm", ".stp": "mm"}  # gmsh turns the unit that such a file declares into mm
 ENDS = {2: ("left", "right", "bottom", "top"), 3: ("left", "right", "front", "back", "bottom", "top")}
 LARGE = 0.3  # of the assembly's diagonal: bodies whose ends get names
 GRAVITY = 9.81  # [m/s^2]
@@ -52,14 +52,13 @@ def assembly(path: Path, unit: str | None, within: float | None) -> Assembly:
     """Read a geometry file, solid or plane.
 
     Args:
-        unit: of its coordinates; None: what it declares, else m.
+        unit: of its coordinates; None: mm of a STEP file, else m.
         within: distance up to which sides are paired [m]; None: see `touching`.
 
     Raises:
         GeometryError, SceneError: the file is missing or wrong.
     """
-    plain = Path(path.stem) if path.suffix.lower() == ".gz" else path
-    length_unit = unit or DECLARES.get(plain.suffix.lower(), "m")
+    length_unit = unit or declared_unit(path) or "m"
     geometry = UserFile(file=str(path), length_unit=length_unit)  # type: ignore[arg-type]  # is checked
     try:
         return from_geometry(path, geometry, "3d", within)

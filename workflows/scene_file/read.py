@@ -36,6 +36,8 @@ from stickslip.workflows.writers.writer import added_keys
 LARGEST = 20_000_000  # characters of a scene file
 WORD = re.compile(r"[^\[\]{}\"',]*")  # a value of --set that may be a text without quotes
 DEEPEST = 20  # tables and lists within each other
+LACKS = re.compile(r"(?P<table>\w+)\.(?P<name>\w+)\.(?P<key>[\w.]+): missing")
+Names = Mapping[str, Sequence[str]]  # of what each table of a scene holds
 REQUIRED = ("model", "geometry", "bodies")
 READY = Path(__file__).parents[1] / "scenes"
 
@@ -54,8 +56,8 @@ def read(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
         SceneError: the file, keys or values are wrong; a line for each names it and what is expected.
         GeometryError: the geometry's file is wrong.
     """
-    path, data = _load(source, overrides)
-    with named(path, overrides):
+    path, data, own = _load(source, overrides)
+    with named(path, overrides), _of_new_names(own):
         return from_dict(data, path.parent)
 
 
@@ -65,7 +67,7 @@ def read_geometry(source: str | Path, overrides: Sequence[str] = ()) -> tuple[Mo
     Raises:
         SceneError: either of the two is wrong or missing.
     """
-    path, data = _load(source, overrides)
+    path, data, _ = _load(source, overrides)
     with named(path, overrides):
         _refuse_odd_values(data)
         for key in ("model", "geometry"):
@@ -76,13 +78,18 @@ def read_geometry(source: str | Path, overrides: Sequence[str] = ()) -> tuple[Mo
         return model, parse(kind, table, ("geometry",))
 
 
-def _load(source: str | Path, overrides: Sequence[str]) -> tuple[Path, dict[str, Any]]:
-    """The scene file's path, and what it holds with the overrides."""
+def _load(source: str | Path, overrides: Sequence[str]) -> tuple[Path, dict[str, Any], Names]:
+    """The scene file's path, what it holds with the overrides, and the names in its own tables."""
     path = find(source)
+    if kind_of(path) is not None:
+        said = shortened(path)
+        raise SceneError(f"{said}: is a geometry file; for a scene: stickslip new --from {said}")
     try:
         with path.open("rb") as file:
             text = file.read(LARGEST + 1).decode("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError:
+        raise SceneError(f"{shortened(path)}: is not a text file, and a scene is one, in UTF-8") from None
+    except OSError as error:
         raise SceneError(f"{shortened(path)}: cannot be read: {shortened(error)}") from None
     if len(text) > LARGEST:
         raise SceneError(f"{shortened(path)}: is longer than {LARGEST // 10**6} million characters, no scene is")
@@ -90,10 +97,40 @@ def _load(source: str | Path, overrides: Sequence[str]) -> tuple[Path, dict[str,
         data = _toml(text)
     except ValueError as error:
         raise SceneError(f"{shortened(path)}: not valid TOML: {shortened(error)}") from None
+    own = _names(data)
     with named(path):
         for override in overrides:
             _override(data, override)
-    return path, data
+    return path, data, own
+
+
+def _names(data: Mapping[str, Any]) -> Names:
+    return {table: list(value) for table, value in data.items() if isinstance(value, Mapping)}
+
+
+@contextmanager
+def _of_new_names(own: Names) -> Iterator[None]:
+    """Context in which a table that an override begins, and that lacks keys, is taken for a misspelt name.
+
+    Args:
+        own: the names before the overrides.
+    """
+    try:
+        yield
+    except SceneError as error:
+        lacking: dict[str, list[str]] = {}
+        for line in error.lines:
+            found = LACKS.match(line)
+            if found and own.get(found["table"]) and found["name"] not in own[found["table"]]:
+                lacking.setdefault(f"{found['table']}.{found['name']}", []).append(found["key"])
+        if not lacking:
+            raise
+        lines = [line for line in error.lines if not line.startswith(tuple(f"{key}." for key in lacking))]
+        for key, keys in lacking.items():
+            table, _, name = key.partition(".")
+            new = f"there is none in the scene (a new one needs {', '.join(keys)})"
+            lines.append(f"{key}: {new}; {nearest(name, own[table])}")
+        raise SceneError(*lines) from None
 
 
 @contextmanager
@@ -238,8 +275,10 @@ def with_value(scene: Scene, key: str, value: Any) -> Scene:
         SceneError: an unknown key, or a value that it refuses.
     """
     data = to_dict(scene)
+    own = _names(data)
     _put(data, key, value, key)
-    return from_dict(data)
+    with _of_new_names(own):
+        return from_dict(data)
 
 
 def with_method(solver: Settings, words: str) -> Settings:
