@@ -59,16 +59,16 @@ def lines_of_keys(text: str) -> dict[str, int]:
 def _statements(text: str) -> Iterator[tuple[int, str]]:
     """Line and text of each table's head and each `key = value`, which goes on while a bracket is open."""
     begin, line, depth, parts = 1, 1, 0, list[str]()
-    for token in (found[0] for found in TOKEN.finditer(f"{text}\n")):
-        depth += (token in "[{") - (token in "]}")
-        if token == "\n" and depth == 0:
+    for word in (found[0] for found in TOKEN.finditer(f"{text}\n")):
+        depth += (word in "[{") - (word in "]}")
+        if word == "\n" and depth == 0:
             if parts:
                 yield begin, "".join(parts)
             parts = []
-        elif not token.startswith("#") and (parts or not token.isspace()):
+        elif not word.startswith("#") and (parts or not word.isspace()):
             begin = begin if parts else line
-            parts.append(token)
-        line += token.count("\n")
+            parts.append(word)
+        line += word.count("\n")
 
 
 def _paths(value: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
