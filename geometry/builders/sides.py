@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,19 @@ def check_symmetric(symmetric: bool, model: Model) -> None:
     expected = "expected true in an axisymmetric model, which lies in x >= 0"
     require(model != "axisymmetric" or symmetric, "symmetric", "false", expected)
     require(model != "3d" or not symmetric, "symmetric", "true", "there is the whole shape only in 3D")
+
+
+def modelled(geometry: Mapping[str, Any], model: str) -> str:
+    """What a cut by symmetry leaves of the shape, by the keys of [geometry]: half, quarter, or empty if all of it.
+
+    Resultants of an axisymmetric model are those of the full circle.
+
+    >>> [modelled(keys, "plane strain") for keys in ({"symmetric": True}, {"symmetry": "quarter"}, {})]
+    ['half', 'quarter', '']
+    """
+    if model == "axisymmetric" or geometry.get("symmetry") == "none":
+        return ""
+    return "half" if geometry.get("symmetric") else str(geometry.get("symmetry", ""))
 
 
 def of_box(dim: int) -> dict[str, tuple[int, int]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from html import escape
@@ -116,7 +116,7 @@ class ContactState:
     dissipation_total: float  # the same, since t = 0 [J]
 
     def columns(self) -> dict[str, AnyArray]:
-        """What stands at the nodes, by the columns of contact_NAME.csv: arrays (n,); a status is a word."""
+        """What stands at the nodes, by the columns of contact_NAME.csv but `arc`: arrays (n,); a status is a word."""
         axes = "xyz"[: self.points.shape[1]]
         vectors = (("traction", self.traction), ("slip", self.slip), ("slip_increment", self.slip_increment))
         parts = (("", self.points), *((f"{name}_", values) for name, values in (*vectors, ("lambda", self.lam))))
@@ -126,14 +126,12 @@ class ContactState:
         return reduce(or_, (place, numbers, *at_nodes, words))
 
     def to_pandas(self) -> DataFrame:
-        """The nodes as a `pandas.DataFrame`, with the columns of contact_NAME.csv.
+        """The nodes as a `pandas.DataFrame`, with the same columns.
 
         Raises:
             ImportError: pandas is not installed.
         """
-        import pandas
-
-        return pandas.DataFrame(self.columns())
+        return data_frame(self.columns())
 
     def counts(self) -> dict[str, int]:
         """Number of nodes that are open, slip and stick."""
@@ -257,6 +255,20 @@ def von_mises(stress: Array) -> Array:
     """Equivalent stress (cells,) [Pa] of stresses (cells, 3, 3)."""
     deviator = stress - np.trace(stress, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
     return np.asarray(np.sqrt(1.5 * np.einsum("cij,cij->c", deviator, deviator)))
+
+
+def data_frame(content: Mapping[str, AnyArray] | Sequence[Mapping[str, object]]) -> DataFrame:
+    """A `pandas.DataFrame` of columns by name, or of rows.
+
+    Raises:
+        ImportError: pandas is not installed.
+    """
+    try:
+        import pandas
+    except ModuleNotFoundError:
+        line = "to_pandas: pandas is not installed; pip install pandas (Debian 12: pip install pandas 'numpy<2')"
+        raise ImportError(line) from None
+    return pandas.DataFrame(content)
 
 
 def html_table(title: str, numbers: Mapping[str, Mapping[str, float]]) -> str:

@@ -10,6 +10,8 @@ import pytest
 
 from shared.ranks import STICKSLIP
 from stickslip.geometry.mesh.msh_file import write_msh
+from stickslip.workflows.pictures.report_page import page
+from stickslip.workflows.pictures.report_results import read_results
 from stickslip.workflows.scene_file.read import READY, read
 
 COARSE = ["--set=geometry.mesh_size=0.5", "--set=geometry.contact_mesh_size=0.5", "--set=output.pictures=false"]
@@ -29,10 +31,12 @@ def result(folder: Path) -> dict[str, Any]:
 
 
 def test_rounds_reach_what_is_asked(tmp_path: Path) -> None:
-    goals = ["--accuracy", "base.normal_force=0.2%", "--accuracy=base.dissipation_total=20%"]
+    goals = ["--accuracy", "base.normal_force=0.2%", "--accuracy=base.dissipation_total=20%", "--set=geometry.order=2"]
     code, said = stickslip("block", *COARSE, *goals, "-o", str(tmp_path / "out"))
     assert code == 0, said
+    assert "rounds begin with order 1, in place of geometry.order = 2" in said
     content = result(tmp_path / "out")
+    assert f"Refined in {len(content['accuracy']['rounds'])} rounds" in page(read_results(tmp_path / "out"))
     force = content["steps"][-1]["contacts"]["base"]
     assert force["error"]["normal_force"]["total"] <= 0.002 * force["normal_force"]
     assert force["error"]["dissipation_total"]["total"] <= 0.2 * force["dissipation_total"]

@@ -6,6 +6,8 @@ import pytest
 
 import stickslip.workflows.cost.foresee
 from shared.command import Call
+from stickslip.workflows.cost.foresee import ASKED, Price, Row
+from stickslip.workflows.cost.progress import print_prices
 
 SMALL = ["--set=geometry.mesh_size=0.4", "--set=geometry.contact_mesh_size=0.2"]
 
@@ -22,6 +24,7 @@ def test_prices_are_told(call: Call) -> None:
     assert "base.dissipation_total" in out
     assert "base.max_pressure: grows without end" in out
     assert "by the trend of coarse versions" in out
+    assert "0.1 %: the time to an error so small" in out.splitlines()[-1]
     code, out, err = call("plan", "block", *SMALL, "--cost", "--json")
     assert code == 0, err
     rows = {row["name"]: row for row in json.loads(out)["cost"]}
@@ -29,6 +32,15 @@ def test_prices_are_told(call: Call) -> None:
     assert (first["asked"], last["asked"]) == (0.1, 0.001)
     assert first["factor"] > last["factor"]
     assert rows["base.normal_force"]["value"] == pytest.approx(0.243, rel=0.05)
+
+
+def test_days_are_not_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    prices = tuple(
+        Price(asked, seconds, 1.0, 1, far=True) for asked, seconds in zip(ASKED, (60.0, 8e4, 9e4), strict=True)
+    )
+    print_prices([Row("base.normal_force", 1.0, 0.1, prices)])
+    row = next(line for line in capsys.readouterr().out.splitlines() if "normal_force" in line)
+    assert [cell.strip() for cell in row.split("│")[4:-1]] == ["60 s*", "22 h*", "more than a day*"]
 
 
 def test_a_scene_without_a_mesh_size_is_refused(call: Call) -> None:

@@ -106,6 +106,16 @@ def test_the_page_states_the_numbers_with_their_errors(done: Path) -> None:
         assert "±" in force
 
 
+def test_the_page_says_what_its_forces_are_of(copied: Path) -> None:
+    assert "Forces are those of a metre of thickness; they act" in page(read_results(copied))
+    content = result(copied)
+    content["scene"]["geometry"]["symmetric"] = True
+    (copied / "result.json").write_text(json.dumps(content))
+    shown = read_results(copied)
+    assert "of a metre of thickness of the modelled half; they act" in page(shown)
+    assert (shown.unit("N m"), shown.unit("N")) == ("N m/m", "N/m")
+
+
 def test_the_view_holds_the_numbers_of_the_steps(done: Path) -> None:
     shown, steps = model_in((done / "report.html").read_text()), result(done)["steps"]
     assert shown["bodies"] == list(result(done)["scene"]["bodies"])

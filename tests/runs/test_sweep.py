@@ -75,6 +75,8 @@ def test_command_tells_each_member_and_solves_only_what_is_missing(call: Call, f
     code, out, err = call(*words, f"{MU}=[0.2, 0.4]")
     assert (code, err) == (0, "")
     assert [line.split()[:2] for line in out.splitlines()][:2] == [["1/2", "mu=0.2:"], ["2/2", "mu=0.4:"]]
+    assert re.search(r"mu +┃ contact ┃ +normal force \[N/m\]", out)
+    assert re.search(r"│ 0\.4 │ base    │ +0\.2", out)
     rows = table(folder / "out" / "sweep.csv")
     assert [float(row[MU]) for row in rows] == [0.2, 0.4]
     last = result(folder / "out" / "mu=0.4")["steps"][-1]["contacts"]["base"]

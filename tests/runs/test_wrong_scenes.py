@@ -559,7 +559,7 @@ def test_a_geometry_file_is_no_scene(call: Call, folder: Path) -> None:
 
 
 def test_overrides_add_a_whole_noun(call: Call, folder: Path) -> None:
-    keys = ("boundary=block.left", "pressure=1.0")
+    keys = ("boundary=block.left", "pressure=.1")
     assert call("plan", "block", *(f"--set=loads.side.{key}" for key in keys))[0] == 0
 
 

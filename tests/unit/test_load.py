@@ -93,11 +93,16 @@ def test_the_columns_of_a_contact_are_those_of_its_table(folder: Path, monkeypat
     header, rows = read_table(folder / "contact_base.csv")
     for step in loaded.steps:
         kind, columns = step.contacts["base"].to_pandas()
-        assert (kind, header) == ("a table of", ["time", *columns])
+        assert (kind, header) == ("a table of", ["time", *columns, "arc"])
         own = [row for row in rows if float(row[0]) == step.time]
-        for name, cells in zip(header[1:], list(zip(*own, strict=True))[1:], strict=True):
+        for name, cells in zip(columns, list(zip(*own, strict=True))[1:-1], strict=True):
             assert_array_equal(columns[name], np.array(cells, columns[name].dtype), err_msg=name)
+        along = sorted((float(row[-1]), float(row[1])) for row in own)  # of the base, by x
+        assert [arc for arc, _ in along] == pytest.approx([x for _, x in along])
     assert loaded.to_pandas() == ("a table of", loaded.columns)
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ImportError, match="pip install pandas"):
+        loaded.to_pandas()
 
 
 def test_results_show_themselves_in_a_line_and_as_a_table(folder: Path) -> None:

@@ -24,8 +24,8 @@ from stickslip.geometry.obstacles.rotation import Rotation
 from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Quantity
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
 from stickslip.solvers.stepping.state import Energy
+from stickslip.workflows.formats.contact_line import walk
 from stickslip.workflows.pictures.body_picture import _outline, displacement_scale
-from stickslip.workflows.pictures.contact_curves import walk
 from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
 from stickslip.workflows.pictures.draw import _said, draw, draw_course
 from stickslip.workflows.pictures.focus import focus
@@ -178,6 +178,21 @@ def test_numbers_of_a_contact_are_drawn_with_their_errors() -> None:
     assert said["largest pressure"] == "0.18 Pa (grows)"
     assert said["sticks on"] == "1 m"  # no error is known
     assert _said("base", contact, {}, per_metre=False)["sticks on"] == "1 m²"
+
+
+def test_words_of_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The largest stress beside the colours; no range of pressures where a contact is open; what is modelled."""
+    said: list[str] = []
+    monkeypatch.setattr(Sheet, "colour_bar", lambda self, axes, norm, label, *more, **options: said.append(label))
+    monkeypatch.setattr(Sheet, "head", lambda self, title, caption, left: said.append(caption))
+    mesh = block("hexahedron", n=2)
+    for step, bars in ((pressed(mesh), 2), (nothing(mesh), 1)):
+        said.clear()
+        draw(tmp_path, mesh, dataclasses.replace(step, stress_error=np.zeros(0)), "t", part="quarter")
+        labels = [label for label in said if "[Pa]" in label]
+        assert len(labels) == bars
+        assert labels[0] == f"von Mises stress [Pa], largest {step.von_mises.max():.3g}"
+        assert any("contact base of the modelled quarter" in caption for caption in said)
 
 
 @pytest.mark.parametrize("bound", [0.3, np.inf])

@@ -137,6 +137,8 @@ class Rounds:
         self._kept = KeptRounds(folder, self.scene)
         if not resume:
             self._kept.refuse_to_lose()
+            if self.scene.geometry.degree > self._level.order:
+                self._say("rounds begin with order 1, in place of geometry.order = 2, and go to 2 where it is cheaper")
             return None, False
         found = self._kept.load()
         place, work = place_of(folder), work_of(folder)

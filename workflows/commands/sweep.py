@@ -7,13 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import typer
+from rich.table import Table
 
 from stickslip.geometry.errors import SceneError, shortened
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.commands.process import speaks
+from stickslip.workflows.formats.regular import read_json
+from stickslip.workflows.run.folder import RESULT, place_of
+from stickslip.workflows.run.terminal import console, contact_cells, contact_numbers, print_table
 from stickslip.workflows.scene_file.read import value_of
-from stickslip.workflows.sweep.sweep import Solved, sweep
+from stickslip.workflows.sweep.members import said, short
+from stickslip.workflows.sweep.sweep import Solved, Sweep, sweep
 
+WIDEST = 24  # letters of a value in the table
 PROBLEM = {"doubtful": 1}  # exit codes, other than 3
 
 
@@ -33,6 +39,7 @@ def sweep_scene(scene: Scene, words: Sequence[str], folder: Path, jobs: int, qui
         return 0
     off = [one for one in done.solved if one.status != "converged"]
     if not quiet:
+        _print(done, scene.model)
         typer.echo(f"{done.path}: a row for each of {len(done.solved)} members")
     if off:
         names = ", ".join(one.member.name for one in off[:5]) + (", ..." if len(off) > 5 else "")
@@ -40,6 +47,21 @@ def sweep_scene(scene: Scene, words: Sequence[str], folder: Path, jobs: int, qui
             f"stickslip: {len(off)} of {len(done.solved)} members are not solved, or doubtful: {names}", err=True
         )
     return max((PROBLEM.get(one.status, 3) for one in off), default=0)
+
+
+def _print(done: Sweep, model: str) -> None:
+    """The keys that are swept, and the main numbers of each contact in the last step."""
+    table, numbers = Table(), contact_numbers(model)
+    del numbers["max_penetration"]
+    keys = short(list(done.solved[0].member.values))
+    for head in (*keys.values(), "contact", *numbers.values()):
+        table.add_column(head, justify="left" if head == "contact" else "right")
+    for one in done.solved:
+        steps = read_json(place_of(one.folder) / RESULT).get("steps") or [{}]
+        values = [shortened(said(value), WIDEST) for value in one.member.values.values()]
+        for name, contact in (steps[-1].get("contacts") or {"-": None}).items():
+            table.add_row(*values, name, *contact_cells(contact, numbers))
+    print_table(table, console(160))
 
 
 def _parsed(words: Sequence[str]) -> dict[str, Any]:

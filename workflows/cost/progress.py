@@ -9,12 +9,14 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from stickslip.workflows.cost.foresee import ASKED, Row
+from stickslip.workflows.cost.foresee import ASKED, Price, Row
 from stickslip.workflows.cost.run_record import Run
 from stickslip.workflows.cost.sentence import duration, percent, seconds
 from stickslip.workflows.cost.side_by_side import Line
 from stickslip.workflows.cost.study import Study
 from stickslip.workflows.run.terminal import console, print_table
+
+DAY = 86400.0  # [s]
 
 
 class Teller:
@@ -110,7 +112,7 @@ def print_prices(rows: Sequence[Row]) -> None:
     for name in ("number", "about", "±, coarse", *(f"{100 * asked:g} %" for asked in ASKED)):
         table.add_column(name, justify="left" if name == "number" else "right")
     for row in rows:
-        prices = ["-" if each is None else f"{duration(each.seconds)}{'*' if each.far else ''}" for each in row.prices]
+        prices = [_price(each) for each in row.prices]
         table.add_row(row.name, f"{row.value:.4g}", "-" if row.why_not else percent(row.error), *prices)
     print_table(table, out)
     for row in rows:
@@ -120,6 +122,16 @@ def print_prices(rows: Sequence[Row]) -> None:
     if any(each is not None and each.far for row in rows for each in row.prices):
         told += " *: an extrapolation of more than two decades."
     out.print(f"{told} run --accuracy refines where errors are large.", soft_wrap=True)
+    columns = "about: the number of the finest coarse version; ±, coarse: its error there; "
+    columns += f"{', '.join(f'{100 * asked:g} %' for asked in ASKED)}: the time to an error so small (-: out of reach)"
+    out.print(columns, soft_wrap=True)
+
+
+def _price(found: Price | None) -> str:
+    """Of an accuracy; an extrapolation over days tells no number."""
+    if found is None:
+        return "-"
+    return f"{duration(found.seconds) if found.seconds < DAY else 'more than a day'}{'*' if found.far else ''}"
 
 
 def _work(run: Run | None) -> tuple[str, str]:

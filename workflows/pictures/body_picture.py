@@ -40,9 +40,9 @@ def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str, obst
     """Draw deformed.png: von Mises stress, the obstacles, and the outline of the undeformed bodies in grey."""
     norm, peak = span(result.von_mises), float(result.von_mises.max(initial=0.0))
     most = float(np.quantile(result.von_mises, MOST)) if len(result.von_mises) else peak
-    label = "von Mises stress [Pa]"
+    label = f"von Mises stress [Pa], largest {peak:.3g}"
     if 0 < most < peak / ABOVE:  # a corner would leave one colour for all else
-        norm, label = Normalize(norm.vmin, most), f"{label}, largest {peak:.3g}"
+        norm = Normalize(norm.vmin, most)
     coloured = Coloured(result.von_mises, norm, label)
     return _draw(folder / "deformed.png", mesh, result, title, coloured, obstacles)
 

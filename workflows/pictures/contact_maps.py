@@ -69,7 +69,10 @@ def draw_surface(folder: Path, name: str, surface: Surface, contact: ContactStat
     second = sheet.axes(left + width + gap, foot, width, height)
     show_image(first, view, render(view, round(width * DPI), add_pressure), labels)
     show_image(second, view, render(view, round(width * DPI), add_status), labels)
-    sheet.colour_bar(sheet.axes(left, 0.5, width, 0.12), norm, "pressure [Pa]", orientation="horizontal")
+    if (contact.status != OPEN).any():
+        sheet.colour_bar(sheet.axes(left, 0.5, width, 0.12), norm, "pressure [Pa]", orientation="horizontal")
+    else:
+        sheet.figure.text(left / sheet.width, 0.5 / sheet.height, "open everywhere", fontsize=9)
     sheet.status_legend(second, loc="upper center", bbox_to_anchor=(0.5, -(foot - 0.75) / height), borderpad=0)
     arrow_text = f"; arrows: tangential traction, longest {longest:.3g} Pa" if arrows is not None else ""
     title, caption, numbers = head.split("\n")

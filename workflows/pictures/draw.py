@@ -29,6 +29,7 @@ def draw(
     *,
     errors: Errors | None = None,
     per_metre: bool = False,
+    part: str = "",
     obstacles: Sequence[Rigid] = (),
 ) -> list[Path]:
     """Draw deformed.png, stress_error.png if the error was estimated, and one contact_NAME.png for each contact.
@@ -38,6 +39,7 @@ def draw(
     Args:
         errors: of the numbers of the step; None: not estimated.
         per_metre: whether resultants are those of a metre of thickness.
+        part: what of the bodies is modelled, half or quarter; empty: all of it.
         obstacles: at the time of the step.
 
     Returns:
@@ -47,7 +49,7 @@ def draw(
         MachineError: the disk is full.
     """
     make_folder(folder)
-    title = " ".join(title.split())
+    title, of = " ".join(title.split()), f" of the modelled {part}" if part else ""
     drawn = [draw_body(folder, mesh, result, title, obstacles)]
     if len(result.stress_error):
         drawn.append(draw_error(folder, mesh, result, title, obstacles))
@@ -57,7 +59,7 @@ def draw(
         peak, resultants = said.pop("largest pressure"), ", ".join(f"{what} {number}" for what, number in said.items())
         if any(MISSING in number for number in said.values()) or MISSING in peak:
             resultants += f"; {MISSING} a part of the error is not known"
-        head = f"{title}\nt = {result.time:g} s, contact {name}, largest pressure {peak}\n{resultants}"
+        head = f"{title}\nt = {result.time:g} s, contact {name}{of}, largest pressure {peak}\n{resultants}"
         if mesh.points.shape[1] == 3:
             drawn.append(draw_surface(folder, name, surface, contact, head))
         else:

@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.builders.sides import modelled
 from stickslip.geometry.keys import Key
 from stickslip.geometry.obstacles.obstacle import AXES
 from stickslip.solvers.results.step_result import SLIP, STICK
@@ -77,7 +78,9 @@ def draw_history(folder: Path, scene: Scene, columns: Columns, title: str) -> Pa
     sheet.figure.align_ylabels(drawn)
     drawn[-1].set_xlabel("time [s]", fontsize=9, color=INK)
     shaded = "; shaded: ± error" if errors else ""
-    sheet.head(title, f"{len(columns['time'])} steps; forces on contacts act on the slave side{cut}{shaded}", LEFT)
+    part = modelled(vars(scene.geometry), scene.model)
+    side = f"slave side of the modelled {part}" if part else "slave side"
+    sheet.head(title, f"{len(columns['time'])} steps; forces on contacts act on the {side}{cut}{shaded}", LEFT)
     return sheet.save(folder / "history.png")
 
 

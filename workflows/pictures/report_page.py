@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 
+from stickslip.geometry.builders.sides import modelled
 from stickslip.geometry.errors import FolderError
 from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated
@@ -168,11 +169,16 @@ def _summary(results: Results) -> Html:
             said.append(f"<p>{MISSING} without the error of the {escape(lacking)}, which is not known.</p>")
     if mesh_error := (content.get("error") or {}).get("discretisation"):
         said.append(f"<p>The mesh leaves an error of about {mesh_error:.1%} in the displacement (energy norm).</p>")
+    if rounds := (content.get("accuracy") or {}).get("rounds"):
+        each = ", ".join(f"{one['unknowns']} unknowns (order {one['order']})" for one in rounds)
+        said.append(f"<p>Refined in {len(rounds)} round{'s' * (len(rounds) > 1)} for the accuracy asked: {each}.</p>")
     return "".join(said)
 
 
 def _signs(results: Results) -> str:
-    per = "Forces are those of a metre of thickness; they act" if results.plane else "Forces act"
+    part = modelled(results.scene.get("geometry") or {}, results.scene.get("model", ""))
+    of = ["a metre of thickness"] * results.plane + [f"the modelled {part}"] * bool(part)
+    per = f"Forces are those of {' of '.join(of)}; they act" if of else "Forces act"
     return f"{per} on the slave side. ± is the estimated error."
 
 

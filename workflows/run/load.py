@@ -12,7 +12,7 @@ from typing import Any, overload
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import FolderError
 from stickslip.geometry.protocols import DataFrame
-from stickslip.solvers.results.step_result import MeshData, StepResult, html_table
+from stickslip.solvers.results.step_result import MeshData, StepResult, data_frame, html_table
 from stickslip.solvers.scene.quantities import CONTACT_NUMBERS
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_from
@@ -98,9 +98,7 @@ class Loaded:
         Raises:
             ImportError: pandas is not installed.
         """
-        import pandas
-
-        return pandas.DataFrame(self.columns)
+        return data_frame(self.columns)
 
     def __repr__(self) -> str:
         return f"Loaded({str(self.folder)!r}: {self.scene['title']!r}, {self.status}, {len(self.steps)} steps)"

@@ -205,29 +205,33 @@ def print_table(table: Table, out: Console) -> None:
 
 
 def _contacts(content: Content) -> Table:
-    table, plane = Table(), content["scene"]["model"].startswith("plane")  # for a metre of thickness
-    force, area = ("N/m", "m") if plane else ("N", "m²")
-    for name in (
-        "t",
-        "contact",
-        f"normal force [{force}]",
-        f"tangential [{force}]",
-        f"touching [{area}]",
-        "stick",
-        "slip",
-    ):
+    numbers, table = contact_numbers(content["scene"]["model"]), Table()
+    for name in ("t", "contact", *numbers.values(), "iterations", "volume solves"):
         table.add_column(name, justify="left" if name == "contact" else "right")
-    for name in ("max pressure [Pa]", "max penetration [m]", "iterations", "volume solves"):
-        table.add_column(name, justify="right")
     for step in content["steps"]:
         cost = (str(step["iterations"]), str(step["volume_solves"]))
-        for name, c in (step["contacts"] or {"-": None}).items():
-            keys = ("normal_force", "tangential_force", "contact_area", "stick_area", "slip_area")
-            numbers = (
-                [of_parts(c[k], _parts(c, k)) for k in (*keys, "max_pressure", "max_penetration")] if c else ["-"] * 7
-            )
-            table.add_row(f"{step['time']:g}", name, *numbers, *cost)
+        for name, contact in (step["contacts"] or {"-": None}).items():
+            table.add_row(f"{step['time']:g}", name, *contact_cells(contact, numbers), *cost)
     return table
+
+
+def contact_numbers(model: str) -> dict[str, str]:
+    """Heads of the numbers of a contact, by their keys; in plane models for a metre of thickness."""
+    force, area = ("N/m", "m") if model.startswith("plane") else ("N", "m²")
+    return {
+        "normal_force": f"normal force [{force}]",
+        "tangential_force": f"tangential [{force}]",
+        "contact_area": f"touching [{area}]",
+        "stick_area": "stick",
+        "slip_area": "slip",
+        "max_pressure": "max pressure [Pa]",
+        "max_penetration": "max penetration [m]",
+    }
+
+
+def contact_cells(contact: Content | None, keys: Iterable[str]) -> list[str]:
+    """Numbers of a contact of result.json, with their errors."""
+    return ["-" if contact is None else of_parts(contact[key], _parts(contact, key)) for key in keys]
 
 
 def _parts(numbers: Content, key: str) -> ErrorParts:

@@ -35,6 +35,7 @@ from stickslip.workflows.writers.writer import added_keys
 
 LARGEST = 20_000_000  # characters of a scene file
 WORD = re.compile(r"[^\[\]{}\"',]*")  # a value of --set that may be a text without quotes
+SHORT = re.compile(r"[+-]?(\.\d+|\d+\.)([eE][+-]?\d+)?")  # numbers that TOML wants with a digit more
 DEEPEST = 20  # tables and lists within each other
 LACKS = re.compile(r"(?P<table>\w+)\.(?P<name>\w+)\.(?P<key>[\w.]+): missing")
 Names = Mapping[str, Sequence[str]]  # of what each table of a scene holds
@@ -336,7 +337,9 @@ def _override(data: dict[str, Any], override: str) -> None:
 
 
 def value_of(text: str, said: str) -> Any:
-    """A value as it stands in a TOML file, or a bare word; `said` names it in a refusal."""
+    """A value as it stands in a TOML file, or a bare word, or a number such as .5; `said` names it in a refusal."""
+    if SHORT.fullmatch(text.strip()):
+        return float(text)
     try:
         return _toml(f"value = {text}")["value"]
     except ValueError as error:

@@ -49,14 +49,14 @@ def members(scene: Scene, over: Mapping[str, Sequence[Any]]) -> list[Member]:
     for key, values in over.items():
         if isinstance(values, str) or not isinstance(values, Sequence) or not len(values):
             raise SceneError(f"sweep: {key}: expected a list of values, for example {key}=[0.1, 0.2, 0.3]")
-    found, short, count = list[Member](), _short(list(over)), 1
+    found, names, count = list[Member](), short(list(over)), 1
     for values in over.values():
         count *= len(values)
     if count > MOST:
         raise SceneError(f"sweep: {count} members; at most {MOST}")
     for combination in product(*over.values()):
         chosen = {key: plain(value) for key, value in zip(over, combination, strict=True)}
-        name = _safe(",".join(f"{short[key]}={_said(value)}" for key, value in chosen.items()))
+        name = _safe(",".join(f"{names[key]}={said(value)}" for key, value in chosen.items()))
         changed = scene
         try:
             for key, value in chosen.items():
@@ -69,7 +69,7 @@ def members(scene: Scene, over: Mapping[str, Sequence[Any]]) -> list[Member]:
     return found
 
 
-def _short(keys: Sequence[str]) -> dict[str, str]:
+def short(keys: Sequence[str]) -> dict[str, str]:
     """The shortest ends of dotted keys that tell them apart."""
     found = {}
     for key in keys:
@@ -80,7 +80,8 @@ def _short(keys: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _said(value: Any) -> str:
+def said(value: Any) -> str:
+    """A value in a word or two."""
     return value if isinstance(value, str) else json.dumps(value)
 
 

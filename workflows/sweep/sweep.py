@@ -23,6 +23,7 @@ from typing import Any
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.protocols import DataFrame
 from stickslip.geometry.user_files.child import run_child
+from stickslip.solvers.results.step_result import data_frame
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import disk_errors, write_aside
 from stickslip.workflows.formats.own_files import is_certified
@@ -83,9 +84,7 @@ class Sweep:
         Raises:
             ImportError: pandas is not installed.
         """
-        import pandas
-
-        return pandas.DataFrame(self.rows)
+        return data_frame(self.rows)
 
 
 def sweep(

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
+from stickslip.geometry.builders.sides import modelled
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.writers.writer import Ended, Turn, Writer
@@ -41,6 +42,7 @@ class Pictures(Writer):
                     scene.title,
                     errors=errors,
                     per_metre=scene.model.startswith("plane"),
+                    part=modelled(vars(scene.geometry), scene.model),
                     obstacles=rigids(scene, ended.steps[-1]),
                 )
                 draw_course(self.job.folder, self.job.scene)
