@@ -27,6 +27,7 @@ CLAMPED, SNUG = 100e6, 10e6  # [Pa] tension of a bolt with a head, and of one be
 BONDED = ("weld", "glue", "adhesive", "bond", "solder")
 ENDS = {2: ("left", "right", "bottom", "top"), 3: ("left", "right", "front", "back", "bottom", "top")}
 LARGE = 0.3  # of the assembly's diagonal: bodies whose ends get names
+ASIDE = 0.7  # largest cosine of the angle between an axis and a cylinder's
 GRAVITY = 9.81  # [m/s^2]
 POINTS = {2: 100, 3: 600}  # of contact
 ACROSS = 2  # cells across the smallest pair, at least
@@ -186,16 +187,11 @@ def scene_text(found: Assembly, target: Path) -> str:
     for pair, label, slave in zip(found.pairs, labels, slaves(found.pairs), strict=True):
         lines += ["", *_contact(pair, label, slave, names, found)]
     lines += _bolts(found)
-    lines += ["", "# where it is held, and what loads it: to begin with, its weight presses the largest of the planes"]
-    down = _downwards(found)
-    if ends:
-        small = {name for bolt in bolts(found) for name in (bolt.body, *bolt.nuts)}
-        side = max(
-            ends,
-            key=lambda s: (s.body not in small, s.form.kind == "plane" and s.form.axis @ down > 0, s.area),
-        )
+    held_side, down, why = _held(found, list(ends))
+    lines += ["", f"# where it is held, and what loads it: to begin with, {why}"]
+    if held_side:
         held = ", ".join(f"{axis} = 0.0" for axis in "xyz"[: found.dim])
-        lines += ["[supports.base]", f'boundary = "{ends[side]}"', f"displacement = {{ {held} }}", ""]
+        lines += ["[supports.base]", f'boundary = "{ends[held_side]}"', f"displacement = {{ {held} }}", ""]
     pull = ", ".join(f"{x:.4g}" for x in down[: found.dim])
     lines += ["[gravity]", f"acceleration = [{pull}]"]
     return "\n".join(lines) + "\n"
@@ -307,11 +303,33 @@ def _ends(found: Assembly) -> dict[Side, str]:
     return ends
 
 
-def _downwards(found: Assembly) -> Array:
-    """Gravity (3,) [m/s^2] that presses the largest of the plane pairs; without any, along the last axis."""
+def _held(found: Assembly, ends: Sequence[Side]) -> tuple[Side | None, Array, str]:
+    """The side that is held, if there is one, gravity (3,) [m/s^2], and what its weight does.
+
+    It presses the largest of the plane pairs if the lower body of the two is held; without a plane it acts across the
+    axis of the largest of the cylinders.
+    """
+    small = {name for bolt in bolts(found) for name in (bolt.body, *bolt.nuts)}
     flat = [pair for pair in found.pairs if pair.kind == "plane"]
-    down = max(flat, key=lambda pair: pair.area).one.form.axis if flat else -np.eye(3)[found.dim - 1]
-    return np.asarray((GRAVITY * down).round(6) + 0.0)
+    round_ = [pair for pair in found.pairs if pair.kind == "cylinder"]
+    ways = [(-np.eye(3)[found.dim - 1], "")]  # directions of gravity, and the body that it presses on
+    why = "its weight"
+    if flat:
+        pair, why = max(flat, key=lambda pair: pair.area), "its weight presses the largest of the planes"
+        ways = [(pair.one.form.axis, pair.other.body), (-pair.one.form.axis, pair.one.body)]
+    elif round_:
+        along = max(round_, key=lambda pair: pair.area).one.form.axis
+        across = [axis for axis in np.eye(3)[: found.dim][::-1] if abs(axis @ along) < ASIDE]
+        ways, why = [(-across[0], "")], "its weight acts across the largest of the cylinders"
+
+    def fits(way: tuple[Array, str], side: Side) -> tuple[bool, bool, bool, float]:
+        down, lower = way
+        below = bool(side.form.kind == "plane" and side.form.axis @ down > 0)
+        return side.body not in small, side.body == lower, below, side.area
+
+    choices = [(way, side) for way in ways for side in ends]
+    (down, _), held = max(choices, key=lambda choice: fits(*choice)) if choices else (ways[0], None)
+    return held, np.asarray((GRAVITY * down).round(6) + 0.0), why
 
 
 def _relative(path: Path, target: Path) -> str:
