@@ -116,7 +116,9 @@ def report_mesh(scene: Scene, mesh: Mesh, nodes: int, contacts: Sequence[Contact
 
 
 def _report_contact(scene: Scene, c: ContactRows, size: float) -> ContactReport:
-    overlap, nearest = c.node_gap < -1e-9 * size, c.node_gap == c.node_gap[c.node_weights > 0].min()
+    overlap = c.node_gap < -1e-9 * size
+    facing = c.node_weights > 0
+    nearest = facing & (c.node_gap <= np.min(c.node_gap[facing], initial=np.inf) + 1e-9 * size)
     return ContactReport(
         normal_points=len(c.W_n),
         tangential_points=len(c.W_t),
@@ -134,8 +136,9 @@ def _report_contact(scene: Scene, c: ContactRows, size: float) -> ContactReport:
 
 
 def _size_at(surface: Surface, nodes: Bools) -> float:
-    """Mean edge [m] of the facets at these nodes (n,)."""
-    ends = surface.points[surface.facets[nodes[surface.facets].any(axis=1)][:, :2]]
+    """Mean edge [m] of the facets at these nodes (n,); of all facets without nodes."""
+    facets = surface.facets[nodes[surface.facets].any(axis=1)] if nodes.any() else surface.facets
+    ends = surface.points[facets[:, :2]]
     return float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())
 
 
