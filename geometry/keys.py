@@ -269,7 +269,7 @@ def _unit_at(kind: Any, data: Any, path: Sequence[str]) -> str:
         hint = _keys_at(kind, data, path[:place]).get(path[place])
         units = [key.unit for key in getattr(hint, "__metadata__", ()) if isinstance(key, Key)]
         if units:
-            return units[0] if units[0] not in ("", "-", "m, -", "Pa, -") else ""
+            return "" if units[0] == "-" or "," in units[0] else units[0]
     return ""
 
 

@@ -14,6 +14,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.commands.process import speaks
 from stickslip.workflows.formats.regular import read_json
 from stickslip.workflows.run.folder import RESULT, place_of
+from stickslip.workflows.run.resume import FINISHED
 from stickslip.workflows.run.terminal import console, contact_cells, contact_numbers, print_table
 from stickslip.workflows.scene_file.read import value_of
 from stickslip.workflows.sweep.members import said, short
@@ -50,14 +51,15 @@ def sweep_scene(scene: Scene, words: Sequence[str], folder: Path, jobs: int, qui
 
 
 def _print(done: Sweep, model: str) -> None:
-    """The keys that are swept, and the main numbers of each contact in the last step."""
+    """The keys that are swept, and the main numbers of each contact in the last step of what is solved."""
     table, numbers = Table(), contact_numbers(model)
     del numbers["max_penetration"]
     keys = short(list(done.solved[0].member.values))
     for head in (*keys.values(), "contact", *numbers.values()):
         table.add_column(head, justify="left" if head == "contact" else "right")
     for one in done.solved:
-        steps = read_json(place_of(one.folder) / RESULT).get("steps") or [{}]
+        content = read_json(place_of(one.folder) / RESULT) if one.status in FINISHED else {}
+        steps = content.get("steps") or [{}]
         values = [shortened(said(value), WIDEST) for value in one.member.values.values()]
         for name, contact in (steps[-1].get("contacts") or {"-": None}).items():
             table.add_row(*values, name, *contact_cells(contact, numbers))

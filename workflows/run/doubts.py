@@ -123,7 +123,7 @@ def doubts(
         errors: of the numbers of each step; None: not estimated.
     """
     problem, contacts = simulation.problem, simulation.system.contacts
-    if steps and not any(body.max_displacement for step in steps for body in step.bodies.values()):
+    if steps and all(step.bodies and not any(b.max_displacement for b in step.bodies.values()) for step in steps):
         yield "nothing loads or moves the bodies: all displacements and forces are zero"
     yield from _several_solutions(steps, "N/m" if problem.model.startswith("plane") else "N")
     yield from _slip_jumps(steps)
