@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -65,6 +66,22 @@ def test_from_an_assembly_to_results_without_a_line_typed(call: Call, folder: Pa
     weight = 7850 * 9.81 * 1e-4**3  # of the cube of .1 mm: the file is in mm, and drawn ten times smaller
     force = result(folder / "out")["steps"][0]["contacts"][name]["normal_force"]
     assert force == pytest.approx(weight, rel=1e-6)
+
+
+def test_the_weight_presses_the_body_that_is_held(call: Call, folder: Path) -> None:
+    """Upside down: the plate hangs over a block that has no large end, so it is held, and gravity acts upwards."""
+
+    def table(occ: Any) -> None:
+        stacked(occ)
+        occ.rotate(occ.getEntities(3), 0, 0, 0, 1, 0, 0, np.pi)
+
+    for drawn, up in ((stacked, -1), (table, 1)):
+        write_assembly(folder / "table.step", drawn)
+        (folder / "table.toml").unlink(missing_ok=True)
+        assert call("new", "--from", "table.step")[0] == 0
+        scene = read(folder / "table.toml")
+        assert [str(support.boundary).split(".")[0] for support in scene.supports.values()] == ["part"]
+        assert scene.sections["gravity"].acceleration == (0.0, 0.0, up * 9.81)  # type: ignore[union-attr]
 
 
 PULL = """

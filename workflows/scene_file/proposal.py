@@ -322,10 +322,10 @@ def _held(found: Assembly, ends: Sequence[Side]) -> tuple[Side | None, Array, st
         across = [axis for axis in np.eye(3)[: found.dim][::-1] if abs(axis @ along) < ASIDE]
         ways, why = [(-across[0], "")], "its weight acts across the largest of the cylinders"
 
-    def fits(way: tuple[Array, str], side: Side) -> tuple[bool, bool, bool, float]:
+    def fits(way: tuple[Array, str], side: Side) -> tuple[bool, bool, bool, bool, float]:
         down, lower = way
-        below = bool(side.form.kind == "plane" and side.form.axis @ down > 0)
-        return side.body not in small, side.body == lower, below, side.area
+        below = bool(side.form.kind == "plane" and side.form.axis @ down > ASIDE)
+        return side.body not in small, side.body == lower, bool(down[found.dim - 1] <= 0), below, side.area
 
     choices = [(way, side) for way in ways for side in ends]
     (down, _), held = max(choices, key=lambda choice: fits(*choice)) if choices else (ways[0], None)
