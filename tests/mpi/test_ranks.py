@@ -39,8 +39,8 @@ EXCEPTED = {"seconds", "ranks", "version", "counters"}
 KINDS = {
     "force": ("force", "normal_force", "tangential_force"),
     "moment": ("moment",),
-    "stress": ("stress", "max_pressure"),
-    "length": ("displacement", "max_penetration", "max_slip"),
+    "stress": ("stress", "max_pressure", "max_von_mises"),
+    "length": ("displacement", "max_displacement", "max_penetration", "max_slip"),
     "error": ("mesh", "discretisation"),
     "area": ("contact_area", "stick_area", "slip_area"),
     "energy": (

@@ -328,9 +328,9 @@ WRONG = {
         ["obstacles.foundation.force={y=1.0}", "obstacles.foundation.displacement={y=1.0}"],
         r"foundation\.force\.y: displacement\.y is prescribed too; keep one",
     ),
-    "list for a force on an obstacle": (
-        ["obstacles.foundation.force=[0.0,1.0]"],
-        r"foundation\.force = \[0\.0, 1\.0\]: expected a table",
+    "one component of a force on an obstacle": (
+        ["obstacles.foundation.force=[1.0]"],
+        r"foundation\.force = \[1\.0\]: expected a table",
     ),
     "force on an obstacle across the plane": (
         ["obstacles.foundation.force={z=1.0}"],

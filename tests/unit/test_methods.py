@@ -121,7 +121,6 @@ def test_auto_goes_by_the_turns_of_the_classes() -> None:
     assert [str(stage) for stage in chain("condensed", floating=False)] == [*newton, "nsgs (condensed)"]
     uzawa = ["surface-uzawa (matrix-free)", "surface-uzawa (matrix-free, safer metric)"]
     assert [str(stage) for stage in chain("matrix-free", floating=False)] == uzawa
-    assert [str(stage) for stage in chain("matrix-free", False, short=True)] == ["tangent-cg (matrix-free)", *uzawa]
 
 
 def test_a_method_has_the_settings_of_the_scene() -> None:

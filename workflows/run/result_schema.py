@@ -214,6 +214,7 @@ class PlanRecord(TypedDict):
     effect: str
     on: bool
     because: str
+    adds: str  # to the problem, and what that costs
 
 
 @closed
