@@ -14,8 +14,7 @@ from stickslip.solvers.newton.line_search import LineSearch
 from stickslip.solvers.newton.solution import OnStep, Solution, Stall, Status, Step, ignore
 from stickslip.solvers.newton.starts import Start
 
-STALL_WINDOW = 20  # iterations in which the smallest residual of a damped attempt must halve
-HOPPING_WINDOW = 6  # likewise of plain Newton
+STALL_WINDOW = 20  # iterations in which the smallest residual must halve; fronts of slip go on by a node in each
 SAME = 1e-10  # relative change up to which two iterates are the same
 RETREATS = 6  # how often trial tractions that leave the bodies without hold are halved towards earlier ones
 ATTEMPT = 60  # iterations of an attempt
@@ -71,7 +70,7 @@ class Attempts:
         problem, gamma = self.problem, start.factor * self.problem.gamma
         p, u, p_hat, known = start.p, start.u_c, start.p_hat, start.in_equilibrium
         w, held = self.bodies.relative(p, u), p_hat
-        stalled, visited = Stall(HOPPING_WINDOW if proximal is None else STALL_WINDOW, 0.5), list[tuple[Array, Array]]()
+        stalled, visited = Stall(STALL_WINDOW, 0.5), list[tuple[Array, Array]]()
         search, self.stalled = LineSearch(problem, gamma), False
         for k in range(ATTEMPT):
             weight = 0.0

@@ -220,7 +220,7 @@ def test_the_last_iteration_is_the_one_past_those_that_are_allowed(held: Surface
     assert attempt.best.status is Status.CONVERGED  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize(("factor", "most"), [(0.8, ATTEMPT - 1), (0.99, 2 + attempts.HOPPING_WINDOW)])
+@pytest.mark.parametrize(("factor", "most"), [(0.8, ATTEMPT - 1), (0.99, 2 + attempts.STALL_WINDOW)])
 def test_an_attempt_that_never_repeats_has_an_end(factor: float, most: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Plain Newton goes on while the residual halves within its window; where it does not, it hops."""
     problem, random = given(), np.random.default_rng(1)

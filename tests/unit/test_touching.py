@@ -149,14 +149,15 @@ def pair_of(one: Any, other: Any, kind: str = "plane", gap: float = 0.0) -> Pair
 
 def test_nuts_are_tied_to_what_they_are_screwed_on_and_welds_to_all() -> None:
     def body(name: str) -> Any:
-        return SimpleNamespace(body=name)
+        return SimpleNamespace(body=name, form=SimpleNamespace(radius=1.0))
 
+    alone: Any = SimpleNamespace(pairs=[])
     nut, bolt, plate = body("locknut_2"), body("bolt"), body("plate")
-    assert proposed_law(pair_of(nut, bolt, "cylinder"))[0] == "tied"
-    assert proposed_law(pair_of(nut, plate, "plane"))[0] == "unilateral"
-    assert proposed_law(pair_of(bolt, plate, "cylinder"))[0] == "unilateral"
-    assert proposed_law(pair_of(nut, bolt, "cylinder", gap=1e-3))[0] == "unilateral"  # a hole that is too wide
-    assert proposed_law(pair_of(body("weld_3"), plate))[0] == "tied"
+    assert proposed_law(pair_of(nut, bolt, "cylinder"), alone)[0] == "tied"
+    assert proposed_law(pair_of(nut, plate, "plane"), alone)[0] == "unilateral"
+    assert proposed_law(pair_of(bolt, plate, "cylinder"), alone)[0] == "unilateral"
+    assert proposed_law(pair_of(nut, bolt, "cylinder", gap=1e-3), alone)[0] == "unilateral"  # a hole that is too wide
+    assert proposed_law(pair_of(body("weld_3"), plate), alone)[0] == "tied"
 
 
 def test_each_side_is_the_slave_of_one_pair_and_small_ones_come_first() -> None:

@@ -52,6 +52,8 @@ def sweep_scene(scene: Scene, words: Sequence[str], folder: Path, jobs: int, qui
 
 def _print(done: Sweep, model: str) -> None:
     """The keys that are swept, and the main numbers of each contact in the last step of what is solved."""
+    if not done.solved:  # other ranks
+        return
     table, numbers = Table(), contact_numbers(model)
     del numbers["max_penetration"]
     keys = short(list(done.solved[0].member.values))

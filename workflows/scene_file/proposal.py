@@ -98,9 +98,11 @@ def _is_nut(pair: Pair, found: Assembly) -> bool:
         for p in found.pairs
         if bore.body in (p.one.body, p.other.body) and shaft.body not in (p.one.body, p.other.body)
     ]
+    if not others or any(p.kind != "plane" for p in others):
+        return False
     corners = np.concatenate([f.corners.reshape(-1, 3) for f in found.outline.entities if f.bodies == (bore.body,)])
     outer = np.linalg.norm(np.cross(corners - bore.form.point, bore.form.axis), axis=1).max()
-    return bool(others) and all(p.kind == "plane" for p in others) and outer <= -STOUT * bore.form.radius
+    return bool(outer <= -STOUT * bore.form.radius)
 
 
 @dataclass(frozen=True, eq=False)
