@@ -134,17 +134,16 @@ def cells_of_points(count: int) -> FunctionSpace:
     return space
 
 
-def petsc_vector(function: Function) -> Vec:
-    """PETSc vector that shares the memory of the function's coefficients."""
-    vector: Vec = function.x.petsc_vec if hasattr(function.x, "petsc_vec") else function.vector  # type: ignore[attr-defined]
-    return vector
+def fill(function: Function, values: Array) -> None:
+    """Set the coefficients of a function that this rank owns, in blocks, and its ghosts; collective."""
+    function.x.array[: len(values)] = values
+    function.x.scatter_forward()
 
 
 def add_to_owners(function: Function) -> None:
     """Add the coefficients of ghosts to those of their owners; collective."""
-    from petsc4py import PETSc
-
-    petsc_vector(function).ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
+    la = dolfinx.la
+    function.x.scatter_reverse(la.ScatterMode.add if OLD else la.InsertMode.add)
 
 
 def _rows(table: Any) -> Ints:
@@ -214,11 +213,17 @@ def assemble_matrix(form: CompiledForm) -> Mat:
 
 
 def assemble_vector(form: CompiledForm) -> Vec:
-    """PETSc vector of a compiled linear form, ghost values added to those of their owners; collective."""
+    """PETSc vector of a compiled linear form, ghost values added to those of their owners; collective.
+
+    It is on the communicator of the mesh, not on the one that dolfinx makes for each space.
+    """
     from petsc4py import PETSc
 
-    vector: Vec = fem.petsc.assemble_vector(form)
-    vector.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
+    ghosted: Vec = fem.petsc.assemble_vector(form)
+    ghosted.ghostUpdate(addv=PETSc.InsertMode.ADD_VALUES, mode=PETSc.ScatterMode.REVERSE)
+    vector: Vec = PETSc.Vec().createMPI(ghosted.getSizes(), bsize=ghosted.block_size, comm=form.mesh.comm)
+    vector.array[:] = ghosted.array_r
+    ghosted.destroy()
     return vector
 
 

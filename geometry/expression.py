@@ -7,7 +7,7 @@ import re
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache, cached_property, reduce
+from functools import cache, cached_property, partial, reduce
 from typing import Any
 
 import numpy as np
@@ -89,23 +89,29 @@ class Expression:
             functions: by the names of FUNCTIONS; min and max of two.
         """
         known = {**values, **{name: number(value) for name, value in self.constants.items()}, "pi": number(np.pi)}
+        return _built(self._tree, known, number, functions)
 
-        def of(node: ast.expr) -> Any:
-            match node:
-                case ast.Constant(value=int() | float() as value):
-                    return number(float(value))
-                case ast.Name(id=name):
-                    return known[name]
-                case ast.UnaryOp(op=op, operand=one):
-                    return OPERATORS[type(op)](of(one))
-                case ast.BinOp(left=left, op=op, right=right):
-                    return OPERATORS[type(op)](of(left), of(right))
-                case ast.Call(func=ast.Name(id=name), args=args):
-                    parts = [of(arg) for arg in args]
-                    return reduce(functions[name], parts) if name in OF_SEVERAL else functions[name](*parts)
-            raise AssertionError(node)
 
-        return of(self._tree)
+def _built(
+    node: ast.expr,
+    known: Mapping[str, Any],
+    number: Callable[[float], Any],
+    functions: Mapping[str, Callable[..., Any]],
+) -> Any:
+    of = partial(_built, known=known, number=number, functions=functions)
+    match node:
+        case ast.Constant(value=int() | float() as value):
+            return number(float(value))
+        case ast.Name(id=name):
+            return known[name]
+        case ast.UnaryOp(op=op, operand=one):
+            return OPERATORS[type(op)](of(one))
+        case ast.BinOp(left=left, op=op, right=right):
+            return OPERATORS[type(op)](of(left), of(right))
+        case ast.Call(func=ast.Name(id=name), args=args):
+            parts = [of(arg) for arg in args]
+            return reduce(functions[name], parts) if name in OF_SEVERAL else functions[name](*parts)
+    raise AssertionError(node)
 
 
 def check_varying(value: Varying, key: str) -> None:

@@ -116,10 +116,9 @@ class Bubbles:
 
     def _add_up(self, u: Vec, x: Vec) -> None:
         """Set `_whole` to u + x, ghosts included; collective."""
-        _fill(self._linear, u)
+        dx.fill(self._linear, u.array_r)
         self._whole.interpolate(self._linear)
-        dx.petsc_vector(self._whole).array[:] += x.array_r
-        self._whole.x.scatter_forward()
+        dx.fill(self._whole, self._whole.x.array[: len(x.array_r)] + x.array_r)
 
     def reactions(self, forces: Vec) -> dict[str, tuple[Array, Array]]:
         """Force (d,) [N] and moment about the origin [N m] that each support exerts on a mesh of order 1; collective.
@@ -147,7 +146,7 @@ class Bubbles:
 
     def pull(self, x: Vec) -> Vec:
         """Inner forces a(x, .) [N] of bubbles on the dofs of the mesh; collective."""
-        _fill(self._alone, x)
+        dx.fill(self._alone, x.array_r)
         return self.system.constraints.links.added(_assembled(self._pull), self.elongation(x))
 
     def remote(self, x: Vec) -> Array:
@@ -266,9 +265,3 @@ def _inner_forces(problem: Problem, weak: WeakForms, u: Function) -> list[UflFor
 def _assembled(forms: list[CompiledForm]) -> Vec:
     first, *others = (dx.assemble_vector(form) for form in forms)
     return sum(others, start=first)
-
-
-def _fill(function: Function, values: Vec) -> None:
-    """Give a Function the coefficients of a vector, ghosts included; collective."""
-    dx.petsc_vector(function).array[:] = values.array_r
-    function.x.scatter_forward()

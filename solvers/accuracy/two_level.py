@@ -40,6 +40,7 @@ from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.solvers.stepping.update import Surplus, displacement, new_state
 from stickslip.solvers.system.contact_interface import components
+from stickslip.solvers.system.system import System
 
 NEARER = 0.3  # factor by which an iterative method makes the residual of contact smaller
 ROUGH = 1e-2  # tolerance of a displacement that is recovered by an iterative volume solve, in energy norm
@@ -92,7 +93,7 @@ class MeshCorrection:
         self._bubbles, self.nodes = bubbles, bubbles.nodes
         names = {side for pair in system.problem.pairs.values() for side in (pair.slave, pair.master) if side}
         self._sides = {name: gather_surface(system.mesh, bubbles.space, bubbles.nodes, name) for name in sorted(names)}
-        self._known: tuple[Stepper, BubbleRows] | None = None
+        self._known: tuple[System, BubbleRows] | None = None
 
     def __call__(self, stepper: Stepper, old: State, new: State, problem: SurfaceProblem) -> State | None:
         """The state with bubbles after a substep from `old` to `new`; None: it was not found; collective.
@@ -127,7 +128,7 @@ class MeshCorrection:
         before = old.refined or (None if old.p.any() or old.w.any() else old)
         if before is None:
             return None  # an earlier substep was not followed
-        rows = self._rows(stepper)
+        rows = self._rows(stepper.system)
         if before.rows is not stepper.system.contacts:
             before = carried_over(before, stepper.system)
             if before.surplus is not None:
@@ -183,10 +184,10 @@ class MeshCorrection:
             self._factor = factors[0] if self._quick else 0.0  # it depends on the mesh, hardly on the step
         return step.answer(x, found.solution.p, solve)
 
-    def _rows(self, stepper: Stepper) -> BubbleRows:
-        """The contact rows of the bubbles, for those of the stepper."""
-        if self._known is None or self._known[0] is not stepper:
-            self._known = stepper, BubbleRows(stepper, self._bubbles, self._sides)
+    def _rows(self, system: System) -> BubbleRows:
+        """The contact rows of the bubbles, for those of the system."""
+        if self._known is None or self._known[0] is not system:
+            self._known = system, BubbleRows(system, self._bubbles, self._sides)
         return self._known[1]
 
 
@@ -197,8 +198,7 @@ class BubbleRows:
     their facets, and the distance of a rigid obstacle is averaged like the displacement, not taken at the node.
     """
 
-    def __init__(self, stepper: Stepper, bubbles: Bubbles, sides: dict[str, Surface]) -> None:
-        system = stepper.system
+    def __init__(self, system: System, bubbles: Bubbles, sides: dict[str, Surface]) -> None:
         normal, tangential, self.relative, numbers = [], [], [], [np.zeros(0, np.int64)]
         closer = []
         for c in system.contacts:

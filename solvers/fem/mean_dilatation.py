@@ -94,8 +94,7 @@ class MeanDilatation:
                 spread = V.duplicate()
                 share.multTranspose(theta, spread)
                 theta = spread
-            dx.petsc_vector(functions[body]).array[:] = theta.array_r
-            functions[body].x.scatter_forward()
+            dx.fill(functions[body], theta.array_r)
 
     def at_midpoints(self, u: Vec, functions: Mapping[str, Function]) -> dict[str, Array]:
         """The fields of a displacement [m] at the midpoints of this rank's cells (cells,) [-]; collective."""

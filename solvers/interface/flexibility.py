@@ -157,19 +157,8 @@ class DelassusOperator(ABC):
     def _largest_eigenvalue(self) -> float:
         from slepc4py import SLEPc
 
-        root = np.sqrt(self.W)
         rows = len(self.W)
-        surface = self
-
-        class Operator:
-            def mult(self, matrix: Mat, x: Vec, y: Vec) -> None:
-                counters = surface.counters
-                counters.lanczos_applications += 1
-                before = counters.volume_solves, counters.linear_iterations
-                y.array = root * (surface.N @ surface.displacement(surface.N.T @ (root * x.array_r)))
-                counters.volume_solves, counters.linear_iterations = before
-
-        shell = PETSc.Mat().createPython(((rows, rows), (rows, rows)), Operator(), comm=PETSc.COMM_SELF)
+        shell = PETSc.Mat().createPython(((rows, rows), (rows, rows)), _Symmetric(self), comm=PETSc.COMM_SELF)
         shell.setUp()
         solver = SLEPc.EPS().create(PETSc.COMM_SELF)
         solver.setOptionsPrefix("lambda_max_")
@@ -181,8 +170,22 @@ class DelassusOperator(ABC):
         solver.setDimensions(1)
         solver.setTolerances(tol=1e-4)
         start = shell.createVecRight()
-        start.array = root * (1 + np.sin(np.arange(rows)))  # the same on every rank, no symmetry
+        start.array = np.sqrt(self.W) * (1 + np.sin(np.arange(rows)))  # the same on every rank, no symmetry
         solver.setInitialSpace(start)
         solver.solve()
         assert solver.getConverged() > 0
         return float(solver.getEigenvalue(0).real + solver.computeError(0, SLEPc.EPS.ErrorType.ABSOLUTE))
+
+
+class _Symmetric:
+    """W^1/2 N K_B^-1 N^T W^1/2 for SLEPc, whose eigenvalues are those of W^-1 B K_B^-1 B^T."""
+
+    def __init__(self, surface: DelassusOperator) -> None:
+        self._surface, self._root = surface, np.sqrt(surface.W)
+
+    def mult(self, matrix: Mat, x: Vec, y: Vec) -> None:
+        surface, root, counters = self._surface, self._root, self._surface.counters
+        counters.lanczos_applications += 1
+        before = counters.volume_solves, counters.linear_iterations
+        y.array = root * (surface.N @ surface.displacement(surface.N.T @ (root * x.array_r)))
+        counters.volume_solves, counters.linear_iterations = before

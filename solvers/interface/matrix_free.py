@@ -37,7 +37,7 @@ class IterativeVolume:
 
     def __init__(self, system: System) -> None:
         """Take K_B over; collective."""
-        self._system, self.counters = system, system.counters
+        self.counters = system.counters
         self.K: Mat = system.K_B
         K = self.K
         self.contact = Replicated(K.createVecRight(), system.interface.dofs)
@@ -45,12 +45,8 @@ class IterativeVolume:
         diagonal = self.contact.read(K.getDiagonal())
         self.stiffness = float(diagonal.mean()) if len(diagonal) else 1.0
         self.tolerance = system.problem.solver.tolerance
-        self._cg = ConjugateGradients(K, self._precondition, self.counters)
-
-    @cached_property
-    def _multigrid(self) -> PC:
-        """Set up at the first solve: a method that needs none does without."""
-        return multigrid(self._bedded(self.K), lambda: near_nullspace(self._system), "volume_")
+        self._multigrid = _FloatingMultigrid(system, self.contact, self.floating, self.stiffness)
+        self._cg = ConjugateGradients(K, self._multigrid, self.counters)
 
     def remember(self, most: int) -> None:
         """Forget the search directions, and store up to `most` of them from now on."""
@@ -68,8 +64,7 @@ class IterativeVolume:
 
     def release(self) -> None:
         """Free the memory; no solve is possible after that; collective."""
-        if "_multigrid" in vars(self):
-            self._multigrid.destroy()
+        self._multigrid.release()
         self.remember(1)
 
     def snapshot(self) -> dict[str, Plain]:
@@ -117,18 +112,35 @@ class IterativeVolume:
             v.array[:] = 0.0
         self.counters.volume_solves += 1
 
-    def _precondition(self, r: Vec, z: Vec) -> None:
-        """Multigrid between `balance` and `pin`, which are transposes: symmetric. r changes by rounding only."""
-        self.floating.balance(r.array)
+
+class _FloatingMultigrid:
+    """Multigrid between `balance` and `pin`, which are transposes: symmetric."""
+
+    def __init__(self, system: System, contact: Replicated, floating: FloatingMotions, stiffness: float) -> None:
+        self._system, self._contact, self._floating, self._stiffness = system, contact, floating, stiffness
+
+    def __call__(self, r: Vec, z: Vec) -> None:
+        """Write z = M^-1 r; r changes by rounding only; collective."""
+        self._floating.balance(r.array)
         self._multigrid.apply(r, z)
-        self.floating.pin(z.array)
+        self._floating.pin(z.array)
+
+    def release(self) -> None:
+        """Free the memory; collective."""
+        if "_multigrid" in vars(self):
+            self._multigrid.destroy()
+
+    @cached_property
+    def _multigrid(self) -> PC:
+        """Set up at the first solve: a method that needs none does without."""
+        return multigrid(self._bedded(self._system.K_B), lambda: near_nullspace(self._system), "volume_")
 
     def _bedded(self, K: Mat) -> Mat:
         """K_B itself; if bodies float, a copy with springs at the contact dofs."""
-        if not self.floating.R.shape[1]:
+        if not self._floating.R.shape[1]:
             return K
         springs, bedded = K.createVecRight(), K.copy()
-        springs.array[self.contact.local] = SOFT * self.stiffness
+        springs.array[self._contact.local] = SOFT * self._stiffness
         bedded.setDiagonal(bedded.getDiagonal() + springs)
         return bedded
 

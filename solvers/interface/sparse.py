@@ -5,7 +5,7 @@ Nothing is factorised before the first solve, so that a method can first say how
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -27,15 +27,12 @@ class SparseVolume:
 
     def __init__(self, system: System) -> None:
         """Take K_B over; collective."""
-        self._system, self.counters, self.K = system, system.counters, system.K_B
+        self.counters, self.K = system.counters, system.K_B
         self.contact = Replicated(self.K.createVecRight(), system.interface.dofs)
         self.floating = FloatingMotions(system, self.contact, system.interface.rigid_modes)
         self.iterative = False  # inner solves by conjugate gradients with multigrid; set before the first solve
         self.options: PetscOptions | None = None  # of the user; likewise
-
-    def motions(self) -> Array:
-        """This rank's part (owned, k) of the rigid modes of all bodies together."""
-        return near_nullspace(self._system)
+        self.motions = partial(near_nullspace, system)  # this rank's part (owned, k) of the rigid modes of all bodies
 
     @cached_property
     def solver(self) -> InnerSolver:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Mat, Vec
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.smoothed_laws import SmoothedContact, Widths
 from stickslip.solvers.laws.friction import Tresca
-from stickslip.solvers.system.nodal_contact import FormOfPart, NodalContact, fill, relative_to_obstacle
+from stickslip.solvers.system.nodal_contact import FormOfPart, NodalContact, relative_to_obstacle
 from stickslip.solvers.system.system import System
 
 
@@ -61,7 +62,7 @@ class Nodal:
         self.nodal = NodalContact(system, rows)
         self.forms = SmoothedContact(weak, self.nodal.rule, contact, widths, self.bound)
         self.P = self.nodal.change.matMult(system.T) if self.nodal.change else system.T
-        fill(self.forms.normal, self.nodal.spread(rows.frames[:, 0].ravel()))
+        dx.fill(self.forms.normal, self.nodal.spread(rows.frames[:, 0].ravel()).array_r)
         self.relative_shift, self.motion_shift = system.vector(), system.vector()
 
     def parts(self) -> list[FormOfPart]:
@@ -85,7 +86,7 @@ class Nodal:
         end, law = self.system.problem.timeline.end, self.rows.friction
         if isinstance(law, Tresca):
             self.bound.value = value_at(law.bound, time, end)
-        fill(self.forms.before, self._motion(u - self.nodal.spread(motion.ravel())))
+        dx.fill(self.forms.before, self._motion(u - self.nodal.spread(motion.ravel())).array_r)
         relative = relative_to_obstacle(self.system, self.rows.name, u_s, time)
         relative.copy(self.relative_shift)
         self._motion(relative).copy(self.motion_shift)

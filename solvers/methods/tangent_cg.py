@@ -70,7 +70,7 @@ class OnTangent(Ready):
         self.method, self.system, self.surface, self.hurried = method, setup.system, setup.surface, setup.hurried
         self.coordinates = ContactCoordinates.of(setup.system, setup.surface)
         self.operator = TangentOperator(setup.system, self.coordinates)
-        matrix_free(setup.surface).guess = self._guess
+        matrix_free(setup.surface).guess = self.operator.guess
         self.coarse: CoarseMotions | None = None  # made when they are needed
         self.nodes: Ints | None = None  # that multigrid holds; None: all slave nodes
 
@@ -103,15 +103,6 @@ class OnTangent(Ready):
         """Add coarse motions to all later iterations; collective."""
         pressing = self.coordinates.at[: self.surface.normal_rows]
         self.coarse = CoarseMotions(self.system, self.operator, pressing)
-
-    def _guess(self, f: Vec) -> Vec:
-        """The best multiple of a multigrid cycle for the displacement under forces f."""
-        operator = self.operator
-        r = operator.forces(f)
-        z = operator.cycle(r)
-        z[operator.at] = r[operator.at] / np.einsum("mii->mi", operator.diagonal).ravel()
-        energy = operator.dot(z, operator.product(z))
-        return operator.displacement(z * (operator.dot(z, r) / energy if energy else 0.0))
 
 
 class Iteration:

@@ -38,7 +38,7 @@ from stickslip.solvers.results.stored_fields import (
 )
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.stepping.tightening import recall, tension_off
-from stickslip.solvers.system.nodal_contact import fill, relative_to_obstacle
+from stickslip.solvers.system.nodal_contact import relative_to_obstacle
 from stickslip.solvers.system.system import System, assemble
 
 EPS = float(np.finfo(float).eps)
@@ -363,8 +363,7 @@ class Auditor:
 
     def _inner(self, u: Vec) -> Vec:
         """Inner forces of bodies and of effects that stiffen them [N]; u: displacement of all dofs [m]."""
-        dx.petsc_vector(self._u).array[:] = u.array
-        self._u.x.scatter_forward()
+        dx.fill(self._u, u.array_r)
         self.start.dilatation.fill(self._dilatation, u)
         return self.start.constraints.links.inner(u, dx.assemble_vector(self._inner_forces))
 
@@ -415,7 +414,8 @@ class Auditor:
             forms = ComplianceForms(system.weak, system.problem.pairs[rows.name].contact, law)
             self._j_n[rows.name] = forms, system.weak.compile(forms.work)
         forms, work = self._j_n[rows.name]
-        fill(forms.relative, relative_to_obstacle(system, rows.name, u, record.time, record.driven))
+        relative = relative_to_obstacle(system, rows.name, u, record.time, record.driven)
+        dx.fill(forms.relative, relative.array_r)
         return dx.assemble_vector(work)
 
     def _pressure_of_law(self, rows: ContactRows, record: Record) -> Array:

@@ -8,7 +8,7 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.rows import ContactRows
-from stickslip.solvers.system.nodal_contact import NodalContact, fill, traction_fields
+from stickslip.solvers.system.nodal_contact import NodalContact, traction_fields
 from stickslip.solvers.system.system import System
 
 NEGLIGIBLE = 1e-9  # of the step's scale of traction; a smaller bound is no unit to measure lambda in
@@ -62,12 +62,13 @@ class MultiplierForces:
         """
         nodal, d = self._nodal, rows.surface.dim
         if self._moved is not None:
-            fill(self._moved, nodal.spread(np.zeros(rows.points.size) if moved is None else moved.ravel()))
+            at = nodal.spread(np.zeros(rows.points.size) if moved is None else moved.ravel())
+            dx.fill(self._moved, at.array_r)
             self._weigh()
         normal, tangential = traction_fields(rows)
         bound = rows.share_t.T @ s
         bound[~np.isfinite(bound) | (bound <= NEGLIGIBLE * scale)] = 1.0
         fields = (self._pressure, normal.T @ p_n), (self._bound, np.repeat(bound, d))
         for function, values in (*fields, (self._lam, tangential.T @ t.ravel() / np.repeat(bound, d))):
-            fill(function, nodal.spread(values))
+            dx.fill(function, nodal.spread(values).array_r)
         return nodal.on_displacements(dx.assemble_vector(self._work))

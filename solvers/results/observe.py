@@ -105,8 +105,7 @@ class CellStress:
             u: displacement of all dofs [m].
             initial: values (k,) of the initial strains.
         """
-        dx.petsc_vector(self.displacement).array[:] = u.array
-        self.displacement.x.scatter_forward()
+        dx.fill(self.displacement, u.array_r)
         strain = np.zeros((len(self._cells), 3, 3))
         found = self._strain(self._cells)
         d = round(found.shape[-1] ** 0.5)

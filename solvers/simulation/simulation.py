@@ -15,6 +15,7 @@ from stickslip.solvers.accuracy.nested_run import NestedRun
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.released import destroy_released
 from stickslip.solvers.results.error_parts import Errors
 from stickslip.solvers.results.observe import Observer, mesh_data
 from stickslip.solvers.results.step_result import MeshData, StepResult
@@ -27,7 +28,7 @@ from stickslip.solvers.simulation.script import Script
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.method_chain import MethodChain, Reached
 from stickslip.solvers.stepping.state import State
-from stickslip.solvers.stepping.stepper import StepError, Stepper
+from stickslip.solvers.stepping.stepper import Accepted, StepError, Stepper
 from stickslip.solvers.system.system import System, assemble
 
 
@@ -48,7 +49,7 @@ class Seconds:
             setattr(self, f.name, getattr(self, f.name) + getattr(earlier, f.name))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(eq=False, kw_only=True)
 class Simulation:
     """A scene that is meshed, assembled and factorised: what `prepare` returns.
 
@@ -69,8 +70,9 @@ class Simulation:
         seconds: wall time so far, by phase.
         mesh: the distributed mesh with its named parts.
         system: stiffness, loads, constraints and contact rows.
-        stepper: solves one step; its `reported` is the step that the last result was read from.
+        stepper: solves one step.
         observer: makes the `StepResult` of a solved step.
+        reported: the step that the last result of `steps` was read from.
     """
 
     scene: Scene
@@ -82,6 +84,7 @@ class Simulation:
     counters: Counters
     seconds: Seconds
     data: MeshData = field(repr=False)
+    reported: Accepted | None = None
 
     @property
     def plan(self) -> tuple[PlanRow, ...]:
@@ -127,10 +130,10 @@ class Simulation:
                     self.seconds.iterate += clock.perf_counter() - began - (self.seconds.error - estimates)
             except StepError as failure:
                 if failure.last_good is not None:
-                    self.stepper.reported = failure.last_good
+                    self.reported = failure.last_good
                     yield observe(failure.last_good)
                 raise
-            self.stepper.reported = accepted
+            self.reported = accepted
             solved, estimates = clock.perf_counter(), self.seconds.error
             result = observe(accepted)
             self.seconds.output += clock.perf_counter() - solved - (self.seconds.error - estimates)
@@ -230,6 +233,7 @@ def prepare(
     from mpi4py import MPI
 
     problem = planned(scene)
+    destroy_released(comm or MPI.COMM_WORLD)
     seconds, counters = Seconds(), Counters()
     began = clock.perf_counter()
     mesh = bodies.mesh_for(problem) if bodies and sizes is None else None

@@ -22,6 +22,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.newton import several
 from stickslip.solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
 from stickslip.solvers.newton.solution import Convergence, Correction, OnStep, Solution, Status, Step
+from stickslip.solvers.parallel.released import destroy_released
 from stickslip.solvers.stepping import failure
 from stickslip.solvers.stepping.failure import describe_motion
 from stickslip.solvers.stepping.history import HistoryRow
@@ -128,7 +129,6 @@ class Stepper:
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma, self.weight = elastic_stiffness(system)
         self.companion: Companion | None = None  # follows each substep, see `State.refined`
-        self.reported: Accepted | None = None  # what the last result of `Simulation.steps` was read from
         self.stage = self.chain.stage
         self.volume, self.surface = self.chain.volume, prepare_surface(system, self.chain.volume)
         self.method_after = self.chain.method(system, self.surface)
@@ -187,6 +187,7 @@ class Stepper:
                 volume_solves=accepted.volume_solves + again.volume_solves,
                 history=accepted.history + again.history,
             )
+        destroy_released(self.system.mesh.comm)
         return accepted
 
     def _reach(self, start: State, target: float, on_iteration: OnIteration) -> Accepted:

@@ -33,7 +33,8 @@ class NodalContact:
 
     def weigh(self, weights: Array) -> None:
         """Give the nodal rule the weights W_j (n,) [m^(d-1)] of the nodes."""
-        fill(self.rule.share, self.spread(np.repeat(weights, self.system.mesh.dim) / self._sampled))
+        share = self.spread(np.repeat(weights, self.system.mesh.dim) / self._sampled)
+        dx.fill(self.rule.share, share.array_r)
 
     def at_nodes(self, form: UflForm) -> Array:
         """Entries (n d,) of a linear form at the nodes of the side; collective."""
@@ -127,12 +128,6 @@ def relative_to_obstacle(system: System, pair: str, u: Vec, time: float, driven:
     return relative
 
 
-def fill(function: Function, vector: Vec) -> None:
-    """Copy a vector into a function, ghosts included."""
-    dx.petsc_vector(function).array[:] = vector.array
-    function.x.scatter_forward()
-
-
 class FormOfPart:
     """A form of the field u = P q + shift, its derivative by the field, and both on the free displacements q."""
 
@@ -149,7 +144,7 @@ class FormOfPart:
 
     def at(self, q: Vec) -> None:
         """Set the field of free displacements q [m]."""
-        fill(self.field, self.P * q + self.shift)
+        dx.fill(self.field, (self.P * q + self.shift).array_r)
 
     def add_forces(self, total: Vec) -> None:
         """Add the forces [N] over the free displacements at the field as it is."""

@@ -28,6 +28,7 @@ from stickslip.solvers.fem.rigid_modes import RigidModes
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.fem.terms import InitialStrain
 from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.released import watch
 from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Course, Place
@@ -282,6 +283,7 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
     Raises:
         SceneError: supports prescribe everything, or contradict each other.
     """
+    watch(mesh)
     space = displacement_space(mesh)
     nodes = Nodes.of(mesh, space)
     weak = WeakForms(problem, mesh, space, counters)

@@ -126,6 +126,14 @@ class TangentOperator:
         found[self.at[self.held]] = 0.0
         return found
 
+    def guess(self, f: Vec) -> Vec:
+        """The best multiple of a multigrid cycle for the displacement under forces f over the free displacements."""
+        r = self.forces(f)
+        z = self.cycle(r)
+        z[self.at] = r[self.at] / np.einsum("mii->mi", self.diagonal).ravel()
+        energy = self.dot(z, self.product(z))
+        return self.displacement(z * (self.dot(z, r) / energy if energy else 0.0))
+
     def forces(self, f: Vec) -> Array:
         """Forces T^T f on the coordinates, of forces f over the free displacements [N]."""
         self.T.multTranspose(f, self._out)

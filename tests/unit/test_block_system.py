@@ -319,7 +319,7 @@ def test_the_surface_knows_the_displacement_that_belongs_to_the_tractions() -> N
     for _ in simulation.steps():
         pass
     blocks = blocks_of(simulation)
-    state = simulation.stepper.reported.state if simulation.stepper.reported else None
+    state = simulation.reported.state if simulation.reported else None
     assert state is not None
     q = uncondensed(simulation.stepper.surface).q
     left = blocks.problem.load.f_q - blocks.forces(state.p) - blocks.system.K_B * q

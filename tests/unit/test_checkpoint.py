@@ -174,7 +174,7 @@ def marched() -> Simulation:
 
 
 def test_every_field_of_the_state_is_put_back(marched: Simulation) -> None:
-    accepted = marched.stepper.reported
+    accepted = marched.reported
     assert accepted is not None
     checkpoint = Checkpoints(marched.stepper).take(accepted)
     assert accepted.state.refined is not None
@@ -205,7 +205,7 @@ def test_every_field_of_the_state_is_put_back(marched: Simulation) -> None:
 
 def test_what_was_learnt_on_other_ranks_is_left_out(marched: Simulation) -> None:
     checkpoints = Checkpoints(marched.stepper)
-    accepted = marched.stepper.reported
+    accepted = marched.reported
     assert accepted is not None
     learnt = checkpoints.learnt()
     other = prepare(marched.scene)

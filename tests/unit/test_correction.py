@@ -41,8 +41,8 @@ FORMS = {"condensed": {"tolerance": 1e-13}, "matrix-free": {"surface": "matrix-f
 def states(simulation: Simulation) -> list[State]:
     found = []
     for _ in simulation.steps():
-        assert simulation.stepper.reported is not None
-        found.append(simulation.stepper.reported.state)
+        assert simulation.reported is not None
+        found.append(simulation.reported.state)
     return found
 
 

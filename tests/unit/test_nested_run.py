@@ -56,9 +56,11 @@ def test_forces_of_bubbles_are_those_of_order_3(
     x = bubbles.displacement(bubbles.free(x))
     u.array[0::2] *= system.nodes.points[:, 0]  # none of the axis
     whole, own = dx.fem.Function(bubbles.space), dx.fem.Function(system.space)
-    dx.petsc_vector(own).array[:] = u.array
+    dx.fill(own, u.array)
     whole.interpolate(own)
-    expected = bubbles.free(K * (dx.petsc_vector(whole) + x)).array
+    total = x.copy()
+    total.array[:] += whole.x.array[: len(total.array)]
+    expected = bubbles.free(K * total).array
     slack = 3e-2 if model == "axisymmetric" else 1e-12  # 1/r is integrated by other rules
     assert_allclose(bubbles.free(bubbles.inner(u, x)).array, expected, atol=slack * np.abs(expected).max())
     assert u.dot(bubbles.pull(x)) == pytest.approx(x.dot(bubbles.inner(u, 0.0 * x)), rel=1e-12)

@@ -29,7 +29,7 @@ def stated_over_true(law: Any, order: int, n: int) -> float:
     system, field = case.loaded(case.scene(law, "condensed-newton", order, n, MU, case.AWAY), law)
     (step,) = accepted(system)
     u = dx.fem.Function(system.space)
-    dx.petsc_vector(u).array[:] = step.state.u.array
+    dx.fill(u, step.state.u.array)
     off = ufl.inner(system.weak.stress(u - field, "block"), system.weak.strain(u - field))  # 2D: eps_zz = 0
     points, weights = dx.reference_rule("triangle", case.DEGREE)
     values = dx.CellExpression(off, points, system.mesh.domain)(np.arange(2 * n**2))

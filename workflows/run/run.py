@@ -133,7 +133,7 @@ class Run:
     def _write(self, index: int, step: StepResult, began: float) -> None:
         """Write rows and the step's file: when this returns, the step is safe; all ranks fail or none."""
         self._on_rank_0(self._find_folder)
-        accepted = self._simulation.stepper.reported
+        accepted = self._simulation.reported
         assert accepted is not None
         checkpoint = self._checkpoints.take(accepted)
         learnt = self._learnt.write(index, self._checkpoints.learnt())

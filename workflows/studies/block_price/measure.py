@@ -62,7 +62,7 @@ class Solved:
     @property
     def u(self) -> Array:
         """Displacement of all dofs at the end [m]."""
-        last = self.simulation.stepper.reported
+        last = self.simulation.reported
         assert last is not None
         return np.array(last.state.u.array)
 

@@ -83,7 +83,7 @@ def errors(exact: Manufactured, method: str, order: int, n: int, mu: float = MU,
     system, field = loaded(scene(exact, method, order, n, mu, held), exact)
     (step,) = accepted(system)
     u = dx.fem.Function(system.space)
-    dx.petsc_vector(u).array[:] = step.state.u.array
+    dx.fill(u, step.state.u.array_r)
     (base,), weak = system.contacts, system.weak
     at = base.surface.quadrature(base.normal.degree(order))[1]
     x = (at @ base.surface.points[base.surface.facets][:, :, 0, None]).ravel()

@@ -1,0 +1,58 @@
+"""Memory of PETSc objects that Python has released.
+
+petsc4py only marks them, because ranks release at different times; PETSc destroys them in a collective call for each
+communicator [PETSc manual, PetscGarbageCleanup]. dolfinx gives every mesh a communicator of its own, which is not known
+to anybody else: without the calls here no matrix and no factor is ever destroyed.
+"""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from stickslip.geometry.mesh.mesh import Mesh
+from stickslip.geometry.protocols import Comm
+
+KEPT = 16  # communicators of meshes that are gone, before Python looks for what is left in reference cycles
+
+
+@dataclass(frozen=True)
+class _Watched:
+    mesh: weakref.ref[Mesh]
+    comm: PETSc.Comm  # PETSc's own for the mesh, held here until its objects are gone
+
+
+_watched: list[_Watched] = []  # in the order in which ranks made the meshes
+
+
+def watch(mesh: Mesh) -> None:
+    """Destroy objects on the communicator of a mesh in later calls of `destroy_released`; collective."""
+    if not any(each.mesh() is mesh for each in _watched):
+        _watched.append(_Watched(weakref.ref(mesh), PETSc.Comm(mesh.domain.comm).duplicate()))
+
+
+def destroy_released(comm: Comm) -> None:
+    """Destroy what Python has released since the last call, on all meshes of the ranks of `comm`; collective."""
+    mine = [each for each in _watched if _same_ranks(each.comm.tompi4py(), comm)]
+    users = comm.allreduce(np.array([each.mesh() is not None for each in mine], int))
+    gone = [each for each, count in zip(mine, users, strict=True) if not count]
+    last = len(gone) > KEPT
+    if last:
+        gc.collect()
+    PETSc.garbage_cleanup(PETSc.COMM_SELF)
+    PETSc.garbage_cleanup(comm)
+    for each in mine:
+        PETSc.garbage_cleanup(each.comm)
+    for each in gone if last else ():
+        _watched.remove(each)
+        each.comm.destroy()
+
+
+def _same_ranks(one: Comm, other: Comm) -> bool:
+    same = MPI.Comm.Compare(one, other)  # type: ignore[arg-type]
+    return same in (MPI.IDENT, MPI.CONGRUENT)
