@@ -25,6 +25,7 @@ from stickslip.solvers.interface.flexibility import DelassusOperator, Load
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.laws.coulomb_by_point import CoulombByPoint
 from stickslip.solvers.laws.unilateral import Unilateral
+from stickslip.solvers.linear.block_diagonal import BlockDiagonal
 from stickslip.solvers.parallel.counters import Counters
 
 LARGEST = 2000  # rows of a part whose rank is computed: a second
@@ -59,9 +60,9 @@ class GivenSurface(DelassusOperator):
         self.matrix = matrix
 
     @cached_property
-    def flexibility(self) -> Array:
+    def flexibility(self) -> BlockDiagonal:
         """The matrix, dense."""
-        return np.asarray(self.matrix.toarray())
+        return BlockDiagonal.whole(self.matrix.toarray())
 
     def row_stiffness(self, carrying: Bools) -> None:
         """None: see the class."""

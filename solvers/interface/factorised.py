@@ -1,7 +1,8 @@
 """Factorise K_B without its contact dofs (MUMPS), and form its dense Schur complement on them.
 
-On one rank the Schur complement S = K_cc - K_ci K_ii^-1 K_ic comes out of the MUMPS factorisation itself;
-on several ranks K_ii is factorised and a block of right-hand sides gives S.
+On one rank the Schur complement S = K_cc - K_ci K_ii^-1 K_ic comes out of the MUMPS factorisation itself, for each part
+of the bodies that shares no node with the rest by itself; on several ranks K_ii is factorised and a block of right-hand
+sides gives S.
 """
 
 from __future__ import annotations
@@ -11,10 +12,13 @@ from copy import copy
 
 import numpy as np
 from petsc4py import PETSc
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.protocols import KSP, Mat, Vec
+from stickslip.solvers.linear.block_diagonal import BlockDiagonal, joined
 from stickslip.solvers.linear.petsc_library import call, petsc_library
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.replicated import Replicated
@@ -30,15 +34,13 @@ METIS = 5  # ordering; the one MUMPS chooses by itself cost 2.7 times the flops 
 class FactorisedVolume:
     """K_B (free dofs), factorised; `S` (c, c) [N/m] is its Schur complement on the contact dofs."""
 
-    S: Array
-    _unit = 1.0  # [N/m] of the factorised matrix, a power of two
-
-    def __init__(self, K: Mat, contact_dofs: Ints, counters: Counters) -> None:
+    def __init__(self, K: Mat, contact_dofs: Ints, counters: Counters, several: bool = False) -> None:
         """
         Args:
             K: K_B [N/m], symmetric, singular only by rigid modes that are not zero on the contact dofs.
             contact_dofs: global numbers (c,), increasing, the same on all ranks.
             counters: counts factorisations and volume solves.
+            several: whether parts that share no node may be looked for.
 
         Raises:
             MachineError: the factorisation failed.
@@ -47,10 +49,17 @@ class FactorisedVolume:
         self.counters = counters
         self.contact = Replicated(K.createVecRight(), contact_dofs)
         self.counters.schur_size = len(contact_dofs)
-        if K.comm.size == 1 and len(contact_dofs) < K.size[0]:  # MUMPS refuses a Schur block without an interior
-            self._factor_with_schur(contact_dofs)
+        count = len(contact_dofs)
+        if K.comm.size > 1 or not several:
+            self._parts = [_Factor(K, self.contact)]
+            self.S = BlockDiagonal.whole(self._parts[0].S)
         else:
-            self._factor_interior(contact_dofs)
+            number = _connected(K)
+            self._parts = [
+                _part(K, np.flatnonzero(number == k), contact_dofs) for k in range(number.max(initial=-1) + 1)
+            ]
+            belongs = number[contact_dofs]
+            self.S = joined(count, [(np.flatnonzero(belongs == k), part.S) for k, part in enumerate(self._parts)])
         self.counters.factorisations += 1
 
     def counting(self, counters: Counters) -> FactorisedVolume:
@@ -87,15 +96,60 @@ class FactorisedVolume:
 
     def _interior(self, f: Vec) -> Vec:
         """K_ii^-1 f_i, zero at the contact dofs."""
-        f = f.copy()
-        self.contact.write(f, np.zeros(len(self.contact.rows)))
         q = f.duplicate()
-        self._ksp.solve(f, q)
-        q.scale(1 / self._unit)
-        self._check()
-        self.contact.write(q, np.zeros(len(self.contact.rows)))
+        for part in self._parts:
+            q.array[part.rows] = part.interior(f.array_r[part.rows])
         self.counters.volume_solves += 1
         return q
+
+
+def _connected(K: Mat) -> Ints:
+    """Number (dofs,) of the part that each dof of K is in; parts share no entry."""
+    first, columns = K.getRowIJ()[:2]
+    ones = np.ones(len(columns), np.int8)
+    return np.asarray(connected_components(sparse.csr_matrix((ones, columns, first), shape=K.size), directed=False)[1])
+
+
+def _part(K: Mat, rows: Ints, contact_dofs: Ints) -> _Factor:
+    """The factor of the rows and columns `rows` (n,) of K, on one rank."""
+    index = PETSc.IS().createGeneral(rows.astype(PETSc.IntType), comm=K.comm)
+    own = K.createSubMatrix(index, index)
+    at = np.searchsorted(rows, np.intersect1d(rows, contact_dofs))
+    return _Factor(own, Replicated(own.createVecRight(), at), rows)
+
+
+class _Factor:
+    """Bodies without their contact dofs, factorised, and their Schur complement `S` (c, c) [N/m] on these."""
+
+    S: Array
+    _unit = 1.0  # [N/m] of the factorised matrix, a power of two
+
+    def __init__(self, K: Mat, contact: Replicated, rows: Ints | slice = slice(None)) -> None:
+        """
+        Args:
+            K: stiffness of these bodies alone.
+            contact: of its contact dofs.
+            rows: this rank's dofs that they are, of all.
+
+        Raises:
+            MachineError: the factorisation failed.
+        """
+        self.K, self.contact, self.rows = K, contact, rows
+        self._in, self._out = K.createVecs()
+        if K.comm.size == 1 and len(contact.rows) < K.size[0]:  # MUMPS refuses a Schur block without an interior
+            self._factor_with_schur(contact.rows)
+        else:
+            self._factor_interior(contact.rows)
+
+    def interior(self, f: Array) -> Array:
+        """K_ii^-1 f_i of this rank's forces f (owned,), zero at the contact dofs; collective."""
+        self._in.array[:] = f
+        self._in.array[self.contact.local] = 0.0
+        self._ksp.solve(self._in, self._out)
+        self._out.scale(1 / self._unit)
+        self._check()
+        self._out.array[self.contact.local] = 0.0
+        return self._out.array_r.copy()
 
     def _solver(self, K: Mat) -> KSP:
         K.setOption(PETSc.Mat.Option.SPD, True)

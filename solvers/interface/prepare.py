@@ -42,7 +42,8 @@ def prepare_volume(system: System, form: Form, pressed: bool = False) -> Volume:
         return SparseVolume(system)
     if form == "matrix-free":
         return IterativeVolume(system)
-    return FactorisedVolume(system.K_B, condensed_dofs(system, pressed), system.counters)
+    dofs = condensed_dofs(system, pressed)
+    return FactorisedVolume(system.K_B, dofs, system.counters, several=system.mesh.part_count > 1)
 
 
 def condensed_dofs(system: System, pressed: bool) -> Ints:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
 from scipy.sparse.linalg import splu
 
@@ -17,6 +17,7 @@ from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.protocols import Sparse, Vec
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.flexibility import DelassusOperator, Load
+from stickslip.solvers.linear.block_diagonal import BlockDiagonal
 from stickslip.solvers.linear.memoised_map import MemoisedMap
 from stickslip.solvers.parallel.serialise import Plain
 
@@ -42,7 +43,7 @@ class RowStiffness:
     factor: SparseLU  # of these rows of N
 
     @classmethod
-    def of(cls, N: Sparse, S: Array, carrying: Bools) -> RowStiffness | None:
+    def of(cls, N: Sparse, S: BlockDiagonal, carrying: Bools) -> RowStiffness | None:
         """
         Args:
             N: (rows, c), displacement of the contact dofs to relative displacement.
@@ -62,7 +63,7 @@ class RowStiffness:
         pivots = np.abs(factor.U.diagonal())
         if pivots.min() < SINGULAR * pivots.max():
             return None
-        half = factor.solve(np.asfortranarray(S), "T")
+        half = factor.solve(np.asfortranarray(np.asarray(S)), "T")
         H = np.asarray(factor.solve(np.asfortranarray(half.T), "T"))
         return cls(index=index, H=H, factor=factor)
 
@@ -73,6 +74,16 @@ class RowStiffness:
     def displacement(self, relative: Array) -> Array:
         """Displacement of the contact dofs N^-1 w (c,) [m] of a relative displacement w (m,) [m]."""
         return np.asarray(self.factor.solve(relative))
+
+
+def _cholesky(A: Array) -> CholeskyFactor:
+    factor: CholeskyFactor = cho_factor(A, lower=True, check_finite=False)
+    return factor
+
+
+def _inverse(factor: CholeskyFactor) -> Array:
+    inverse, _ = dpotri(factor[0], lower=True)
+    return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)
 
 
 PAYS = 16  # the inverse is formed after c / PAYS forces: from then on it is cheaper than triangular solves
@@ -89,39 +100,39 @@ class CondensedSurface(DelassusOperator):
         """See `DelassusOperator`."""
         super().__init__(N=N, W=W, R=R, normal_rows=normal_rows, driven=driven, counters=volume.counters)
         self.volume = volume
-        self.S = block_diag(volume.S, np.zeros((driven, driven))) if driven else volume.S
-        self.total = float(np.abs(self.S).sum())
-        self.rho = float(np.trace(self.S) / max(len(self.S), 1))
+        self.S = volume.S.extended(driven)
+        self.total = self.S.magnitude
+        self.rho = self.S.trace / max(len(self.S), 1)
         self._condensed = MemoisedMap(volume.condense, len(volume.S))
         self._forces = 0  # number of forces whose displacement was asked for
         self._dense: dict[str, Any] = {}  # factor and inverse, shared with the objects of other contact pairs
         self._row_stiffness: dict[bytes, RowStiffness | None] = {}
 
     @property
-    def held(self) -> CholeskyFactor:
-        """Cholesky factor of S + rho R R^T, which is positive definite."""
+    def held(self) -> tuple[CholeskyFactor, ...]:
+        """Cholesky factors of the blocks of S + rho R R^T, which is positive definite."""
         if "held" not in self._dense:
-            self._dense["held"] = self.factor(None)
-        factor: CholeskyFactor = self._dense["held"]
-        return factor
+            self._dense["held"] = tuple(
+                _cholesky(block + self.rho * self.R[index] @ self.R[index].T if self.floating else block)
+                for index, block in zip(self.S.indices, self.S.blocks, strict=True)
+            )
+        factors: tuple[CholeskyFactor, ...] = self._dense["held"]
+        return factors
 
     @property
-    def flexibility(self) -> Array:
+    def flexibility(self) -> BlockDiagonal:
         """Inverse (S + rho R R^T)^-1 (c, c) [m/N]: the inverse of the Steklov-Poincaré operator."""
         if not len(self.S):  # no contact in the scene
             return self.S
         if "flexibility" not in self._dense:
-            inverse, _ = dpotri(self.held[0], lower=True)
-            self._dense["flexibility"] = np.tril(inverse) + np.tril(inverse, -1).T
-        return np.asarray(self._dense["flexibility"])
+            self._dense["flexibility"] = BlockDiagonal(self.S.indices, tuple(_inverse(each) for each in self.held))
+        found: BlockDiagonal = self._dense["flexibility"]
+        return found
 
-    def factor(self, tangent: Array | None) -> CholeskyFactor:
+    def factor(self, tangent: Array) -> CholeskyFactor:
         """Cholesky factor of S + tangent + rho R R^T, for a stiffness `tangent` (c, c) [N/m]."""
-        total = self.S + self.rho * self.R @ self.R.T if self.floating else self.S
-        factor: CholeskyFactor = cho_factor(
-            total if tangent is None else total + tangent, lower=True, check_finite=False
-        )
-        return factor
+        total = np.asarray(self.S)
+        return _cholesky((total + self.rho * self.R @ self.R.T if self.floating else total) + tangent)
 
     def row_stiffness(self, carrying: Bools) -> RowStiffness | None:
         """The Schur complement by the rows `carrying` (rows,), None if they do not determine the contact dofs."""
@@ -145,8 +156,11 @@ class CondensedSurface(DelassusOperator):
         self.counters.volume_solves += 1
         self._forces += 1
         if "flexibility" in self._dense or PAYS * self._forces > len(force):
-            return np.asarray(self.flexibility @ force)
-        return np.asarray(cho_solve(self.held, force))
+            return self.flexibility @ force
+        found = np.empty_like(force)
+        for index, factor in zip(self.S.indices, self.held, strict=True):
+            found[index] = cho_solve(factor, force[index])
+        return found
 
     def under(self, load: Load, p: Array, error: float = 0.0) -> Array:
         return self.displacement(load.f_c - self.forces(p))

@@ -176,8 +176,7 @@ def in_disc(give: Array, asked: Array, bound: float) -> Array:
 def _delassus(setup: Setup) -> Array:
     """N F N^T (rows, rows) [m/N], symmetric."""
     surface = condensed(setup.surface)
-    half = surface.N @ surface.flexibility  # (rows, c)
-    return np.ascontiguousarray((surface.N @ half.T).T)
+    return surface.flexibility.between(surface.N, surface.N.T.tocsr())
 
 
 def _points(problem: SurfaceProblem, D: Array) -> Iterator[NormalPoint | FrictionPoint]:

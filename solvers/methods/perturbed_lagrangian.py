@@ -323,7 +323,7 @@ def newton_step(elements: ContactElements, answer: Answer, u_c: Array, Sigma: Ar
     to_dofs, to_forces, K_C = elements.tangent(answer)
     give = -1 / K_C.diagonal()  # ω
     follows = give[:, None] * to_forces.toarray()  # ΔΣ = ω (R_Σ + Σ*'N/ω ΔU)
-    K = condensed(elements.problem.surface).S + to_dofs @ follows
+    K = np.asarray(condensed(elements.problem.surface).S) + to_dofs @ follows
     Delta_U = np.linalg.solve(K, -R_U - to_dofs @ (give * R_Sigma))
     return Delta_U, give * R_Sigma + follows @ Delta_U
 
@@ -335,6 +335,6 @@ def least_energy(problem: SurfaceProblem, w: Array) -> float:
     """
     surface, carrying = condensed(problem.surface), problem.cone.carrying
     N = surface.N[carrying]
-    moved = (N @ surface.flexibility).T  # by unit forces, (c, rows)
-    v = moved @ np.linalg.solve(N @ moved, w[carrying])
-    return float(np.sqrt(max(float(v @ surface.S @ v), 0.0)))
+    force = np.linalg.solve(surface.flexibility.between(N, N.T.tocsr()), w[carrying])
+    v = surface.flexibility @ (N.T @ force)
+    return float(np.sqrt(max(float(v @ (surface.S @ v)), 0.0)))

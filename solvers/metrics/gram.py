@@ -76,7 +76,7 @@ class GramMetric:
 
     def _spectrum(self, surface: DelassusOperator, on: Bools, root: Array) -> Array:
         B = surface.N[on].T.multiply(surface.W[on]) @ root  # forces on the contact dofs (c, r)
-        return np.asarray(eigvalsh(B.T @ condensed(surface).flexibility @ B))
+        return np.asarray(eigvalsh(B.T @ (condensed(surface).flexibility @ B)))
 
 
 def drop_of(gram: Gram) -> float | None:
@@ -92,7 +92,7 @@ def volume_block(system: System, gram: Gram) -> Array:
     """
     matrix, contact = volume_gram(system, gram.length or system.extent), system.interface.dofs
     if gram.factor == "complete" and len(contact):
-        return FactorisedVolume(matrix, contact, Counters()).S
+        return np.asarray(FactorisedVolume(matrix, contact, Counters()).S)
     whole, _ = contact_last(matrix, contact)
     return incomplete_cholesky(whole, drop_of(gram)).trailing(len(contact))
 

@@ -108,14 +108,17 @@ def by_tractions(laws: ActiveSet, surface: CondensedSurface, anchor: Array | Non
             cho_solve(factor, side, check_finite=False) for side in (np.column_stack([surface.rho * R, f]), B.toarray())
         )
         Z, u_0, of_springs = moved[:, :-1], moved[:, -1], tangent @ R
+        coupling, balance = A_u @ Y, (B.T @ R - Y.T @ of_springs).T
     else:
-        Z, u_0, Y = R, surface.flexibility @ f, (B.T @ surface.flexibility).T
+        Z, u_0 = R, surface.flexibility @ f
+        coupling, balance = surface.flexibility.between(A_u, B), R.T @ B
     # u = u_0 - Y x + Z b with b = R^T u, which is the same as balance: R^T (f - B x - tangent u) = 0
-    balance, own, carried = (B.T @ R - Y.T @ of_springs).T, of_springs.T @ Z, R.T @ f - of_springs.T @ u_0
+    own, carried = of_springs.T @ Z, R.T @ f - of_springs.T @ u_0
     if anchor is not None:
         soft = laws.weight * surface.rho
         own, carried = own + soft * np.eye(len(own)), carried + soft * anchor
-    system = np.block([[(A_p @ E).toarray() - A_u @ Y, A_u @ Z], [balance, own]])
+    system = np.block([[(A_p @ E).toarray() - coupling, A_u @ Z], [balance, own]])
     found = np.linalg.solve(system, np.concatenate([right - A_u @ u_0, carried]))
-    u_c = u_0 - Y @ found[: len(x)] + Z @ found[len(x) :]
+    moved_by = Y @ found[: len(x)] if spring.any() else surface.flexibility @ (B @ found[: len(x)])
+    u_c = u_0 - moved_by + Z @ found[len(x) :]
     return p_0 + k * (N @ u_c) + E @ found[: len(x)], u_c

@@ -95,7 +95,7 @@ def _from_all_starts(problem: SurfaceProblem, p: Array, goal: float) -> tuple[Ar
 
 def elastic_norm(problem: SurfaceProblem, u_c: Array) -> float:
     """Energy norm [J^(1/2)] of a displacement u_c (c,) [m] of the contact dofs that no other force causes."""
-    return float(np.sqrt(max(float(u_c @ condensed(problem.surface).S @ u_c), 0.0)))
+    return float(np.sqrt(max(float(u_c @ (condensed(problem.surface).S @ u_c)), 0.0)))
 
 
 def by_flexibility(problem: SurfaceProblem, known: Flexibility, p: Array, w: Array, most: int = SOLVES) -> Correction:

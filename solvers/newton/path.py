@@ -28,6 +28,7 @@ from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
+from scipy import sparse
 
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.solvers.interface.prepare import condensed
@@ -136,7 +137,7 @@ class _Map:
     def of(problem: SurfaceProblem, soft: float = 0.0) -> _Map:
         surface, cone = condensed(problem.surface), problem.cone
         count = len(problem.gap)
-        moved = surface.flexibility @ (surface.N.T.toarray() * surface.W)  # u of unit tractions
+        force = sparse.csr_matrix(surface.N.T @ sparse.diags(surface.W))  # of unit tractions
         bound, share = np.zeros((count, count)), 1 / (1 + problem.gamma * cone.softness)
         normal, two_sided, rubs = (np.zeros(count, bool) for _ in range(3))
         for place in cone.places:
@@ -149,7 +150,7 @@ class _Map:
         return _Map(
             problem=problem,
             w_0=problem.relative_displacement(surface.flexibility @ problem.load.f_c),
-            G=np.asarray(surface.N @ moved),
+            G=surface.flexibility.between(surface.N, force),
             C=np.asarray(surface.N @ surface.R),
             H=surface.R.T @ (surface.N.T.toarray() * surface.W),
             bound=bound,

@@ -129,6 +129,7 @@ class Stepper:
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma, self.weight = elastic_stiffness(system)
         self.companion: Companion | None = None  # follows each substep, see `State.refined`
+        self._tried: tuple[float, Array] | None = None  # time and tractions of the same step, bolts otherwise shortened
         self.stage = self.chain.stage
         self.volume, self.surface = self.chain.volume, prepare_surface(system, self.chain.volume)
         self.method_after = self.chain.method(system, self.surface)
@@ -180,6 +181,7 @@ class Stepper:
             if tries > MOST:
                 text = f"{tightening.names}: no shortening was found at which the tension is force"
                 raise StepError(target, text, accepted.history, None)
+            self._tried = target, accepted.state.p
             again = self._reach(start, target, on_iteration)
             accepted = replace(
                 again,
@@ -187,6 +189,7 @@ class Stepper:
                 volume_solves=accepted.volume_solves + again.volume_solves,
                 history=accepted.history + again.history,
             )
+        self._tried = None
         destroy_released(self.system.mesh.comm)
         return accepted
 
@@ -437,10 +440,14 @@ class Stepper:
     def _first_tractions(self, state: State, end: float) -> Array:
         """Tractions (rows,) [Pa] that the iteration starts from: extrapolated, unless some load or motion turns.
 
+        With bolts shortened otherwise than in the last try: those of that try.
+
         Measured: with exact volume solves it saves a third to two thirds of Newton's iterations and an eighth to a
         quarter of Uzawa's; with iterative ones it costs a fifth more, so there it is off.
         """
         previous, turns = state.previous, self.system.course.timeline.turns
+        if self._tried is not None and self._tried[0] == end:
+            return self._tried[1]
         if previous is None or not self.surface.exact:
             return state.p
         far = (end - state.time) / (state.time - previous.time)
