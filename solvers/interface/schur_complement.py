@@ -5,6 +5,7 @@ S is the discrete Steklov-Poincaré operator; its inverse gives the Delassus ope
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -133,6 +134,22 @@ class CondensedSurface(DelassusOperator):
         """Cholesky factor of S + tangent + rho R R^T, for a stiffness `tangent` (c, c) [N/m]."""
         total = np.asarray(self.S)
         return _cholesky((total + self.rho * self.R @ self.R.T if self.floating else total) + tangent)
+
+    def softened(self, H: Array, compliant: Array, free: Array) -> CondensedSurface:
+        """The same with S - H M^-1 H^T in place of S: b dofs of the bodies are eliminated that no contact touches.
+
+        Args:
+            H: (c, b) forces on the contact dofs by unit values of these [N/m].
+            compliant: (b, c) M^-1 H^T.
+            free: (c, k) [m] displacements that then have no stiffness.
+        """
+        other = copy(self)
+        other.S = self.S.of_blocks(
+            lambda index, block: block - H[index] @ compliant[:, index] if H[index].any() else block
+        )
+        other.R = np.linalg.qr(np.column_stack([self.R, free]))[0]
+        other._dense, other._row_stiffness, other._lambda_max = {}, {}, None
+        return other
 
     def row_stiffness(self, carrying: Bools) -> RowStiffness | None:
         """The Schur complement by the rows `carrying` (rows,), None if they do not determine the contact dofs."""

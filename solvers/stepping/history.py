@@ -41,3 +41,9 @@ class HistoryRow:
             seconds=self.seconds,
             method=self.method,
         )
+
+
+def count_iterations(history: list[HistoryRow]) -> int:
+    """Iterations of all attempts together; the first row of an attempt, and of a smoothing level, is its start."""
+    rows = [(row.time, row.method, row.step.iteration) for row in history]
+    return sum(row[2] > 0 and row != before for before, row in zip([None, *rows], rows, strict=False))

@@ -15,7 +15,6 @@ from stickslip.geometry.errors import GeometryError, SceneError, SolverError
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
-from stickslip.solvers.interface.flexibility import Load
 from stickslip.solvers.interface.limit_analysis import unbalanced_motion
 from stickslip.solvers.interface.prepare import elastic_stiffness, prepare_surface
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -25,7 +24,8 @@ from stickslip.solvers.newton.solution import Convergence, Correction, OnStep, S
 from stickslip.solvers.parallel.released import destroy_released
 from stickslip.solvers.stepping import failure
 from stickslip.solvers.stepping.failure import describe_motion
-from stickslip.solvers.stepping.history import HistoryRow
+from stickslip.solvers.stepping.given_tension import GivenTensions, solve_with_bolts
+from stickslip.solvers.stepping.history import HistoryRow, count_iterations
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.sliding import carried_over, pairs_hold, relative_positions
 from stickslip.solvers.stepping.slip_dependence import no_slip, solve_by_turns, with_slip
@@ -129,7 +129,8 @@ class Stepper:
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma, self.weight = elastic_stiffness(system)
         self.companion: Companion | None = None  # follows each substep, see `State.refined`
-        self._tried: tuple[float, Array] | None = None  # time and tractions of the same step, bolts otherwise shortened
+        self.given: dict[bytes, GivenTensions] = {}  # bodies with bolts of given tension, by the places of these
+        self._tightening: Tightening | None = None  # of the bolts, in the present step
         self.stage = self.chain.stage
         self.volume, self.surface = self.chain.volume, prepare_surface(system, self.chain.volume)
         self.method_after = self.chain.method(system, self.surface)
@@ -174,14 +175,13 @@ class Stepper:
 
     def reach(self, start: State, target: float, on_iteration: OnIteration) -> Accepted:
         """Solve one step, with bolts as short as their tension asks; as `_reach`; collective."""
-        tightening = Tightening.of(self.system, start, target)
+        tightening = self._tightening = Tightening.of(self.system, start, target)
         accepted, tries = self._reach(start, target, on_iteration), 1
         while tightening is not None and not tightening.done(accepted.state):
             tries += 1
             if tries > MOST:
                 text = f"{tightening.names}: no shortening was found at which the tension is force"
                 raise StepError(target, text, accepted.history, None)
-            self._tried = target, accepted.state.p
             again = self._reach(start, target, on_iteration)
             accepted = replace(
                 again,
@@ -189,7 +189,6 @@ class Stepper:
                 volume_solves=accepted.volume_solves + again.volume_solves,
                 history=accepted.history + again.history,
             )
-        self._tried = None
         destroy_released(self.system.mesh.comm)
         return accepted
 
@@ -262,7 +261,7 @@ class Stepper:
                 substep_start=substep_start,
                 problem=problem,
                 substeps=substeps,
-                iterations=_count_iterations(history),
+                iterations=count_iterations(history),
                 volume_solves=self.system.counters.volume_solves - solves,
                 residual=solution.residual,
                 slack=solution.slack,
@@ -347,9 +346,6 @@ class Stepper:
     ) -> tuple[Solution, SurfaceProblem | None, State | None]:
         """One substep with the present pairs and method; a linear solve that fails ends as `Status.BROKEN`."""
         system = self.system
-        load, u_s = system.load(end), system.prescribed(end)
-        driving = system.obstacles.driving_force(end)
-        force = load.norm(0) + float(np.abs(driving).sum())
         rows: list[Step] = []
 
         def on_step(step: Step) -> None:
@@ -358,7 +354,7 @@ class Stepper:
 
         problem = None
         try:
-            problem = self._problem(state, end, u_s, self.surface.load(system.pull(end, load, u_s), driving), force)
+            problem, u_s, load = self.posed(state, end)
             start = (
                 self._first_tractions(state, end) if problem.p_ref > 0 else np.zeros_like(state.p)
             )  # no load: no traction
@@ -369,14 +365,18 @@ class Stepper:
                 )
                 return nothing_balances, problem, None
             method = self.method_after(state)
-            solution, problem = solve_by_turns(
-                problem,
-                self.cone.at(end),
-                state.slid,
-                start,
-                lambda problem, p: method(problem, p, on_step),
-                self.system.problem.solver.tolerance,
-            )
+            at_once = solve_with_bolts(self, self._tightening, state, end, start, on_step)
+            if at_once is not None:
+                solution, (problem, u_s, load) = at_once, self.posed(state, end)
+            else:
+                solution, problem = solve_by_turns(
+                    problem,
+                    self.cone.at(end),
+                    state.slid,
+                    start,
+                    lambda problem, p: method(problem, p, on_step),
+                    self.system.problem.solver.tolerance,
+                )
             if solution.status is not Status.CONVERGED:
                 return solution, problem, None
             q = problem.surface.recover(problem.load, solution.p, solution.u_c)
@@ -384,7 +384,6 @@ class Stepper:
         except (SolverError, np.linalg.LinAlgError) as error:
             log.warning("t = %g: %s", end, error)
             return _unsolved(state, self.surface.size, Status.BROKEN, tuple(rows)), problem, None
-        driven = solution.u_c[len(solution.u_c) - len(driving) :]
         new = new_state(
             system=system,
             old=state,
@@ -394,7 +393,7 @@ class Stepper:
             u_s=u_s,
             load=load,
             p=solution.p,
-            driven=driven,
+            driven=solution.u_c[len(solution.u_c) - self.surface.driven :],
         )
         if not np.isfinite([new.energy.external, new.energy.stored, new.energy.contact]).all():
             return replace(solution, status=Status.NOT_FINITE), problem, None
@@ -440,14 +439,10 @@ class Stepper:
     def _first_tractions(self, state: State, end: float) -> Array:
         """Tractions (rows,) [Pa] that the iteration starts from: extrapolated, unless some load or motion turns.
 
-        With bolts shortened otherwise than in the last try: those of that try.
-
         Measured: with exact volume solves it saves a third to two thirds of Newton's iterations and an eighth to a
         quarter of Uzawa's; with iterative ones it costs a fifth more, so there it is off.
         """
         previous, turns = state.previous, self.system.course.timeline.turns
-        if self._tried is not None and self._tried[0] == end:
-            return self._tried[1]
         if previous is None or not self.surface.exact:
             return state.p
         far = (end - state.time) / (state.time - previous.time)
@@ -459,37 +454,30 @@ class Stepper:
         """Flat tractions (rows,) [Pa] as pressures (m_n,) and tangential tractions (m_t, d-1) of each contact."""
         return split(self.cone, p)
 
-    def _problem(self, state: State, time: float, u_s: Vec, load: Load, force: float) -> SurfaceProblem:
-        """The surface problem of a substep.
+    def posed(self, state: State, time: float) -> tuple[SurfaceProblem, Vec, Vec]:
+        """The surface problem of a substep from `state` to a time [s]; collective.
 
-        Args:
-            state: that it starts from.
-            time: at its end [s].
-            u_s: prescribed displacement of all dofs [m].
-            load: what acts on the bodies besides contact.
-            force: sum of the magnitudes of the applied forces [N].
+        Returns:
+            The problem, and over all displacements what is prescribed [m] and the external forces [N].
         """
         system, n = self.system, self.surface.normal_rows
-        return SurfaceProblem(
+        external, u_s = system.load(time), system.prescribed(time)
+        driving = system.obstacles.driving_force(time)
+        problem = SurfaceProblem(
             surface=self.surface,
             cone=with_slip(self.cone.at(time), state.slid),
-            load=load,
+            load=self.surface.load(system.pull(time, external, u_s), driving),
             offset=relative_displacement(system, u_s, time, np.zeros(self.surface.driven)),
             gap=np.concatenate([self.gap, (state.w - self.cone.give(state.p))[n:]]),
             gamma=self.gamma,
             weight=self.weight,
-            force=force,
+            force=external.norm(0) + float(np.abs(driving).sum()),
             stiffness=system.problem.softest / system.extent,
         )
+        return problem, u_s, external
 
 
 def _unsolved(state: State, size: int, status: Status, rows: tuple[Step, ...]) -> Solution:
     """What stands for the solution of a substep that ended early: the tractions of the state before it."""
     residual = rows[-1].residual if rows else np.inf
     return Solution(p=state.p, w=state.w, u_c=np.zeros(size), status=status, residual=residual, history=rows)
-
-
-def _count_iterations(history: list[HistoryRow]) -> int:
-    """Iterations of all attempts together; the first row of an attempt, and of a smoothing level, is its start."""
-    rows = [(row.time, row.method, row.step.iteration) for row in history]
-    return sum(row[2] > 0 and row != before for before, row in zip([None, *rows], rows, strict=False))

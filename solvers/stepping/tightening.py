@@ -39,7 +39,7 @@ class Tightening:
         self.system, self.start, self.target = system, start, target
         course = system.course
         self.bolts = system.initial.tightened
-        self.places = [bolt.index for bolt in self.bolts]
+        self.places = np.array([bolt.index for bolt in self.bolts])
         self.k = np.diag(system.initial.coupling)[self.places]
         self.before, self.pulled = start.initial[self.places], self.tension(start)
         self.free = np.array([start.time < bolt.held_from * (1 - CLOSE) for bolt in self.bolts])
@@ -64,6 +64,16 @@ class Tightening:
         """Of each bolt (b,) [N]."""
         return np.asarray(-state.initial_work[self.places])
 
+    def tension_at(self, u: Vec) -> Array:
+        """Of each bolt (b,) [N] at the end of the step, with the shortenings that are set; u without rigid motion."""
+        initial = self.system.initial
+        return np.asarray(-initial.stress_work(initial.values(self.system.course, self.target), u)[self.places])
+
+    def shorten(self, more: Array) -> None:
+        """Set shortenings larger by (b,) [m]."""
+        self.x = self.x + more
+        self._set()
+
     def done(self, state: State) -> bool:
         """Whether the tensions are right; if not, the step is to be solved again with other shortenings."""
         off = np.where(self.free, self.tension(state) - self.wanted, 0.0)
@@ -83,8 +93,7 @@ class Tightening:
         self.tried = self.x, off
         step = np.zeros(len(off))
         step[self.free] = np.linalg.solve(self.J[np.ix_(self.free, self.free)], -off[self.free])
-        self.x = self.x + step
-        self._set()
+        self.shorten(step)
         return False
 
     def _set(self) -> None:

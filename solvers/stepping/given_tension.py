@@ -1,0 +1,130 @@
+"""Bolts whose tension is given, in one solution: their shortenings are unknowns, eliminated from condensed bodies.
+
+With the forces G (dofs, b) of unit shortenings a, and C (b, b) the energies of their strains, the tensions are
+F = C a - G^T u. On the contact dofs, with H = G_c - K_ci K_ii^-1 G_i and M = C - G_i^T K_ii^-1 G_i,
+
+    (S - H M^-1 H^T) u_c = f_c + H M^-1 (F - F_0) - N^T W p,    a = a_0 + M^-1 (F - F_0 + H^T u_c),
+
+where f_c and F_0 are those of shortenings a_0 and u_c = 0: static condensation of b dofs that no contact touches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.protocols import Vec
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.schur_complement import CondensedSurface
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
+from stickslip.solvers.newton import condensed_system
+from stickslip.solvers.newton.semismooth import SemismoothNewton
+from stickslip.solvers.newton.solution import OnStep, Solution, Status
+from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.update import displacement
+
+if TYPE_CHECKING:
+    from stickslip.solvers.stepping.stepper import Stepper
+    from stickslip.solvers.stepping.tightening import Tightening
+
+FREE = 1e-9  # of the stiffness of a bolt: less is rounding; it can be stretched between its ends without force
+STIFF = 1e-6  # likewise: more is stiffness, of a shank whose ends cut through cells
+
+
+def solve_with_bolts(
+    stepper: Stepper, tightening: Tightening | None, start: State, end: float, p: Array, on_step: OnStep
+) -> Solution | None:
+    """Solve a step together with the shortenings at which its tensions are right, and set them; None: not this way.
+
+    That is Newton's way with condensed bodies, where no law depends on slip, at the end of the step, in the first try.
+
+    Args:
+        stepper: of the step.
+        tightening: its bolts, with the shortenings a_0; None: there are no bolts whose tension is given.
+        start: state that the step starts from.
+        end: time at its end [s].
+        p: tractions (rows,) [Pa] that the iteration starts from.
+        on_step: called with each iteration.
+    """
+    if tightening is None or tightening.tried is not None or end != tightening.target:
+        return None
+    free, surface = np.flatnonzero(tightening.free), stepper.surface
+    newton = stepper.stage.method == CondensedNewton.NAME and isinstance(surface, CondensedSurface)
+    if not newton or not len(free) or start.slid:
+        return None
+    try:
+        given = _given(stepper, tightening.places[free])
+        problem, u_s, _ = stepper.posed(start, end)
+        q = given.volume.expand(problem.load.f_q, np.zeros(len(given.volume.contact.rows)))
+        _, strained = displacement(stepper.system, end, q, u_s)
+        missing = (tightening.wanted - tightening.tension_at(strained))[free]
+        softer = given.posed(problem, missing)
+        solver = stepper.system.problem.solver
+        solve = SemismoothNewton(rtol=solver.tolerance, max_it=solver.max_iterations, linear=condensed_system.solve)
+        found = solve(softer, p, on_step)
+    except np.linalg.LinAlgError:
+        return None
+    if found.status is not Status.CONVERGED or problem.natural_residual(found.p, found.w) > solver.tolerance:
+        return None
+    shorter = np.zeros(len(tightening.free))
+    shorter[free] = given.shortenings(missing, found.u_c)
+    tightening.shorten(shorter)
+    return found
+
+
+def _given(stepper: Stepper, places: Ints) -> GivenTensions:
+    system, key = stepper.system, places.tobytes()
+    if key not in stepper.given:
+        pulls = []
+        for place in places:
+            pulls.append(system.T.createVecRight())
+            system.T.multTranspose(system.initial.forces[place], pulls[-1])
+        assert isinstance(stepper.surface, CondensedSurface)
+        C = system.initial.coupling[np.ix_(places, places)]
+        stepper.given[key] = GivenTensions(stepper.surface, pulls, C)
+    return stepper.given[key]
+
+
+class GivenTensions:
+    """Condensed bodies whose bolts give way: `surface` has S - H M^-1 H^T in place of S."""
+
+    def __init__(self, surface: CondensedSurface, pulls: list[Vec], C: Array) -> None:
+        """
+        Args:
+            surface: the bodies with bolts whose shortening is given.
+            pulls: G over the free displacements, a vector [N/m] a bolt.
+            C: (b, b) [N/m].
+
+        Raises:
+            LinAlgError: whether a bolt resists to be stretched cannot be said for certain.
+        """
+        self.volume, own = surface.volume, len(surface.volume.contact.rows)
+        self._H, D = np.zeros((surface.size, len(pulls))), np.zeros_like(C)
+        for j, pull in enumerate(pulls):
+            inside = self.volume.expand(pull, np.zeros(own))
+            self._H[:own, j] = self.volume.contact.read(pull - self.volume.K * inside)
+            D[:, j] = [inside.dot(other) for other in pulls]
+        M, moved = C - D, surface.flexibility @ self._H
+        self._factor = cho_factor(M)
+        resists = np.abs(M - self._H.T @ moved).max(axis=0) / np.diag(M)
+        if np.any((resists > FREE) & (resists < STIFF)):
+            raise np.linalg.LinAlgError
+        self.surface = surface.softened(self._H, self._compliant(self._H.T), moved[:, resists <= FREE])
+
+    def posed(self, problem: SurfaceProblem, missing: Array) -> SurfaceProblem:
+        """The problem with bolts that give way, of one with shortenings a_0; missing: F - F_0 (b,) [N]."""
+        f_c = problem.load.f_c + self._H @ self._compliant(missing)
+        load = replace(problem.load, f_c=f_c, resultant=self.surface.R.T @ f_c, free=self.surface.displacement(f_c))
+        return replace(problem, surface=self.surface, load=load)
+
+    def shortenings(self, missing: Array, u_c: Array) -> Array:
+        """a - a_0 (b,) [m] at the displacement u_c (c,) [m] of the contact dofs."""
+        return self._compliant(missing + self._H.T @ u_c)
+
+    def _compliant(self, tension: Array) -> Array:
+        """M^-1 F, of tensions F (b,) [N], or (b, k)."""
+        return np.asarray(cho_solve(self._factor, tension))
