@@ -61,6 +61,7 @@ class Size:
     slender: float = 1.0  # length over thickness of the most slender body that floats
     ranks: int = 1  # that share a machine's memory
     floating: bool = False  # whether contact or forces alone hold a body or an obstacle
+    parts: tuple[tuple[float, float], ...] = ()  # dofs and contact dofs of bodies that share no node; (): of all
 
     @staticmethod
     def of(problem: Problem, mesh: Mesh, constraints: Constraints, contacts: tuple[ContactRows, ...]) -> Size:
@@ -80,13 +81,15 @@ class Size:
             slender=max([1.0, *(_slenderness(mesh, body) for body in _floating(problem))]),
             ranks=ranks,
             floating=bool(problem.rigid_modes.shape[1] or problem.driven),
+            parts=_parts(mesh, dofs, contacts) if mesh.comm.size == 1 and mesh.part_count > 1 else (),
         )
 
     @property
     def seconds(self) -> dict[Form, float]:
         """Predicted time [s] on one core of preparation and all steps, by form of the bodies."""
         N, cube = self.dofs, float(self.contact_dofs) ** 3
-        prepared = FACTOR_TIME[self.dim] * N ** (1.5 if self.dim == 2 else 2.0) + INVERSE * cube
+        power = 1.5 if self.dim == 2 else 2.0
+        prepared = sum(FACTOR_TIME[self.dim] * n**power + INVERSE * c**3 for n, c in self._each)
         iterations = ITERATIONS[self.dim] * max(1.0, self.slender / COMPACT) ** 2
         solves = iterations * PER_ENTRY * self.entries
         return {
@@ -96,9 +99,25 @@ class Size:
 
     @property
     def dense_bytes(self) -> float:
-        """Predicted memory [bytes] of the condensed form: a dense stiffness on each rank, one factor for all ranks."""
-        factor = self.dofs * (self.dofs ** (1 / 3) * FACTOR[3] if self.dim == 3 else FACTOR[2])
-        return 8.0 * (self.ranks * COPIES * self.contact_dofs**2 + factor)
+        """Predicted memory [bytes] of the condensed form: a dense stiffness on each rank, one factor for all ranks.
+
+        Newton's systems are dense over the rows of all contacts: half as many as the contact dofs of several bodies.
+        """
+        factor = sum(n * (n ** (1 / 3) * FACTOR[3] if self.dim == 3 else FACTOR[2]) for n, _ in self._each)
+        rows = (self.contact_dofs / 2) ** 2 if len(self.parts) > 1 else 0.0
+        return 8.0 * (self.ranks * COPIES * (sum(c**2 for _, c in self._each) + rows) + factor)
+
+    @property
+    def _each(self) -> tuple[tuple[float, float], ...]:
+        return self.parts or ((self.dofs, self.contact_dofs),)
+
+
+def _parts(mesh: Mesh, dofs: int, contacts: tuple[ContactRows, ...]) -> tuple[tuple[float, float], ...]:
+    """About how many dofs, and how many contact dofs, each part of the mesh has, see `Size.parts`."""
+    nodes = np.bincount(mesh.parts, minlength=mesh.part_count)
+    touching = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.input for c in contacts)]))
+    on_sides = mesh.dim * np.bincount(mesh.parts[touching], minlength=mesh.part_count)
+    return tuple(zip((dofs * nodes / nodes.sum()).tolist(), on_sides.tolist(), strict=True))
 
 
 def _floating(problem: Problem) -> list[str]:

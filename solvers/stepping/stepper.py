@@ -179,7 +179,7 @@ class Stepper:
         accepted, tries = self._reach(start, target, on_iteration), 1
         while tightening is not None and not tightening.done(accepted.state):
             tries += 1
-            if tries > MOST:
+            if tries > MOST or tightening.lost:
                 text = f"{tightening.names}: no shortening was found at which the tension is force"
                 raise StepError(target, text, accepted.history, None)
             again = self._reach(start, target, on_iteration)

@@ -48,6 +48,7 @@ class Tightening:
         self.x = self.before + np.where(self.free, (self.wanted - self.pulled) / self.k, 0.0)
         self.J = np.diag(self.k)
         self.tried: tuple[Array, Array] | None = None  # shortenings, and by how much tensions were off
+        self.lost = False  # whether no better shortening is known
         self._set()
 
     @property
@@ -70,9 +71,11 @@ class Tightening:
         return np.asarray(-initial.stress_work(initial.values(self.system.course, self.target), u)[self.places])
 
     def shorten(self, more: Array) -> None:
-        """Set shortenings larger by (b,) [m]."""
-        self.x = self.x + more
-        self._set()
+        """Set shortenings larger by (b,) [m]; if there are no such numbers, nothing resists, and `lost` is set."""
+        self.lost = not np.isfinite(more).all()
+        if not self.lost:
+            self.x = self.x + more
+            self._set()
 
     def done(self, state: State) -> bool:
         """Whether the tensions are right; if not, the step is to be solved again with other shortenings."""
@@ -91,8 +94,9 @@ class Tightening:
             moved = self.x - x
             self.J += np.outer(off - residual - self.J @ moved, moved) / (moved @ moved)
         self.tried = self.x, off
-        step = np.zeros(len(off))
-        step[self.free] = np.linalg.solve(self.J[np.ix_(self.free, self.free)], -off[self.free])
+        step, J = np.zeros(len(off)), self.J[np.ix_(self.free, self.free)]
+        well = np.isfinite(J).all() and np.linalg.cond(J) < 1 / np.finfo(float).eps
+        step[self.free] = np.linalg.solve(J, -off[self.free]) if well else np.nan
         self.shorten(step)
         return False
 

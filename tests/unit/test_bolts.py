@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from shared.audited import audit
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.quantities import values
 from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.stepping import stepper
 from stickslip.workflows.scene_file.read import from_dict
 from stickslip.workflows.verification.prepared import prepare
 
@@ -153,7 +155,7 @@ def test_a_bolt_is_along_the_axis_of_symmetry() -> None:
         joint("axisymmetric", bolt={"axis": [1.0, 0.0]})
 
 
-def drawn(model: str, order: int, **bolt: Any) -> Scene:
+def drawn(model: str = "plane strain", order: int = 1, **bolt: Any) -> Scene:
     """Two blocks that are tied to each other between rigid walls; the upper one is the bolt, from y = .2 to .7."""
     up, across = ("z", ["left", "front"]) if model == "3d" else ("y", ["left"])
     ends = {"roof": "upper.top", "floor": "lower.bottom"}
@@ -174,6 +176,38 @@ def drawn(model: str, order: int, **bolt: Any) -> Scene:
         "bolts": {"b": {k: v for k, v in ({"body": "upper", "shank": shank} | bolt).items() if v is not None}},
     }
     return from_dict(data)
+
+
+@pytest.mark.parametrize("floating", [False, True])
+def test_the_tension_is_found_with_the_step(
+    floating: bool, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """In one solution; the same as by trying shortenings, one solution each. The joint is dragged until it slips."""
+    shared: dict[str, Any] = {
+        "contacts": {
+            "joint": {"surface": "upper.bottom", "against": "lower.top", "friction": {"law": "coulomb", "mu": MU}}
+        },
+        "steps": {"end": 2.0, "count": 4},
+        "loads": {"drag": {"boundary": "upper.top", "traction": [[[1.0, 0.0], [2.0, 0.1]], 0.0]}},
+    }
+    foot = {"boundary": "lower.bottom", "displacement": {"x": 0.0, "y": 0.0}}
+    if floating:  # only the joint holds the upper plate
+        shared["supports"] = {"foot": foot}
+    made = joint(bolt={"force": [[1.0, 3.0]], "held_from": 1.0}, drop="shortening", **shared)
+    caplog.set_level(logging.INFO, "stickslip.solvers.stepping.tightening")
+
+    def solved() -> tuple[list[tuple[float, ...]], int]:
+        caplog.clear()
+        steps = list(prepare(made).steps())
+        numbers = [(*step.bolts["b"], *step.contacts["joint"].force, step.energy.stored) for step in steps]
+        return numbers, sum("tension of bolts" in record.message for record in caplog.records)
+
+    at_once, few = solved()
+    monkeypatch.setattr(stepper, "solve_with_bolts", lambda *words: None)
+    by_trying, many = solved()
+    assert few == len(at_once) == 4 < many
+    assert_allclose(at_once, by_trying, rtol=1e-7, atol=1e-9)
+    assert [tension for tension, *_ in at_once[:2]] == pytest.approx([1.5, 3.0], rel=1e-12)
 
 
 @pytest.mark.parametrize("order", [1, 2])
