@@ -174,6 +174,10 @@ class CondensedSurface(DelassusOperator):
         self._forces += 1
         if "flexibility" in self._dense or PAYS * self._forces > len(force):
             return self.flexibility @ force
+        return self.by_factor(force)
+
+    def by_factor(self, force: Array) -> Array:
+        """The displacement under forces (c,) or (c, k) [N] by the factor alone, whether there is an inverse or not."""
         found = np.empty_like(force)
         for index, factor in zip(self.S.indices, self.held, strict=True):
             found[index] = cho_solve(factor, force[index])

@@ -71,8 +71,7 @@ class Block:
     def newton(self, forms: Any, delta: float = 1e-13, renew: bool = True) -> Any:
         """Solve F(u) = f − Bᵀ(s λ) + δ (1.3), f = 0, or with regularised friction; returns the force on the block."""
         for _ in range(99):
-            r = dx.assemble_vector(forms[0])
-            du = r.duplicate()
+            r, du = dx.assemble_vector(forms[0]), self.B.createVecRight()
             force = -r.array.reshape(-1, 2).sum(axis=0)  # a does no work on a translation
             r.array.reshape(-1, 2)[self.top] = 0
             if r.norm() < delta:
@@ -103,9 +102,7 @@ class Block:
         alpha = 1.8 / self.largest_eigenvalue()
         for k in range(1, 50000):
             s = np.maximum(dx.assemble_vector(self.bound).array[self.side] / self.W, 0)
-            moved = self.B.createVecRight()
-            moved.array[:] = self.u.x.array - self.before.x.array
-            slip = (self.B * moved).array / self.W
+            slip = (self.B * PETSc.Vec().createWithArray(self.u.x.array - self.before.x.array)).array / self.W
             t = s * self.lam.x.array[self.side] + alpha * slip  # s times the argument of P
             lam = np.divide(t, np.maximum(s, abs(t)), where=s > 0, out=np.zeros_like(s))  # λ = 0 where s = 0 (2.2)
             change = max(abs(s * (lam - self.lam.x.array[self.side])))  # of σ_T = −s λ (2.6)

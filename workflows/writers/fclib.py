@@ -14,7 +14,6 @@ from typing import Annotated
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import cho_solve
 
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.errors import require
@@ -90,7 +89,7 @@ class FclibFiles(Writer):
 
     def _spread(self, surface: CondensedSurface) -> Array:
         """N F N^T by point; solved with the factor, so that the bodies' own answers stay what they are to the bit."""
-        delassus = surface.N @ cho_solve(surface.held, surface.N.T.toarray())
+        delassus = surface.N @ surface.by_factor(surface.N.T.toarray())
         known = self._rows.ravel() != NO_ROW
         rows = self._rows.ravel()[known]
         W = np.zeros((len(known), len(known)))
