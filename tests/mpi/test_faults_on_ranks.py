@@ -76,8 +76,10 @@ def test_run_that_is_ended_on_two_ranks_goes_on(number: signal.Signals, rank: in
     process = started(2, words, tmp_path, limit=LIMIT)
     wait_for((tmp_path / ".out.running" / step_name(1)).exists, "a step")
     (launcher,) = children(process.pid)
-    os.kill(launcher if rank is None else children(launcher)[rank], number)
+    ranks = children(launcher)
+    os.kill(launcher if rank is None else ranks[rank], number)
     _, err = process.communicate()
+    wait_for(lambda: not any(is_there(each) for each in ranks), "the end of all ranks")  # mpirun does not
     assert process.returncode not in (0, 124), err
     assert "Traceback" not in err
     if number == signal.SIGUSR1:
