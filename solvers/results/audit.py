@@ -226,7 +226,12 @@ class Auditor:
         extent = (closed or float(rows.W_n.sum())) ** (1 / powers)
         problem = self.system.problem
         bodies = problem.pairs[rows.name].bodies
-        return float(sum(min(extent, self._depths[body]) / problem.bodies[body].E for body in bodies))
+        return float(
+            sum(
+                min(extent, self._depths[body]) / problem.bodies[body].modulus_along(rows.frames[:, 0])
+                for body in bodies
+            )
+        )
 
     @cached_property
     def _depths(self) -> dict[str, float]:
