@@ -203,8 +203,7 @@ def _energy(body: Elastic, stress: Array, volume: Array, raised: float) -> Array
         volume: (q, c) [m^d].
     """
     if isinstance(body, Orthotropic):
-        twice = stress * TWICE[:, None, None]
-        squares = np.einsum("iqc,ij,jqc->qc", twice, body.compliance, twice, optimize=True)
+        squares = np.einsum("iqc,iqc->qc", stress, np.tensordot(body.compliance, stress, 1))
         return np.asarray((squares * volume).sum(axis=0) * raised**2)
     assert isinstance(body, Material)
     share = body.lame_lambda / (3 * body.lame_lambda + 2 * body.lame_mu)
