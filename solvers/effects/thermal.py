@@ -52,9 +52,7 @@ class Thermal(EffectTable):
         scene.require_body(key)
         if isinstance(self.expansion, tuple):
             found, body = list(self.expansion), scene.bodies[key.split(".")[-1]]
-            require(
-                isinstance(body, Orthotropic), f"{key}.expansion", found, "expected a number; this body has no axes"
-            )
+            require(isinstance(body, Orthotropic), f"{key}.expansion", found, "expected a number; the body has no axes")
             require(len(found) == 3, f"{key}.expansion", found, "expected three, along the axes 1, 2, 3 of the body")
         if isinstance(self.temperature, str):
             text, why = f'"{shortened(self.temperature)}"', "t: has no place here; give its factor in time as history"

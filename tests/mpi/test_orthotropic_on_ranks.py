@@ -10,6 +10,7 @@ SCRIPT = """
 import json
 from mpi4py import MPI
 import stickslip
+from stickslip.solvers.results.error_parts import Quantity
 words = ["geometry.mesh_size=0.01", "steps.count=3", "solver.tolerance=1e-11"]
 found = []
 for order in (1, 2):
@@ -19,7 +20,7 @@ for order in (1, 2):
     for step, error in zip(steps, errors):
         base = step.contacts["base"]
         found += [base.normal_force, base.tangential_force, base.stick_area, step.energy.stored]
-        found += [error["base.tangential_force"].mesh, error["base.dissipation"].mesh]
+        found += [error[Quantity("contacts", "base", key)].mesh for key in ("tangential_force", "dissipation")]
 everywhere = MPI.COMM_WORLD.gather([float(value) for value in found])
 if MPI.COMM_WORLD.rank == 0:
     print(json.dumps(everywhere))

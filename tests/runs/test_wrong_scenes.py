@@ -91,7 +91,7 @@ WRONG = {
     ),
     "axis of no direction": (
         [wood("axis_1=[0.0,0.0]")],
-        r"block\.axis_1 = \[0\.0, 0\.0\]: must be a direction, not zero",
+        r"axis_1 = \[0\.0, 0\.0\]: must be a direction, not zero",
     ),
     "axis in space of a plane model": (
         [wood("axis_1=[1.0,0.0,0.0]")],

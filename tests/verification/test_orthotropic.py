@@ -16,13 +16,16 @@ def test_orthotropic_bodies_are_as_the_closed_forms_say(method: str) -> None:
     assert not failures(case.checks(method))
 
 
-def test_a_finer_mesh_comes_closer_to_the_pressures_of_a_roller(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_left_of_a_roller_is_the_lean_of_its_normals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a fine mesh the pressures come closer as a / R falls: .4 % of the peak, then .03 %."""
     off = []
-    for cells in (6.0, 24.0):
-        monkeypatch.setattr(case, "CELLS", cells)
+    monkeypatch.setattr(case, "CELLS", 24.0)
+    for slim in (0.02, 0.00125):
+        monkeypatch.setattr(case, "SLIM", slim)
         *_, scatter = case.on_a_half_plane(case.Rolled(30.0), "condensed-newton")
         off.append(scatter.computed)
-    assert off[1] < 0.5 * off[0]  # normals that lean by a / R = .02 leave .1 %
+    assert off[1] < 0.2 * off[0]
+    assert off[1] < 1e-3
 
 
 def test_the_grain_matters() -> None:

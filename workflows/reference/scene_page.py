@@ -29,11 +29,11 @@ linear, constant after the last, 0 at t = 0 unless listed. Units are SI; any con
 program knows them. Plane models: forces and areas per metre of thickness.
 
 An *expression* is a formula in quotes, such as `"-0.2*E*sin(pi*x/2)"`: numbers, `+ - * / **`, parentheses; `x`, `y`,
-`z` [m] of the undeformed body, `t` [s], `pi`, `E` [Pa] and `nu` of the body, or `E_1` to `nu_23`; `sin cos tan exp sqrt log abs`, `min` and
-`max` of two or more. Without `t` it is reached at `steps.end` from 0 at t = 0, like a number; with `t` it is what it
-says at every time that is solved. When its rate turns is not known: request such times by `steps.count` or a table.
-Loads integrate it exactly up to degree 5 at order 1, 6 at order 2; supports follow it at the nodes. steps.csv does not
-list it.
+`z` [m] of the undeformed body, `t` [s], `pi`, `E` [Pa] and `nu` of the body, or its constants by axis; `sin cos tan exp
+sqrt log abs`, `min` and `max` of two or more. Without `t` it is reached at `steps.end` from 0 at t = 0, like a number;
+with `t` it is what it says at every time that is solved. When its rate turns is not known: request such times by
+`steps.count` or a table. Loads integrate it exactly up to degree 5 at order 1, 6 at order 2; supports follow it at the
+nodes. steps.csv does not list it.
 """
 TABLES = (
     "bodies",
