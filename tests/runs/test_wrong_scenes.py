@@ -79,7 +79,7 @@ WRONG = {
     # orthotropic bodies
     "orthotropic and isotropic": ([wood("E=1.0")], r"bodies\.block\.E: unknown key; known: E_1, E_2"),
     "orthotropic with averages": ([wood("formulation='auto'")], r"block\.formulation: unknown key; known: E_1"),
-    "constant that is missing": (["bodies.block.E_1=1.0"], r"bodies\.block\.E_2: missing, it has no default"),
+    "constant that is missing": ([wood().replace("E_2=0.8,", "")], r"block\.E_2: missing, it has no default$"),
     "negative modulus": ([wood("G_13=-1.0")], r"bodies\.block\.G_13 = -1\.0: must be positive, in pascal"),
     "ratio beyond its bound": (
         [wood(nu_12=3.6)],
@@ -104,10 +104,6 @@ WRONG = {
     "axis along the default of the other": (
         [*SPACE, wood("G_13=1.0,G_23=1.0,axis_1=[0.0,1.0,0.0]")],
         r"bodies\.block\.axis_2 = absent, so y: is parallel to axis_1",
-    ),
-    "shear moduli of a plane in space": (
-        [*SPACE, wood("G_13=1.0")],
-        r"bodies\.block\.G_23: missing, an orthotropic body in 3D needs it",
     ),
     "expansion by axis of a body without axes": (
         ["thermal.block={expansion=[1e-5,1e-5,1e-5],temperature=1.0}"],

@@ -230,3 +230,8 @@ def test_python_has_it_too() -> None:
     assert not isinstance(body, Material)
     with pytest.raises(SceneError, match=r"E_2 = -1\.0: must be positive, in pascal"):
         stickslip.Orthotropic(**WOOD | {"E_2": -1.0})
+
+
+def test_shear_moduli_of_a_plane_do_not_do_in_space() -> None:
+    with pytest.raises(SceneError, match=r"bodies\.block\.G_13: missing, an orthotropic body in 3D needs it"):
+        from_dict(tables("3d", 1, WOOD | {"G_23": 0.1}))
