@@ -167,6 +167,24 @@ def test_a_body_of_two_materials_has_both() -> None:
     assert other == pytest.approx(stated, rel=1e-4)
 
 
+@pytest.mark.parametrize("model", ["plane strain", "plane stress", "3d"])
+def test_a_shank_of_an_orthotropic_body_shrinks(model: Model) -> None:
+    """Held at both ends, its tension is what the supports feel; the audit agrees, and so does the stress."""
+    dim = 3 if model == "3d" else 2
+    ends = ([0.25, 0.25, 0.25][:dim], [0.75, 0.25, 0.25][:dim])
+    held = {side: {"boundary": f"block.{side}", "displacement": {"normal": 0.0}} for side in ("left", "right")}
+    corner = {"foot": {"point": [0.0] * dim, "displacement": dict.fromkeys("yz"[: dim - 1], 0.0)}}
+    corner |= {"edge": {"point": [0.0, 1.0, 0.0], "displacement": {"z": 0.0}}} if dim == 3 else {}
+    bolts = {"bolt": {"body": "block", "shank": ends, "shortening": 0.01}}
+    scene = tables(model, 1, wood(model), contacts={}, obstacles={}, bolts=bolts, supports=held | corner)
+    simulation = stickslip.prepare(from_dict(scene))
+    (step,) = simulation.steps()
+    assert max(audit(simulation, step).values()) < 1e-9
+    found = Auditor(simulation.problem, simulation.mesh)(replace(record_of(step), stored=stored_by(step)))
+    assert found.fields < 1e-12
+    assert step.bolts["bolt"].tension == pytest.approx(abs(step.supports["right"].force[0]), rel=1e-9)
+
+
 def test_the_plan_has_a_row_and_nothing_is_added_without_such_a_body() -> None:
     def row(scene: Scene) -> tuple[bool, str]:
         return next((row.on, row.because) for row in make_plan(scene) if row.effect == "orthotropic")
