@@ -21,8 +21,10 @@ FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "sin": np.sin, "cos": np.cos, "tan": np.tan, "exp": np.exp, "sqrt": np.sqrt, "log": np.log, "abs": np.abs,
     "min": np.minimum, "max": np.maximum,
 }  # fmt: skip
+AXES = (("E", (1, 2, 3)), ("G", (12, 13, 23)), ("nu", (12, 13, 23)))  # of orthotropic bodies
 OF_SEVERAL = ("min", "max")
-NAMES = ("x", "y", "z", "t", "pi", "E", "nu")
+CONSTANTS = ("E", "nu", *(f"{kind}_{axes}" for kind, found in AXES for axes in found))
+NAMES = ("x", "y", "z", "t", "pi", *CONSTANTS)
 LONGEST, DEEPEST = 400, 40  # characters of an expression, operations within each other
 FOREIGN = re.compile(r"[^A-Za-z0-9_ .+\-*/(),]")
 OPERATORS: Mapping[type[ast.AST], Callable[..., Any]] = {
@@ -41,7 +43,7 @@ class Expression:
     """An expression that was read, with the constants that it may name."""
 
     text: str
-    constants: Mapping[str, float] = field(default_factory=dict)  # E [Pa] and nu [-] of the body, if there is one
+    constants: Mapping[str, float] = field(default_factory=dict)  # those of `CONSTANTS` that the body has
 
     @cached_property
     def _tree(self) -> ast.expr:

@@ -49,6 +49,7 @@ EXPECTED = {  # pydantic speaks of JSON; a user wrote TOML
     "finite_number": "must be a finite number",
     "tuple_type": "expected a list",
 }
+OF_KIND = "kind of table: "  # before the name of a kind that the keys of a table have chosen; no key begins so
 UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
 
 
@@ -133,6 +134,57 @@ class Choice(Noun):
         return cls in cls.kinds
 
 
+class ByKeys(Noun):
+    """Base of a family of kinds, of which a table chooses one by the keys that it has.
+
+    A direct subclass is the family. A subclass of the family registers its kind; the first one is that of a table
+    without a key that only another one has.
+    """
+
+    kinds: ClassVar[dict[str, type[Any]]]  # by name, filled by the definitions of the kinds
+
+    def __init_subclass__(cls, kind: str = "", **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if ByKeys in cls.__bases__:
+            cls.kinds = {}
+        elif kind:
+            cls.kinds[kind] = cls
+            Choice.registered += 1
+
+    @classmethod
+    def kind_of(cls, value: Any) -> type[Any]:
+        """The kind of a table; of what is none, the first kind."""
+        first, *others = cls.kinds.values()
+        for kind in others:
+            if isinstance(value, kind):
+                return kind
+            if isinstance(value, Mapping) and not (get_annotations(kind).keys() - get_annotations(first)).isdisjoint(
+                value
+            ):
+                return kind
+        return first
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Callable[[Any], Any]) -> Any:
+        if ByKeys not in cls.__bases__:
+            return handler(source)
+        tags = {kind: f"{OF_KIND}{name}" for name, kind in cls.kinds.items()}
+
+        def accept(value: Any, check: Callable[[Any], Any]) -> Any:
+            return value if isinstance(value, cls) else check(value)
+
+        known = core_schema.tagged_union_schema(
+            {tag: handler.generate_schema(kind) for kind, tag in tags.items()},  # type: ignore[attr-defined]
+            discriminator=lambda value: tags[cls.kind_of(value)],
+        )
+        from_python = core_schema.no_info_wrap_validator_function(accept, known)
+        return core_schema.json_or_python_schema(json_schema=known, python_schema=from_python)
+
+    @classmethod
+    def is_key(cls) -> bool:
+        return cls in cls.kinds.values()
+
+
 def plain(value: Any) -> Any:
     """A value from Python as a scene file has it: numpy's numbers and arrays, paths and lists become plain ones."""
     if isinstance(value, np.ndarray | np.generic):
@@ -214,6 +266,8 @@ def _followed(problem: Any, data: Any) -> tuple[list[str], Any, tuple[str, ...]]
     """
     path, node, place = list[str](), data, None
     for part in problem["loc"]:
+        if isinstance(part, str) and part.startswith(OF_KIND):
+            continue
         inside = isinstance(node, list | tuple) and isinstance(part, int) and part < len(node)
         if inside or (isinstance(node, Mapping) and part in node):
             path.append(str(part))
@@ -287,6 +341,8 @@ def _keys_at(kind: Any, data: Any, path: Sequence[str]) -> dict[str, Any]:
     if isinstance(kind, type) and issubclass(kind, Choice) and Choice in kind.__bases__:
         tags = {get_args(get_type_hints(k)[kind.tag])[0]: k for k in kind.kinds}
         kind = tags[data[kind.tag]] if len(tags) > 1 else kind.kinds[0]
+    if isinstance(kind, type) and issubclass(kind, ByKeys) and ByKeys in kind.__bases__:
+        kind = kind.kind_of(data)
     if not is_dataclass(kind):
         return {}
     hints = get_type_hints(kind, include_extras=True)

@@ -72,8 +72,8 @@ nothing can balance the loads. `MachineError` (with `DamagedError`) is about dis
 Names
 -----
 Functions         read, prepare, steps, run, sweep, load
-Scene             Scene, Material, Contact, Support, Load, Probe, Steps, Solver, Gram, Output, Exact,
-                  Accuracy
+Scene             Scene, Material, Orthotropic, Contact, Support, Load, Probe, Steps, Solver, Gram,
+                  Output, Exact, Accuracy
 Geometry          UserFile, Box; builders: Arch, Block, Cylinders, HalfBall, HalfDisc, HalfSpace, Ring,
                   Rings, Spheres, Stack, Strip, TwoBlocks
 Obstacles         Plane, Cylinder, Sphere, Rotation

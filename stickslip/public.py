@@ -64,6 +64,7 @@ from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.gram import Gram
 from stickslip.solvers.scene.loads import Load, Support
 from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.orthotropic import Orthotropic
 from stickslip.solvers.scene.problem import PlanRow
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.scene.settings import Accuracy, Exact, Output, Probe, Steps
@@ -170,6 +171,7 @@ __all__ = [
     "NormalLaw",
     "Obstacle",
     "ObstacleState",
+    "Orthotropic",
     "Outcome",
     "Output",
     "Periodic",

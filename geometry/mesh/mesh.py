@@ -59,13 +59,18 @@ class Mesh:
         found = self.facet_tags.indices[self.facet_tags.values == self.sides[side]]
         return np.asarray(found[found < owned], np.int64)
 
+    def cells_of(self, body: str) -> Ints:
+        """Local numbers of the cells of a body, ghosts included."""
+        found: Ints = self.cell_tags.indices[self.cell_tags.values == self.bodies[body]]
+        return found
+
     def box(self) -> Array:
         """Lower and upper corner of the bounding box (2, d) [m]; collective."""
         return self._box_of(self.domain.geometry.x[:, : self.dim])
 
     def body_box(self, body: str) -> Array:
         """Lower and upper corner of the bounding box of one body (2, d) [m]; collective."""
-        cells = self.cell_tags.indices[self.cell_tags.values == self.bodies[body]]
+        cells = self.cells_of(body)
         inside = np.zeros(len(self.domain.geometry.x), bool)
         inside[dx.cell_nodes(self.domain)[cells]] = True
         return self._box_of(self.domain.geometry.x[inside, : self.dim])

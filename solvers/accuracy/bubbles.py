@@ -219,8 +219,12 @@ class Bubbles:
             volume = volume * 2 * np.pi * radius
         owned = mesh.domain.topology.index_map(d).size_local
         lame = np.zeros((len(x), 2))
-        for name, tag in mesh.bodies.items():
-            lame[mesh.cell_tags.indices[mesh.cell_tags.values == tag]] = system.weak.lame(name)
+        for name in system.problem.isotropic:
+            lame[mesh.cells_of(name)] = system.weak.lame(name)
+        orthotropic = [
+            (members[members < owned], material.tensor_in(system.problem.model == "plane stress"))
+            for members, material in ((mesh.cells_of(b), m) for b, m in system.problem.orthotropic.items())
+        ]
         lame[owned:] = 0.0  # ghosts belong to others
         total = dx.fem.Function(self.space)
         blocks = np.zeros((self.nodes.owned, d, d))
@@ -235,6 +239,10 @@ class Bubbles:
             )
             if mesh.axisymmetric:
                 block[:, 0, 0] += (lame[:, 0] + 2 * lame[:, 1]) * squares[n] * volume / radius**2
+            for members, C in orthotropic:
+                block[members] = np.einsum("ijkl,cjl->cik", C[:d, :d, :d, :d], G[members])
+                if mesh.axisymmetric:
+                    block[members, 0, 0] += C[2, 2, 2, 2] * squares[n] * (volume / radius**2)[members]
             by_node[n] = block
         for i in range(d):
             values = np.zeros((len(self.nodes.number), d))

@@ -18,7 +18,8 @@ class MeanDilatationEffect(Effect):
     def because(self, scene: Scene) -> str | None:
         if scene.model == "plane stress":
             return None
-        found = [f"bodies.{name}.nu = {body.nu:g}" for name, body in scene.bodies.items() if body.averages]
+        bodies = scene.bodies.items()
+        found = [f"bodies.{name}.nu = {body.near_incompressible:g}" for name, body in bodies if body.averages]
         return ", ".join(found) or None
 
 

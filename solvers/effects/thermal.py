@@ -9,11 +9,14 @@ from typing import Annotated
 import numpy as np
 
 from stickslip.geometry.amplitude import Amplitude, check
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import require, shortened
 from stickslip.geometry.expression import Expression, Varying, check_varying
 from stickslip.geometry.keys import Key
 from stickslip.solvers.effects.effect import Effect
 from stickslip.solvers.fem.terms import InitialStrain
+from stickslip.solvers.scene.material import Elastic
+from stickslip.solvers.scene.orthotropic import Orthotropic
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.scene import EffectTable, Scene
 from stickslip.solvers.scene.timeline import Place
@@ -23,7 +26,10 @@ from stickslip.solvers.scene.timeline import Place
 class Thermal(EffectTable):
     """Thermal expansion of one body, [thermal.BODY]."""
 
-    expansion: Annotated[float, Key("1/K", "coefficient of linear thermal expansion of the body")]
+    expansion: Annotated[
+        float | tuple[float, ...],
+        Key("1/K", "coefficient of linear thermal expansion of the body; of an orthotropic one also a list by axis"),
+    ]
     temperature: Annotated[
         Varying, Key("K", "above that at which the body is free of stress, in time or as an expression of x, y, z")
     ]
@@ -44,13 +50,20 @@ class Thermal(EffectTable):
 
     def check(self, scene: Scene, key: str) -> None:
         scene.require_body(key)
+        if isinstance(self.expansion, tuple):
+            found, body = list(self.expansion), scene.bodies[key.split(".")[-1]]
+            require(isinstance(body, Orthotropic), f"{key}.expansion", found, "expected a number; the body has no axes")
+            require(len(found) == 3, f"{key}.expansion", found, "expected three, along the axes 1, 2, 3 of the body")
         if isinstance(self.temperature, str):
             text, why = f'"{shortened(self.temperature)}"', "t: has no place here; give its factor in time as history"
             require(not Expression(self.temperature, {}).in_time, f"{key}.temperature", text, why)
 
 
 class _Thermal(Effect):
-    """sigma = C (eps(u) - expansion temperature I); in every model all three directions expand."""
+    """sigma = C (eps(u) - expansion temperature I); in every model all three directions expand.
+
+    With an expansion by axis the tensor that has it along the axes of the body takes the place of expansion I.
+    """
 
     name = "thermal"
     table = Mapping[str, Thermal]
@@ -60,7 +73,15 @@ class _Thermal(Effect):
             temperature = Place("thermal", body, "temperature")
             drive = temperature if table.history is None else Place("thermal", body, "history")
             field = temperature if isinstance(table.temperature, str) else None
-            yield InitialStrain(drive=drive, body=body, field=field, strain=table.expansion * np.eye(3))
+            yield InitialStrain(drive=drive, body=body, field=field, strain=_by_kelvin(problem.bodies[body], table))
+
+
+def _by_kelvin(body: Elastic, table: Thermal) -> Array:
+    """Strain (3, 3) [1/K] without stress."""
+    if isinstance(table.expansion, tuple):
+        assert isinstance(body, Orthotropic)
+        return np.asarray(body.axes.T @ np.diag(table.expansion) @ body.axes)
+    return np.asarray(table.expansion * np.eye(3))
 
 
 EFFECT = _Thermal()

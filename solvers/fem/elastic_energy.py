@@ -9,13 +9,14 @@ import numpy as np
 from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.geometry.protocols import Function, UflExpr, UflForm
 from stickslip.solvers.fem.forms import WeakForms
+from stickslip.solvers.fem.own_axes import energy_density
 
 
 def forces_of_energy(weak: WeakForms, u: Function, dilatation: Mapping[str, Function]) -> UflForm:
     """Linear form of the inner forces [N]: the derivative of the energy by the displacement.
 
     The energy is the sum over the bodies of ∫ G (eps : eps + c (tr eps)²) dx, with G = E / (2 (1 + nu)) and
-    c = nu / (1 - 2 nu), in plane stress c = nu / (1 - nu).
+    c = nu / (1 - 2 nu), in plane stress c = nu / (1 - nu); of orthotropic bodies see `energy_density`.
 
     Args:
         weak: for its mesh, space and materials; none of its forms is used.
@@ -33,7 +34,7 @@ def forces_of_energy(weak: WeakForms, u: Function, dilatation: Mapping[str, Func
     shear = [gradient[i, j] + gradient[j, i] for i in range(mesh.dim) for j in range(i)]
     squares: UflExpr = sum(e**2 for e in normal) + sum(g**2 for g in shear) / 2
     energy, v, volumetric = 0, ufl.TestFunction(weak.space), list[UflForm]()
-    for name, body in problem.bodies.items():
+    for name, body in problem.isotropic.items():
         c = body.nu / (1 - body.nu if problem.model == "plane stress" else body.give)
         modulus = weak.constant(body.E / (2 + 2 * body.nu))
         if name in dilatation:
@@ -42,5 +43,8 @@ def forces_of_energy(weak: WeakForms, u: Function, dilatation: Mapping[str, Func
             volumetric.append(pressing * ufl.derivative(sum(normal), u, v) * around * dx(mesh.bodies[name]))
             continue
         energy += modulus * (squares + weak.constant(c) * sum(normal) ** 2) * around * dx(mesh.bodies[name])
+    for name, material in problem.orthotropic.items():
+        density = energy_density(material, normal, gradient, problem.model == "plane stress", weak.constant)
+        energy += density * around * dx(mesh.bodies[name])
     forces: UflForm = sum(volumetric, start=ufl.derivative(energy, u, v))
     return forces

@@ -19,7 +19,8 @@ from stickslip.solvers.fem.terms import InitialStrain, LoadTerm, drawn_together
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.contact import Contact
-from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.material import Elastic, Material
+from stickslip.solvers.scene.orthotropic import DOUBLED, PAIRS, Orthotropic
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Place
 
@@ -31,13 +32,16 @@ SYMBOLS: Mapping[str, Callable[..., Any]] = {
 }  # fmt: skip
 
 
-def elastic_stress(strain: Array, material: Material, plane_stress: bool) -> Array:
+def elastic_stress(strain: Array, material: Elastic, plane_stress: bool) -> Array:
     """Stress sigma (3, 3) [Pa] of an elastic strain (3, 3) [-]; in plane stress strain_zz follows from sigma_zz = 0.
 
     >>> steel = Material(E=1.0, nu=0.25)
     >>> elastic_stress(np.diag([1.0, 0.0, 0.0]), steel, plane_stress=True).round(3).diagonal()
     array([1.067, 0.267, 0.   ])
     """
+    if isinstance(material, Orthotropic):
+        return material.stress(strain, plane_stress)
+    assert isinstance(material, Material)
     lame_lambda, lame_mu = material.lame_lambda, material.lame_mu
     strain = np.array(strain, float)
     if plane_stress:
@@ -122,12 +126,14 @@ class WeakForms:
 
     def stress(self, u: UflExpr, body: str) -> UflExpr:
         """sigma(u) [Pa], with the shape of the strain; in plane strain and plane stress the in-plane components."""
+        if body in self.problem.orthotropic:
+            return self._along_axes(self.strain(u), self.problem.orthotropic[body])
         first, mu = self.lame(body)
         return self._stress(u, self.constant(first), self.constant(mu))
 
     def lame(self, body: str) -> tuple[float, float]:
-        """Lamé parameters [Pa] of the stress in the model; in plane stress the first one is reduced."""
-        material = self.problem.bodies[body]
+        """Lamé parameters [Pa] of the stress of an isotropic body; in plane stress the first one is reduced."""
+        material = self.problem.isotropic[body]
         first, mu = material.lame_lambda, material.lame_mu
         return (2 * first * mu / (first + 2 * mu) if self.problem.model == "plane stress" else first), mu
 
@@ -136,17 +142,31 @@ class WeakForms:
         found: UflExpr = 2 * mu * strain + first * ufl.tr(strain) * ufl.Identity(strain.ufl_shape[0])
         return found
 
+    def _along_axes(self, strain: UflExpr, material: Orthotropic) -> UflExpr:
+        """sigma = C eps [Pa], with the shape of the strain; C is read at run time."""
+        size = strain.ufl_shape[0]
+        pairs = [k for k, (i, j) in enumerate(PAIRS) if max(i, j) < size and (k < 4 or self.mesh.dim == 3)]
+        C = self.constant(material.stiffness_in(self.problem.model == "plane stress")[np.ix_(pairs, pairs)])
+        six = C * ufl.as_vector([float(DOUBLED[k]) * strain[PAIRS[k]] for k in pairs])
+        place = {PAIRS[k]: n for n, k in enumerate(pairs)}
+        rows = [[(min(i, j), max(i, j)) for j in range(size)] for i in range(size)]
+        found: UflExpr = ufl.as_matrix([[six[place[ij]] if ij in place else 0 for ij in row] for row in rows])
+        return found
+
     def elasticity_by_cell(self, u: UflExpr) -> UflForm:
-        """a(u, v) with Lamé parameters that are read cell by cell: the same form for any number of bodies."""
+        """a(u, v) with Lamé parameters that are read cell by cell: one form for any number of isotropic bodies."""
         domain, tags = self.mesh.domain, self.mesh.cell_tags
         metadata = {} if self.degree is None else {"quadrature_degree": self.degree}
         dx_all = self._around(ufl.Measure("dx", domain=domain, metadata=metadata))
         index = domain.topology.index_map(self.mesh.dim)
         values = np.zeros((2, index.size_local + index.num_ghosts))
-        for body, tag in self.mesh.bodies.items():
+        for body in self.problem.isotropic:
+            tag = self.mesh.bodies[body]
             values[:, tags.indices[tags.values == tag]] = np.array(self.lame(body))[:, None]
         first, mu = (dx.cell_function(domain, row) for row in values)
         found: UflForm = ufl.inner(self._stress(u, first, mu), self.strain(self.v)) * dx_all
+        for body in self.problem.orthotropic:
+            found += ufl.inner(self.stress(u, body), self.strain(self.v)) * self.volume(body)
         return found
 
     def elasticity(self, u: UflExpr | None = None) -> UflForm:
@@ -169,12 +189,12 @@ class WeakForms:
     def gram(self, length: float) -> UflForm:
         """<u, v> = sum over bodies of E ∫ grad u : grad v + u . v / l^2 dx, l = `length` [m]: the inner product of H1.
 
-        E is not in the source: it weights each body by its stiffness. With a single body it is only a factor of Q,
-        which the step size alpha = relaxation / lambda_max cancels.
+        E, of orthotropic bodies `Elastic.modulus`, is not in the source: it weights each body by its stiffness. With a
+        single body it is only a factor of Q, which the step size alpha = relaxation / lambda_max cancels.
         """
         product = ufl.inner(ufl.grad(self.u), ufl.grad(self.v)) + self.constant(length**-2) * ufl.inner(self.u, self.v)
         found: UflForm = sum(
-            self.constant(body.E) * product * self.volume(name) for name, body in self.problem.bodies.items()
+            self.constant(body.modulus) * product * self.volume(name) for name, body in self.problem.bodies.items()
         )
         return found
 
@@ -313,8 +333,8 @@ class WeakForms:
     def _integral(self, form: UflForm) -> float:
         return float(self.mesh.comm.allreduce(dx.fem.assemble_scalar(self.compile(form))))
 
-    def constant(self, value: float) -> Constant:
-        """A number that a compiled form reads at run time, so that other values need no new compilation."""
+    def constant(self, value: float | Array) -> Constant:
+        """A number or matrix that a compiled form reads at run time, so that other values need no new compilation."""
         found: Constant = dx.fem.Constant(self.mesh.domain, value)
         return found
 

@@ -123,10 +123,11 @@ def _series(system: System, length: Callable[[Array, Array], float]) -> Array:
     """E / length by row (rows,) [Pa/m]; the length [m] follows from a body's box and the mean normal, (d,) both."""
     scale = []
     for c in system.contacts:
-        spread, give = np.abs(c.frames[:, 0]).mean(axis=0), 0.0
+        normals = c.frames[:, 0]
+        spread, give = np.abs(normals).mean(axis=0), 0.0
         for body in system.problem.pairs[c.name].bodies:
             low, high = system.mesh.body_box(body)
-            give += length(high - low, spread) / system.problem.bodies[body].E
+            give += length(high - low, spread) / system.problem.bodies[body].modulus_along(normals)
         scale.append(1 / give)
     parts = [np.full(len(c.W_n), s) for c, s in zip(system.contacts, scale, strict=True)]
     parts += [np.full(c.free.size, s) for c, s in zip(system.contacts, scale, strict=True)]

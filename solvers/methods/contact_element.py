@@ -32,7 +32,7 @@ from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.material import Elastic
 from stickslip.solvers.system.system import System
 
 OPEN, STICK, SLIP = 0, 1, 2
@@ -180,19 +180,15 @@ def _give(system: System, c: ContactRows, N: Any, shear: bool) -> Array:
         weight = parts[:, start : (start := start + len(size))]
         sums = np.asarray(weight.sum(axis=1)).ravel()
         own = np.divide(weight @ size, sums, out=np.full(len(sums), size.mean()), where=sums > 0)
-        total += own / _modulus(body, shear)
+        total += own / (body.shear_modulus if shear else body.modulus_along(c.frames[:, 0]))
     return total
 
 
-def _sides(system: System, c: ContactRows) -> list[tuple[Surface, Material]]:
+def _sides(system: System, c: ContactRows) -> list[tuple[Surface, Elastic]]:
     """Surface and material of the slave, and of the master if it is a body."""
     surfaces = [c.surface] + ([c.master] if c.master else [])
     bodies = system.problem.pairs[c.name].bodies
     return [(surface, system.problem.bodies[body]) for surface, body in zip(surfaces, bodies, strict=True)]
-
-
-def _modulus(body: Material, shear: bool) -> float:
-    return body.E / (2 * (1 + body.nu)) if shear else body.E
 
 
 def _sizes(surface: Surface) -> Array:

@@ -12,6 +12,9 @@ from stickslip.geometry.surfaces.forms import lumped_mass, surface_stiffness
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.linear.cholesky import SparseCholesky
 from stickslip.solvers.linear.inverse_root import InverseRoot
+from stickslip.solvers.metrics.half_plane import mean_compliance
+from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.orthotropic import Orthotropic
 from stickslip.solvers.system.sides import contact_sides
 from stickslip.solvers.system.system import System
 
@@ -62,9 +65,9 @@ class SurfaceMetric:
 
     An approximate inverse of the Steklov-Poincaré operator. L and M are the Laplace-Beltrami operator and the lumped
     mass of all contact sides, as one surface, on each component of displacement; C = 2 (1 - nu^2) / E, the
-    compliance of the half-plane; H the depth of the body below the side. A force of wave length l << H is then
-    resisted over the depth l, as on a half-space, a longer one over H. Dofs that supports hold are left out of L and M:
-    the displacement is zero there.
+    compliance of the half-plane (of orthotropic bodies see `mean_compliance`); H the depth of the body below the
+    side. A force of wave length l << H is then resisted over the depth l, as on a half-space, a longer one over H. Dofs
+    that supports hold are left out of L and M: the displacement is zero there.
     """
 
     def __init__(
@@ -140,6 +143,11 @@ def _depth_and_compliance(system: System, side: str, surface: Surface) -> tuple[
     """Depth H [m], the body's extent along the mean normal of the side, and compliance C [1/Pa]."""
     body = side.split(".")[0]
     material, (low, high) = system.problem.bodies[body], system.mesh.body_box(body)
-    contraction = 0.0 if system.problem.model == "plane stress" else material.nu**2
-    depth = float(np.abs(surface.node_normals()).mean(axis=0) @ (high - low))
+    plane_stress = system.problem.model == "plane stress"
+    normals = surface.node_normals()
+    depth = float(np.abs(normals).mean(axis=0) @ (high - low))
+    if isinstance(material, Orthotropic):
+        return depth, mean_compliance(material, normals, plane_stress)
+    assert isinstance(material, Material)
+    contraction = 0.0 if plane_stress else material.nu**2
     return depth, 2 * (1 - contraction) / material.E

@@ -224,9 +224,9 @@ class Auditor:
         closed = float(rows.W_n[np.abs(p_n) > ROUNDED * np.abs(p_n).max(initial=0.0)].sum())
         powers = self.system.mesh.dim - 1 + self.system.mesh.axisymmetric
         extent = (closed or float(rows.W_n.sum())) ** (1 / powers)
-        problem = self.system.problem
-        bodies = problem.pairs[rows.name].bodies
-        return float(sum(min(extent, self._depths[body]) / problem.bodies[body].E for body in bodies))
+        problem, normals = self.system.problem, rows.frames[:, 0]
+        behind = ((min(extent, self._depths[b]), problem.bodies[b]) for b in problem.pairs[rows.name].bodies)
+        return float(sum(depth / body.modulus_along(normals) for depth, body in behind))
 
     @cached_property
     def _depths(self) -> dict[str, float]:

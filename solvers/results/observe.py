@@ -91,12 +91,13 @@ class CellStress:
         basis = dx.reference_basis(mesh.domain.topology.cell_type.name, mesh.degree, dx.midpoint(mesh.domain))[0]
         corners = mesh.domain.geometry.x[:, : mesh.dim][dx.cell_nodes(mesh.domain)[:count]]
         self._middles = np.einsum("n,cnd->cd", basis[0], corners)
-        self._lame, self.members = np.zeros((count, 2)), dict[str, Ints]()
+        self._lame, self.members = np.ones((count, 2)), dict[str, Ints]()
         for name, tag in mesh.bodies.items():
-            material = system.problem.bodies[name]
             members = mesh.cell_tags.indices[mesh.cell_tags.values == tag]
             self.members[name] = members[members < count]
-            self._lame[self.members[name]] = material.lame_lambda, material.lame_mu
+            if name in system.problem.isotropic:
+                material = system.problem.isotropic[name]
+                self._lame[self.members[name]] = material.lame_lambda, material.lame_mu
 
     def __call__(self, u: Vec, initial: Array) -> Array:
         """Stress (own cells, 3, 3) [Pa], tension positive; collective.
@@ -122,7 +123,12 @@ class CellStress:
         for body, mean in self._system.dilatation.at_midpoints(u, self._means).items():
             members = self.members[body]
             trace[members] += mean[members] - own[members]
-        return np.asarray(2 * lame_mu[:, None, None] * strain + (lame_lambda * trace)[:, None, None] * np.eye(3))
+        stress = np.asarray(2 * lame_mu[:, None, None] * strain + (lame_lambda * trace)[:, None, None] * np.eye(3))
+        plane_stress = self._system.problem.model == "plane stress"
+        for body, material in self._system.problem.orthotropic.items():
+            members = self.members[body]
+            stress[members] = material.stress(strain[members], plane_stress)
+        return stress
 
 
 @dataclass(frozen=True, kw_only=True)

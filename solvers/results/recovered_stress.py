@@ -20,7 +20,8 @@ import numpy as np
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.solvers.results.step_result import MeshData
-from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.material import Elastic, Material
+from stickslip.solvers.scene.orthotropic import DOUBLED, Orthotropic
 from stickslip.solvers.scene.problem import Problem
 
 CHUNK = 20_000  # cells at a time: memory
@@ -53,7 +54,8 @@ class RecoveredStress:
         self._plane_stress = problem.model == "plane stress"
         # where the dilatation is averaged, that of a cell is no measure: only shear is judged, by the same modulus
         bodies = dict(problem.bodies)
-        bodies |= {name: replace(bodies[name], E=2.5 * bodies[name].lame_mu, nu=0.25) for name in problem.averaged}
+        soft = {name: problem.isotropic[name] for name in problem.averaged}
+        bodies |= {name: replace(body, E=2.5 * body.lame_mu, nu=0.25) for name, body in soft.items()}
         self._bodies = [bodies[name] for name in mesh.bodies]
 
     def __call__(self, displacement: Array) -> MeshError:
@@ -64,11 +66,9 @@ class RecoveredStress:
             for part in parts:
                 off = np.tensordot(self._basis, smooth[:, part.nodes], (1, 1)).swapaxes(0, 1)
                 off -= self._stress(body, part.inside, part.nodes, displacement)
-                share = body.lame_lambda / (3 * body.lame_lambda + 2 * body.lame_mu)
-                squares = np.tensordot(TWICE, off**2, 1) - share * off[:3].sum(axis=0) ** 2
-                energy = (squares * part.inside.volume).sum(axis=0) * RAISED[self._degree] ** 2 / (2 * body.lame_mu)
+                energy = _energy(body, off, part.inside.volume, RAISED[self._degree])
                 size += float(energy.sum())
-                error[part.cells] = np.sqrt(body.E * energy / part.inside.volume.sum(axis=0))
+                error[part.cells] = np.sqrt(body.modulus * energy / part.inside.volume.sum(axis=0))
         return MeshError(size=float(np.sqrt(size)), stress=error)
 
     def smooth_at(self, displacement: Array, points: Mapping[str, InCell]) -> dict[str, Array]:
@@ -104,7 +104,7 @@ class RecoveredStress:
         places = replace(own, basis=basis, slope=slope)
         return self._stress(body, places, np.arange(len(displacement))[:, None], displacement)[:, 0, 0]
 
-    def _smooth(self, body: Material, parts: Sequence[_Part], displacement: Array) -> Array:
+    def _smooth(self, body: Elastic, parts: Sequence[_Part], displacement: Array) -> Array:
         """sigma* (6, nodes) [Pa] of one body: means at its nodes, weighted by volume."""
         total, size = np.zeros((6, len(self.mesh.points))), np.zeros(len(self.mesh.points))
         for part in parts:
@@ -115,7 +115,7 @@ class RecoveredStress:
                 total[k] += np.bincount(part.nodes.ravel(), (weight * component).ravel(), len(size))
         return np.asarray(total / np.maximum(size, np.finfo(float).tiny))
 
-    def _stress(self, body: Material, places: _Places, nodes: Ints, displacement: Array) -> Array:
+    def _stress(self, body: Elastic, places: _Places, nodes: Ints, displacement: Array) -> Array:
         """Stress xx, yy, zz, xy, yz, xz (6, q, c) [Pa] without initial strains.
 
         Initial strains are known exactly: they do not change the difference of sigma* and sigma.
@@ -135,6 +135,9 @@ class RecoveredStress:
         if self._axisymmetric:
             on_axis = places.radius <= 0  # there u_r / r is its limit
             strain[2] = np.where(on_axis, strain[0], places.basis @ moved[0] / np.where(on_axis, 1.0, places.radius))
+        if isinstance(body, Orthotropic):
+            return np.tensordot(body.stiffness_in(self._plane_stress) * DOUBLED, strain, 1)
+        assert isinstance(body, Material)
         first, second = body.lame_lambda, body.lame_mu
         if self._plane_stress:
             strain[2] = -first / (first + 2 * second) * (strain[0] + strain[1])
@@ -190,6 +193,22 @@ class RecoveredStress:
         volume = np.abs(np.linalg.det(jacobian)) * weights[:, None] * around
         inverse = np.ascontiguousarray(np.linalg.inv(jacobian).transpose(2, 3, 0, 1))
         return _Places(basis, slope, inverse, volume, radius)
+
+
+def _energy(body: Elastic, stress: Array, volume: Array, raised: float) -> Array:
+    """∫ stress : C^-1 stress dx of each cell (c,) [J], times raised^2.
+
+    Args:
+        stress: (6, q, c) [Pa].
+        volume: (q, c) [m^d].
+    """
+    if isinstance(body, Orthotropic):
+        squares = np.einsum("iqc,iqc->qc", stress, np.tensordot(body.compliance, stress, 1))
+        return np.asarray((squares * volume).sum(axis=0) * raised**2)
+    assert isinstance(body, Material)
+    share = body.lame_lambda / (3 * body.lame_lambda + 2 * body.lame_mu)
+    squares = np.tensordot(TWICE, stress**2, 1) - share * stress[:3].sum(axis=0) ** 2
+    return np.asarray((squares * volume).sum(axis=0) * raised**2 / (2 * body.lame_mu))
 
 
 @dataclass(frozen=True)

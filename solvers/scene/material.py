@@ -1,19 +1,69 @@
-"""The material of a body."""
+"""The material of a body: what the program asks of any of them, and the isotropic one."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import require
-from stickslip.geometry.keys import Key, Noun
+from stickslip.geometry.keys import ByKeys, Key
+from stickslip.geometry.shape import Model
 
 NEARLY = 0.49  # Poisson's ratio from which on linear elements lock
 LEAST = 1e-5  # of 1 - 2 nu; displacements under given loads are off by as large a part, or less
 
 
+class Elastic(ByKeys):
+    """Base of the linear elastic materials; the keys of a body's table choose the kind."""
+
+    density: float  # [kg/m³]
+
+    @property
+    def modulus(self) -> float:
+        """A Young's modulus for scales [Pa]."""
+        raise NotImplementedError
+
+    @property
+    def least_modulus(self) -> float:
+        """Young's modulus in the softest direction [Pa]."""
+        return self.modulus
+
+    @property
+    def shear_modulus(self) -> float:
+        """A shear modulus for scales [Pa]."""
+        raise NotImplementedError
+
+    def modulus_along(self, normals: Array) -> float:
+        """Young's modulus along directions (m, d), by the mean of its inverse [Pa]."""
+        return self.modulus
+
+    @property
+    def near_incompressible(self) -> float:
+        """Poisson's ratio [-] of the isotropic body that is as nearly incompressible, see `NEARLY`."""
+        raise NotImplementedError
+
+    @property
+    def averages(self) -> bool:
+        """Whether its dilatation is averaged, see `MeanDilatation`; in plane stress nothing is."""
+        return False
+
+    @property
+    def constants(self) -> Mapping[str, float]:
+        """The constants that expressions may name, by their keys."""
+        raise NotImplementedError
+
+    def check_model(self, model: Model) -> None:
+        """Refuse what the model cannot have.
+
+        Raises:
+            SceneError: key, found value, what is expected.
+        """
+
+
 @dataclass(frozen=True, kw_only=True)
-class Material(Noun):
+class Material(Elastic, kind="isotropic"):
     """Linear elastic, isotropic."""
 
     E: Annotated[float, Key("Pa", "Young's modulus")]
@@ -32,9 +82,24 @@ class Material(Noun):
         require(self.density >= 0, "density", self.density, "must not be negative, in kg/m³")
 
     @property
+    def modulus(self) -> float:
+        return self.E
+
+    @property
+    def shear_modulus(self) -> float:
+        return self.lame_mu
+
+    @property
+    def near_incompressible(self) -> float:
+        return self.nu
+
+    @property
     def averages(self) -> bool:
-        """Whether its dilatation is averaged, see `MeanDilatation`; in plane stress nothing is."""
         return self.formulation == "mean-dilatation" or (self.formulation == "auto" and self.nu >= NEARLY)
+
+    @property
+    def constants(self) -> Mapping[str, float]:
+        return {"E": self.E, "nu": self.nu}
 
     @property
     def give(self) -> float:

@@ -11,7 +11,8 @@ from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import Model, Request, Shape
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
-from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.material import Elastic, Material
+from stickslip.solvers.scene.orthotropic import Orthotropic
 from stickslip.solvers.scene.settings import Probe, Solver
 from stickslip.solvers.scene.timeline import Timeline
 
@@ -49,7 +50,7 @@ class Problem:
     model: Model
     shape: Shape
     request: Request  # sides and periodic pairs that the mesh must offer
-    bodies: Mapping[str, Material]
+    bodies: Mapping[str, Elastic]
     obstacles: Mapping[str, Obstacle]
     pairs: Mapping[str, Pair]
     supports: Mapping[str, Support]
@@ -72,6 +73,16 @@ class Problem:
         return self.request.dim
 
     @property
+    def isotropic(self) -> Mapping[str, Material]:
+        """Bodies with two elastic constants."""
+        return {name: material for name, material in self.bodies.items() if isinstance(material, Material)}
+
+    @property
+    def orthotropic(self) -> Mapping[str, Orthotropic]:
+        """Bodies with nine elastic constants along axes."""
+        return {name: material for name, material in self.bodies.items() if isinstance(material, Orthotropic)}
+
+    @property
     def averaged(self) -> tuple[str, ...]:
         """Bodies whose dilatation is averaged; none in plane stress, where the thickness changes freely."""
         found = (name for name, material in self.bodies.items() if material.averages)
@@ -80,7 +91,7 @@ class Problem:
     @property
     def softest(self) -> float:
         """Smallest Young's modulus of all bodies [Pa]: the scale of tractions for a given strain."""
-        return min(material.E for material in self.bodies.values())
+        return min(material.least_modulus for material in self.bodies.values())
 
     @property
     def driven(self) -> tuple[tuple[str, str], ...]:

@@ -13,14 +13,14 @@ from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders import Builder
 from stickslip.geometry.errors import Mistakes, SceneError, nearest, prefixed, require, shortened
-from stickslip.geometry.expression import Expression, Varying
+from stickslip.geometry.expression import CONSTANTS, Expression, Varying
 from stickslip.geometry.keys import Key, Noun
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import Model, Request
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
-from stickslip.solvers.scene.material import Material
+from stickslip.solvers.scene.material import Elastic
 from stickslip.solvers.scene.quantities import names
 from stickslip.solvers.scene.settings import Accuracy, Exact, Output, Probe, Solver, Steps
 from stickslip.solvers.scene.timeline import Place, Timeline
@@ -80,7 +80,7 @@ class Scene(Noun):
 
     model: Annotated[Model, Key("-", "kinematics; plane: per metre; axisymmetric: x radius, y axis, full circle")]
     geometry: Builder | UserFile
-    bodies: Mapping[str, Material]
+    bodies: Mapping[str, Elastic]
     title: Annotated[str, Key("-", "a sentence for tables and pictures")] = ""
     obstacles: Mapping[str, Obstacle] = field(default_factory=dict)
     contacts: Mapping[str, Contact] = field(default_factory=dict)
@@ -207,7 +207,7 @@ class Scene(Noun):
             if isinstance(value, str):
                 acts = self._acting(place)
                 body = self.bodies.get(place.name if acts is None else (acts.boundary or "").split(".")[0])
-                found[place] = Expression(value, {"E": body.E, "nu": body.nu} if body is not None else {})
+                found[place] = Expression(value, body.constants if body is not None else {})
         return found
 
     def sampled(self, place: Place, time: float) -> Array:
@@ -281,6 +281,9 @@ class Scene(Noun):
             if contact.friction is not None:
                 with mistakes, prefixed(f"contacts.{name}.friction"):
                     contact.friction.check_model(self.model)
+        for name, material in self.bodies.items():
+            with mistakes, prefixed(f"bodies.{name}"):
+                material.check_model(self.model)
         expected = f"expected {self.dim} components in this model"
         for name, load in self.loads.items():
             vector = load.traction if load.traction is not None else load.force
@@ -319,8 +322,7 @@ class Scene(Noun):
         for place, expression in self.expressions().items():
             for name, ok, why in (
                 ("z", self.dim == 3, "a plane model has x and y only"),
-                ("E", expression.constants, "no body has it here; only sides and bodies do"),
-                ("nu", expression.constants, "no body has it here; only sides and bodies do"),
+                *((name, name in expression.constants, _lacking(expression)) for name in CONSTANTS),
             ):
                 known = ok or name not in expression.names
                 require(bool(known), str(place), f'"{shortened(expression.text)}"', f"{name}: {why}")
@@ -340,7 +342,7 @@ class Scene(Noun):
 
     def _much_softer(self, contact: Contact) -> bool:
         """Whether `against` is a side of a much softer body, has no other contact, and mortar pairs the sides."""
-        own, other = (self.bodies[side.split(".")[0]].E for side in (contact.surface, contact.against))
+        own, other = (self.bodies[side.split(".")[0]].modulus for side in (contact.surface, contact.against))
         sides = [side for each in self.contacts.values() for side in (each.surface, each.against)]
         return own > SOFTER * other and sides.count(contact.against) == 1 and contact.operator in (None, "mortar")
 
@@ -390,6 +392,12 @@ class Scene(Noun):
             require(against not in self.obstacles, key, contact.operator, "a rigid obstacle needs none; remove the key")
             wrong = {2: "node-to-face", 3: "node-to-segment"}[self.dim]
             require(contact.operator != wrong, key, contact.operator, f"there is none in {self.dim}D; use mortar")
+
+
+def _lacking(expression: Expression) -> str:
+    """Why an expression does not know a constant of a material."""
+    own = ", ".join(expression.constants)
+    return f"this body has {own}" if own else "no body has it here; only sides and bodies do"
 
 
 def over(scene: Scene, change: Change) -> Scene:

@@ -13,7 +13,7 @@ from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.contact.rigid_obstacle import seen_from
 from stickslip.solvers.effects import active
-from stickslip.solvers.scene.material import NEARLY
+from stickslip.solvers.scene.material import NEARLY, Elastic, Material
 from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.applicable import refuse_method
@@ -22,6 +22,7 @@ from stickslip.solvers.simulation.unresisted_modes import is_faint, least_spring
 
 FACING = 1e-6  # cosine of the angle between normals, below which two surfaces do not face each other
 AXIS = 1e-9  # relative to the scene's size: points closer than this to the axis of symmetry lie on it
+UNLOCKED = {True: 'formulation = "auto"', False: "geometry.order = 2"}  # by whether the body is isotropic
 STIFF = 1e15  # times the softest spring that can hold a body: the answer keeps some ten digits
 
 
@@ -75,11 +76,17 @@ def _locking(scene: Scene) -> tuple[str, ...]:
     if scene.geometry.degree > 1 or scene.model == "plane stress":  # in plane stress the thickness changes freely
         return ()
     return tuple(
-        f"bodies.{name}.nu = {material.nu:g}: displacements of order 1 lock when nearly incompressible, too stiff and "
-        'with wrong pressures; set formulation = "auto"'
+        f"bodies.{name}.{_ratios(material)}: displacements of order 1 lock when nearly incompressible, too stiff and "
+        f"with wrong pressures; set {UNLOCKED[isinstance(material, Material)]}"
         for name, material in scene.bodies.items()
-        if material.nu >= NEARLY and not material.averages
+        if material.near_incompressible >= NEARLY and not material.averages
     )
+
+
+def _ratios(material: Elastic) -> str:
+    """Poisson's ratio, or ratios, of a body."""
+    found = material.constants
+    return ", ".join(f"{key} = {value:g}" for key, value in found.items() if key.startswith("nu"))
 
 
 def _weakening(scene: Scene) -> Iterator[str]:
@@ -89,7 +96,7 @@ def _weakening(scene: Scene) -> Iterator[str]:
         fall = contact.friction.weakening if contact.friction is not None else 0.0
         if fall:
             sides = (side.split(".")[0] for side in (contact.surface, contact.against))
-            softest = min(scene.bodies[body].E for body in sides if body in scene.bodies)
+            softest = min(scene.bodies[body].least_modulus for body in sides if body in scene.bodies)
             yield (
                 f"contacts.{name}.friction: mu falls by {fall:.3g} per metre of slip; above a pressure of about "
                 f"{softest / extent / fall:.2g} Pa (E / extent of the bodies by that fall) it falls faster than the "

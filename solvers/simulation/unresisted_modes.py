@@ -169,7 +169,7 @@ def is_faint(scene: Scene, contact: Contact) -> bool:
 
 def least_springs(scene: Scene) -> float:
     """Stiffness [Pa/m] of the softest springs that can hold a body."""
-    softest = min(material.E for material in scene.bodies.values())
+    softest = min(material.least_modulus for material in scene.bodies.values())
     return FAINT * softest / float(np.ptp(scene.geometry.box(scene.dim), axis=0).max())
 
 

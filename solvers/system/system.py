@@ -248,7 +248,7 @@ def _initial_strains(problem: Problem, weak: WeakForms, links: Links, like: Vec)
         for j, other in enumerate(strains):
             if one.body == other.body:
                 coupling[i, j] = weak.initial_energy(one, other)
-        if one.shrunk is not None and coupling[i, i] <= NOTHING * problem.bodies[one.body].E:
+        if one.shrunk is not None and coupling[i, i] <= NOTHING * problem.bodies[one.body].modulus:
             assert isinstance(one.drive, Place)
             key = f"{one.drive.table}.{one.drive.name}.shank"
             raise SceneError(f"{key}: no part of {one.body} lies between the two planes")

@@ -58,9 +58,10 @@ HISTORIES = {
     "sliding, iterative": ("sliding", [*SLIDING, *LEARNS]),
     "compliance": ("foundation", ["geometry.mesh_size=0.4", "output.pictures=false", "steps.count=4"]),
     "friction by slip": ("stick_slip", ["geometry.mesh_size=0.025", "output.pictures=false", "steps.count=6"]),
+    "orthotropic": ("spruce", ["geometry.mesh_size=0.012", "output.pictures=false", "steps.count=6"]),
     "floating": ("stack", ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"]),
 }
-QUICK = ("substeps", "friction by slip", "surface-uzawa", "sliding", "block-uzawa, compliance")
+QUICK = ("substeps", "friction by slip", "orthotropic", "surface-uzawa", "sliding", "block-uzawa, compliance")
 EACH = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in HISTORIES]
 
 

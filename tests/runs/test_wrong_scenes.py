@@ -22,6 +22,12 @@ def foundation(keys: str) -> str:
     return f"obstacles.foundation={{{keys}}}"
 
 
+def wood(*keys: str, **constants: float) -> str:
+    """An orthotropic body in place of the block's own."""
+    own = {"E_1": 10.0, "E_2": 0.8, "E_3": 0.5, "G_12": 0.6, "nu_12": 0.4, "nu_13": 0.4, "nu_23": 0.3} | constants
+    return f"bodies.block={{{','.join([*(f'{key}={value}' for key, value in own.items()), *keys])}}}"
+
+
 # A word or more of the ready scene `block` overridden -> what the line says.
 WRONG = {
     # names
@@ -69,6 +75,39 @@ WRONG = {
     "name in capitals": (
         ["contacts.Base={surface='block.left',against='foundation'}"],
         r"contacts\.Base: a name is made of a-z, 0-9 and _",
+    ),
+    # orthotropic bodies
+    "orthotropic and isotropic": ([wood("E=1.0")], r"bodies\.block\.E: unknown key; known: E_1, E_2"),
+    "orthotropic with averages": ([wood("formulation='auto'")], r"block\.formulation: unknown key; known: E_1"),
+    "constant that is missing": ([wood().replace("E_2=0.8,", "")], r"block\.E_2: missing, it has no default$"),
+    "negative modulus": ([wood("G_13=-1.0")], r"bodies\.block\.G_13 = -1\.0: must be positive, in pascal"),
+    "ratio beyond its bound": (
+        [wood(nu_12=3.6)],
+        r"bodies\.block\.nu_12 = 3\.6: must lie between -3\.536 and 3\.536, sqrt\(E_1 / E_2\): else a pull would gain",
+    ),
+    "ratios that gain work together": (
+        [wood(nu_12=2.5, nu_23=0.9)],
+        r"bodies\.block\.nu_13 = 0\.4: with nu_12 = 2\.5 and nu_23 = 0\.9 a load would gain work: .* is -",
+    ),
+    "axis of no direction": (
+        [wood("axis_1=[0.0,0.0]")],
+        r"axis_1 = \[0\.0, 0\.0\]: must be a direction, not zero",
+    ),
+    "axis in space of a plane model": (
+        [wood("axis_1=[1.0,0.0,0.0]")],
+        r"bodies\.block\.axis_1 = \[1\.0, 0\.0, 0\.0\]: expected 2 components in this model",
+    ),
+    "axes that are parallel": (
+        [wood("axis_1=[1.0,2.0],axis_2=[-2.0,-4.0]")],
+        r"bodies\.block\.axis_2 = \[-2\.0, -4\.0\]: is parallel to axis_1; give another direction",
+    ),
+    "axis along the default of the other": (
+        [*SPACE, wood("G_13=1.0,G_23=1.0,axis_1=[0.0,1.0,0.0]")],
+        r"bodies\.block\.axis_2 = absent, so y: is parallel to axis_1",
+    ),
+    "expansion by axis of a body without axes": (
+        ["thermal.block={expansion=[1e-5,1e-5,1e-5],temperature=1.0}"],
+        r"thermal\.block\.expansion = \[1e-05, 1e-05, 1e-05\]: expected a number; the body has no axes",
     ),
     # types
     "text for a number": (["bodies.block.E='210 GPa'"], r'block\.E = "210 GPa": expected a number, in Pa$'),

@@ -29,7 +29,7 @@ FLOORS = {  # from the ground up
 }
 DEMOS = "workflows/demos/"  # programs for readers, who are to see the calls of gmsh, UFL, dolfinx, PETSc and pyvista
 VERSIONS = "geometry/dolfinx_versions.py"
-UFL = ("elastic_energy", "smoothed_laws", "contact_forms", "point_laws", "mean_dilatation", "forms")
+UFL = ("elastic_energy", "smoothed_laws", "contact_forms", "point_laws", "mean_dilatation", "forms", "own_axes")
 FORMS = tuple(f"solvers/fem/{name}.py" for name in UFL)  # where UFL is written
 
 

@@ -30,6 +30,7 @@ WRONG: dict[str, tuple[str, Any]] = {
     "unknown method": ("solver", {"method": "uzava"}),
     "unknown model": ("model", "plane"),
     "text for a number": ("bodies.block.E", "steel"),
+    "constants of two kinds of bodies": ("bodies.block.E_1", 1.0),
     "fraction for a whole number": ("steps.count", 2.5),
     "row of a table without a value": ("supports.top.displacement.y", [[0, 0], [1]]),
     "number for a truth": ("output", {"vtu": 1}),

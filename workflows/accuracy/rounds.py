@@ -268,7 +268,7 @@ class Rounds:
         middle = mesh.points[cells].mean(axis=1)
         if problem.model == "axisymmetric":
             volume = volume * 2 * np.pi * middle[:, 0]
-        modulus = np.array([problem.bodies[name].E for name in mesh.bodies])[mesh.body]
+        modulus = np.array([problem.bodies[name].modulus for name in mesh.bodies])[mesh.body]
         error = self._error * np.sqrt(volume / modulus)
         if near:
             error = error * nearness(simulation, steps, middle)

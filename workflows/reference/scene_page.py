@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from stickslip.geometry.amplitude import Amplitude
 from stickslip.geometry.builders import Builder
 from stickslip.geometry.components import Components
-from stickslip.geometry.keys import Choice, Key, Noun
+from stickslip.geometry.keys import ByKeys, Choice, Key, Noun
 from stickslip.geometry.user_files.user_file import Box, UserFile
 from stickslip.solvers.effects import EFFECTS
 from stickslip.solvers.scene.scene import Scene
@@ -29,11 +29,11 @@ linear, constant after the last, 0 at t = 0 unless listed. Units are SI; any con
 program knows them. Plane models: forces and areas per metre of thickness.
 
 An *expression* is a formula in quotes, such as `"-0.2*E*sin(pi*x/2)"`: numbers, `+ - * / **`, parentheses; `x`, `y`,
-`z` [m] of the undeformed body, `t` [s], `pi`, `E` [Pa] and `nu` of the body; `sin cos tan exp sqrt log abs`, `min` and
-`max` of two or more. Without `t` it is reached at `steps.end` from 0 at t = 0, like a number; with `t` it is what it
-says at every time that is solved. When its rate turns is not known: request such times by `steps.count` or a table.
-Loads integrate it exactly up to degree 5 at order 1, 6 at order 2; supports follow it at the nodes. steps.csv does not
-list it.
+`z` [m] of the undeformed body, `t` [s], `pi`, `E` [Pa] and `nu` of the body, or its constants by axis; `sin cos tan exp
+sqrt log abs`, `min` and `max` of two or more. Without `t` it is reached at `steps.end` from 0 at t = 0, like a number;
+with `t` it is what it says at every time that is solved. When its rate turns is not known: request such times by
+`steps.count` or a table. Loads integrate it exactly up to degree 5 at order 1, 6 at order 2; supports follow it at the
+nodes. steps.csv does not list it.
 """
 TABLES = (
     "bodies",
@@ -68,6 +68,13 @@ def _section(name: str, kind: Any) -> Iterator[str]:
     several = get_origin(kind) is Mapping
     noun = get_args(kind)[1] if several else kind
     yield f"\n## [{name}{'.NAME' if several else ''}]\n"
+    if isinstance(noun, type) and issubclass(noun, ByKeys):  # the keys of a table choose the kind
+        for word, kind in noun.kinds.items():
+            yield f"### {word}\n"
+            yield (kind.__doc__ or "").strip().split("\n")[0] + "\n"
+            yield from _table(_rows(kind))
+            yield ""
+        return
     kinds = noun.kinds if _is_family(noun) else [noun]
     for each in kinds:
         if len(kinds) > 1 or _is_family(noun):

@@ -65,7 +65,7 @@ class Fields:
         for name, inside, cells, own, size in self._bodies:
             spread = float(np.linalg.norm(np.ptp(step.displacement[inside], axis=0))) / size
             turn = _turn(self._mesh, cells, step.displacement) if spread > NO_TURN else 0.0
-            soft = self._problem.bodies[name].nu > SOFT and self._problem.model != "plane stress"
+            soft = self._problem.bodies[name].near_incompressible > SOFT and self._problem.model != "plane stress"
             jump = _jump(cells, step.stress[own], step.von_mises[own]) if soft else 0.0
             self.seen = Seen(
                 spread=max(self.seen.spread, spread),
@@ -298,5 +298,7 @@ def _lengths(points: Array, facets: Ints) -> Array:
 def _motion(rows: ContactRows, problem: Problem, state: ContactState) -> float:
     """Motion [m] that the largest pressure causes: times the extent of the closed part, by E of each body."""
     powers = rows.surface.dim - 1 + rows.surface.axisymmetric
-    give: float = sum(1 / problem.bodies[body].E for body in problem.pairs[rows.name].bodies)
+    give: float = sum(
+        1 / problem.bodies[body].modulus_along(rows.frames[:, 0]) for body in problem.pairs[rows.name].bodies
+    )
     return state.max_pressure * float(state.contact_area ** (1 / powers)) * give

@@ -19,6 +19,7 @@ from stickslip.workflows.verification.cases import incline as incline_case
 from stickslip.workflows.verification.cases import lifted as lifted_case
 from stickslip.workflows.verification.cases import limits as limits_case
 from stickslip.workflows.verification.cases import manufactured as manufactured_case
+from stickslip.workflows.verification.cases import orthotropic as orthotropic_case
 from stickslip.workflows.verification.cases import pair as pair_case
 from stickslip.workflows.verification.cases import patch as patch_case
 from stickslip.workflows.verification.cases import punch as punch_case
@@ -95,6 +96,11 @@ CASES: Mapping[str, Case] = {
         about="two materials that share nodes: in series, side by side", checks=two_materials_case.checks, methods=ONE
     ),
     "rubber": Case(about="nearly incompressible: Hertz at nu = .4999, heat", checks=rubber_case.checks, methods=ONE),
+    "orthotropic": Case(
+        about="orthotropic: uniform stress off the axes, a tube, a roller on half-planes",
+        checks=orthotropic_case.checks,
+        methods=TWO,
+    ),
     "friction_laws": Case(
         about="cohesion, tables of mu, static and kinetic, two coefficients", checks=friction_laws_case.checks
     ),

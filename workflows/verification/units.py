@@ -91,7 +91,7 @@ def _scaled(value: Any, factor: float, units: Units) -> Any:
         return tuple(_scaled(entry, factor, units) for entry in value)
     if isinstance(value, str) and _is_formula(value):
         pascal, length = units.factor("Pa"), units.length
-        text = re.sub(r"\b([xyz])\b", rf"(\1/{length!r})", re.sub(r"\bE\b", f"(E/{pascal!r})", value))
+        text = re.sub(r"\b([xyz])\b", rf"(\1/{length!r})", re.sub(r"\b([EG](_\d+)?)\b", rf"(\1/{pascal!r})", value))
         return f"{factor!r}*({text})"
     return value * factor if isinstance(value, float | int) and factor != 1 else value
 

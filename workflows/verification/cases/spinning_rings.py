@@ -78,6 +78,7 @@ def loosened(method: str) -> list[Check]:
     bodies = {
         name: replace(material, density=density)
         for (name, material), density in zip(scene.bodies.items(), DENSITIES, strict=True)
+        if isinstance(material, Material)
     }
     scene = replace(
         scene,

@@ -118,6 +118,17 @@ EFFECTS: Mapping[str, Part] = {
         calls={"bodies": {"block": {"E": 1000.0, "nu": 0.4999, "density": 1.0}}},
         serves=("solvers/fem/mean_dilatation.py",),
     ),
+    "orthotropic": Part(
+        calls={
+            "bodies": {
+                "block": {
+                    "E_1": 1000.0, "E_2": 80.0, "E_3": 50.0, "G_12": 60.0, "nu_12": 0.4, "nu_13": 0.4, "nu_23": 0.4,
+                    "axis_1": [2.0, 1.0], "density": 1.0,
+                }
+            }
+        },
+        serves=("solvers/scene/orthotropic.py", "solvers/metrics/half_plane.py"),
+    ),
 }  # fmt: skip
 
 NEEDS: Tables = {"compliance": {"normal": SOFT}}  # laws that need more of the contact

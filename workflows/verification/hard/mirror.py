@@ -26,6 +26,9 @@ def mirrored(tables: Tables) -> Tables | None:
     found["geometry"]["cells"] = "tensor"
     for contact in found["contacts"].values():
         contact["surface"], contact["against"] = _other(contact["surface"]), _other(contact["against"])
+    for body in found["bodies"].values():
+        for key in {"axis_1", "axis_2"} & body.keys():
+            body[key][0] *= -1
     for table in ("supports", "loads", "probes", "obstacles", "springs", "bolts"):
         for entry in found.get(table, {}).values():
             _mirror(entry, middle)

@@ -21,6 +21,7 @@ COARSER = 1.4  # times the mesh sizes of a ready scene: a variation then takes a
 CORNERS = 4  # listed times that are kept of a long history
 COUNT = 6  # equal steps, at most
 BARE = re.compile(r"[A-Za-z0-9_-]+")
+MODULI = ("E", "E_1", "E_2", "E_3")  # keys of Young's moduli
 
 
 def ready(name: str) -> Tables:
@@ -92,7 +93,14 @@ def extent(tables: Tables) -> float:
 
 def softest(tables: Tables) -> float:
     """Smallest Young's modulus [Pa]."""
-    return float(min(body["E"] for body in tables["bodies"].values()))
+    return float(min(body[key] for body in tables["bodies"].values() for key in MODULI if key in body))
+
+
+def stiffen(body: Tables, factor: float) -> None:
+    """Multiply all moduli of a body."""
+    for key in (*MODULI, "G_12", "G_13", "G_23"):
+        if key in body:
+            body[key] *= factor
 
 
 def travel(tables: Tables) -> float:

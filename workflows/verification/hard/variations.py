@@ -26,6 +26,7 @@ from stickslip.workflows.verification.hard.tables import (
     scene_of,
     sizes,
     softest,
+    stiffen,
     travel,
 )
 from stickslip.workflows.verification.units import Units, convert
@@ -128,17 +129,19 @@ def normal_law(law: str, tables: Tables, random: Random) -> Tables | None:
 
 def poisson(nu: float, order: int, tables: Tables, random: Random) -> Tables | None:
     for body in tables["bodies"].values():
+        if "nu" not in body:  # orthotropic
+            return None
         body["nu"] = nu
     tables["geometry"]["order"] = order
     return tables
 
 
 def contrast(place: str, factor: float, tables: Tables, random: Random) -> Tables | None:
-    """E of one body times a factor: the first, the last, or one in the middle if there are three or more."""
+    """The moduli of one body times a factor: the first, the last, or one in the middle if there are three or more."""
     names = list(tables["bodies"])
     if (place == "middle" and len(names) < 3) or (place == "last" and len(names) < 2):
         return None
-    tables["bodies"][names[{"first": 0, "middle": len(names) // 2, "last": -1}[place]]]["E"] *= factor
+    stiffen(tables["bodies"][names[{"first": 0, "middle": len(names) // 2, "last": -1}[place]]], factor)
     return tables
 
 
@@ -398,10 +401,11 @@ def _mixed(tables: Tables, random: Random) -> Tables | None:
 
 
 def _other_numbers(tables: Tables, random: Random) -> Tables:
-    """Random mu, E, nu and loads."""
+    """Random mu, moduli, nu and loads."""
     for friction in frictions(tables, "mu"):
         friction["mu"] = float(np.exp(random.uniform(math.log(0.02), math.log(3.0))))
     for body in tables["bodies"].values():
-        body["E"] *= float(10.0 ** random.uniform(-1.5, 1.5))
-        body["nu"] = float(random.uniform(0.0, 0.48))
+        stiffen(body, float(10.0 ** random.uniform(-1.5, 1.5)))
+        if "nu" in body:
+            body["nu"] = float(random.uniform(0.0, 0.48))
     return over_motions_and_loads(tables, float(10.0 ** random.uniform(-1.0, 0.5)))
