@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import DTypeLike
 from scipy import sparse
 
 from stickslip.geometry.arrays import Array, Ints
@@ -31,7 +31,7 @@ class BlockDiagonal:
     def __len__(self) -> int:
         return sum(len(index) for index in self.indices)
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> Array:
         if len(self.blocks) == 1:
             return self.blocks[0]
         dense = np.zeros((len(self), len(self)))

@@ -11,7 +11,6 @@ where f_c and F_0 are those of shortenings a_0 and u_c = 0: static condensation 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -20,73 +19,78 @@ from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
-from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.solvers.newton.solution import OnStep, Solution, Status
 from stickslip.solvers.stepping.state import State
+from stickslip.solvers.stepping.tightening import Tightening
 from stickslip.solvers.stepping.update import displacement
-
-if TYPE_CHECKING:
-    from stickslip.solvers.stepping.stepper import Stepper
-    from stickslip.solvers.stepping.tightening import Tightening
+from stickslip.solvers.system.system import System
 
 FREE = 1e-9  # of the stiffness of a bolt: less is rounding; it can be stretched between its ends without force
 STIFF = 1e-6  # likewise: more is stiffness, of a shank whose ends cut through cells
 
 
-def solve_with_bolts(
-    stepper: Stepper, tightening: Tightening | None, start: State, end: float, p: Array, on_step: OnStep
-) -> Solution | None:
-    """Solve a step together with the shortenings at which its tensions are right, and set them; None: not this way.
+class StepsWithBolts:
+    """Solves steps together with the shortenings at which the tensions of bolts are right."""
 
-    That is Newton's way with condensed bodies, where no law depends on slip, at the end of the step, in the first try.
+    def __init__(self, system: System) -> None:
+        self._system = system
+        self._known: dict[bytes, GivenTensions] = {}  # by the places of the bolts
 
-    Args:
-        stepper: of the step.
-        tightening: its bolts, with the shortenings a_0; None: there are no bolts whose tension is given.
-        start: state that the step starts from.
-        end: time at its end [s].
-        p: tractions (rows,) [Pa] that the iteration starts from.
-        on_step: called with each iteration.
-    """
-    if tightening is None or tightening.tried is not None or end != tightening.target:
-        return None
-    free, surface = np.flatnonzero(tightening.free), stepper.surface
-    newton = stepper.stage.method == CondensedNewton.NAME and isinstance(surface, CondensedSurface)
-    if not newton or not len(free) or start.slid:
-        return None
-    try:
-        given = _given(stepper, tightening.places[free])
-        problem, u_s, _ = stepper.posed(start, end)
-        q = given.volume.expand(problem.load.f_q, np.zeros(len(given.volume.contact.rows)))
-        _, strained = displacement(stepper.system, end, q, u_s)
-        missing = (tightening.wanted - tightening.tension_at(strained))[free]
-        softer = given.posed(problem, missing)
-        solver = stepper.system.problem.solver
-        solve = SemismoothNewton(rtol=solver.tolerance, max_it=solver.max_iterations, linear=condensed_system.solve)
-        found = solve(softer, p, on_step)
-    except np.linalg.LinAlgError:
-        return None
-    if found.status is not Status.CONVERGED or problem.natural_residual(found.p, found.w) > solver.tolerance:
-        return None
-    shorter = np.zeros(len(tightening.free))
-    shorter[free] = given.shortenings(missing, found.u_c)
-    tightening.shorten(shorter)
-    return found
+    def solve(
+        self,
+        tightening: Tightening,
+        problem: SurfaceProblem,
+        u_s: Vec,
+        start: State,
+        p: Array,
+        on_step: OnStep,
+    ) -> Solution | None:
+        """Solve a step, and set the shortenings that are found; None: not this way; collective.
 
+        That is Newton's way with condensed bodies where no law depends on slip, at the end of the step, in the first try.
 
-def _given(stepper: Stepper, places: Ints) -> GivenTensions:
-    system, key = stepper.system, places.tobytes()
-    if key not in stepper.given:
-        pulls = []
-        for place in places:
-            pulls.append(system.T.createVecRight())
-            system.T.multTranspose(system.initial.forces[place], pulls[-1])
-        assert isinstance(stepper.surface, CondensedSurface)
-        C = system.initial.coupling[np.ix_(places, places)]
-        stepper.given[key] = GivenTensions(stepper.surface, pulls, C)
-    return stepper.given[key]
+        Args:
+            tightening: bolts of the step, with the shortenings a_0.
+            problem: with these.
+            u_s: prescribed displacement of all dofs [m].
+            start: state that the step starts from.
+            p: tractions (rows,) [Pa] that the iteration starts from.
+            on_step: called with each iteration.
+        """
+        free, surface = np.flatnonzero(tightening.free), problem.surface
+        ends = problem.cone.time == tightening.target and tightening.tried is None
+        if not (ends and len(free) and isinstance(surface, CondensedSurface)) or start.slid:
+            return None
+        settings = self._system.problem.solver
+        newton = SemismoothNewton(
+            rtol=settings.tolerance, max_it=settings.max_iterations, linear=condensed_system.solve
+        )
+        try:
+            given = self._given(surface, tightening.places[free])
+            q = given.volume.expand(problem.load.f_q, np.zeros(len(given.volume.contact.rows)))
+            _, strained = displacement(self._system, tightening.target, q, u_s)
+            missing = (tightening.wanted - tightening.tension_at(strained))[free]
+            found = newton(given.posed(problem, missing), p, on_step)
+        except np.linalg.LinAlgError:
+            return None
+        if found.status is not Status.CONVERGED or problem.natural_residual(found.p, found.w) > settings.tolerance:
+            return None
+        shorter = np.zeros(len(tightening.free))
+        shorter[free] = given.shortenings(missing, found.u_c)
+        tightening.shorten(shorter)
+        return found
+
+    def _given(self, surface: CondensedSurface, places: Ints) -> GivenTensions:
+        system, key = self._system, places.tobytes()
+        if key not in self._known:
+            pulls = []
+            for place in places:
+                pulls.append(system.T.createVecRight())
+                system.T.multTranspose(system.initial.forces[place], pulls[-1])
+            self._known[key] = GivenTensions(surface, pulls, system.initial.coupling[np.ix_(places, places)])
+        return self._known[key]
 
 
 class GivenTensions:

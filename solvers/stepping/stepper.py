@@ -18,13 +18,14 @@ from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.limit_analysis import unbalanced_motion
 from stickslip.solvers.interface.prepare import elastic_stiffness, prepare_surface
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.newton import several
 from stickslip.solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
 from stickslip.solvers.newton.solution import Convergence, Correction, OnStep, Solution, Status, Step
 from stickslip.solvers.parallel.released import destroy_released
 from stickslip.solvers.stepping import failure
 from stickslip.solvers.stepping.failure import describe_motion
-from stickslip.solvers.stepping.given_tension import GivenTensions, solve_with_bolts
+from stickslip.solvers.stepping.given_tension import StepsWithBolts
 from stickslip.solvers.stepping.history import HistoryRow, count_iterations
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.sliding import carried_over, pairs_hold, relative_positions
@@ -129,7 +130,7 @@ class Stepper:
         self.gap = np.concatenate([np.zeros(0), *(c.gap for c in system.contacts)])
         self.gamma, self.weight = elastic_stiffness(system)
         self.companion: Companion | None = None  # follows each substep, see `State.refined`
-        self.given: dict[bytes, GivenTensions] = {}  # bodies with bolts of given tension, by the places of these
+        self._with_bolts = StepsWithBolts(system)
         self._tightening: Tightening | None = None  # of the bolts, in the present step
         self.stage = self.chain.stage
         self.volume, self.surface = self.chain.volume, prepare_surface(system, self.chain.volume)
@@ -365,7 +366,9 @@ class Stepper:
                 )
                 return nothing_balances, problem, None
             method = self.method_after(state)
-            at_once = solve_with_bolts(self, self._tightening, state, end, start, on_step)
+            at_once = None
+            if self._tightening is not None and self.stage.method == CondensedNewton.NAME:
+                at_once = self._with_bolts.solve(self._tightening, problem, u_s, state, start, on_step)
             if at_once is not None:
                 solution, (problem, u_s, load) = at_once, self.posed(state, end)
             else:

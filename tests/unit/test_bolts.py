@@ -13,7 +13,7 @@ from shared.audited import audit
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.quantities import values
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.stepping import stepper
+from stickslip.solvers.stepping.given_tension import StepsWithBolts
 from stickslip.workflows.scene_file.read import from_dict
 from stickslip.workflows.verification.prepared import prepare
 
@@ -203,7 +203,7 @@ def test_the_tension_is_found_with_the_step(
         return numbers, sum("tension of bolts" in record.message for record in caplog.records)
 
     at_once, few = solved()
-    monkeypatch.setattr(stepper, "solve_with_bolts", lambda *words: None)
+    monkeypatch.setattr(StepsWithBolts, "solve", lambda *words: None)
     by_trying, many = solved()
     assert few == len(at_once) == 4 < many
     assert_allclose(at_once, by_trying, rtol=1e-7, atol=1e-9)
