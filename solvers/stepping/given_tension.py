@@ -49,7 +49,7 @@ class StepsWithBolts:
     ) -> Solution | None:
         """Solve a step, and set the shortenings that are found; None: not this way; collective.
 
-        That is Newton's way with condensed bodies where no law depends on slip, at the end of the step, in the first try.
+        That is Newton's way with condensed bodies where no law depends on slip, at a step's end, in its first try.
 
         Args:
             tightening: bolts of the step, with the shortenings a_0.
