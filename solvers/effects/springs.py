@@ -18,7 +18,11 @@ from stickslip.solvers.scene.loads import End, Link
 from stickslip.solvers.scene.scene import EffectTable, Scene
 from stickslip.solvers.scene.timeline import Place
 
-LINEAR = "springs are linear; what only presses is a contact with an obstacle, its normal law compliance with m_n = 1"
+LINEAR = {  # what acts in one way only is a law, and laws are those of contacts
+    "compression": 'springs are linear; let the side press on an obstacle, law = "compliance", c_n = stiffness / area',
+    "tension": "springs are linear; let one hold a small body on which the side presses by a contact",
+}
+PAGE = "docs/howto/one_sided.md"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,10 +38,12 @@ class Spring(EffectTable):
     displacement: Annotated[
         tuple[Amplitude, ...] | None, Key("m", "motion of the ground, by component, in time"), LIST
     ] = None
-    acts: Annotated[Literal["both", "tension", "compression"], Key("-", "in both ways; others are refused")] = "both"
+    acts: Annotated[
+        Literal["both", "tension", "compression"], Key("-", "in both ways; others are contacts, see docs")
+    ] = "both"
 
     def __post_init__(self) -> None:
-        require(self.acts == "both", "acts", self.acts, LINEAR)
+        require(self.acts == "both", "acts", self.acts, f"{LINEAR.get(self.acts)}, see {PAGE}")
         single = isinstance(self.stiffness, float | int)
         if single != (self.direction is not None):
             raise SceneError(

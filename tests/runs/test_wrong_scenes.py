@@ -223,7 +223,7 @@ WRONG = {
     ),
     "spring that only pulls": (
         ["springs.s={at='block.left',stiffness=[1.0,0.0],acts='tension'}"],
-        r"springs\.s\.acts = tension: springs are linear; what only presses is a contact with an obstacle",
+        r"springs\.s\.acts = tension: springs are linear; let one hold a small body on which the side presses",
     ),
     "remote point at no side": (
         ["remote_points.p={boundary='block.lft',point=[0.0,0.0],coupling='rigid'}"],

@@ -84,8 +84,10 @@ def test_stated_errors_of_spring_forces_hold_and_points_have_none() -> None:
         ({"stiffness": [1e12, 0.0]}, r"springs\.s\.stiffness = 1000000000000\.0: too stiff beside the bodies"),
         (
             {"acts": "compression"},
-            r"springs\.s\.acts = compression: springs are linear; what only presses is a contact",
+            r"springs\.s\.acts = compression: springs are linear; .* \"compliance\", .*one_sided\.md",
         ),
+        ({"acts": "tension"}, r"springs\.s\.acts = tension: springs are linear; let one hold .*one_sided\.md$"),
+        ({"acts": "pull"}, r"springs\.s\.acts = .*pull"),
         ({"to": "block.top", "displacement": [0.0, 1.0]}, r"springs\.s\.displacement = given: moves the ground"),
         ({"displacement": [0.0]}, r"springs\.s\.displacement = \[0\.0\]: expected 2 components"),
         ({"force": 1.0}, r"springs\.s\.force: unknown key"),
