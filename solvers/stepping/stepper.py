@@ -172,13 +172,13 @@ class Stepper:
         )
 
     def reach(self, start: State, target: float, on_iteration: OnIteration) -> Accepted:
-        """Solve one step, with bolts as short as their tension asks; as `_reach`; collective."""
+        """Solve one step, with bolts and springs as long as their forces ask; as `_reach`; collective."""
         tightening = Tightening.of(self.system, start, target)
         accepted, tries = self._reach(start, target, on_iteration), 1
         while tightening is not None and not tightening.done(accepted.state):
             tries += 1
-            if tries > MOST:
-                text = f"{tightening.names}: no shortening was found at which the tension is force"
+            if tries > MOST or tightening.lost:
+                text = f"{tightening.names}: {tightening.unfound}"
                 raise StepError(target, text, accepted.history, None)
             again = self._reach(start, target, on_iteration)
             accepted = replace(
