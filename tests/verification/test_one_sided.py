@@ -168,3 +168,7 @@ def test_a_body_that_nothing_but_slack_cables_could_hold_ends_the_run() -> None:
         StepError, match=r"springs\.cable: no slack was found .* nothing else may hold the bodies there"
     ):
         solved(data)
+
+
+def test_without_contact_the_matrix_free_form_has_no_surface_to_factorise() -> None:
+    assert not failures(case.one_way("3d", "tension", "surface-uzawa", surface="matrix-free"))

@@ -92,7 +92,9 @@ CASES: Mapping[str, Case] = {
     ),
     "elastic_bed": Case(about="a column that only springs hold, pressed and sheared", checks=elastic_bed_case.checks),
     "bolted_joint": Case(about="a bolt tightened, held, its joint drawn apart", checks=bolted_joint_case.checks),
-    "springs": Case(about="springs in series with a column, alone, between bodies", checks=springs_case.checks),
+    "springs": Case(
+        about="springs in series with a column, alone, between bodies, of one way", checks=springs_case.checks
+    ),
     "beam": Case(
         about="a beam bent through a remote point, rigid and distributing", checks=beam_case.checks, methods=ONE
     ),

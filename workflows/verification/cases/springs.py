@@ -149,5 +149,7 @@ def checks(method: str) -> list[Check]:
     if method == "condensed-newton":  # without contact the method is of no account
         for acts in ("tension", "compression"):
             found += [check for model in AREA for check in one_way(model, acts, method)]
-            found += one_way("plane strain", acts, method, order=2) + one_way("3d", acts, method, surface="matrix-free")
+            found += one_way("plane strain", acts, method, order=2) + one_way(
+                "3d", acts, "surface-uzawa", surface="matrix-free"
+            )
     return found
