@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+import stickslip
+from shared.audited import audit
 from stickslip.geometry.arrays import Array
+from stickslip.solvers.results.error_parts import Quantity
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.solvers.stepping.stepper import StepError
@@ -172,3 +176,46 @@ def test_a_body_that_nothing_but_slack_cables_could_hold_ends_the_run() -> None:
 
 def test_without_contact_the_matrix_free_form_has_no_surface_to_factorise() -> None:
     assert not failures(case.one_way("3d", "tension", "surface-uzawa", surface="matrix-free"))
+
+
+# --- errors and audit
+
+
+def dragged(size: float) -> tuple[Simulation, list[StepResult]]:
+    """A block that is pressed on a floor and dragged against one spring, away from another one; with errors."""
+    data = cluster(0, 0)
+    data["geometry"]["mesh_size"] = size
+    data["springs"] = {
+        "base": {"at": "block.left", "stiffness": [300.0, 20.0]},
+        "stop": {"at": "block.right", "stiffness": 500.0, "direction": [-1.0, 0.5], "acts": "compression"},
+        "slack": {"at": "block.top", "stiffness": 500.0, "direction": [-1.0, 0.5], "acts": "tension"},
+    }
+    data["loads"] = {
+        "top": {"boundary": "block.top", "pressure": 20.0},
+        "push": {"boundary": "block.left", "force": [30.0, 0.0]},
+    }
+    data["steps"] = {"end": 1.0, "count": 1}
+    simulation = stickslip.prepare(from_dict(data))
+    return simulation, list(simulation.steps())
+
+
+def test_stated_errors_hold_where_a_spring_acts_and_are_zero_where_it_does_not() -> None:
+    (simulation, steps), (_, (fine,)) = dragged(0.25), dragged(0.0625)
+    errors, (coarse,) = simulation.errors(steps)[-1], steps
+    for name in ("base", "stop", "slack"):
+        parts = errors[Quantity("springs", name, "force")]
+        assert parts.mesh is not None
+        off = np.abs(coarse.springs[name].force - fine.springs[name].force)
+        assert np.all(off <= parts.mesh + 1e-9)
+        assert np.all(parts.mesh <= 5 * off + 1e-9)
+    assert np.linalg.norm(coarse.springs["stop"].force) > 1.0
+    assert np.linalg.norm(coarse.springs["slack"].force) < 1e-9
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_audit_notices_another_slack(which: int) -> None:
+    simulation, (step,) = dragged(0.25)
+    assert max(audit(simulation, step).values()) < 1e-9
+    wrong = step.shortened.copy()
+    wrong[which] += 1e-4
+    assert audit(simulation, replace(step, shortened=wrong))["equilibrium"] > 1e-5
