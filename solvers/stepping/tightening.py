@@ -26,7 +26,7 @@ from stickslip.solvers.system.system import System
 
 TIGHT = 1e-9  # deviation of the tension, relative to the largest of a bolt in time, that is aimed at
 LOOSE = 10.0  # times solver.tolerance: that is allowed where another solution comes no nearer
-MOST = 30  # solutions of a step
+MOST, EACH = 30, 3  # solutions of a step, and for each bolt and spring
 TINY = 1e-300  # [m]
 log = logging.getLogger(__name__)
 
@@ -65,10 +65,16 @@ class Tightening:
         return ", ".join(f"{bolt.shortening.table}.{bolt.shortening.name}" for bolt in self.bolts)
 
     @property
+    def most(self) -> int:
+        """Solutions of a step."""
+        return MOST + EACH * len(self.bolts)
+
+    @property
     def unfound(self) -> str:
         """Why a step ends without a solution."""
         bolts = "no shortening was found at which the tension is force"
-        springs = "no slack was found at which what is slack is free of force; nothing else may hold the bodies there"
+        why = "nothing else holds the bodies there" if self.lost else "take shorter steps, or fewer springs"
+        springs = f"no slack was found at which what is slack is free of force; {why}"
         kinds = {bolts: not bool(self.springs.all()), springs: bool(self.springs.any())}
         return " / ".join(text for text, there in kinds.items() if there)
 
