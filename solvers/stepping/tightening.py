@@ -28,6 +28,7 @@ TIGHT = 1e-9  # deviation of the tension, relative to the largest of a bolt in t
 LOOSE = 10.0  # times solver.tolerance: that is allowed where another solution comes no nearer
 MOST, EACH = 30, 3  # solutions of a step, and for each bolt and spring
 TINY = 1e-300  # [m]
+FLAT = 1e-6  # of its stiffness: a spring that answers with less is made as long as the bodies, where others may hold
 log = logging.getLogger(__name__)
 
 
@@ -111,6 +112,8 @@ class Tightening:
         self.tried = self.x, off
         step, moves = np.where(taut, self.least - self.x, 0.0), self.free & ~taut
         off = off + self.J @ step
+        flat = np.flatnonzero(self.springs & (np.diag(self.J) < FLAT * self.k))  # longer ones answer with no force
+        self.J[flat, flat] = FLAT * self.k[flat]
         step[moves] = np.linalg.lstsq(self.J[np.ix_(moves, moves)], -off[moves], rcond=None)[0]
         longest = np.where(self.springs, self.system.extent, np.inf)
         self.lost = bool(np.any(self.springs & (self.x >= longest) & (step > 0)))

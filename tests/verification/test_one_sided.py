@@ -163,6 +163,19 @@ def test_a_load_that_hangs_on_a_cable_is_set_down() -> None:
     assert stands.springs["cable"].force[1] > 5.0
 
 
+def test_a_body_falls_through_the_slack_of_a_cable_until_the_floor_holds_it() -> None:
+    data = cluster(0, 0)
+    data["springs"] = {"cable": {"at": "block.top", "stiffness": 100.0, "direction": [0.0, 1.0], "acts": "tension"}}
+    data["supports"] = {"guide": {"boundary": "block.left", "displacement": {"x": 0.0}}}
+    data["contacts"]["base"] |= {"gap_offset": 0.05}
+    data["loads"] = {"weight": {"boundary": "block.top", "force": {"y": [[1.0, -4.0], [2.0, -9.0]]}}}
+    data["steps"] = {"end": 2.0, "count": 2}
+    for step, weight in zip(solved(data)[1], (4.0, 9.0), strict=True):
+        assert_allclose(step.contacts["base"].normal_force, weight, rtol=1e-6)
+        assert_allclose(step.springs["cable"].force, 0.0, atol=1e-6)
+        assert step.shortened[0] > 0.05
+
+
 def test_a_body_that_nothing_but_slack_cables_could_hold_ends_the_run() -> None:
     data = {k: v for k, v in cluster(0, 0).items() if k not in ("contacts", "obstacles")}
     data["springs"] = {"cable": {"at": "block.top", "stiffness": 100.0, "direction": [0.0, -1.0], "acts": "tension"}}
