@@ -1,4 +1,7 @@
-"""Springs: linear ones between two places of bodies, or a place and the ground; they hold bodies as supports do."""
+"""Springs between two places of bodies, or a place and the ground; they hold bodies as supports do.
+
+One that acts in one way is a linear spring, and has a slack that each step finds, see `Tightening`.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +21,6 @@ from stickslip.solvers.scene.loads import End, Link
 from stickslip.solvers.scene.scene import EffectTable, Scene
 from stickslip.solvers.scene.timeline import Place
 
-LINEAR = "springs are linear; what only presses is a contact with an obstacle, its normal law compliance with m_n = 1"
-
 
 @dataclass(frozen=True, kw_only=True)
 class Spring(EffectTable):
@@ -34,10 +35,19 @@ class Spring(EffectTable):
     displacement: Annotated[
         tuple[Amplitude, ...] | None, Key("m", "motion of the ground, by component, in time"), LIST
     ] = None
-    acts: Annotated[Literal["both", "tension", "compression"], Key("-", "in both ways; others are refused")] = "both"
+    gap: Annotated[float, Key("m", "of a spring that acts in one way: way of `at` until it acts")] = 0.0
+    acts: Annotated[
+        Literal["both", "tension", "compression"],
+        Key("-", "in one way only: tension once `at` has moved along direction, away from the other end"),
+    ] = "both"
 
     def __post_init__(self) -> None:
-        require(self.acts == "both", "acts", self.acts, LINEAR)
+        if self.acts != "both" and self.direction is None:
+            raise SceneError(
+                "direction: missing, a spring that acts in one way needs it, from its other end towards `at`"
+            )
+        require(self.gap >= 0, "gap", self.gap, "must not be negative, in metres")
+        require(self.gap == 0 or self.acts != "both", "gap", self.gap, 'belongs to acts = "tension" or "compression"')
         single = isinstance(self.stiffness, float | int)
         if single != (self.direction is not None):
             raise SceneError(
@@ -84,7 +94,21 @@ class Spring(EffectTable):
         ends: dict[str, tuple[End, float]] = {f"{key}.at": (self.at, 1.0)}
         if self.to is not None:
             ends[f"{key}.to"] = self.to, -1.0
-        return (Link(ends=ends, directions=along[k > 0], stiffness=k[k > 0], rests=moved, table=table, name=name),)
+        slack = Place(table, name, "slack") if self.acts != "both" else None
+        if slack is not None:  # a positive one keeps the spring from acting
+            moved[slack] = np.array([-1.0 if self.acts == "tension" else 1.0])
+        return (
+            Link(
+                ends=ends,
+                directions=along[k > 0],
+                stiffness=k[k > 0],
+                rests=moved,
+                slack=slack,
+                gap=self.gap,
+                table=table,
+                name=name,
+            ),
+        )
 
 
 class _Springs(Effect):
@@ -92,8 +116,10 @@ class _Springs(Effect):
     table = Mapping[str, Spring]
 
     def adds(self, scene: Scene) -> str:
-        rows = sum(len(link.stiffness) for link in scene.links() if link.table == self.name)
-        return f"{rows} spring{'s' * (rows > 1)} in the stiffness, which couple all nodes of a side with each other"
+        links = [link for link in scene.links() if link.table == self.name]
+        rows, found = sum(len(link.stiffness) for link in links), sum(link.slack is not None for link in links)
+        said = f"{rows} spring{'s' * (rows > 1)} in the stiffness, which couple all nodes of a side with each other"
+        return said + f"; {found} of one way: a step in which slack changes is solved again" * bool(found)
 
 
 EFFECT = _Springs()

@@ -30,6 +30,8 @@ class Rest:
     elongation: Array
     tension: Place | None = None  # [N] given, of a single spring: the value is then found
     held_from: float = np.inf  # [s], from there on it is kept
+    slack: bool = False  # of a single spring that acts in one way: the value is found, at least -gap
+    gap: float = 0.0  # [m] before that spring acts
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,14 @@ def find_links(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes)
 def _rest(problem: Problem, link: Link, place: Place) -> Rest:
     """A value in time of one of the links; the others do not follow it."""
     every = [own.rests[place] if own is link else 0.0 * own.stiffness for own in problem.links]
-    return Rest(drive=place, elongation=np.concatenate(every), tension=link.tension, held_from=link.held_from)
+    return Rest(
+        drive=place,
+        elongation=np.concatenate(every),
+        tension=link.tension,
+        held_from=link.held_from,
+        slack=place == link.slack,
+        gap=link.gap,
+    )
 
 
 def _spot(mesh: Mesh, space: FunctionSpace, nodes: Nodes, end: End, key: str) -> Spot:

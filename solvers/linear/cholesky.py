@@ -23,7 +23,7 @@ class SparseCholesky:
     def __init__(self, A: Sparse) -> None:
         """
         Args:
-            A: (n, n) symmetric, positive definite.
+            A: (n, n) symmetric, positive definite; n = 0 where nothing touches, which CHOLMOD refuses.
 
         Raises:
             MachineError: A cannot be factorised.
@@ -39,7 +39,8 @@ class SparseCholesky:
         self._pc.setType("cholesky")
         self._pc.setFactorSolverType(SOLVER)
         try:
-            self._pc.setUp()
+            if A.shape[0]:
+                self._pc.setUp()
         except PETSc.Error as error:
             raise MachineError(f"a factorisation on the surface failed: PETSc error {error.ierr}") from None
         self._in, self._out = matrix.createVecRight(), matrix.createVecLeft()
@@ -47,6 +48,8 @@ class SparseCholesky:
     def solve(self, x: Array) -> Array:
         """A^-1 x for x (n,) or (n, k)."""
         found = np.empty_like(x)
+        if not len(x):
+            return found
         for column, into in zip(x.reshape(len(x), -1).T, found.reshape(len(x), -1).T, strict=True):
             self._in.array[:] = column
             self._pc.apply(self._in, self._out)

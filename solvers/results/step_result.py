@@ -191,7 +191,9 @@ class StepResult:
     w: Array  # (rows,) relative displacement, flat [m]
     reference: Array  # (rows,) that the contact laws subtract from w [m]: the gap, and the slip at the substep's start
     driven: Array  # (o,) displacement of the obstacles that forces drive [m], for the audit
-    shortened: Array  # (b,) shortening of the bolts that are tightened by force [m], for the audit
+    shortened: (
+        Array  # (b,) that are found: shortening of bolts by force, slack of springs of one way [m]; for the audit
+    )
     searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) that its pairs were searched at [m]
     slid: Mapping[str, Array]  # by contact whose friction depends on it, length of slip (m_t,) so far [m]
     p_ref: float  # scale of tractions: of statuses, and of what counts as none [Pa]

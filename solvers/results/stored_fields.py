@@ -38,7 +38,7 @@ class Record:
     w: Array  # (rows,) relative displacement, flat [m]
     reference: Array  # (rows,) w at the start of the last substep [m]: slip counts from it; gaps are recomputed
     driven: Array  # (o,) displacement of the obstacles that forces drive, by `Problem.driven` [m]
-    shortened: Array  # (b,) shortening of the bolts that are tightened by force [m]
+    shortened: Array  # (b,) that are found: shortening of bolts by force, slack of springs of one way [m]
     searched: Mapping[str, Array]  # by sliding contact, displacement (n_all, d) [m] that its pairs were searched at
     slid: Mapping[str, Array] = field(default_factory=dict)  # see `State.slid`; contacts without a memory have none
     stored: StoredFields = field(default_factory=StoredFields)  # fields for the reader; by default none is judged

@@ -89,7 +89,7 @@ class Springs:
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """Linear springs, r of them, between two places or a place and the ground, that an effect declares.
+    """Springs, r of them, between two places or a place and the ground, that an effect declares.
 
     A place is a point, or the mean displacement of a side: the force is then spread evenly over the side.
     """
@@ -100,6 +100,8 @@ class Link:
     rests: Mapping[Place, Array]  # by its value in time, elongation (r,) at which they pull nothing, at value 1 [m]
     tension: Place | None = None  # [N] given, of one spring; the value of its one rest is then found
     held_from: float = np.inf  # [s], from there on that value is kept
+    slack: Place | None = None  # among the rests of one spring that acts in one way: its value is found
+    gap: float = 0.0  # [m] before it acts
     table: str
     name: str
 

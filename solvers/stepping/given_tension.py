@@ -61,7 +61,8 @@ class StepsWithBolts:
         """
         free, surface = np.flatnonzero(tightening.free), problem.surface
         ends = problem.cone.time == tightening.target and tightening.tried is None
-        if not (ends and len(free) and isinstance(surface, CondensedSurface)) or start.slid:
+        ours = len(free) and not tightening.springs.any() and not start.slid
+        if not (ends and ours and isinstance(surface, CondensedSurface)):
             return None
         settings = self._system.problem.solver
         newton = SemismoothNewton(

@@ -31,7 +31,7 @@ from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.sliding import carried_over, pairs_hold, relative_positions
 from stickslip.solvers.stepping.slip_dependence import no_slip, solve_by_turns, with_slip
 from stickslip.solvers.stepping.state import HALVINGS, Energy, Previous, State
-from stickslip.solvers.stepping.tightening import MOST, Tightening
+from stickslip.solvers.stepping.tightening import Tightening
 from stickslip.solvers.stepping.update import displacement, new_state, relative_displacement, split
 from stickslip.solvers.system.system import System
 
@@ -175,13 +175,13 @@ class Stepper:
         )
 
     def reach(self, start: State, target: float, on_iteration: OnIteration) -> Accepted:
-        """Solve one step, with bolts as short as their tension asks; as `_reach`; collective."""
+        """Solve one step, with bolts and springs as long as their forces ask; as `_reach`; collective."""
         tightening = self._tightening = Tightening.of(self.system, start, target)
         accepted, tries = self._reach(start, target, on_iteration), 1
         while tightening is not None and not tightening.done(accepted.state):
             tries += 1
-            if tries > MOST or tightening.lost:
-                text = f"{tightening.names}: no shortening was found at which the tension is force"
+            if tries > tightening.most or tightening.lost:
+                text = f"{tightening.names}: {tightening.unfound}"
                 raise StepError(target, text, accepted.history, None)
             again = self._reach(start, target, on_iteration)
             accepted = replace(

@@ -1,8 +1,11 @@
-"""Bolts tightened by force: in each step the shortening is found at which the tension is what the scene gives.
+"""Bolts tightened by force, springs that act in one way: in each step their shortening, or their slack, is found.
 
-A step is solved for a shortening, and again for a better one by Broyden's method, whose first matrix are the secants of
-each bolt; where bodies and contact answer in proportion, as where nothing opens or slips, two solutions find it for a
-bolt that is alone. A bolt that is held keeps its shortening.
+The shortening of a bolt is that at which its tension is what the scene gives; a bolt that is held keeps it. The slack a
+and the force T of a spring obey min(T, k (a + gap)) = 0: its stiffness k belongs to the bodies, which stay linear, and
+slack is a length that is added to it. A step is solved for some lengths, and again for better ones by Newton's method,
+semismooth where springs take up their slack, with Broyden's matrix, whose first one are the secants of each; where
+bodies and contact answer in proportion, as where nothing opens or slips, two solutions find that of a bolt that is
+alone, and three that of a spring.
 
 Source: Broyden, Math. Comp. 19 (1965).
 """
@@ -12,6 +15,7 @@ from __future__ import annotations
 import logging
 
 import numpy as np
+from petsc4py import PETSc
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Vec
@@ -22,15 +26,17 @@ from stickslip.solvers.system.system import System
 
 TIGHT = 1e-9  # deviation of the tension, relative to the largest of a bolt in time, that is aimed at
 LOOSE = 10.0  # times solver.tolerance: that is allowed where another solution comes no nearer
-MOST = 30  # solutions of a step
+MOST, EACH = 30, 3  # solutions of a step, and for each bolt and spring
+TINY = 1e-300  # [m]
+FLAT = 1e-6  # of its stiffness: a spring that answers with less is made as long as the bodies, where others may hold
 log = logging.getLogger(__name__)
 
 
 class Tightening:
-    """The shortenings (b,) of all bolts in one step; `done` judges a solution, and tries others."""
+    """The lengths (b,) of all such bolts and springs in one step; `done` judges a solution, and tries others."""
 
     def __init__(self, system: System, start: State, target: float) -> None:
-        """Guess: the bodies do not give way.
+        """Guess: the bodies do not give way, and springs stay as slack as they are.
 
         Args:
             start: of the step.
@@ -42,27 +48,44 @@ class Tightening:
         self.places = np.array([bolt.index for bolt in self.bolts])
         self.k = np.diag(system.initial.coupling)[self.places]
         self.before, self.pulled = start.initial[self.places], self.tension(start)
+        self.springs = np.array([bolt.tension is None for bolt in self.bolts])
+        self.least = np.array([-bolt.gap for bolt in self.bolts])
         self.free = np.array([start.time < bolt.held_from * (1 - CLOSE) for bolt in self.bolts])
-        self.wanted = np.array([course.value(bolt.tension, target) for bolt in self.bolts])
+        self.wanted = np.array([0.0 if b.tension is None else course.value(b.tension, target) for b in self.bolts])
         self.largest = np.array([_largest(system, bolt) for bolt in self.bolts])
-        self.x = self.before + np.where(self.free, (self.wanted - self.pulled) / self.k, 0.0)
+        guessed = self.free & ~self.springs
+        self.x = self.before + np.where(guessed, (self.wanted - self.pulled) / self.k, 0.0)
         self.J = np.diag(self.k)
+        self.lost = False  # whether no length changes the forces, or a spring is to be longer than the bodies
         self.tried: tuple[Array, Array] | None = None  # shortenings, and by how much tensions were off
-        self.lost = False  # whether no better shortening is known
         self._set()
 
     @property
     def names(self) -> str:
-        """The bolts, as in the scene."""
-        return ", ".join(f"{bolt.tension.table}.{bolt.tension.name}" for bolt in self.bolts)
+        """The bolts and springs, as in the scene."""
+        return ", ".join(f"{bolt.shortening.table}.{bolt.shortening.name}" for bolt in self.bolts)
+
+    @property
+    def most(self) -> int:
+        """Solutions of a step."""
+        return MOST + EACH * len(self.bolts)
+
+    @property
+    def unfound(self) -> str:
+        """Why a step ends without a solution."""
+        bolts = "no shortening was found at which the tension is force"
+        why = "nothing else holds the bodies there" if self.lost else "take shorter steps, or fewer springs"
+        springs = f"no slack was found at which what is slack is free of force; {why}"
+        kinds = {bolts: not bool(self.springs.all()), springs: bool(self.springs.any())}
+        return " / ".join(text for text, there in kinds.items() if there)
 
     @classmethod
     def of(cls, system: System, start: State, target: float) -> Tightening | None:
-        """None: no bolt is tightened by force."""
+        """None: no bolt is tightened by force, and no spring acts in one way."""
         return cls(system, start, target) if system.initial.tightened else None
 
     def tension(self, state: State) -> Array:
-        """Of each bolt (b,) [N]."""
+        """Of each (b,) [N]; of a spring the force in the way in which it acts."""
         return np.asarray(-state.initial_work[self.places])
 
     def tension_at(self, u: Vec) -> Array:
@@ -71,19 +94,22 @@ class Tightening:
         return np.asarray(-initial.stress_work(initial.values(self.system.course, self.target), u)[self.places])
 
     def shorten(self, more: Array) -> None:
-        """Set shortenings larger by (b,) [m]; if there are no such numbers, nothing resists, and `lost` is set."""
-        self.lost = not np.isfinite(more).all()
-        if not self.lost:
-            self.x = self.x + more
-            self._set()
+        """Set shortenings larger by (b,) [m]."""
+        self.x = self.x + more
+        self._set()
 
     def done(self, state: State) -> bool:
-        """Whether the tensions are right; if not, the step is to be solved again with other shortenings."""
-        off = np.where(self.free, self.tension(state) - self.wanted, 0.0)
-        allowed = LOOSE * self.system.problem.solver.tolerance * self.largest
-        log.info("t = %g: tension of bolts off by %.1e", self.target, np.abs(off / self.largest).max())
-        near = np.all(np.abs(off) <= allowed)  # with a loose solver no shortening need be better
-        if np.all(np.abs(off) <= TIGHT * self.largest) or (near and self.tried and _worse(off, self.tried[1])):
+        """Whether the tensions are right; if not, the step is to be solved again with other lengths."""
+        tension = self.tension(state)
+        off = np.where(self.free, tension - self.wanted, 0.0)
+        taut = self.springs & (tension > self.k * (self.x - self.least))
+        defect = np.where(taut, self.k * (self.x - self.least), off)
+        scale = np.where(self.springs, self._scale(state, tension), self.largest)
+        allowed = LOOSE * self.system.problem.solver.tolerance * scale
+        log.info("t = %g: tension of bolts and springs off by %.1e", self.target, np.abs(defect / scale).max())
+        near = np.all(np.abs(defect) <= allowed)  # with a loose solver no length need be better
+        exact = np.all(np.abs(defect) <= np.where(taut, 0.0, TIGHT * scale))
+        if exact or (near and self.tried and _worse(off, self.tried[1]) and not defect[taut].any()):
             return True
         if self.tried is None:  # how much the bodies give way is known now: as if bolts did not loosen each other
             moved, gained = self.x - self.before, self.tension(state) - self.pulled
@@ -92,13 +118,26 @@ class Tightening:
         else:
             x, residual = self.tried
             moved = self.x - x
+            if not moved.any():
+                self.lost = True
+                return False
             self.J += np.outer(off - residual - self.J @ moved, moved) / (moved @ moved)
         self.tried = self.x, off
-        step, J = np.zeros(len(off)), self.J[np.ix_(self.free, self.free)]
-        well = np.isfinite(J).all() and np.linalg.cond(J) < 1 / np.finfo(float).eps
-        step[self.free] = np.linalg.solve(J, -off[self.free]) if well else np.nan
-        self.shorten(step)
+        step, moves = np.where(taut, self.least - self.x, 0.0), self.free & ~taut
+        off = off + self.J @ step
+        flat = np.flatnonzero(self.springs & (np.diag(self.J) < FLAT * self.k))  # longer ones answer with no force
+        self.J[flat, flat] = FLAT * self.k[flat]
+        step[moves] = np.linalg.lstsq(self.J[np.ix_(moves, moves)], -off[moves], rcond=None)[0]
+        longest = np.where(self.springs, self.system.extent, np.inf)
+        self.lost = bool(np.any(self.springs & (self.x >= longest) & (step > 0)))
+        self.x = np.where(taut, self.least, np.minimum(self.x + step, longest))
+        self._set()
         return False
+
+    def _scale(self, state: State, tension: Array) -> Array:
+        """Of the forces of springs (b,) [N]; collective."""
+        far = float(state.u.norm(PETSc.NormType.NORM_INFINITY))
+        return np.maximum(np.abs(tension), self.k * max(far, TINY))
 
     def _set(self) -> None:
         begun = self.start.time < self.target
@@ -115,23 +154,33 @@ def _worse(off: Array, before: Array) -> bool:
 
 
 def _largest(system: System, bolt: Tightened) -> float:
-    """Largest tension that the scene gives [N]; 1 if it is always zero."""
+    """Largest tension that the scene gives [N]; 1 if it is always zero, or none is given."""
+    if bolt.tension is None:
+        return 1.0
     times = system.course.timeline.times
     return max((abs(system.course.value(bolt.tension, time)) for time in times), default=0.0) or 1.0
 
 
 def recall(system: System, time: float, shortened: Array) -> None:
-    """Use the shortenings (b,) [m] that were found at a time [s]."""
+    """Use the shortenings and slacks (b,) [m] that were found at a time [s]."""
     bolts = zip(system.initial.tightened, shortened.tolist(), strict=True)
     system.course.found = {bolt.shortening: ((time, x),) for bolt, x in bolts}
 
 
 def tension_off(system: System, u: Vec, time: float) -> Array:
-    """By how much the tension of each bolt differs from what the scene gives [N], 0 where it is held; collective."""
+    """By how much the tension of each bolt differs from what the scene gives [N], 0 where it is held; collective.
+
+    Of a spring that acts in one way it is the smaller one of its force and of what its slack would take.
+    """
     course, bolts = system.course, system.initial.tightened
     held = [time > bolt.held_from * (1 + CLOSE) for bolt in bolts]
     if all(held):
         return np.zeros(0)
-    work = system.initial.stress_work(system.initial.values(course, time), u)
-    given = zip(bolts, held, strict=True)
-    return np.array([-work[bolt.index] - course.value(bolt.tension, time) for bolt, gone in given if not gone])
+    values, k = system.initial.values(course, time), np.diag(system.initial.coupling)
+    work, off = system.initial.stress_work(values, u), list[float]()
+    for bolt, gone in zip(bolts, held, strict=True):
+        if bolt.tension is None:
+            off.append(min(-work[bolt.index], k[bolt.index] * (values[bolt.index] + bolt.gap)))
+        elif not gone:
+            off.append(-work[bolt.index] - course.value(bolt.tension, time))
+    return np.array(off)

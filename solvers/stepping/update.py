@@ -113,12 +113,14 @@ def new_state(
     residual = inner - system.initial.added(load, initial) + system.interface.forces(*split(cone, p))
     w, motion = relative_displacement(system, u, time, driven), system.obstacles.motions(system.contacts, time, driven)
     if surplus is not None:
-        initial_work, stored = initial_work + surplus.initial_work, stored + surplus.stored
+        initial = system.initial.followed(initial, initial_work + surplus.initial_work)
+        initial_work = system.initial.stress_work(initial, u_strained) + surplus.initial_work
+        stored = stored + surplus.stored
         residual, w = residual + surplus.inner, w + surplus.relative
         elongation, remote = elongation + surplus.elongation, remote + surplus.remote
     external = (load + old.load).dot(u - old.u) / 2 + (residual + old.residual).dot(u_s - old.u_s) / 2
-    external += system.initial.external(old.initial, initial, old.initial_work, initial_work)
-    contact, slip = 0.0, {}
+    prescribed, of_slacks = system.initial.external(old.initial, initial, old.initial_work, initial_work)
+    external, contact, slip = external + prescribed, -of_slacks, {}
     forces = {c.name: c.nodal_forces(*parts) for c, *parts in zip(contacts, *split(cone, p), strict=True)}
     here, there = system.interface.displacement(u), system.interface.displacement(old.u)
     for c, v, v_old in zip(contacts, here, there, strict=True):

@@ -17,12 +17,13 @@ from stickslip.solvers.scene.timeline import Course, Place, Timeline
 
 @dataclass(frozen=True, kw_only=True)
 class Tightened:
-    """A bolt whose tension is given: its shortening is found."""
+    """A bolt whose tension is given, or a spring that acts in one way: its shortening, or its slack, is found."""
 
     index: int  # among the initial strains
-    tension: Place  # [N]
+    tension: Place | None  # [N]; None: a spring's slack + gap and force are not negative, and one of them is zero
     shortening: Place  # [m]
     held_from: float  # [s]
+    gap: float = 0.0  # [m]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,12 +43,40 @@ class InitialStrains:
 
     @cached_property
     def tightened(self) -> tuple[Tightened, ...]:
-        """Bolts whose tension is given."""
+        """Bolts whose tension is given, and springs that act in one way."""
         return tuple(
-            Tightened(index=index, tension=each.tension, shortening=each.drive, held_from=each.held_from)
+            Tightened(
+                index=index,
+                tension=each.tension,
+                shortening=each.drive,
+                held_from=each.held_from,
+                gap=each.gap if isinstance(each, Rest) else 0.0,
+            )
             for index, each in enumerate(self.every)
-            if each.tension is not None and isinstance(each.drive, Place)
+            if (each.tension is not None or _slackens(each)) and isinstance(each.drive, Place)
         )
+
+    @cached_property
+    def slacks(self) -> Ints:
+        """Numbers of the springs that act in one way."""
+        return np.array([k for k, each in enumerate(self.every) if _slackens(each)], np.int64)
+
+    @cached_property
+    def _least(self) -> Array:
+        """Slack of those when they act [m]."""
+        return np.array([-each.gap for each in self.every if isinstance(each, Rest) and each.slack])
+
+    def followed(self, values: Array, work: Array) -> Array:
+        """Values (k,) with which springs that are slack are free of force, wherever their ends are.
+
+        Args:
+            values: (k,), with some slack.
+            work: see `stress_work`, at these values.
+        """
+        loose = self.slacks[values[self.slacks] > self._least]
+        found = values.copy()
+        found[loose] += work[loose] / self.coupling[loose, loose]
+        return found
 
     def at(self, number: int, points: Array, cells: Ints, timeline: Timeline) -> Array:
         """Strain (m, 3, 3) [-] of a number at value 1, at the midpoints (m, d) [m] of own cells (m,).
@@ -89,7 +118,16 @@ class InitialStrains:
         """
         return float(-values @ (work + self.coupling @ values / 2))
 
-    @staticmethod
-    def external(before: Array, after: Array, work_before: Array, work_after: Array) -> float:
-        """Work [J] that the change of the values does on the stressed bodies, exact for linear elasticity."""
-        return float(-(after - before) @ (work_before + work_after) / 2)
+    def external(self, before: Array, after: Array, work_before: Array, work_after: Array) -> tuple[float, float]:
+        """Work [J] that the change of the values does on the stressed bodies, exact for linear elasticity.
+
+        Returns:
+            That of what is prescribed, and that of slacks: on the exact way these do none, for no force acts on them.
+        """
+        work = -(after - before) * (work_before + work_after) / 2
+        of_slacks = float(work[self.slacks].sum())
+        return float(work.sum()) - of_slacks, of_slacks
+
+
+def _slackens(each: InitialStrain | Rest) -> bool:
+    return isinstance(each, Rest) and each.slack

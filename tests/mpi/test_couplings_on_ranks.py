@@ -13,6 +13,8 @@ import stickslip
 words = [
     "springs.side={at='block.left',to='block.right',stiffness=[0.2,0.1]}",
     "springs.tip={at=[4.0,2.0],stiffness=0.3,direction=[1.0,1.0],displacement=[0.05,0.0]}",
+    "springs.stop={at='block.top',stiffness=0.2,direction=[0.0,1.0],acts='compression',gap=0.005}",
+    "springs.slack={at=[4.0,0.0],stiffness=0.2,direction=[1.0,0.0],acts='compression'}",
     "geometry={builder='block',length=4.0,height=2.0,mesh_size=0.5,order=ORDER}",
     "solver={method='surface-uzawa',surface='FORM',tolerance=1e-10}",
     "steps={end=2.0,count=2}",

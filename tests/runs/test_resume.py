@@ -35,6 +35,7 @@ CUBE = ["geometry.mesh_size=0.34", "output.pictures=false", "steps.count=4"]
 SLIDING = ["geometry.mesh_size=0.25", "geometry.lower_mesh_size=0.2", "output.pictures=false", "steps.end=1.5"]
 CUT = ["geometry.mesh_size=0.25", "geometry.contact_mesh_size=0.04", "output.pictures=false", *PUSHED, "steps.count=5"]
 HYSTERESIS = ["geometry.mesh_size=0.1", "steps.end=5", "steps.count=5", "output.pictures=false"]
+STOP = "springs.stop={at='block.right',stiffness=0.3,direction=[-1.0,0.0],acts='compression',gap=0.01}"
 HISTORIES = {
     "hysteresis": ("hysteresis", HYSTERESIS),
     "condensed-newton": ("block", [*SMALL, "solver.method=condensed-newton"]),
@@ -59,9 +60,13 @@ HISTORIES = {
     "compliance": ("foundation", ["geometry.mesh_size=0.4", "output.pictures=false", "steps.count=4"]),
     "friction by slip": ("stick_slip", ["geometry.mesh_size=0.025", "output.pictures=false", "steps.count=6"]),
     "orthotropic": ("spruce", ["geometry.mesh_size=0.012", "output.pictures=false", "steps.count=6"]),
+    "springs of one way": ("block", [*SMALL, STOP, "solver.method=condensed-newton"]),
     "floating": ("stack", ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"]),
 }
-QUICK = ("substeps", "friction by slip", "orthotropic", "surface-uzawa", "sliding", "block-uzawa, compliance")
+QUICK = (
+    *("springs of one way", "substeps", "friction by slip", "orthotropic"),
+    *("surface-uzawa", "sliding", "block-uzawa, compliance"),
+)
 EACH = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in HISTORIES]
 
 

@@ -260,9 +260,9 @@ WRONG = {
         ["springs.s={at='block.left',stiffness=1.0}"],
         r"springs\.s\.direction: missing, a single stiffness needs it",
     ),
-    "spring that only pulls": (
+    "spring that only pulls, some way": (
         ["springs.s={at='block.left',stiffness=[1.0,0.0],acts='tension'}"],
-        r"springs\.s\.acts = tension: springs are linear; what only presses is a contact with an obstacle",
+        r"springs\.s\.direction: missing, a spring that acts in one way needs it, from its other end towards `at`",
     ),
     "remote point at no side": (
         ["remote_points.p={boundary='block.lft',point=[0.0,0.0],coupling='rigid'}"],

@@ -54,7 +54,7 @@ class StoredStep:
     w: Array  # (rows,) flat relative displacement [m]
     reference: Array  # (rows,) what the laws count w from [m]
     driven: Array  # (o,) motion of the obstacles that forces drive [m]
-    shortened: Array  # (b,) shortening of the bolts that are tightened by force [m]
+    shortened: Array  # (b,) that are found: shortening of bolts by force, slack of springs of one way [m]
     searched: Mapping[str, Array]  # where sliding contacts were paired [m]
     slid: Mapping[str, Array]  # length of slip of points whose friction depends on it [m]
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from stickslip.workflows.verification.cases import agreement as agreement_case
 from stickslip.workflows.verification.cases import beam as beam_case
+from stickslip.workflows.verification.cases import bearing as bearing_case
 from stickslip.workflows.verification.cases import bolted_joint as bolted_joint_case
 from stickslip.workflows.verification.cases import by_place as by_place_case
 from stickslip.workflows.verification.cases import cattaneo as cattaneo_case
@@ -22,6 +23,7 @@ from stickslip.workflows.verification.cases import manufactured as manufactured_
 from stickslip.workflows.verification.cases import orthotropic as orthotropic_case
 from stickslip.workflows.verification.cases import pair as pair_case
 from stickslip.workflows.verification.cases import patch as patch_case
+from stickslip.workflows.verification.cases import press_fit as press_fit_case
 from stickslip.workflows.verification.cases import punch as punch_case
 from stickslip.workflows.verification.cases import raous as raous_case
 from stickslip.workflows.verification.cases import raous_compliance as raous_compliance_case
@@ -76,13 +78,24 @@ CASES: Mapping[str, Case] = {
     ),
     "pair": Case(about="two bodies with friction, turned as a whole: nothing changes", checks=pair_case.checks),
     "shrink_fit": Case(about="a ring pressed into another one, Lamé's closed form", checks=shrink_fit_case.checks),
+    "press_fit": Case(
+        about="a shaft pressed into a hub, from a STEP file, Lamé's closed form", checks=press_fit_case.checks
+    ),
+    "heated_hub": Case(
+        about="a hub from a STEP file shrinks onto its shaft, Lamé", checks=press_fit_case.heated, methods=TWO
+    ),
+    "bearing": Case(
+        about="a ball on a groove, from a STEP file: Hertz' ellipse", checks=bearing_case.checks, methods=ONE
+    ),
     "two_bars": Case(about="bars that sinusoidal body forces push together, closed form", checks=two_bars_case.checks),
     "spinning_rings": Case(
         about="a ring, a cylinder and a shrink fit spin: closed form", checks=spinning_rings_case.checks, methods=TWO
     ),
     "elastic_bed": Case(about="a column that only springs hold, pressed and sheared", checks=elastic_bed_case.checks),
     "bolted_joint": Case(about="a bolt tightened, held, its joint drawn apart", checks=bolted_joint_case.checks),
-    "springs": Case(about="springs in series with a column, alone, between bodies", checks=springs_case.checks),
+    "springs": Case(
+        about="springs in series with a column, alone, between bodies, of one way", checks=springs_case.checks
+    ),
     "beam": Case(
         about="a beam bent through a remote point, rigid and distributing", checks=beam_case.checks, methods=ONE
     ),

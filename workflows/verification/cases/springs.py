@@ -1,4 +1,4 @@
-"""Springs: in series with a column, alone under a heavy block, between two bodies."""
+"""Springs: in series with a column, alone under a heavy block, between two bodies; and those that act in one way."""
 
 from __future__ import annotations
 
@@ -103,6 +103,38 @@ def between() -> Solved:
     ]  # fmt: skip
 
 
+GAP, PULSE = 0.01, ((1.0, 20.0), (3.0, -20.0))  # [m], [s, N]
+
+
+def one_way(model: str, acts: str, method: str, order: Literal[1, 2] = 1, surface: str = "auto") -> list[Check]:
+    """A column on a spring is pushed up and pulled down; a second one acts on its top once that is 10 mm higher.
+
+    It is a bumper above, or a cable from below. Force by force: piecewise linear, and nothing where it does not act.
+    """
+    up = [0.0] * (model == "3d") + [0.0, 1.0]
+    springs = {
+        "base": {"at": "block.bottom", "stiffness": K, "direction": up},
+        "s": {
+            "at": "block.top", "stiffness": 2 * K, "acts": acts, "gap": GAP,
+            "direction": [c if acts == "tension" else -c for c in up],
+        },
+    }  # fmt: skip
+    load = {"boundary": "block.bottom", "force": {"z" if model == "3d" else "y": [list(at) for at in PULSE]}}
+    tables = {"supports": floor(model)["supports"], "loads": {"push": load}, "steps": {"end": 3.0, "count": 6}}
+    solver = {"method": method, "surface": surface}
+    second, found = 1 / (1 / (2 * K) + 1 / (E * AREA[model])), list[Check]()
+    for step in prepare(scene(springs, model, order, solver=solver, **tables)).steps():
+        force = float(np.interp(step.time, (0.0, *(t for t, _ in PULSE)), (0.0, *(f for _, f in PULSE))))
+        exact = max(second * (force / K - GAP) / (1 + second / K), 0.0)
+        name = f"{acts} only, {model}, order {order}, t = {step.time:g}"
+        found += [
+            close(f"{name}: force of the second spring [N]", -step.springs["s"].force[-1], exact, 1e-8, 20.0),
+            close(f"{name}: force of the first one [N]", -step.springs["base"].force[-1], force - exact, 1e-8, 20.0),
+            close(f"{name}: external [J]", step.energy.external, step.energy.stored + step.energy.contact, 1e-8, 1.0),
+        ]
+    return found
+
+
 def problems(method: str) -> Iterator[Solved]:
     """All of them; without contact the method is of no account."""
     for model in AREA:
@@ -113,4 +145,11 @@ def problems(method: str) -> Iterator[Solved]:
 
 def checks(method: str) -> list[Check]:
     """Their checks."""
-    return [check for *_, found in problems(method) for check in found]
+    found = [check for *_, found in problems(method) for check in found]
+    if method == "condensed-newton":  # without contact the method is of no account
+        for acts in ("tension", "compression"):
+            found += [check for model in AREA for check in one_way(model, acts, method)]
+            found += one_way("plane strain", acts, method, order=2) + one_way(
+                "3d", acts, "surface-uzawa", surface="matrix-free"
+            )
+    return found
