@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shared.fuzzing import accepted, fuzzed
-from stickslip.geometry.expression import FUNCTIONS, NAMES, Expression, check_varying
+from stickslip.geometry.expression import CONSTANTS, FUNCTIONS, NAMES, Expression, check_varying
 
 PIECES = [
     *NAMES, *FUNCTIONS, "+", "-", "*", "/", "**", "(", ")", ",", ".", " ", "1", "0", "2.5", "1e308", "1e-308", "1_0",
@@ -20,7 +20,7 @@ POINTS = np.array([[0.0, -1.0, 1e300], [1.0, 0.5, 2.0]])
 def examined(text: str) -> None:
     def read() -> Expression:
         check_varying(text, "key")
-        return Expression(text, {"E": 2.0, "nu": 0.3})
+        return Expression(text, dict.fromkeys(CONSTANTS, 0.3))
 
     expression = accepted(read)
     if expression is not None:
@@ -60,12 +60,14 @@ def test_every_formula_is_read(text: str) -> None:
     """And is worth what Python says of the same text, where that is a real number."""
     check_varying(text, "key")
     points = np.full((1, 3), 2.0)
-    values = {name: points[:, i] for i, name in enumerate("xyz")} | {name: np.float64(2.0) for name in ("t", "E", "nu")}
+    values = {name: points[:, i] for i, name in enumerate("xyz")} | {
+        name: np.float64(2.0) for name in ("t", *CONSTANTS)
+    }
     with np.errstate(all="ignore"):
         try:
             expected = eval(text, {"__builtins__": {}}, values | {"pi": np.float64(np.pi), **FUNCTIONS})
         except (OverflowError, ZeroDivisionError):  # of Python's own numbers
             return
-        found = Expression(f"{text} + 0*t", {"E": 2.0, "nu": 2.0})(points, 2.0, 1.0)
+        found = Expression(f"{text} + 0*t", dict.fromkeys(CONSTANTS, 2.0))(points, 2.0, 1.0)
     if not isinstance(expected, complex):
         np.testing.assert_allclose(found, expected, rtol=1e-12)
