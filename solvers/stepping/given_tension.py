@@ -10,6 +10,7 @@ where f_c and F_0 are those of shortenings a_0 and u_c = 0: static condensation 
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -29,6 +30,7 @@ from stickslip.solvers.system.system import System
 
 FREE = 1e-9  # of the stiffness of a bolt: less is rounding; it can be stretched between its ends without force
 STIFF = 1e-6  # likewise: more is stiffness, of a shank whose ends cut through cells
+log = logging.getLogger(__name__)
 
 
 class StepsWithBolts:
@@ -74,9 +76,11 @@ class StepsWithBolts:
             _, strained = displacement(self._system, tightening.target, q, u_s)
             missing = (tightening.wanted - tightening.tension_at(strained))[free]
             found = newton(given.posed(problem, missing), p, on_step)
-        except np.linalg.LinAlgError:
+        except np.linalg.LinAlgError as error:
+            log.info("t = %g: shortenings are found by trying: %s", tightening.target, error)
             return None
         if found.status is not Status.CONVERGED or problem.natural_residual(found.p, found.w) > settings.tolerance:
+            log.info("t = %g: shortenings are found by trying: %s", tightening.target, found.status.value)
             return None
         shorter = np.zeros(len(tightening.free))
         shorter[free] = given.shortenings(missing, found.u_c)
@@ -117,7 +121,7 @@ class GivenTensions:
         self._factor = cho_factor(M)
         resists = np.abs(M - self._H.T @ moved).max(axis=0) / np.diag(M)
         if np.any((resists > FREE) & (resists < STIFF)):
-            raise np.linalg.LinAlgError
+            raise np.linalg.LinAlgError("a bolt resists to be stretched, or does not: rounding decides")
         self.surface = surface.softened(self._H, self._compliant(self._H.T), moved[:, resists <= FREE])
 
     def posed(self, problem: SurfaceProblem, missing: Array) -> SurfaceProblem:
