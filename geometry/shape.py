@@ -12,6 +12,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import require
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.size_field import SizeField
+from stickslip.geometry.units import Units
 
 MOST_CELLS = 50_000_000
 BYTES, SECONDS = 1500, 1e-4  # of a cell in gmsh and dolfinx, measured: 600 to 1600 bytes, 8 to 100 microseconds
@@ -36,7 +37,7 @@ class Request:
 
 
 class Shape:
-    """A geometry, in metres. `dim` (2 or 3) is that of the model; a shape may differ in 2D and in 3D.
+    """A geometry, in the scene's unit of length. `dim` (2 or 3) is that of the model; a shape may differ in 2D and in 3D.
 
     Any of these methods may raise a GeometryError or SceneError if the shape cannot be what the scene says.
     """
@@ -49,6 +50,14 @@ class Shape:
     def bodies(self, dim: int) -> Mapping[str, tuple[str, ...]]:
         """Names of the bodies and of each body's sides."""
         raise NotImplementedError
+
+    def measured_in(self, units: Units) -> Self:
+        """The shape in the length unit of the scene's units; all shapes are, but files with a unit of their own.
+
+        Raises:
+            SceneError: of the two units one is not known.
+        """
+        return self
 
     def check_model(self, model: Model) -> None:
         """Raise SceneError for a parameter that the model does not have, or that it needs and that is missing."""

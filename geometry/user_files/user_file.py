@@ -6,18 +6,22 @@ import hashlib
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
+from pydantic import Field
+from pydantic.json_schema import SkipJsonSchema
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.errors import GeometryError, SceneError, nearest, require
+from stickslip.geometry.errors import GeometryError, SceneError, nearest, prefixed, require
 from stickslip.geometry.keys import Key, Noun
 from stickslip.geometry.mesh.sizes import filled, refined_near
 from stickslip.geometry.protocols import Gmsh
 from stickslip.geometry.shape import Model, Request, Shape
+from stickslip.geometry.units import LENGTHS, Units
 from stickslip.geometry.user_files.cut_cells import cut_to_sizes
 from stickslip.geometry.user_files.geo_script import parameter_names
 from stickslip.geometry.user_files.meshing import MeshOptions
@@ -27,7 +31,6 @@ from stickslip.geometry.user_files.raw_mesh import RawMesh
 from stickslip.geometry.user_files.reader import Question, ask
 from stickslip.geometry.user_files.touching import Pair, close_pairs, thinned
 
-UNITS = {"m": 1.0, "dm": 0.1, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "km": 1e3, "in": 0.0254, "ft": 0.3048}
 DEBIAN = Path("/usr/share/doc/gmsh-doc/doc/gmsh")  # gmsh's own files, of which ready scenes use some
 WHEEL = Path(sys.prefix, "share/doc/gmsh")  # the same ones, not compressed, in gmsh from PyPI
 EXAMPLES = ("demos", "examples")  # their folder, older and newer
@@ -62,9 +65,13 @@ class UserFile(Noun, Shape):
 
     file: Annotated[str, Key("-", ".geo, .step, .brep, .msh or .py (or any of these .gz), relative to the scene file")]
     length_unit: Annotated[
-        Literal["m", "dm", "cm", "mm", "um", "nm", "km", "in", "ft"],
-        Key("-", 'unit of the file\'s coordinates; write "mm" for every STEP file: gmsh turns its own unit into mm'),
-    ] = "m"
+        Literal["m", "dm", "cm", "mm", "um", "nm", "km", "in", "ft"] | None,
+        Key(
+            "-",
+            'unit of the file\'s coordinates, which become those of the scene\'s `units`; absent: the same; write "mm" '
+            "for every STEP file: gmsh turns its own unit into mm",
+        ),
+    ] = None
     mesh_size: Annotated[
         float | None,
         Key(
@@ -94,6 +101,7 @@ class UserFile(Noun, Shape):
     parameters: Annotated[
         Mapping[str, Parameter], Key("-", "what .geo (numbers) or build(model, parameters) of .py is given")
     ] = field(default_factory=dict)
+    scene_length: Annotated[str, Field(exclude=True), SkipJsonSchema()] = "m"  # no key: the scene sets its own unit
 
     def __post_init__(self) -> None:
         path = Path(self.file)
@@ -132,8 +140,17 @@ class UserFile(Noun, Shape):
 
     @property
     def unit(self) -> float:
-        """Length unit of the file [m]."""
-        return UNITS[self.length_unit]
+        """Length unit of the file, in that of the scene."""
+        if self.length_unit is None:
+            return 1.0
+        scene = Units(length=self.scene_length).metres(f'length_unit = "{self.length_unit}"')
+        return float(Fraction(LENGTHS[self.length_unit]) / scene)
+
+    def measured_in(self, units: Units) -> Self:
+        found = self if units.length == self.scene_length else replace(self, scene_length=units.length)
+        with prefixed("geometry"):
+            assert found.unit > 0  # and is known
+        return found
 
     def digest(self) -> str:
         """SHA-256 of the file's content when it is first asked for; later edits are ignored."""
@@ -169,10 +186,11 @@ class UserFile(Noun, Shape):
             super().refuse_too_large(request, free)
         except SceneError as error:
             declared = declared_unit(Path(self.file))
-            if declared in (None, self.length_unit):
+            taken = self.length_unit or self.scene_length
+            if declared in (None, taken):
                 raise
             box = " x ".join(f"{length:.3g}" for length in np.ptp(self.box(request.dim), axis=0))
-            hint = f"the file's box, read in {self.length_unit}, is {box} m; is length_unit = '{declared}' missing?"
+            hint = f"the file's box, read in {taken}, is {box} {self.scene_length}; is length_unit = '{declared}' missing?"
             raise SceneError(f"{error}; {hint}") from None
 
     def size(self, dim: int) -> float | None:

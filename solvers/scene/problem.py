@@ -9,6 +9,7 @@ from typing import Any
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import Model, Request, Shape
+from stickslip.geometry.units import SI, Units
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
 from stickslip.solvers.scene.material import Elastic, Material
@@ -66,6 +67,7 @@ class Problem:
     bedded: bool  # whether supports and compliant pressures together resist all rigid modes
     unheld: str  # in words, a rigid mode that no support, contact or friction resists; empty if all are resisted
     solver: Solver
+    labels: Units = SI  # of all numbers, in what is said of them
 
     @property
     def dim(self) -> int:

@@ -17,6 +17,7 @@ from stickslip.geometry.expression import CONSTANTS, Expression, Varying
 from stickslip.geometry.keys import Key, Noun
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.shape import Model, Request
+from stickslip.geometry.units import Units
 from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.scene.contact import Contact
 from stickslip.solvers.scene.loads import Coupling, Link, Load, Springs, Support
@@ -82,6 +83,10 @@ class Scene(Noun):
     geometry: Builder | UserFile
     bodies: Mapping[str, Elastic]
     title: Annotated[str, Key("-", "a sentence for tables and pictures")] = ""
+    units: Annotated[
+        str,
+        Key("-", '"SI", "mm-N-MPa", or other units of length, force and pressure: what results are labelled with'),
+    ] = "SI"
     obstacles: Mapping[str, Obstacle] = field(default_factory=dict)
     contacts: Mapping[str, Contact] = field(default_factory=dict)
     supports: Mapping[str, Support] = field(default_factory=dict)
@@ -100,11 +105,17 @@ class Scene(Noun):
         Raises:
             SceneError, GeometryError: with a line for each mistake.
         """
+        object.__setattr__(self, "geometry", self.geometry.measured_in(self.labels))
         for checks in ((self._check_names,), (self._check_dimensions, self._check_references), (self._check_rest,)):
             mistakes = Mistakes()
             for check in checks:
                 check(mistakes)
             mistakes.report()
+
+    @property
+    def labels(self) -> Units:
+        """What the numbers of the scene and of its results are in."""
+        return Units.of(self.units)
 
     @property
     def dim(self) -> int:

@@ -43,6 +43,7 @@ def resolve(scene: Scene) -> Problem:
         bedded=modes.bedded,
         unheld=modes.unheld,
         solver=scene.solver,
+        labels=scene.labels,
     )
 
 

@@ -23,6 +23,7 @@ from stickslip.geometry.errors import (
 )
 from stickslip.geometry.keys import adapter, parse
 from stickslip.geometry.shape import Model
+from stickslip.geometry.units import SI, Units
 from stickslip.geometry.user_files.open_file import kind_of
 from stickslip.geometry.user_files.user_file import WITH_PARAMETERS, UserFile, installed
 from stickslip.solvers.effects import EFFECTS
@@ -62,21 +63,22 @@ def read(source: str | Path, overrides: Sequence[str] = ()) -> Scene:
         return from_dict(data, path.parent)
 
 
-def read_geometry(source: str | Path, overrides: Sequence[str] = ()) -> tuple[Model, Builder | UserFile]:
-    """Read only model and geometry of a scene, whose other tables may be incomplete.
+def read_geometry(source: str | Path, overrides: Sequence[str] = ()) -> tuple[Model, Builder | UserFile, Units]:
+    """Read only model, geometry and units of a scene, whose other tables may be incomplete.
 
     Raises:
         SceneError: either of the two is wrong or missing.
     """
     path, data, _ = _load(source, overrides)
-    with named(path, overrides):
+    with named(path, overrides), _worded(data):
         _refuse_odd_values(data)
         for key in ("model", "geometry"):
             if key not in data:
                 raise SceneError(f"{key}: missing, every scene needs it")
         kind, table = _geometry(data["geometry"], path.parent)
         model: Model = parse(kinds_of_keys()["model"], data["model"], ("model",))
-        return model, parse(kind, table, ("geometry",))
+        units = Units.of(parse(kinds_of_keys()["units"], data.get("units", "SI"), ("units",)))
+        return model, parse(kind, table, ("geometry",)).measured_in(units), units
 
 
 def _load(source: str | Path, overrides: Sequence[str]) -> tuple[Path, dict[str, Any], Names]:
@@ -187,6 +189,26 @@ def from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Scene:
     Raises:
         SceneError: of each mistake key, what was found, what is expected, the nearest valid name.
     """
+    with _worded(data):
+        return _from_dict(data, folder or Path())
+
+
+@contextmanager
+def _worded(data: Mapping[str, Any]) -> Iterator[None]:
+    """Context in which refusals of numbers have the units of the scene, if it has such."""
+    try:
+        yield
+    except FolderError:
+        raise
+    except (SceneError, GeometryError) as error:
+        try:
+            units = Units.of(str(data.get("units", "SI")))
+        except SceneError:
+            units = SI
+        raise type(error)(*map(units.refusal, error.lines)) from None
+
+
+def _from_dict(data: Mapping[str, Any], folder: Path) -> Scene:
     _refuse_odd_values(data)
     mistakes = Mistakes()
     sections = {effect.name: effect.table for effect in EFFECTS if effect.table is not None}
@@ -199,7 +221,7 @@ def from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Scene:
             if key not in known:
                 raise SceneError(f"{key}: unknown key; {nearest(key, known | set(sections))}")
             if key == "geometry":
-                kinds[key], value = _geometry(value, folder or Path())
+                kinds[key], value = _geometry(value, folder)
             values[key] = _output(value) if key == "output" else parse(kinds[key], value, (key,))
     for key in [key for key in data if key in sections]:
         with mistakes:
@@ -219,7 +241,7 @@ def _geometry(table: Any, folder: Path) -> tuple[Any, Any]:
         return Builder, table
     if "builder" in table:
         raise SceneError("geometry: has both builder and file; keep one of the two")
-    known = {f.name for f in fields(UserFile)}
+    known = {f.name for f in fields(UserFile)} - {"scene_length"}
     path = installed(folder / str(table["file"]))
     free = {key: value for key, value in table.items() if key not in known}
     if kind_of(path) in WITH_PARAMETERS and isinstance(table.get("parameters", {}), Mapping):
