@@ -37,7 +37,7 @@ class Request:
 
 
 class Shape:
-    """A geometry, in the scene's unit of length. `dim` (2 or 3) is that of the model; a shape may differ in 2D and in 3D.
+    """A geometry, in the scene's unit of length. `dim` (2 or 3) is that of the model; shapes may differ in 2D and 3D.
 
     Any of these methods may raise a GeometryError or SceneError if the shape cannot be what the scene says.
     """

@@ -13,8 +13,23 @@ LENGTHS = {  # [m]
     "m": "1", "dm": "0.1", "cm": "0.01", "mm": "1e-3", "um": "1e-6", "nm": "1e-9", "km": "1e3", "in": "0.0254",
     "ft": "0.3048",
 }  # fmt: skip
-FORCES = {"N": "1", "mN": "1e-3", "kN": "1e3", "MN": "1e6", "kgf": "9.80665", "lbf": "4.4482216152605"}  # [N]
-PRESSURES = {"Pa": "1", "kPa": "1e3", "MPa": "1e6", "GPa": "1e9", "bar": "1e5"}  # [Pa], besides psi and ksi
+FORCES = {
+    "N": "1",
+    "uN": "1e-6",
+    "mN": "1e-3",
+    "kN": "1e3",
+    "MN": "1e6",
+    "kgf": "9.80665",
+    "lbf": "4.4482216152605",
+}  # [N]
+PRESSURES = {
+    "Pa": "1",
+    "kPa": "1e3",
+    "MPa": "1e6",
+    "GPa": "1e9",
+    "TPa": "1e12",
+    "bar": "1e5",
+}  # [Pa], besides psi and ksi
 ENERGIES = {"J": "1", "mJ": "1e-3", "kJ": "1e3", "MJ": "1e6"}  # [J]
 MASSES = {"kg": "1", "g": "1e-3", "t": "1e3"}  # [kg], of which a force makes 1 length / s²
 POUNDS = {"psi": "1", "ksi": "1e3"}  # lbf/in²

@@ -123,7 +123,7 @@ class Assembly(Builder):
                 part.shape.check_model(model)
         low = self.box(3 if model == "3d" else 2)[0, 0]
         if model == "axisymmetric" and low < 0:
-            raise SceneError(f"geometry: reaches x = {low:g} m; an axisymmetric model lies in x >= 0")
+            raise SceneError(f"geometry: reaches x = {low:g}; an axisymmetric model lies in x >= 0")
 
     def cell_count(self, request: Request) -> float:
         return sum(part.shape.cell_count(part.request(name, request)) for name, part in self.parts().items())

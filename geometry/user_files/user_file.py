@@ -68,7 +68,7 @@ class UserFile(Noun, Shape):
         Literal["m", "dm", "cm", "mm", "um", "nm", "km", "in", "ft"] | None,
         Key(
             "-",
-            'unit of the file\'s coordinates, which become those of the scene\'s `units`; absent: the same; write "mm" '
+            "unit of the file's coordinates, which become those of the scene's `units`; absent: the same; write \"mm\" "
             "for every STEP file: gmsh turns its own unit into mm",
         ),
     ] = None
@@ -190,7 +190,9 @@ class UserFile(Noun, Shape):
             if declared in (None, taken):
                 raise
             box = " x ".join(f"{length:.3g}" for length in np.ptp(self.box(request.dim), axis=0))
-            hint = f"the file's box, read in {taken}, is {box} {self.scene_length}; is length_unit = '{declared}' missing?"
+            hint = (
+                f"the file's box, read in {taken}, is {box} {self.scene_length}; is length_unit = '{declared}' missing?"
+            )
             raise SceneError(f"{error}; {hint}") from None
 
     def size(self, dim: int) -> float | None:

@@ -98,8 +98,8 @@ def _weakening(scene: Scene) -> Iterator[str]:
             sides = (side.split(".")[0] for side in (contact.surface, contact.against))
             softest = min(scene.bodies[body].least_modulus for body in sides if body in scene.bodies)
             yield (
-                f"contacts.{name}.friction: mu falls by {fall:.3g} per metre of slip; above a pressure of about "
-                f"{softest / extent / fall:.2g} Pa (E / extent of the bodies by that fall) it falls faster than the "
+                f"contacts.{name}.friction: mu falls by {fall:.3g} per {scene.labels.metre} of slip; above a pressure of about "
+                f"{softest / extent / fall:.2g} {scene.labels.pressure} (E / extent of the bodies by that fall) it falls faster than the "
                 "bodies unload: slip may jump within a step, which then has several solutions, and the nearest one is "
                 "taken; springs in the drive lower that pressure"
             )
@@ -130,14 +130,22 @@ def _refuse_faint(scene: Scene) -> None:
     for springs in scene.springs():
         least = least_springs(scene)
         stiffness = min(k for k in (springs.normal, springs.tangential) if k > 0)
-        require(stiffness >= least, springs.key, stiffness, f"too soft beside the bodies, at least {least:.1e} Pa/m")
+        require(
+            stiffness >= least,
+            springs.key,
+            stiffness,
+            f"too soft beside the bodies, at least {least:.1e} {scene.labels('Pa/m')}",
+        )
     extent = float(np.max(np.ptp(scene.geometry.box(scene.dim), axis=0)))
     least = least_springs(scene) * (extent if scene.model.startswith("plane") else extent**2)
+    per_length = scene.labels("N/m")
     for link in scene.links():
         key, soft, hard = f"{link.key}.stiffness", float(link.stiffness.min()), float(link.stiffness.max())
-        require(soft >= least, key, soft, f"too soft beside the bodies, at least {least:.1e} N/m")
+        require(soft >= least, key, soft, f"too soft beside the bodies, at least {least:.1e} {per_length}")
         most = STIFF * least
-        require(hard <= most, key, hard, f"too stiff beside the bodies, at most {most:.1e} N/m; take a support")
+        require(
+            hard <= most, key, hard, f"too stiff beside the bodies, at most {most:.1e} {per_length}; take a support"
+        )
 
 
 def _refuse_reversed(scene: Scene) -> None:

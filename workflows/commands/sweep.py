@@ -40,7 +40,7 @@ def sweep_scene(scene: Scene, words: Sequence[str], folder: Path, jobs: int, qui
         return 0
     off = [one for one in done.solved if one.status != "converged"]
     if not quiet:
-        _print(done, scene.model)
+        _print(done, scene)
         typer.echo(f"{done.path}: a row for each of {len(done.solved)} members")
     if off:
         names = ", ".join(one.member.name for one in off[:5]) + (", ..." if len(off) > 5 else "")
@@ -50,11 +50,11 @@ def sweep_scene(scene: Scene, words: Sequence[str], folder: Path, jobs: int, qui
     return max((PROBLEM.get(one.status, 3) for one in off), default=0)
 
 
-def _print(done: Sweep, model: str) -> None:
+def _print(done: Sweep, scene: Scene) -> None:
     """The keys that are swept, and the main numbers of each contact in the last step of what is solved."""
     if not done.solved:  # other ranks
         return
-    table, numbers = Table(), contact_numbers(model)
+    table, numbers = Table(), contact_numbers(scene.model, scene.labels)
     del numbers["max_penetration"]
     keys = short(list(done.solved[0].member.values))
     for head in (*keys.values(), "contact", *numbers.values()):

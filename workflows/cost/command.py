@@ -152,7 +152,7 @@ def _draw_methods(folder: Path, scene: Scene, found: Sequence[Line], methods: Se
     from stickslip.workflows.cost.methods_picture import draw_methods
 
     if found:
-        draw_methods(folder, scene.title, found, methods, said)
+        draw_methods(folder, scene.title, found, methods, said, scene.labels)
 
 
 def _draw(folder: Path, scene: Scene, studies: Sequence[Study]) -> None:
@@ -160,4 +160,4 @@ def _draw(folder: Path, scene: Scene, studies: Sequence[Study]) -> None:
 
     for study in studies:
         if study.truth.meshes > 1:
-            draw(folder, scene.title, study)
+            draw(folder, scene.title, study, scene.labels)

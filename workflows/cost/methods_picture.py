@@ -9,6 +9,7 @@ from typing import Any
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from stickslip.geometry.units import SI, Units
 from stickslip.workflows.cost.picture import DECADES, LETTERS, LINES, MARKERS, log_log
 from stickslip.workflows.cost.run_record import Run
 from stickslip.workflows.cost.side_by_side import Line
@@ -22,7 +23,9 @@ KINDS: tuple[tuple[str, Number], ...] = (
 )
 
 
-def draw_methods(folder: Path, title: str, found: Sequence[Line], methods: Sequence[str], said: str) -> Path:
+def draw_methods(
+    folder: Path, title: str, found: Sequence[Line], methods: Sequence[str], said: str, units: Units = SI
+) -> Path:
     """Seconds on the left, volume solves on the right; a mesh that a method did not solve is left out.
 
     Args:
@@ -31,7 +34,7 @@ def draw_methods(folder: Path, title: str, found: Sequence[Line], methods: Seque
     Raises:
         MachineError: the disk is full.
     """
-    sheet = Sheet(10.0, 5.0)
+    sheet = Sheet(10.0, 5.0, units=units)
     colours = dict(zip(methods, CURVES * len(methods), strict=False))
     orders = sorted({line.order for line in found})
     for left, (name, number) in zip((0.85, 5.75), KINDS, strict=True):

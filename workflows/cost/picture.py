@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
 
+from stickslip.geometry.units import SI, Units
 from stickslip.workflows.cost.run_record import Run
 from stickslip.workflows.cost.sentence import sentence
 from stickslip.workflows.cost.study import Study
@@ -23,13 +24,13 @@ WIDE, APART = 1.8, 1.7  # triangle of the observed power: its width, and how far
 LINES: dict[int, Any] = {1: (0, (4, 2)), 2: "-"}
 
 
-def draw(folder: Path, title: str, study: Study) -> Path:
+def draw(folder: Path, title: str, study: Study, units: Units = SI) -> Path:
     """Work-precision diagram on the left, convergence on the right; errors below the uncertainty are not shown.
 
     Raises:
         MachineError: the disk is full.
     """
-    sheet = Sheet(10.0, 5.0)
+    sheet = Sheet(10.0, 5.0, units=units)
     work, mesh = sheet.axes(0.85, 1.15, 4.9, 3.05), sheet.axes(6.85, 1.15, 2.95, 3.05)
     methods = list(dict.fromkeys(run.rung.method for run in study.runs))
     colours = dict(zip(methods, CURVES * len(methods), strict=False))

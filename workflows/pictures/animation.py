@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 
 from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.units import Units
 from stickslip.solvers.results.step_result import OPEN, MeshData
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import write_aside
@@ -63,7 +64,7 @@ def animate(folder: Path, scene: Scene, mesh: MeshData, count: int) -> Path:
     """
     indices = np.unique(np.linspace(1, count, min(count, FRAMES)).round().astype(int)).tolist()
     course = survey(folder, mesh, indices)
-    drawn = _Film(mesh, course, " ".join(scene.title.split()))
+    drawn = _Film(mesh, course, " ".join(scene.title.split()), scene.labels)
     pictures = [Pillow.fromarray(drawn(frame)) for frame in frames(folder, mesh, indices)]
     each = min(SLOWEST, SECONDS / len(pictures))
     content = io.BytesIO()
@@ -117,7 +118,7 @@ def survey(folder: Path, mesh: MeshData, indices: list[int]) -> Course:
 class _Film:
     """A sheet on which all frames are drawn: the bodies, and next to them contacts that are hard to see."""
 
-    def __init__(self, mesh: MeshData, course: Course, title: str) -> None:
+    def __init__(self, mesh: MeshData, course: Course, title: str, units: Units) -> None:
         self.mesh, self.course = mesh, course
         self.solid = mesh.points.shape[1] == 3
         self.beside = self._view_beside()
@@ -127,7 +128,8 @@ class _Film:
         wide = min(3.2, 0.75 * max(height, 2.5) * self.beside.aspect) if self.beside else 0.0
         room = (0.3 if self.solid else 0.75) if self.beside else 0.0
         high = wide / self.beside.aspect if self.beside else 0.0
-        self.sheet = Sheet(max(5.0, left + width + 1.35 + room + wide + 0.2), foot + max(height, high) + 1.0, DPI)
+        size = max(5.0, left + width + 1.35 + room + wide + 0.2), foot + max(height, high) + 1.0
+        self.sheet = Sheet(*size, DPI, units)
         axes, self.shown = self._picture(view, (left, foot, width, height), plain_axes)
         tall = max(0.8 * height, 1.1)
         bar = self.sheet.axes(left + width + 0.2, foot + (height - tall) / 2, 0.13, tall)

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, MeshData, StepResult
 from stickslip.workflows.formats.steps import StoredStep, three
 from stickslip.workflows.pictures.focus import close_up
@@ -36,7 +37,9 @@ class Coloured(NamedTuple):
     label: str
 
 
-def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str, obstacles: Sequence[Rigid] = ()) -> Path:
+def draw_body(
+    folder: Path, mesh: MeshData, result: StepResult, title: str, obstacles: Sequence[Rigid] = (), units: Units = SI
+) -> Path:
     """Draw deformed.png: von Mises stress, the obstacles, and the outline of the undeformed bodies in grey."""
     norm, peak = span(result.von_mises), float(result.von_mises.max(initial=0.0))
     most = float(np.quantile(result.von_mises, MOST)) if len(result.von_mises) else peak
@@ -44,15 +47,17 @@ def draw_body(folder: Path, mesh: MeshData, result: StepResult, title: str, obst
     if 0 < most < peak / ABOVE:  # a corner would leave one colour for all else
         norm = Normalize(norm.vmin, most)
     coloured = Coloured(result.von_mises, norm, label)
-    return _draw(folder / "deformed.png", mesh, result, title, coloured, obstacles)
+    return _draw(folder / "deformed.png", mesh, result, title, coloured, obstacles, units)
 
 
-def draw_error(folder: Path, mesh: MeshData, result: StepResult, title: str, obstacles: Sequence[Rigid] = ()) -> Path:
+def draw_error(
+    folder: Path, mesh: MeshData, result: StepResult, title: str, obstacles: Sequence[Rigid] = (), units: Units = SI
+) -> Path:
     """Draw stress_error.png: what the mesh leaves in the stress of each cell, on a logarithmic scale."""
     error = result.stress_error
     coloured = Coloured(error, decades(error), "error of the stress, by the mesh [Pa]")
     said = f"the mesh leaves {100 * result.mesh_error:.2g} % of the displacement, in the energy norm"
-    return _draw(folder / "stress_error.png", mesh, result, title, coloured, obstacles, said)
+    return _draw(folder / "stress_error.png", mesh, result, title, coloured, obstacles, units, said)
 
 
 def _draw(
@@ -62,6 +67,7 @@ def _draw(
     title: str,
     coloured: Coloured,
     obstacles: Sequence[Rigid],
+    units: Units,
     more: str = "",
 ) -> Path:
     """Draw the deformed bodies in the colours; `more` is added to the caption."""
@@ -78,7 +84,7 @@ def _draw(
     foot = (0.2 if solid else 0.55) + (0.0 if beside else 0.75)
     side = min(height, CLOSE_UP)
     wide = max(4.5, left + width + (1.3 if beside else 0.4))
-    sheet = Sheet(wide + (side + 1.0 if close else 0.0), foot + height + 0.75 + LINE * bool(more))
+    sheet = Sheet(wide + (side + 1.0 if close else 0.0), foot + height + 0.75 + LINE * bool(more), units=units)
 
     def show(left: float, view: View, width: float, height: float, scale: float) -> Any:
         bodies = body_on_stage(mesh, three(mesh.points + scale * result.displacement), coloured.values, norm)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stickslip.geometry.arrays import AnyArray, Array, Ints
+from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, ContactState
 from stickslip.workflows.formats.contact_line import Line, walk
 from stickslip.workflows.pictures.focus import focus
@@ -18,14 +19,16 @@ from stickslip.workflows.pictures.sheet import LINE, PALE, STATUS_COLOURS, Sheet
 PRESSURE, TANGENTIAL = "#1b1b1b", "#b2182b"
 
 
-def draw_line(folder: Path, name: str, points: Array, facets: Ints, contact: ContactState, head: str) -> Path:
+def draw_line(
+    folder: Path, name: str, points: Array, facets: Ints, contact: ContactState, head: str, units: Units = SI
+) -> Path:
     """Draw pressure, tangential traction with the friction bound, and the status: open, slip or stick."""
     line = walk(points, facets)
     pressure = contact.pressure[line.nodes]
     tangential = np.einsum("ki,ki->k", contact.traction[line.nodes], line.tangents)
     magnitude = np.linalg.norm(contact.traction[line.nodes], axis=1)
     bound = np.where(np.isfinite(contact.bound), contact.bound, np.nan)[line.nodes]
-    sheet = Sheet(7.0, 4.0 + LINE)
+    sheet = Sheet(7.0, 4.0 + LINE, units=units)
     axes = sheet.axes(0.85, 0.87, 5.85, 2.23)
     axes.axhline(0.0, color=PALE, linewidth=0.6)
     style = {"markersize": 2.5, "marker": "o"} if len(line.nodes) <= 120 else {}

@@ -11,6 +11,7 @@ import pyvista as pv
 from matplotlib.colors import to_rgb
 
 from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, ContactState
 from stickslip.workflows.formats.shapes import corner_cells
 from stickslip.workflows.pictures.focus import focus
@@ -25,7 +26,9 @@ Facets = Ints
 Surface = tuple[Array, Facets, str]  # nodes, facets, their shape
 
 
-def draw_surface(folder: Path, name: str, surface: Surface, contact: ContactState, head: str) -> Path:
+def draw_surface(
+    folder: Path, name: str, surface: Surface, contact: ContactState, head: str, units: Units = SI
+) -> Path:
     """Draw the pressure with arrows of tangential traction, and next to it the status: open, slip or stick."""
     (points, facets, shape), contact = _closer(surface, contact)
     view, labels = view_of(points)
@@ -64,7 +67,7 @@ def draw_surface(folder: Path, name: str, surface: Surface, contact: ContactStat
 
     width, height = (3.6, 3.6 / view.aspect) if view.aspect > 1 else (3.6 * view.aspect, 3.6)
     left, foot, gap = (0.75, 1.25, 0.75) if flat else (0.3, 0.95, 0.4)
-    sheet = Sheet(left + max(2 * width + gap, 5.0) + 0.3, foot + height + 0.75 + LINE)
+    sheet = Sheet(left + max(2 * width + gap, 5.0) + 0.3, foot + height + 0.75 + LINE, units=units)
     first = sheet.axes(left, foot, width, height)
     second = sheet.axes(left + width + gap, foot, width, height)
     show_image(first, view, render(view, round(width * DPI), add_pressure), labels)
@@ -74,7 +77,7 @@ def draw_surface(folder: Path, name: str, surface: Surface, contact: ContactStat
     else:
         sheet.figure.text(left / sheet.width, 0.5 / sheet.height, "open everywhere", fontsize=9)
     sheet.status_legend(second, loc="upper center", bbox_to_anchor=(0.5, -(foot - 0.75) / height), borderpad=0)
-    arrow_text = f"; arrows: tangential traction, longest {longest:.3g} Pa" if arrows is not None else ""
+    arrow_text = f"; arrows: tangential traction, longest {longest:.3g} {units.pressure}" if arrows is not None else ""
     title, caption, numbers = head.split("\n")
     sheet.head(title, f"{caption}{arrow_text}\n{numbers}", left)
     return sheet.save(folder / f"contact_{name}.png")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.error_parts import Errors, Quantity
 from stickslip.solvers.results.step_result import ContactState, MeshData, StepResult
 from stickslip.solvers.scene.scene import Scene
@@ -31,6 +32,7 @@ def draw(
     per_metre: bool = False,
     part: str = "",
     obstacles: Sequence[Rigid] = (),
+    units: Units = SI,
 ) -> list[Path]:
     """Draw deformed.png, stress_error.png if the error was estimated, and one contact_NAME.png for each contact.
 
@@ -41,6 +43,7 @@ def draw(
         per_metre: whether resultants are those of a metre of thickness.
         part: what of the bodies is modelled, half or quarter; empty: all of it.
         obstacles: at the time of the step.
+        units: of the labels.
 
     Returns:
         The paths of the pictures.
@@ -50,20 +53,20 @@ def draw(
     """
     make_folder(folder)
     title, of = " ".join(title.split()), f" of the modelled {part}" if part else ""
-    drawn = [draw_body(folder, mesh, result, title, obstacles)]
+    drawn = [draw_body(folder, mesh, result, title, obstacles, units)]
     if len(result.stress_error):
-        drawn.append(draw_error(folder, mesh, result, title, obstacles))
+        drawn.append(draw_error(folder, mesh, result, title, obstacles, units))
     for name, contact in result.contacts.items():
         surface = mesh.surfaces[name]
-        said = _said(name, contact, errors or {}, per_metre)
+        said = _said(name, contact, errors or {}, per_metre, units)
         peak, resultants = said.pop("largest pressure"), ", ".join(f"{what} {number}" for what, number in said.items())
         if any(MISSING in number for number in said.values()) or MISSING in peak:
             resultants += f"; {MISSING} a part of the error is not known"
         head = f"{title}\nt = {result.time:g} s, contact {name}{of}, largest pressure {peak}\n{resultants}"
         if mesh.points.shape[1] == 3:
-            drawn.append(draw_surface(folder, name, surface, contact, head))
+            drawn.append(draw_surface(folder, name, surface, contact, head, units))
         else:
-            drawn.append(draw_line(folder, name, surface[0], surface[1], contact, head))
+            drawn.append(draw_line(folder, name, surface[0], surface[1], contact, head, units))
     return drawn
 
 
@@ -80,7 +83,7 @@ def draw_course(folder: Path, scene: Scene) -> list[Path]:
     return [draw_history(folder, scene, columns, title), *([loops] if loops else [])]
 
 
-def _said(name: str, contact: ContactState, errors: Errors, per_metre: bool) -> dict[str, str]:
+def _said(name: str, contact: ContactState, errors: Errors, per_metre: bool, units: Units) -> dict[str, str]:
     """Numbers of a contact with their errors, in words."""
     force, area = ("N/m", "m") if per_metre else ("N", "m²")
     rubs = bool(contact.bound.any())
@@ -88,6 +91,6 @@ def _said(name: str, contact: ContactState, errors: Errors, per_metre: bool) -> 
     words |= {"tangential_force": ("tangential force", force)} if rubs else {}
     words |= {"stick_area": ("sticks on", area)} if rubs else {"contact_area": ("touches on", area)}
     return {
-        word: with_error(getattr(contact, key), errors.get(Quantity("contacts", name, key)), unit)
+        word: with_error(getattr(contact, key), errors.get(Quantity("contacts", name, key)), units(unit))
         for key, (word, unit) in words.items()
     }

@@ -57,7 +57,7 @@ def draw_history(folder: Path, scene: Scene, columns: Columns, title: str) -> Pa
     panels = [(label, most(curves)) for label, curves in everything]
     panels = [(label, curves) for label, curves in panels if curves]
     count = len(panels) + bool(scene.contacts)
-    sheet = Sheet(LEFT + WIDE + BESIDE, 0.75 + count * (HIGH + GAP) + 0.4)
+    sheet = Sheet(LEFT + WIDE + BESIDE, 0.75 + count * (HIGH + GAP) + 0.4, units=scene.labels)
     place = (sheet.height - 0.75 - HIGH - k * (HIGH + GAP) for k in range(count))
     drawn: list[Any] = []
     for label, curves in panels:

@@ -62,7 +62,7 @@ def draw_loops(folder: Path, scene: Scene, columns: Columns, title: str) -> Path
     if not rows:
         return None
     across = max(map(len, rows))
-    sheet = Sheet(LEFT + across * (WIDE + GAP) + 0.45, HEAD + len(rows) * (HIGH + GAP) - GAP + FOOT)
+    sheet = Sheet(LEFT + across * (WIDE + GAP) + 0.45, HEAD + len(rows) * (HIGH + GAP) - GAP + FOOT, units=scene.labels)
     time = steps["time"]
     norm = Normalize(0.0, float(time[-1]))
     for i, row in enumerate(rows):

@@ -12,6 +12,7 @@ from matplotlib import colormaps
 from scipy.ndimage import distance_transform_edt, label
 
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.units import SI, Units
 from stickslip.geometry.user_files.outline import Facets
 from stickslip.workflows.pictures.render import Image, View, render
 from stickslip.workflows.pictures.sheet import DPI, Sheet, show_image
@@ -22,14 +23,14 @@ TEXT: dict[str, Any] = {"fontsize": 7, "ha": "center", "va": "center", "color": 
 PAPER: dict[str, Any] = {"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "linewidth": 0}
 
 
-def draw_numbers(path: Path, entities: Sequence[Facets], title: str) -> Path:
+def draw_numbers(path: Path, entities: Sequence[Facets], title: str, units: Units = SI) -> Path:
     """Draw faces from two sides (3D), or edges (2D), each with its number."""
     points = np.concatenate([e.corners.reshape(-1, 3) for e in entities])
     solid = entities[0].corners.shape[1] > 2
     views = [View.isometric(points), _from_behind(points)] if solid else [View.facing(points)]
     width = min(SIDE, SIDE * views[0].aspect)
     height = width / min(view.aspect for view in views)
-    sheet = Sheet(max(4.5, 0.3 + len(views) * (width + 0.3)), height + 1.1)
+    sheet = Sheet(max(4.5, 0.3 + len(views) * (width + 0.3)), height + 1.1, units=units)
     for i, view in enumerate(views):
         axes = sheet.axes(0.3 + i * (width + 0.3), 0.3, width, width / view.aspect)
         if solid:

@@ -46,7 +46,7 @@ ENERGIES = (
     ("dissipated", "dissipated"),
 )
 ASKED = ("geometry", "bodies", "obstacles", "contacts", "supports", "loads", "probes", "steps")  # first, in this order
-LATER = ("title", "model", "solver", "output", "exact", "accuracy", "hash")
+LATER = ("title", "model", "units", "solver", "output", "exact", "accuracy", "hash")
 PHASES = ("mesh", "assemble", "prepare", "iterate", "error", "output")
 Html = str
 Told = Mapping[str, Any]
@@ -133,6 +133,7 @@ def _head(results: Results) -> Html:
     status = str(content.get("status", "")).replace("_", " ")
     facts = [
         str(scene.get("model", "")),
+        str(scene.get("units", "")),
         f"{content['dofs']} unknown displacements" if content.get("dofs") else "",
         f"{content['contact_points']} contact points" if content.get("contact_points") else "",
         f"{count} step{'s' * (count > 1)}" if (count := len(results.reported)) else "no step was solved",
@@ -177,7 +178,7 @@ def _summary(results: Results) -> Html:
 
 def _signs(results: Results) -> str:
     part = modelled(results.scene.get("geometry") or {}, results.scene.get("model", ""))
-    of = ["a metre of thickness"] * results.plane + [f"the modelled {part}"] * bool(part)
+    of = [f"a {results.units.metre} of thickness"] * results.plane + [f"the modelled {part}"] * bool(part)
     per = f"Forces are those of {' of '.join(of)}; they act" if of else "Forces act"
     return f"{per} on the slave side. ± is the estimated error."
 
@@ -255,7 +256,7 @@ def _curves(results: Results) -> Html:
     panels = (
         (f"normal force [{force}]", of_contacts(("normal_force", ""))),
         (f"tangential force [{force}]", of_contacts(("tangential_force", ""))),
-        ("largest pressure [Pa]", of_contacts(("max_pressure", ""))),
+        (f"largest pressure [{results.unit('Pa')}]", of_contacts(("max_pressure", ""))),
         (f"contact area [{results.unit('m²')}]", of_contacts(("stick_area", "stick"), ("slip_area", "slip"))),
         (f"force of supports [{force}]", held),
         (f"energy [{results.unit('J')}]", [curve(words, "energy", "", key) for words, key in ENERGIES]),
@@ -291,7 +292,10 @@ def _forces(results: Results) -> Html:
     ]
     for title, part in (
         ("Resultants of the last step", table(("force of", *heads), held)),
-        ("Probes in the last step", table(("displacement of", *(f"{axis} [m]" for axis in axes)), probes)),
+        (
+            "Probes in the last step",
+            table(("displacement of", *(f"{axis} [{results.unit('m')}]" for axis in axes)), probes),
+        ),
     ):
         said.append(f"<h3>{title}</h3>{part}" if part else "")
     return "".join(said)

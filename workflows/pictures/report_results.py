@@ -15,6 +15,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import AnyArray
 from stickslip.geometry.errors import FolderError
+from stickslip.geometry.units import Units
 from stickslip.solvers.scene.quantities import CONTACT_NUMBERS
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE
@@ -60,13 +61,18 @@ class Results:
         return self.scene.get("model") == "3d"
 
     @property
+    def units(self) -> Units:
+        """What the numbers are in."""
+        return Units.of(str(self.scene.get("units", "SI")))
+
+    @property
     def reported(self) -> list[Mapping[str, Any]]:
         """The steps of result.json."""
         return list(self.content.get("steps") or ())
 
     def unit(self, of: str) -> str:
-        """Unit in the model of the scene of what has this unit in space."""
-        return PER_METRE.get(of, of) if self.plane else of
+        """Unit in the model and the units of the scene of what has this unit of the SI in space."""
+        return self.units(PER_METRE.get(of, of) if self.plane else of)
 
 
 def read_results(folder: Path) -> Results:
@@ -116,7 +122,8 @@ def _without_end(folder: Path) -> dict[str, Any]:
     ]
     said = "the run has not ended: it is at work, or was killed; stickslip run --resume goes on with it"
     return {"status": "not ended", "sentence": said, "version": begun.get("stickslip"), "steps": steps} | {
-        key: begun.get(key) for key in ("scene", "dolfinx")
+        "scene": begun["scene"] | {"units": begun.get("units", "SI")},
+        "dolfinx": begun.get("dolfinx"),
     }
 
 

@@ -92,6 +92,7 @@ def model(results: Results) -> dict[str, Any] | None:
     ]
     return {
         "solid": solid,
+        "units": {unit: results.units(unit) for unit in ("m", "Pa")},
         "bodies": list(bodies),
         "points": _packed(points[shown], "float32"),
         "width": faces.shape[1],

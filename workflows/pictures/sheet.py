@@ -13,9 +13,11 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from stickslip.geometry.arrays import Array
+from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK
 from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.pictures.render import Image, View
@@ -34,10 +36,11 @@ STATUS_WORDS = {OPEN: "open", SLIP: "slip", STICK: "stick"}
 
 
 class Sheet:
-    """A white page of width × height inches."""
+    """A white page of width × height inches; labels are written with units of the SI, and shown with the scene's."""
 
-    def __init__(self, width: float, height: float, dpi: int = DPI) -> None:
-        self.width, self.height, self.dpi = width, height, dpi
+    def __init__(self, width: float, height: float, dpi: int = DPI, units: Units = SI) -> None:
+        self.width, self.height, self.dpi, self.units = width, height, dpi, units
+        self._titles: list[Any] = []  # the user's words
         self.figure = Figure(figsize=(width, height), dpi=dpi, facecolor="white")
         self.canvas = FigureCanvasAgg(self.figure)
 
@@ -59,7 +62,8 @@ class Sheet:
         lines = wrap(title, int(room * LETTERS), max_lines=2, placeholder="…")
         place, size = (0.34, TITLE[1]) if len(lines) > 1 else (0.28, TITLE[0])
         look = {"fontsize": size, "fontweight": "bold", "linespacing": 1.15}
-        self._shrink(self.write(left, self.height - place, "\n".join(lines), **look), room)
+        self._titles.append(self.write(left, self.height - place, "\n".join(lines), **look))
+        self._shrink(self._titles[-1], room)
         for index, line in enumerate(caption.split("\n")):
             self._shrink(self.write(left, self.height - 0.48 - index * LINE, line, color=PALE), room)
 
@@ -97,6 +101,7 @@ class Sheet:
     def pixels(self) -> Image:
         """The page as it is now, as an image (rows, columns, 3)."""
         canvas: Any = self.canvas
+        self._label()
         canvas.draw()
         return np.array(canvas.buffer_rgba())[..., :3]
 
@@ -106,10 +111,18 @@ class Sheet:
         Raises:
             MachineError: the disk is full.
         """
+        self._label()
         content = io.BytesIO()
         self.figure.savefig(content, format="png", dpi=self.dpi)
         write_aside(path, content.getvalue())
         return path
+
+    def _label(self) -> None:
+        """Put the scene's units into all labels."""
+        if self.units != SI:
+            for text in self.figure.findobj(Text):
+                if text not in self._titles:
+                    text.set_text(self.units.label(text.get_text()))
 
 
 def show_image(axes: Any, view: View, image: Image, labels: tuple[str, str] | None) -> None:

@@ -125,7 +125,7 @@ def doubts(
     problem, contacts = simulation.problem, simulation.system.contacts
     if steps and all(step.bodies and not any(b.max_displacement for b in step.bodies.values()) for step in steps):
         yield "nothing loads or moves the bodies: all displacements and forces are zero"
-    yield from _several_solutions(steps, "N/m" if problem.model.startswith("plane") else "N")
+    yield from _several_solutions(steps, problem.labels("N/m" if problem.model.startswith("plane") else "N"))
     yield from _slip_jumps(steps)
     yield from large_time_errors(problem, steps, errors or ())
     for rows in contacts:
@@ -198,14 +198,14 @@ def large_time_errors(problem: Problem, steps: Sequence[StepResult], errors: Seq
 
 def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState]) -> Iterator[str]:
     """A slip beyond a facet of the master; on an obstacle one that leaves its surface. A plane is alike everywhere."""
-    closed = [(state, state.status != OPEN) for state in states]
+    closed, length = [(state, state.status != OPEN) for state in states], problem.labels.length
     if rows.master is not None:
         facet = float(np.median(_lengths(rows.master.points, rows.master.facets)))
         slid = max(state.max_slip for state in states)
         if slid > facet:
             yield (
-                f"contacts.{rows.name}: slips by up to {slid:.3g} m, past facets of {facet:.2g} m, while each point "
-                f"keeps the facet it began at; set contacts.{rows.name}.sliding = true"
+                f"contacts.{rows.name}: slips by up to {slid:.3g} {length}, past facets of {facet:.2g} {length}, while "
+                f"each point keeps the facet it began at; set contacts.{rows.name}.sliding = true"
             )
         return
     obstacle = problem.obstacles[str(problem.pairs[rows.name].obstacle)]
@@ -223,7 +223,7 @@ def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState
             missed, worst = miss, state.max_slip
     if missed > LARGE_MISS:
         yield (
-            f"contacts.{rows.name}: slips by up to {worst:.3g} m on a curved obstacle, while each point keeps the "
+            f"contacts.{rows.name}: slips by up to {worst:.3g} {length} on a curved obstacle, while each point keeps the "
             f"normal it began with; set contacts.{rows.name}.sliding = true"
         )
 
@@ -277,8 +277,8 @@ def _cut_corners(rows: ContactRows, problem: Problem, state: ContactState) -> It
     share = cut / _motion(rows, problem, state)
     if share > LARGE_SAGITTA:
         yield (
-            f"contacts.{rows.name}: flat facets cut up to {cut:.2g} m off a curved side, {share:.0%} of the motion "
-            "that the pressure causes; set geometry.order = 2, or refine contact_mesh_size"
+            f"contacts.{rows.name}: flat facets cut up to {cut:.2g} {problem.labels.length} off a curved side, {share:.0%} of the "
+            "motion that the pressure causes; set geometry.order = 2, or refine contact_mesh_size"
         )
 
 

@@ -18,6 +18,7 @@ from stickslip.geometry.mesh.mesh import Mesh, build_mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.mesh.quality import worst_quality
 from stickslip.geometry.surfaces.surface import Surface
+from stickslip.geometry.units import Units
 from stickslip.solvers.accuracy.resolution import faced
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import EFFECTS
@@ -61,11 +62,17 @@ class MeshReport:
     worst_quality: float
     contacts: Mapping[str, ContactReport]
     plane: bool  # whether areas are those of a metre of thickness
+    units: str = "SI"  # as the scene names them
 
     @property
     def area_unit(self) -> tuple[str, str]:
         """What an area is called, and its unit."""
-        return ("length", "m") if self.plane else ("area", "m²")
+        return ("length", self.length_unit) if self.plane else ("area", Units.of(self.units)("m²"))
+
+    @property
+    def length_unit(self) -> str:
+        """The unit of lengths."""
+        return Units.of(self.units).length
 
     def lines(self) -> Iterator[str]:
         """Sentences for the terminal and the log."""
@@ -81,7 +88,7 @@ class MeshReport:
             yield (
                 f"contact {name}: {c.normal_points} normal and {c.tangential_points} tangential points, {area} "
                 f"{c.area:.4g} {unit}, {c.elements_across} elements across{other}, gap {c.smallest_gap:.4g} to "
-                f"{c.largest_gap:.4g} m, {overlap if c.overlapping_points else 'no overlap'}"
+                f"{c.largest_gap:.4g} {self.length_unit}, {overlap if c.overlapping_points else 'no overlap'}"
             )
 
     def warnings(self) -> Iterator[str]:
@@ -90,7 +97,8 @@ class MeshReport:
             yield f"worst cell quality {self.worst_quality:.2g} is below {POOR:g}; change mesh_size or the geometry"
         for name, c in self.contacts.items():
             if not c.points_that_can_touch:
-                yield f"contacts.{name}: never touches: the gap is {c.smallest_gap:.4g} m, and nothing closes it"
+                gap = f"{c.smallest_gap:.4g} {self.length_unit}"
+                yield f"contacts.{name}: never touches: the gap is {gap}, and nothing closes it"
             elif c.points_that_can_touch < FEWEST:
                 yield (
                     f"contacts.{name}: only {c.points_that_can_touch} points can touch, fewer than {FEWEST}; refine "
@@ -112,6 +120,7 @@ def report_mesh(scene: Scene, mesh: Mesh, nodes: int, contacts: Sequence[Contact
         worst_quality=worst_quality(mesh),
         contacts={c.name: _report_contact(scene, c, size) for c in contacts},
         plane=scene.model.startswith("plane"),
+        units=scene.units,
     )
 
 

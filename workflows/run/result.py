@@ -1,4 +1,4 @@
-"""result.json: the whole run in one file that scripts can rely on (format 1, SI, no NaN, null where not computed).
+"""result.json: the whole run in one file that scripts can rely on (format 1, no NaN, null where not computed).
 
 Its tables are the records of result_schema.py.
 """
@@ -17,7 +17,6 @@ import numpy as np
 
 from stickslip import VERSION
 from stickslip.geometry.dolfinx_versions import DOLFINX
-from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.results.audit import Audit
 from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Errors
 from stickslip.solvers.results.linear_reference import LinearReference
@@ -30,6 +29,7 @@ from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.run.audit import Audited
 from stickslip.workflows.run.packages import packages
 from stickslip.workflows.run.result_schema import units
+from stickslip.workflows.scene_file.identity import identity
 from stickslip.workflows.scene_file.read import to_dict
 
 OF_COARSE = ("factorisations", "volume_solves", "linear_iterations")  # counters of the coarse mesh beside
@@ -68,7 +68,7 @@ def summary(
         "status": outcome.status,
         "sentence": outcome.sentence,
         "warnings": list(outcome.warnings),
-        "units": units(plane=scene.model.startswith("plane")),
+        "units": units(plane=scene.model.startswith("plane"), of=scene.labels),
         "scene": resolved | {"hash": scene_hash(scene)},
         "version": VERSION,
         "dolfinx": DOLFINX,
@@ -126,10 +126,7 @@ def _verdict(simulation: Simulation, steps: Sequence[StepResult], audited: Audit
 
 def scene_hash(scene: Scene) -> str:
     """The same for the same scene; a geometry file counts by its content, not by its place."""
-    plain = to_dict(scene)
-    if isinstance(scene.geometry, UserFile):
-        plain["geometry"]["file"] = scene.geometry.digest()
-    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(identity(scene, ("units",)), sort_keys=True).encode()).hexdigest()
 
 
 def write_result(folder: Path, content: dict[str, Any]) -> None:

@@ -12,6 +12,7 @@ from pydantic import ConfigDict, TypeAdapter, with_config
 from typing_extensions import TypedDict, is_typeddict
 
 from stickslip.geometry.keys import Key
+from stickslip.geometry.units import SI, Units
 from stickslip.solvers.newton.solution import Convergence
 from stickslip.solvers.results.audit import Audit
 from stickslip.solvers.results.linear_reference import LinearReference
@@ -312,16 +313,17 @@ def result_schema() -> dict[str, Any]:
     return {"$schema": DIALECT, **_nullable(found), "title": "result.json of stickslip"}
 
 
-def units(plane: bool) -> dict[str, str]:
+def units(plane: bool, of: Units = SI) -> dict[str, str]:
     """Units of the numbers of a step.
 
     Args:
         plane: whether forces, areas and energies are those of a metre of thickness.
+        of: those of the scene.
 
     >>> units(plane=True)["contacts.normal_force"], units(plane=False)["contacts.normal_force"]
     ('N/m', 'N')
     """
-    return {name: PER_METRE.get(unit, unit) if plane else unit for name, unit in _units(StepRecord) if unit}
+    return {name: of(PER_METRE.get(unit, unit) if plane else unit) for name, unit in _units(StepRecord) if unit}
 
 
 def _units(record: Any, above: str = "") -> Iterator[tuple[str, str]]:

@@ -110,8 +110,9 @@ def find_earlier_run(results: ResultsFolder, scene: Scene) -> EarlierRun:
 
 
 def run_of(begun: Mapping[str, Any]) -> str:
-    """Hash of what a run was begun with: scene, mesh and versions; each of its steps carries it."""
-    return hashlib.sha256(json.dumps(begun, sort_keys=True).encode()).hexdigest()
+    """Hash of what a run was begun with: scene, mesh and versions, not its labels; each of its steps carries it."""
+    plain = {key: value for key, value in begun.items() if key != "units"}
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
 
 def _read(folder: Path, times: Sequence[float], run: str) -> EarlierRun:

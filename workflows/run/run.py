@@ -332,7 +332,7 @@ def _solve(
 def begun_with(simulation: Simulation) -> dict[str, Any]:
     """What a run of the simulation is begun with; its mesh is on rank 0 alone."""
     scene, mesh = identity(simulation.scene, DECIDES_NOTHING), mesh_checksum(simulation.data)
-    return {"scene": scene, "mesh": mesh} | VERSIONS
+    return {"scene": scene, "mesh": mesh, "units": simulation.scene.units} | VERSIONS
 
 
 def _open(results: ResultsFolder, begun: dict[str, Any], earlier: EarlierRun) -> None:

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+from stickslip.geometry.units import Units
 from stickslip.solvers.results.error_parts import PARTS, ErrorParts
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.simulation.plan import warnings
@@ -135,10 +136,8 @@ class Reporter:
         elif not content["scene"]["output"]["audit"]:
             out.print("audit: left out, output.audit = false")
         if content["steps"] and content["steps"][-1]["energy"]["dissipated"] > 0:
-            energy, unit = (
-                content["steps"][-1]["energy"],
-                "J/m" if content["scene"]["model"].startswith("plane") else "J",
-            )
+            energy, units = content["steps"][-1]["energy"], Units.of(content["scene"]["units"])
+            unit = units("J/m" if content["scene"]["model"].startswith("plane") else "J")
             out.print(
                 f"friction dissipated {energy['dissipated']:.4g} {unit}, time remainder {energy['time_remainder']:.2g} "
                 f"{unit}"
@@ -205,7 +204,7 @@ def print_table(table: Table, out: Console) -> None:
 
 
 def _contacts(content: Content) -> Table:
-    numbers, table = contact_numbers(content["scene"]["model"]), Table()
+    numbers, table = contact_numbers(content["scene"]["model"], Units.of(content["scene"]["units"])), Table()
     for name in ("t", "contact", *numbers.values(), "iterations", "volume solves"):
         table.add_column(name, justify="left" if name == "contact" else "right")
     for step in content["steps"]:
@@ -215,10 +214,10 @@ def _contacts(content: Content) -> Table:
     return table
 
 
-def contact_numbers(model: str) -> dict[str, str]:
+def contact_numbers(model: str, units: Units) -> dict[str, str]:
     """Heads of the numbers of a contact, by their keys; in plane models for a metre of thickness."""
     force, area = ("N/m", "m") if model.startswith("plane") else ("N", "m²")
-    return {
+    heads = {
         "normal_force": f"normal force [{force}]",
         "tangential_force": f"tangential [{force}]",
         "contact_area": f"touching [{area}]",
@@ -227,6 +226,7 @@ def contact_numbers(model: str) -> dict[str, str]:
         "max_pressure": "max pressure [Pa]",
         "max_penetration": "max penetration [m]",
     }
+    return {key: units.label(head) for key, head in heads.items()}
 
 
 def contact_cells(contact: Content | None, keys: Iterable[str]) -> list[str]:
@@ -270,7 +270,7 @@ def print_plan(content: Content) -> None:
             if c["dropped_multipliers"]:
                 out.print(f"contact {name}: {c['dropped_multipliers']} multipliers dropped")
         contacts = {name: ContactReport(**c) for name, c in mesh["contacts"].items()}
-        keys = ("cells", "nodes", "worst_quality", "plane")
+        keys = ("cells", "nodes", "worst_quality", "plane", "units")
         report = MeshReport(**{key: mesh[key] for key in keys}, contacts=contacts)
         print_mesh(report, out)
 
@@ -278,9 +278,10 @@ def print_plan(content: Content) -> None:
 def print_mesh(report: MeshReport, out: Console) -> None:
     """The mesh in a table, its contacts in another, warnings below."""
     out.print(f"{report.cells} cells, {report.nodes} nodes, worst quality {report.worst_quality:.2f} (1 is best)")
-    table, (area, unit) = Table(), report.area_unit
+    table, (area, unit), length = Table(), report.area_unit, report.length_unit
     heads = ("contact", "normal points", "tangential", f"{area} [{unit}]", "elements across", "other side")
-    for name in (*heads, "smallest gap [m]", "largest gap [m]", "overlapping points", f"overlap [{unit}]", "can touch"):
+    gaps = f"smallest gap [{length}]", f"largest gap [{length}]"
+    for name in (*heads, *gaps, "overlapping points", f"overlap [{unit}]", "can touch"):
         table.add_column(name, justify="left" if name == "contact" else "right")
     for name, c in report.contacts.items():
         gaps = (f"{c.smallest_gap:.4g}", f"{c.largest_gap:.4g}", str(c.overlapping_points), f"{c.overlap_area:.4g}")

@@ -12,8 +12,8 @@ from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.scene_file.read import to_dict
 
-# keys of a scene that do not change the answer of a mesh: title, output, references, and the limit of iterations
-DECIDES_NOTHING = ("title", "output", "exact", "accuracy", "solver.max_iterations")
+# keys of a scene that do not change the answer of a mesh: title, labels, output, references, the limit of iterations
+DECIDES_NOTHING = ("title", "units", "output", "exact", "accuracy", "solver.max_iterations")
 
 
 def identity(scene: Scene, without: Collection[str]) -> dict[str, Any]:
@@ -27,7 +27,7 @@ def identity(scene: Scene, without: Collection[str]) -> dict[str, Any]:
         if key and table in plain:
             plain[table].pop(key, None)
     if isinstance(scene.geometry, UserFile):
-        plain["geometry"]["file"] = scene.geometry.digest()
+        plain["geometry"] |= {"file": scene.geometry.digest(), "length_unit": scene.geometry.unit}
     return json.loads(json.dumps(plain))  # type: ignore[no-any-return]
 
 

@@ -44,6 +44,7 @@ class Pictures(Writer):
                     per_metre=scene.model.startswith("plane"),
                     part=modelled(vars(scene.geometry), scene.model),
                     obstacles=rigids(scene, ended.steps[-1]),
+                    units=scene.labels,
                 )
                 draw_course(self.job.folder, self.job.scene)
 

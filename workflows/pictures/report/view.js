@@ -23,9 +23,9 @@
   const length = (u, node) => Math.hypot(u[3 * node], u[3 * node + 1], u[3 * node + 2]);
   const largest = (of) => frames.reduce((most, frame) => of(frame).reduce((a, b) => Math.max(a, b), most), 0);
   const QUANTITIES = {
-    "displacement": { unit: "m", most: largest((f) => Float32Array.from({ length: points.length / 3 }, (_, k) => length(f.displacement, k))) },
-    "von Mises stress": { unit: "Pa", most: largest((f) => f.stress) },
-    "contact pressure": { unit: "Pa", most: Math.max(0, ...contacts.map((_, k) => largest((f) => (f.contacts[k] ? f.contacts[k].pressure : [])))) },
+    "displacement": { unit: model.units.m, most: largest((f) => Float32Array.from({ length: points.length / 3 }, (_, k) => length(f.displacement, k))) },
+    "von Mises stress": { unit: model.units.Pa, most: largest((f) => f.stress) },
+    "contact pressure": { unit: model.units.Pa, most: Math.max(0, ...contacts.map((_, k) => largest((f) => (f.contacts[k] ? f.contacts[k].pressure : [])))) },
     "contact status": {},
   };
   const box = new THREE.Box3().setFromArray(points);
