@@ -9,35 +9,23 @@ from functools import cached_property
 
 from stickslip.geometry.errors import SceneError, shortened
 
-LENGTHS = {  # [m]
+# lengths in m, forces in N, pressures in Pa (pounds in lbf/in²), energies in J, masses in kg
+LENGTHS = {
     "m": "1", "dm": "0.1", "cm": "0.01", "mm": "1e-3", "um": "1e-6", "nm": "1e-9", "km": "1e3", "in": "0.0254",
     "ft": "0.3048",
 }  # fmt: skip
 FORCES = {
-    "N": "1",
-    "uN": "1e-6",
-    "mN": "1e-3",
-    "kN": "1e3",
-    "MN": "1e6",
-    "kgf": "9.80665",
-    "lbf": "4.4482216152605",
-}  # [N]
-PRESSURES = {
-    "Pa": "1",
-    "kPa": "1e3",
-    "MPa": "1e6",
-    "GPa": "1e9",
-    "TPa": "1e12",
-    "bar": "1e5",
-}  # [Pa], besides psi and ksi
-ENERGIES = {"J": "1", "mJ": "1e-3", "kJ": "1e3", "MJ": "1e6"}  # [J]
-MASSES = {"kg": "1", "g": "1e-3", "t": "1e3"}  # [kg], of which a force makes 1 length / s²
-POUNDS = {"psi": "1", "ksi": "1e3"}  # lbf/in²
+    "N": "1", "uN": "1e-6", "mN": "1e-3", "kN": "1e3", "MN": "1e6", "kgf": "9.80665", "lbf": "4.4482216152605",
+}  # fmt: skip
+PRESSURES = {"Pa": "1", "kPa": "1e3", "MPa": "1e6", "GPa": "1e9", "TPa": "1e12", "bar": "1e5"}
+POUNDS = {"psi": "1", "ksi": "1e3"}
+ENERGIES = {"J": "1", "mJ": "1e-3", "kJ": "1e3", "MJ": "1e6"}
+MASSES = {"kg": "1", "g": "1e-3", "t": "1e3"}
 SHORT = {"SI": "m-N-Pa"}
 OF_SI = re.compile(r"(?<![A-Za-z_^])(kg/m³|m|N|Pa|J)(?![A-Za-z_0-9'])")  # within a unit; m^m_n has an exponent m_n
 NAMED = re.compile(r"\[[^\]\[]*\]")  # a unit in a head or a label
 EXPECTED = 'expected "SI", or "LENGTH-FORCE-PRESSURE" such as "mm-N-MPa"'
-LAST = re.compile(r"(?<=, in )(metres|[^ ;,]+)$")  # of a refusal that says what unit a number has
+SAID = re.compile(r"(?<=, in )[^;,]+$|(?<=expected a number in )[^;,]+(?=, or )")  # the unit of a number
 
 
 @dataclass(frozen=True)
@@ -118,12 +106,12 @@ class Units:
         return text if self == SI else NAMED.sub(lambda found: self(found[0]), text)
 
     def refusal(self, line: str) -> str:
-        """The line of a refusal whose last words are a unit.
+        """The line of a refusal that says what unit a number has.
 
         >>> Units.of("mm-N-MPa").refusal("radius = -1.0: must be positive, in metres")
         'radius = -1.0: must be positive, in mm'
         """
-        return line if self == SI else LAST.sub(lambda found: self("m" if found[0] == "metres" else found[0]), line)
+        return line if self == SI else SAID.sub(lambda found: self(found[0].replace("metres", "m")), line)
 
     def metres(self, what: str) -> Fraction:
         """The unit of length [m], exactly.

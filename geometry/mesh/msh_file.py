@@ -1,4 +1,4 @@
-"""The mesh of a scene as a .msh file, in metres."""
+"""The mesh of a scene as a .msh file, in the scene's unit of length."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stickslip.geometry.shape import Request, Shape
 
 
 def write_msh(shape: Shape, request: Request, path: Path) -> None:
-    """Mesh the shape and write it in metres: into a temporary file beside `path`, which is then renamed.
+    """Mesh the shape and write it in the scene's unit: into a temporary file beside `path`, which is then renamed.
 
     Raises:
         MachineError: the file cannot be written.

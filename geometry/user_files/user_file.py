@@ -190,10 +190,8 @@ class UserFile(Noun, Shape):
             if declared in (None, taken):
                 raise
             box = " x ".join(f"{length:.3g}" for length in np.ptp(self.box(request.dim), axis=0))
-            hint = (
-                f"the file's box, read in {taken}, is {box} {self.scene_length}; is length_unit = '{declared}' missing?"
-            )
-            raise SceneError(f"{error}; {hint}") from None
+            hint = f"the file's box, read in {taken}, is {box} {self.scene_length}"
+            raise SceneError(f"{error}; {hint}; is length_unit = '{declared}' missing?") from None
 
     def size(self, dim: int) -> float | None:
         """Edge length of the cells [m]; where a CAD file comes without one, that of CELLS cells of its volume."""

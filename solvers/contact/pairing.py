@@ -51,8 +51,8 @@ def pair_up(
         couplings[name] = known.contact, OPERATORS[known.contact.operator or "mortar"](slave, master, reach * SLACK)
         if not np.any(couplings[name][1].weights > 0):
             raise SceneError(
-                f"contacts.{name}: nothing of {known.slave} faces {known.master} within {reach:g} {problem.labels.length}; set "
-                "search_distance, or exchange the sides"
+                f"contacts.{name}: nothing of {known.slave} faces {known.master} within {reach:g} "
+                f"{problem.labels.length}; set search_distance, or exchange the sides"
             )
     return tuple(build_rows(couplings, constraints, moved))
 

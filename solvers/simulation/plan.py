@@ -91,17 +91,17 @@ def _ratios(material: Elastic) -> str:
 
 def _weakening(scene: Scene) -> Iterator[str]:
     """Whether a step keeps one solution where friction weakens by slip: mu's fall times p_n against E / extent."""
-    extent = float(np.linalg.norm(np.ptp(scene.geometry.box(scene.dim), axis=0)))
+    extent, of = float(np.linalg.norm(np.ptp(scene.geometry.box(scene.dim), axis=0))), scene.labels
     for name, contact in scene.contacts.items():
         fall = contact.friction.weakening if contact.friction is not None else 0.0
         if fall:
             sides = (side.split(".")[0] for side in (contact.surface, contact.against))
             softest = min(scene.bodies[body].least_modulus for body in sides if body in scene.bodies)
             yield (
-                f"contacts.{name}.friction: mu falls by {fall:.3g} per {scene.labels.metre} of slip; above a pressure of about "
-                f"{softest / extent / fall:.2g} {scene.labels.pressure} (E / extent of the bodies by that fall) it falls faster than the "
-                "bodies unload: slip may jump within a step, which then has several solutions, and the nearest one is "
-                "taken; springs in the drive lower that pressure"
+                f"contacts.{name}.friction: mu falls by {fall:.3g} per {of.metre} of slip; above a pressure of about "
+                f"{softest / extent / fall:.2g} {of.pressure} (E / extent of the bodies by that fall) it falls faster "
+                "than the bodies unload: slip may jump within a step, which then has several solutions, and the "
+                "nearest one is taken; springs in the drive lower that pressure"
             )
 
 
@@ -130,12 +130,8 @@ def _refuse_faint(scene: Scene) -> None:
     for springs in scene.springs():
         least = least_springs(scene)
         stiffness = min(k for k in (springs.normal, springs.tangential) if k > 0)
-        require(
-            stiffness >= least,
-            springs.key,
-            stiffness,
-            f"too soft beside the bodies, at least {least:.1e} {scene.labels('Pa/m')}",
-        )
+        soft = f"too soft beside the bodies, at least {least:.1e} {scene.labels('Pa/m')}"
+        require(stiffness >= least, springs.key, stiffness, soft)
     extent = float(np.max(np.ptp(scene.geometry.box(scene.dim), axis=0)))
     least = least_springs(scene) * (extent if scene.model.startswith("plane") else extent**2)
     per_length = scene.labels("N/m")
@@ -143,9 +139,8 @@ def _refuse_faint(scene: Scene) -> None:
         key, soft, hard = f"{link.key}.stiffness", float(link.stiffness.min()), float(link.stiffness.max())
         require(soft >= least, key, soft, f"too soft beside the bodies, at least {least:.1e} {per_length}")
         most = STIFF * least
-        require(
-            hard <= most, key, hard, f"too stiff beside the bodies, at most {most:.1e} {per_length}; take a support"
-        )
+        stiff = f"too stiff beside the bodies, at most {most:.1e} {per_length}; take a support"
+        require(hard <= most, key, hard, stiff)
 
 
 def _refuse_reversed(scene: Scene) -> None:

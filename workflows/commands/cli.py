@@ -50,10 +50,13 @@ SceneArgument = Annotated[
 ]
 UnitOption = Annotated[
     str | None,
-    typer.Option("--unit", metavar="UNIT", help="of the geometry file: mm, in, ... [STEP: mm; else m]"),
+    typer.Option("--unit", metavar="UNIT", help="of the geometry file: mm, in, ... [STEP: mm; else the scene's]"),
+]
+UnitsOption = Annotated[
+    str | None, typer.Option("--units", metavar="UNITS", help="of the scene, such as mm-N-MPa [SI]")
 ]
 WithinOption = Annotated[
-    float | None, typer.Option("--within", metavar="METRES", help="largest gap of a pair [.001 of the assembly's size]")
+    float | None, typer.Option("--within", metavar="LENGTH", help="largest gap of a pair [.001 of the assembly's size]")
 ]
 SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="override a key of the scene")]
 
@@ -200,10 +203,10 @@ def mesh_command(
     from stickslip.workflows.scene_file.read import find, named, read, read_geometry
 
     if listed or gui:
-        model, geometry = read_geometry(scene, override or ())
+        model, geometry, units = read_geometry(scene, override or ())
         with named(scene, override or ()):
             if listed:
-                list_entities(geometry, model, Path(f"{find(scene).stem}_faces.png"))
+                list_entities(geometry, model, units, Path(f"{find(scene).stem}_faces.png"))
             if gui:
                 edit(geometry, model)
     if output is not None or not (listed or gui):
@@ -361,12 +364,13 @@ def contacts_command(
         Path | None, typer.Option("-o", "--output", metavar="DIR", help="for a picture of each pair [NAME_contacts]")
     ] = None,
     unit: UnitOption = None,
+    units: UnitsOption = None,
     within: WithinOption = None,
 ) -> None:
     """List and draw the pairs of faces of an assembly that touch, or lie close to each other."""
     from stickslip.workflows.commands.contacts import list_contacts
 
-    list_contacts(source, unit, within, output)
+    list_contacts(source, unit, units, within, output)
 
 
 @app.command("new")
@@ -377,35 +381,25 @@ def new_command(
         Path | None, typer.Option("--from", metavar="GEOMETRY", help="write a scene for a geometry file instead")
     ] = None,
     unit: UnitOption = None,
+    units: UnitsOption = None,
     within: WithinOption = None,
 ) -> None:
     """Copy a ready scene to a file of one's own, or write one for the contacts of an assembly."""
-    from stickslip.workflows.scene_file.read import READY
+    from stickslip.workflows.commands.new import copy_ready
 
     if source is not None:
         from stickslip.workflows.commands.contacts import stem, write_scene
 
         if file is not None:
             raise SceneError(f"--from {source}: takes one name, that of the scene to write; found {name} and {file}")
-        write_scene(source, unit, within, Path(name or f"{stem(source)}.toml"))
+        write_scene(source, unit, units, within, Path(name or f"{stem(source)}.toml"))
         return
     if name is None:
         raise SceneError("new: name a ready scene (stickslip scenes lists them), or a geometry file with --from")
-    if unit is not None or within is not None:
-        raise SceneError("new: --unit and --within belong to --from")
-    if not speaks():
-        return
-    path, ready = file or Path(f"{name}.toml"), {p.stem: p for p in READY.glob("*.toml")}
-    if name not in ready:
-        from stickslip.geometry.errors import nearest
-
-        raise SceneError(f"{name}: no such ready scene; {nearest(name, ready)}")
-    try:
-        with path.open("x", encoding="utf-8") as target:
-            target.write(ready[name].read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SceneError(f"{path}: cannot be written: {error.strerror}") from None
-    typer.echo(f"wrote {path}; solve it with: stickslip run {path}")
+    if (unit, units, within) != (None, None, None):
+        raise SceneError("new: --unit, --units and --within belong to --from")
+    if speaks():
+        copy_ready(name, file or Path(f"{name}.toml"))
 
 
 @app.callback(invoke_without_command=True)

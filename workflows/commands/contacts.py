@@ -32,22 +32,22 @@ from stickslip.workflows.scene_file.read import find, named, read_geometry
 PICTURE = re.compile(r"\d+_\w+\.png")
 
 
-def list_contacts(source: str, unit: str | None, within: float | None, folder: Path | None) -> None:
+def list_contacts(source: str, unit: str | None, units: str | None, within: float | None, folder: Path | None) -> None:
     """Print the pairs of a geometry file, or of a scene's, and draw each in a folder; collective.
 
     Raises:
         FolderError: the folder exists, and has not been made here.
     """
-    raise_together(MPI.COMM_WORLD, lambda: _list(source, unit, within, folder))
+    raise_together(MPI.COMM_WORLD, lambda: _list(source, unit, units, within, folder))
 
 
-def write_scene(path: Path, unit: str | None, within: float | None, target: Path) -> None:
+def write_scene(path: Path, unit: str | None, units: str | None, within: float | None, target: Path) -> None:
     """Write a scene for a geometry file; collective.
 
     Raises:
         SceneError: the target exists already.
     """
-    raise_together(MPI.COMM_WORLD, lambda: _write(path, unit, within, target))
+    raise_together(MPI.COMM_WORLD, lambda: _write(path, unit, units, within, target))
 
 
 def stem(path: Path) -> str:
@@ -59,29 +59,31 @@ def stem(path: Path) -> str:
     return Path(path.name.removesuffix(".gz")).stem
 
 
-def found_in(source: str, unit: str | None, within: float | None) -> Assembly:
+def found_in(source: str, unit: str | None, units: str | None, within: float | None) -> Assembly:
     """The pairs of a geometry file, or of a scene's file."""
     if within is not None and not 0 <= within < np.inf:
-        raise SceneError(f"--within {within}: must be a number that is not negative, in metres")
+        raise SceneError(f"--within {within}: must be a length that is not negative")
     path = Path(source)
     if kind_of(path) is not None:
-        return assembly(path, unit, within)
+        return assembly(path, unit, within, units or "SI")
     if unit is not None:
         raise SceneError(f"--unit {unit}: a scene has its own, geometry.length_unit")
-    model, geometry = read_geometry(source)
+    if units is not None:
+        raise SceneError(f"--units {units}: a scene has its own, units")
+    model, geometry, of = read_geometry(source)
     if not isinstance(geometry, UserFile):
         raise SceneError(
             f"{source}: a builder's bodies touch at the sides that the docs name; expected a geometry file"
         )
     with named(source):
-        return from_geometry(find(source), geometry, model, within)
+        return from_geometry(find(source), geometry, model, of, within)
 
 
-def _list(source: str, unit: str | None, within: float | None, folder: Path | None) -> None:
+def _list(source: str, unit: str | None, units: str | None, within: float | None, folder: Path | None) -> None:
     folder = folder or Path(f"{stem(Path(source))}_contacts")
     if folder.exists() and not (is_marked(folder) and all(map(PICTURE.fullmatch, listed(folder)))):
         raise FolderError(f"{folder}: exists already, and not from here; choose another folder with -o")
-    found, out = found_in(source, unit, within), console(160)
+    found, out = found_in(source, unit, units, within), console(160)
     names, word = side_names(found), FACET_WORD[found.dim]
     out.print(f"{len(found.outline.bodies)} bodies, {len(found.pairs)} pairs of sides that touch or nearly do")
     for (one, other), faces in joined(found.outline).items():
@@ -90,7 +92,7 @@ def _list(source: str, unit: str | None, within: float | None, folder: Path | No
     for head in ("pair", "kind", "side", f"{word}s", "against", f"{word}s"):
         table.add_column(head)
     for head in ("area [m²]" if found.dim == 3 else "length [m]", "gap [m]", "overlap [m]"):
-        table.add_column(head, justify="right")
+        table.add_column(found.units.label(head), justify="right")
     table.add_column("proposed")
     for k, pair in enumerate(found.pairs, start=1):
         row = [str(k), pair.kind]
@@ -127,13 +129,13 @@ def _draw(found: Assembly, folder: Path) -> None:
         move_own(aside, folder)
 
 
-def _write(path: Path, unit: str | None, within: float | None, target: Path) -> None:
+def _write(path: Path, unit: str | None, units: str | None, within: float | None, target: Path) -> None:
     if kind_of(path) is None:
         raise SceneError(f"--from {path}: expected a geometry file: .step, .stp, .brep, .geo, .msh or .py")
     if target.exists():
         raise SceneError(f"{target}: exists already; choose another name")
-    found = found_in(str(path), unit, within)
-    text = scene_text(found, target)
+    found = found_in(str(path), unit, units, within)
+    text = scene_text(found, target, units or "SI")
     try:
         with target.open("x", encoding="utf-8") as file:
             file.write(text)

@@ -14,6 +14,7 @@ from rich.table import Table
 from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.geometry.mesh.msh_file import write_msh
 from stickslip.geometry.shape import Model, Request, Shape
+from stickslip.geometry.units import SI, Units
 from stickslip.geometry.user_files.outline import Facets
 from stickslip.geometry.user_files.touching import touching
 from stickslip.geometry.user_files.user_file import UserFile
@@ -48,7 +49,8 @@ def report(scene: Scene, target: Path | None) -> None:
     print_mesh(look(scene)[0], out)
     if target is not None:
         raise_together(MPI.COMM_WORLD, lambda: write_msh(scene.geometry, scene.request(), target))
-        out.print(f"wrote {target}, in metres")
+        of = scene.labels
+        out.print(f"wrote {target}, in {'metres' if of.length == 'm' else of.length}")
 
 
 def edit(geometry: Shape, model: Model) -> None:
@@ -56,16 +58,16 @@ def edit(geometry: Shape, model: Model) -> None:
     raise_together(MPI.COMM_WORLD, lambda: open_window(geometry, Request(model=model)))
 
 
-def list_entities(geometry: Shape, model: Model, picture: Path) -> None:
+def list_entities(geometry: Shape, model: Model, units: Units, picture: Path) -> None:
     """List bodies, sides, and every face or edge of a user's file, in a table and in a picture; collective."""
-    raise_together(MPI.COMM_WORLD, lambda: _list(geometry, 3 if model == "3d" else 2, picture, _console()))
+    raise_together(MPI.COMM_WORLD, lambda: _list(geometry, 3 if model == "3d" else 2, units, picture, _console()))
 
 
 def _console() -> Console:
     return console(160, quiet=MPI.COMM_WORLD.rank > 0)
 
 
-def _list(geometry: Shape, dim: int, picture: Path, out: Console) -> None:
+def _list(geometry: Shape, dim: int, units: Units, picture: Path, out: Console) -> None:
     if isinstance(geometry, UserFile):
         geometry = _without_wrong_names(geometry, dim, out)
     for body, sides in geometry.bodies(dim).items():
@@ -80,23 +82,15 @@ def _list(geometry: Shape, dim: int, picture: Path, out: Console) -> None:
             for number in side.numbers:
                 meets.setdefault(number, []).append(partner.body)
     table = Table()
-    for head in (
-        word,
-        "body",
-        "side",
-        "touches",
-        "name in the file",
-        "area [m²]" if dim == 3 else "length [m]",
-        "centre [m]",
-    ):
-        table.add_column(head)
-    table.add_column("box [m]")
+    size = "area [m²]" if dim == 3 else "length [m]"
+    for head in (word, "body", "side", "touches", "name in the file", size, "centre [m]", "box [m]"):
+        table.add_column(units.label(head))
     for facets in outline.entities:
         number, partners = facets.number, dict.fromkeys(meets.get(facets.number, ["-"]))
         words = (", ".join(facets.bodies) or "-", outline.side_of.get(number, "-"), ", ".join(partners))
         table.add_row(str(number), *words, facets.name or "-", *_measures(facets))
     print_table(table, out)
-    draw_picture(picture, outline.entities, Path(geometry.file).name)
+    draw_picture(picture, outline.entities, Path(geometry.file).name, units)
     out.print(f"drawn in {picture}")
 
 
@@ -121,8 +115,8 @@ def _vector(x: Any) -> str:
     return ", ".join(f"{value + 0.0:.4g}" for value in x.round(12))
 
 
-def draw_picture(picture: Path, entities: tuple[Facets, ...], title: str) -> None:
+def draw_picture(picture: Path, entities: tuple[Facets, ...], title: str, units: Units = SI) -> None:
     """Draw the numbered faces or edges; only this function imports VTK."""
     from stickslip.workflows.pictures.numbered import draw_numbers
 
-    draw_numbers(picture, entities, title)
+    draw_numbers(picture, entities, title, units)

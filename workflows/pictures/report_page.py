@@ -17,6 +17,7 @@ from matplotlib import colormaps
 
 from stickslip.geometry.builders.sides import modelled
 from stickslip.geometry.errors import FolderError
+from stickslip.geometry.units import SI
 from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated
 from stickslip.workflows.pictures.report_curves import Curve, panel
@@ -133,7 +134,7 @@ def _head(results: Results) -> Html:
     status = str(content.get("status", "")).replace("_", " ")
     facts = [
         str(scene.get("model", "")),
-        str(scene.get("units", "")),
+        str(scene.get("units")) if results.units != SI else "",
         f"{content['dofs']} unknown displacements" if content.get("dofs") else "",
         f"{content['contact_points']} contact points" if content.get("contact_points") else "",
         f"{count} step{'s' * (count > 1)}" if (count := len(results.reported)) else "no step was solved",
@@ -286,16 +287,14 @@ def _forces(results: Results) -> Html:
         if owner and owner.get("force")
     ]
     heads = (*(f"{axis} [{results.unit('N')}]" for axis in axes), f"moment [{results.unit('N m')}]")
+    moved = (f"{axis} [{results.unit('m')}]" for axis in axes)
     probes = [
         (name, *(number(probe, "displacement", place) for place in range(len(axes))))
         for name, probe in (last.get("probes") or {}).items()
     ]
     for title, part in (
         ("Resultants of the last step", table(("force of", *heads), held)),
-        (
-            "Probes in the last step",
-            table(("displacement of", *(f"{axis} [{results.unit('m')}]" for axis in axes)), probes),
-        ),
+        ("Probes in the last step", table(("displacement of", *moved), probes)),
     ):
         said.append(f"<h3>{title}</h3>{part}" if part else "")
     return "".join(said)

@@ -223,8 +223,8 @@ def _slid_far(rows: ContactRows, problem: Problem, states: Sequence[ContactState
             missed, worst = miss, state.max_slip
     if missed > LARGE_MISS:
         yield (
-            f"contacts.{rows.name}: slips by up to {worst:.3g} {length} on a curved obstacle, while each point keeps the "
-            f"normal it began with; set contacts.{rows.name}.sliding = true"
+            f"contacts.{rows.name}: slips by up to {worst:.3g} {length} on a curved obstacle, while each point keeps "
+            f"the normal it began with; set contacts.{rows.name}.sliding = true"
         )
 
 
@@ -277,8 +277,8 @@ def _cut_corners(rows: ContactRows, problem: Problem, state: ContactState) -> It
     share = cut / _motion(rows, problem, state)
     if share > LARGE_SAGITTA:
         yield (
-            f"contacts.{rows.name}: flat facets cut up to {cut:.2g} {problem.labels.length} off a curved side, {share:.0%} of the "
-            "motion that the pressure causes; set geometry.order = 2, or refine contact_mesh_size"
+            f"contacts.{rows.name}: flat facets cut up to {cut:.2g} {problem.labels.length} off a curved side, "
+            f"{share:.0%} of the motion that the pressure causes; set geometry.order = 2, or refine contact_mesh_size"
         )
 
 

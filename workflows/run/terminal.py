@@ -136,7 +136,7 @@ class Reporter:
         elif not content["scene"]["output"]["audit"]:
             out.print("audit: left out, output.audit = false")
         if content["steps"] and content["steps"][-1]["energy"]["dissipated"] > 0:
-            energy, units = content["steps"][-1]["energy"], Units.of(content["scene"]["units"])
+            energy, units = content["steps"][-1]["energy"], Units.of(content["scene"].get("units", "SI"))
             unit = units("J/m" if content["scene"]["model"].startswith("plane") else "J")
             out.print(
                 f"friction dissipated {energy['dissipated']:.4g} {unit}, time remainder {energy['time_remainder']:.2g} "
@@ -204,7 +204,7 @@ def print_table(table: Table, out: Console) -> None:
 
 
 def _contacts(content: Content) -> Table:
-    numbers, table = contact_numbers(content["scene"]["model"], Units.of(content["scene"]["units"])), Table()
+    numbers, table = contact_numbers(content["scene"]["model"], Units.of(content["scene"].get("units", "SI"))), Table()
     for name in ("t", "contact", *numbers.values(), "iterations", "volume solves"):
         table.add_column(name, justify="left" if name == "contact" else "right")
     for step in content["steps"]:
@@ -280,8 +280,8 @@ def print_mesh(report: MeshReport, out: Console) -> None:
     out.print(f"{report.cells} cells, {report.nodes} nodes, worst quality {report.worst_quality:.2f} (1 is best)")
     table, (area, unit), length = Table(), report.area_unit, report.length_unit
     heads = ("contact", "normal points", "tangential", f"{area} [{unit}]", "elements across", "other side")
-    gaps = f"smallest gap [{length}]", f"largest gap [{length}]"
-    for name in (*heads, *gaps, "overlapping points", f"overlap [{unit}]", "can touch"):
+    of_gaps = f"smallest gap [{length}]", f"largest gap [{length}]"
+    for name in (*heads, *of_gaps, "overlapping points", f"overlap [{unit}]", "can touch"):
         table.add_column(name, justify="left" if name == "contact" else "right")
     for name, c in report.contacts.items():
         gaps = (f"{c.smallest_gap:.4g}", f"{c.largest_gap:.4g}", str(c.overlapping_points), f"{c.overlap_area:.4g}")

@@ -14,6 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import GeometryError
 from stickslip.geometry.shape import Model
+from stickslip.geometry.units import LENGTHS, Units
 from stickslip.geometry.user_files.open_file import declared_unit
 from stickslip.geometry.user_files.outline import Outline
 from stickslip.geometry.user_files.parts import FACET_WORD, numbered
@@ -28,7 +29,8 @@ BONDED = ("weld", "glue", "adhesive", "bond", "solder")
 ENDS = {2: ("left", "right", "bottom", "top"), 3: ("left", "right", "front", "back", "bottom", "top")}
 LARGE = 0.3  # of the assembly's diagonal: bodies whose ends get names
 ASIDE = 0.7  # largest cosine of the angle between an axis and a cylinder's
-GRAVITY = 9.81  # [m/s^2]
+GRAVITY = 9.81  # [m/s²]
+STEEL, STEEL_SI = ((210e9, "Pa"), (7850.0, "kg/m³")), ("210e9", "7850.0")  # E and density
 POINTS = {2: 100, 3: 600}  # of contact
 ACROSS = 2  # cells across the smallest pair, at least
 LONGEST = 3  # bodies in the name of a side
@@ -41,6 +43,7 @@ class Assembly:
     path: Path
     geometry: UserFile
     model: Model
+    units: Units
     outline: Outline
     pairs: tuple[Pair, ...]
 
@@ -49,31 +52,33 @@ class Assembly:
         return 3 if self.model == "3d" else 2
 
 
-def assembly(path: Path, unit: str | None, within: float | None) -> Assembly:
+def assembly(path: Path, unit: str | None, within: float | None, units: str = "SI") -> Assembly:
     """Read a geometry file, solid or plane.
 
     Args:
-        unit: of its coordinates; None: mm of a STEP file, else m.
-        within: distance up to which sides are paired [m]; None: see `touching`.
+        unit: of its coordinates; None: mm of a STEP file, else that of the scene.
+        within: distance up to which sides are paired, in the scene's unit; None: see `touching`.
+        units: of the scene.
 
     Raises:
         GeometryError, SceneError: the file is missing or wrong.
     """
-    length_unit = unit or declared_unit(path) or "m"
-    geometry = UserFile(file=str(path), length_unit=length_unit)  # type: ignore[arg-type]  # is checked
+    of = Units.of(units)
+    length_unit = unit or declared_unit(path) or (of.length if of.length in LENGTHS else None)
+    geometry = UserFile(file=str(path), length_unit=length_unit).measured_in(of)  # type: ignore[arg-type]  # is checked
     try:
-        return from_geometry(path, geometry, "3d", within)
+        return from_geometry(path, geometry, "3d", of, within)
     except GeometryError as error:
         if "a 3d model is made of them" not in str(error):
             raise
-    return from_geometry(path, geometry, "plane strain", within)
+    return from_geometry(path, geometry, "plane strain", of, within)
 
 
-def from_geometry(path: Path, geometry: UserFile, model: Model, within: float | None) -> Assembly:
+def from_geometry(path: Path, geometry: UserFile, model: Model, units: Units, within: float | None) -> Assembly:
     """The pairs of a geometry whose model is known."""
     dim = 3 if model == "3d" else 2
     outline = geometry.outline(dim)
-    return Assembly(path, geometry, model, outline, tuple(touching(outline, dim, within)))
+    return Assembly(path, geometry, model, units, outline, tuple(touching(outline, dim, within)))
 
 
 def proposed_law(pair: Pair, found: Assembly) -> tuple[str, str]:
@@ -144,7 +149,7 @@ def bolts(found: Assembly) -> list[Bolt]:
                 body=shank.body,
                 nuts=tuple(own),
                 ends=(_rounded(at + (middle - half) * axis, size), _rounded(at + (middle + half) * axis, size)),
-                force=float(area * (CLAMPED if headed else SNUG)),
+                force=float(area * found.units.amount(CLAMPED if headed else SNUG, "Pa", "--units")),
                 why="head and nut" if headed else "between nuts",
             )
         )
@@ -156,12 +161,17 @@ def _rounded(point: Array, size: float) -> Array:
     return np.asarray((point / size).round(9) * size + 0.0)
 
 
-def scene_text(found: Assembly, target: Path) -> str:
+def scene_text(found: Assembly, target: Path, units: str = "SI") -> str:
     """TOML of a scene that can be run.
 
     Args:
         target: where it will be written, for the path of the geometry's file.
+        units: of the scene.
+
+    Raises:
+        SceneError: the units are not known, so that there are no numbers of steel in them.
     """
+    steel = [f"{found.units.amount(value, of, '--units'):.6g}" for value, of in STEEL] if units != "SI" else STEEL_SI
     names, ends, word = side_names(found), _ends(found), FACET_WORD[found.dim]
     size, fine = sizes(found)
     lines = [
@@ -169,10 +179,11 @@ def scene_text(found: Assembly, target: Path) -> str:
         "# proposals. Sides are named after the bodies that they touch; `stickslip contacts` draws each pair.",
         f"title = {json.dumps(f'Assembly {found.path.name}')}",
         f'model = "{found.model}"',
+        *([f"units = {json.dumps(units)}"] if units != "SI" else []),
         "",
         "[geometry]",
         f"file = {json.dumps(_relative(found.path, target))}",
-        f'length_unit = "{found.geometry.length_unit}"',
+        *([f'length_unit = "{found.geometry.length_unit}"'] if found.geometry.length_unit else []),
         *(
             []
             if size is None
@@ -184,7 +195,7 @@ def scene_text(found: Assembly, target: Path) -> str:
     lines += ["", "[geometry.names]"] if new else []
     lines += [f'"{name}" = {json.dumps([f"{word} {number}" for number in side.numbers])}' for side, name in new.items()]
     lines += ["", "[bodies]  # steel"]
-    lines += [f"{body} = {{ E = 210e9, nu = 0.3, density = 7850.0 }}" for body in found.outline.bodies]
+    lines += [f"{body} = {{ E = {steel[0]}, nu = 0.3, density = {steel[1]} }}" for body in found.outline.bodies]
     labels = numbered(f"{pair.one.body}_{pair.other.body}" for pair in found.pairs)
     for pair, label, slave in zip(found.pairs, labels, slaves(found.pairs), strict=True):
         lines += ["", *_contact(pair, label, slave, names, found)]
@@ -306,7 +317,7 @@ def _ends(found: Assembly) -> dict[Side, str]:
 
 
 def _held(found: Assembly, ends: Sequence[Side]) -> tuple[Side | None, Array, str]:
-    """The side that is held, if there is one, gravity (3,) [m/s^2], and what its weight does.
+    """The side that is held, if there is one, gravity (3,) [m/s²], and what its weight does.
 
     It presses the largest of the plane pairs if the lower body of the two is held; without a plane it acts across the
     axis of the largest of the cylinders.
@@ -331,7 +342,7 @@ def _held(found: Assembly, ends: Sequence[Side]) -> tuple[Side | None, Array, st
 
     choices = [(way, side) for way in ways for side in ends]
     (down, _), held = max(choices, key=lambda choice: fits(*choice)) if choices else (ways[0], None)
-    return held, np.asarray((GRAVITY * down).round(6) + 0.0), why
+    return held, np.asarray((found.units.amount(GRAVITY, "m/s²", "--units") * down).round(6) + 0.0), why
 
 
 def _relative(path: Path, target: Path) -> str:

@@ -104,9 +104,10 @@ class FclibFiles(Writer):
         r, u = self._flat(self._weights * result.p), self._flat(result.reference - result.w)
         problem = LocalProblem(W=sparse.csc_matrix(self._W), q=u - self._W @ r, mu=self._mu)
         of = self.job.scene.labels
+        said = f"u in {of.length}, r in {of.force}"
         info = {
             "title": f"{self.job.scene.title}, step {index}",
-            "description": f"static contact of elastic bodies, t = {result.time:g} s; u in {of.length}, r in {of.force}; from stickslip",
+            "description": f"static contact of elastic bodies, t = {result.time:g} s; {said}; from stickslip",
             "math_info": "W symmetric, positive definite where the bodies are held",
         }
         make_folder(self.job.folder / FOLDER)
