@@ -130,8 +130,8 @@ def _refuse_faint(scene: Scene) -> None:
     for springs in scene.springs():
         least = least_springs(scene)
         stiffness = min(k for k in (springs.normal, springs.tangential) if k > 0)
-        soft = f"too soft beside the bodies, at least {least:.1e} {scene.labels('Pa/m')}"
-        require(stiffness >= least, springs.key, stiffness, soft)
+        wrong = f"too soft beside the bodies, at least {least:.1e} {scene.labels('Pa/m')}"
+        require(stiffness >= least, springs.key, stiffness, wrong)
     extent = float(np.max(np.ptp(scene.geometry.box(scene.dim), axis=0)))
     least = least_springs(scene) * (extent if scene.model.startswith("plane") else extent**2)
     per_length = scene.labels("N/m")
@@ -139,8 +139,8 @@ def _refuse_faint(scene: Scene) -> None:
         key, soft, hard = f"{link.key}.stiffness", float(link.stiffness.min()), float(link.stiffness.max())
         require(soft >= least, key, soft, f"too soft beside the bodies, at least {least:.1e} {per_length}")
         most = STIFF * least
-        stiff = f"too stiff beside the bodies, at most {most:.1e} {per_length}; take a support"
-        require(hard <= most, key, hard, stiff)
+        wrong = f"too stiff beside the bodies, at most {most:.1e} {per_length}; take a support"
+        require(hard <= most, key, hard, wrong)
 
 
 def _refuse_reversed(scene: Scene) -> None:

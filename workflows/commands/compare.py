@@ -9,7 +9,7 @@ from rich.table import Table
 from stickslip.geometry.errors import SceneError
 from stickslip.workflows.commands.process import speaks
 from stickslip.workflows.formats.aside import write_aside
-from stickslip.workflows.pictures.report_compare import compare, compare_page
+from stickslip.workflows.pictures.report_compare import compare, compare_page, unlike
 from stickslip.workflows.run.load import found
 from stickslip.workflows.run.terminal import console, print_table
 
@@ -28,6 +28,8 @@ def compare_folders(a: Path, b: Path, page: Path | None) -> None:
     first, second = found(a), found(b)
     out = console(WIDE, quiet=not speaks())
     out.print(f"A: {a}, {first.title}\nB: {b}, {second.title}")
+    if said := unlike(first, second):
+        out.print(said, soft_wrap=True)
     for one in compare(first, second):
         table = Table(title=one.title, title_justify="left")
         for place, name in enumerate(one.head):

@@ -62,7 +62,7 @@ def stem(path: Path) -> str:
 def found_in(source: str, unit: str | None, units: str | None, within: float | None) -> Assembly:
     """The pairs of a geometry file, or of a scene's file."""
     if within is not None and not 0 <= within < np.inf:
-        raise SceneError(f"--within {within}: must be a length that is not negative")
+        raise SceneError(f"--within {within}: must be a number that is not negative")
     path = Path(source)
     if kind_of(path) is not None:
         return assembly(path, unit, within, units or "SI")

@@ -48,9 +48,17 @@ def compare(a: Results, b: Results) -> list[Compared]:
     return [one for one in found if one.rows]
 
 
+def unlike(a: Results, b: Results) -> str:
+    """One line where the two have other units; else empty."""
+    one, other = (r.scene.get("units", "SI") for r in (a, b))
+    said = f"A is in {one}, B in {other}: numbers stand as each run has them, and are not compared"
+    return "" if a.units == b.units else said
+
+
 def compare_page(a: Results, b: Results) -> str:
     """The tables as a page."""
     heads = "".join(f"<p>{name}: {escape(str(r.folder))}, {escape(r.title)}</p>" for name, r in (("A", a), ("B", b)))
+    heads += f'<p class="note">{escape(said)}</p>' if (said := unlike(a, b)) else ""
     parts = (
         f"<section><h2>{one.title}</h2>{table(one.head, one.rows, words=3 if one.title.startswith('Asked') else 1)}"
         "</section>"
@@ -88,6 +96,10 @@ def _leaves(name: str, value: Any) -> Iterator[tuple[str, str]]:
 def _numbers(a: Results, b: Results) -> Iterator[tuple[str, ...]]:
     last = a.reported[-1], b.reported[-1]
     yield _difference("time [s]", *last, "time")
+    alike = a.units == b.units
+
+    def unit(of: str) -> str:
+        return " or ".join(dict.fromkeys((a.unit(of), b.unit(of))))
 
     def both(kind: str) -> Iterator[tuple[str, Told, Told]]:
         mine, theirs = ((step.get(kind) or {}) for step in last)
@@ -95,18 +107,24 @@ def _numbers(a: Results, b: Results) -> Iterator[tuple[str, ...]]:
             yield name, mine.get(name) or {}, theirs.get(name) or {}
 
     for name, mine, theirs in both("contacts"):
-        for key, words, unit in NUMBERS:
-            yield _difference(f"{name}: {words} [{a.unit(unit)}]", mine, theirs, key)
+        for key, words, of in NUMBERS:
+            yield _difference(f"{name}: {words} [{unit(of)}]", mine, theirs, key, alike=alike)
     for name, mine, theirs in both("supports"):
         for place, axis in enumerate("xyz"[: 3 if a.solid else 2]):
-            yield _difference(f"{name}: force {axis} [{a.unit('N')}]", mine, theirs, "force", place)
+            yield _difference(f"{name}: force {axis} [{unit('N')}]", mine, theirs, "force", place, alike)
     mine, theirs = ((step.get("energy") or {}) for step in last)
     for words, key in ENERGIES:
-        yield _difference(f"{words} [{a.unit('J')}]", mine, theirs, key)
+        yield _difference(f"{words} [{unit('J')}]", mine, theirs, key, alike=alike)
 
 
-def _difference(words: str, a: Told, b: Told, key: str, place: int | None = None) -> tuple[str, ...]:
-    """A row: both numbers, their difference with the errors of both, relative to A, and whether these explain it."""
+def _difference(
+    words: str, a: Told, b: Told, key: str, place: int | None = None, alike: bool = True
+) -> tuple[str, ...]:
+    """A row: both numbers, their difference with the errors of both, relative to A, and whether these explain it.
+
+    Args:
+        alike: whether both have the same units; else there is no difference.
+    """
 
     def of(owner: Told) -> tuple[float | None, str, float | None]:
         value = owner.get(key)
@@ -117,7 +135,7 @@ def _difference(words: str, a: Told, b: Told, key: str, place: int | None = None
         return value, of_parts(value, parts), stated(parts)
 
     (mine, told, error), (theirs, told_too, error_too) = of(a), of(b)
-    if mine is None or theirs is None:
+    if mine is None or theirs is None or not alike:
         return words, told, told_too, NOTHING, NOTHING, NOTHING
     change = theirs - mine
     known = None if error is None or error_too is None else error + error_too
