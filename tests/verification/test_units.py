@@ -25,6 +25,11 @@ def test_millimetres_give_the_same_iterations_and_answers(name: str) -> None:
     assert not failures(units_case.compared(name, "condensed-newton"))
 
 
+@pytest.mark.parametrize("method", ["condensed-newton", "uzawa"])
+def test_a_file_in_millimetres_is_the_same_in_a_scene_in_metres_and_in_one_in_millimetres(method: str) -> None:
+    assert not failures(units_case.from_step(method))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [name for name in units_case.SCENES if name not in units_case.FLOATING + units_case.GRADED]

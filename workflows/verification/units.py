@@ -59,7 +59,7 @@ class Units:
 
 def in_millimetres(scene: Scene) -> Scene:
     """The same scene in mm, N, MPa and tonnes instead of m, N, Pa and kg."""
-    return convert(scene, millimetres(scene))
+    return convert(scene, millimetres(scene), {"units": "mm-N-MPa"})
 
 
 def millimetres(scene: Scene) -> Units:
@@ -67,9 +67,9 @@ def millimetres(scene: Scene) -> Units:
     return Units(length=1000.0, force=1.0, plane=scene.model in ("plane strain", "plane stress"))
 
 
-def convert(noun: Noun, units: Units) -> Noun:
-    """The dataclass with every number in other units, and every dataclass within it."""
-    hints, changed = get_type_hints(type(noun), include_extras=True), {}
+def convert(noun: Noun, units: Units, labels: Mapping[str, str] | None = None) -> Noun:
+    """The dataclass with every number in other units, and every dataclass within it; `labels` name them in a scene."""
+    hints, changed = get_type_hints(type(noun), include_extras=True), dict[str, Any]()
     for field in fields(noun):  # type: ignore[arg-type]
         unit = next((m.unit for m in getattr(hints[field.name], "__metadata__", ()) if isinstance(m, Key)), "-")
         value, columns = getattr(noun, field.name), unit.split(", ")
@@ -77,7 +77,7 @@ def convert(noun: Noun, units: Units) -> Noun:
             changed[field.name] = tuple(tuple(map(mul, row, map(units.factor, columns))) for row in value)
             continue
         changed[field.name] = _scaled(value, units.factor(unit, noun), units)
-    return replace(noun, **changed)  # type: ignore[type-var]
+    return replace(noun, **(changed | dict(labels or {})))  # type: ignore[type-var]
 
 
 def _scaled(value: Any, factor: float, units: Units) -> Any:

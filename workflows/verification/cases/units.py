@@ -21,6 +21,7 @@ from stickslip.workflows.verification.cases import hertz as hertz_case
 from stickslip.workflows.verification.cases import incline as incline_case
 from stickslip.workflows.verification.cases import pair as pair_case
 from stickslip.workflows.verification.cases import patch as patch_case
+from stickslip.workflows.verification.cases import press_fit as press_fit_case
 from stickslip.workflows.verification.cases import punch as punch_case
 from stickslip.workflows.verification.cases import raous as raous_case
 from stickslip.workflows.verification.cases import shear_lag as shear_lag_case
@@ -28,6 +29,7 @@ from stickslip.workflows.verification.cases import sheared_column as sheared_col
 from stickslip.workflows.verification.cases import shrink_fit as shrink_fit_case
 from stickslip.workflows.verification.cases.hertz import Touch
 from stickslip.workflows.verification.cases.patch import Patch
+from stickslip.workflows.verification.cases.press_fit import Fit
 from stickslip.workflows.verification.cases.punch import Cut
 from stickslip.workflows.verification.cases.shrink_fit import Press
 from stickslip.workflows.verification.check import Check
@@ -36,6 +38,7 @@ from stickslip.workflows.verification.closed_forms.circular_drive import DRIVE
 from stickslip.workflows.verification.closed_forms.incline import HOLDS
 from stickslip.workflows.verification.prepared import prepare
 from stickslip.workflows.verification.solver import solver
+from stickslip.workflows.verification.step_file import step_file
 from stickslip.workflows.verification.units import in_millimetres, millimetres
 
 TOLERANCE = 1e-9  # of the largest value of the same unit
@@ -163,8 +166,19 @@ def answers(step: StepResult) -> dict[str, Answer]:
 
 
 def compared(name: str, method: str) -> list[Check]:
-    """One scene in both units: iterations of all steps, and the worst number of each unit."""
-    metres = SCENES[name](method)
+    """One scene of `SCENES`."""
+    return in_both(name, SCENES[name](method))
+
+
+def from_step(method: str) -> list[Check]:
+    """A shaft in a hub; the numbers of the file stay, and are in millimetres in both scenes."""
+    fit = Fit(order=1, finer=0.5, method=method)
+    with step_file(fit.draw) as path:
+        return in_both("press fit from a STEP file", press_fit_case.scene(fit, path))
+
+
+def in_both(name: str, metres: Scene) -> list[Check]:
+    """A scene in both units: iterations of all steps, and the worst number of each unit."""
     there, here = (list(prepare(scene).steps()) for scene in (in_millimetres(metres), metres))
     units, worst = millimetres(metres), defaultdict[str, float](float)
     for a, b in zip(there, here, strict=True):
@@ -184,4 +198,4 @@ def compared(name: str, method: str) -> list[Check]:
 def checks(method: str) -> list[Check]:
     """All of them."""
     names = [name for name in SCENES if METHODS[method].WORKS_WITH.floating or name not in FLOATING + GRADED]
-    return [check for name in names for check in compared(name, method)]
+    return [check for name in names for check in compared(name, method)] + from_step(method)
