@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -73,6 +73,16 @@ class Outline:
     entities: tuple[Facets, ...]
     samples: dict[str, tuple[Array, Array]]  # body.side -> points (k, 3), unit outward normals (k, 3)
     side_of: dict[int, str]  # tag of an entity -> its body.side
+
+    def times(self, factor: float, dim: int) -> Outline:
+        """The same, its lengths multiplied by a factor: in another unit."""
+        if factor == 1:
+            return self
+        side = factor ** (dim - 1)
+        entities = (replace(f, corners=factor * f.corners, exact=f.exact and side * f.exact) for f in self.entities)
+        samples = {name: (factor * points, normals) for name, (points, normals) in self.samples.items()}
+        volume = factor**dim * self.volume
+        return replace(self, box=factor * self.box, volume=volume, entities=tuple(entities), samples=samples)
 
 
 def read_outline(gmsh: Gmsh, dim: int, parts: Parts, unit: float) -> Outline:

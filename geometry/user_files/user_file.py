@@ -146,6 +146,16 @@ class UserFile(Noun, Shape):
         scene = Units(length=self.scene_length).metres(f'length_unit = "{self.length_unit}"')
         return float(Fraction(LENGTHS[self.length_unit]) / scene)
 
+    @property
+    def _metres(self) -> float:
+        """Length unit of the scene [m], if it is known: files are read in metres, so that units change no mesh."""
+        return float(Fraction(LENGTHS.get(self.scene_length, "1")))
+
+    @property
+    def _file_metres(self) -> float:
+        """Length unit of the file [m], or in that of the scene if this is not known."""
+        return float(Fraction(LENGTHS[self.length_unit])) if self.length_unit else self._metres
+
     def measured_in(self, units: Units) -> Self:
         found = self if units.length == self.scene_length else replace(self, scene_length=units.length)
         with prefixed("geometry"):
@@ -177,7 +187,8 @@ class UserFile(Noun, Shape):
         if fine is not None and fine < size:
             depth, whole = float(np.ptp(outline.box, axis=0).max()), self._whole(request)
             areas = [f.size for f in outline.entities if outline.side_of.get(f.number) in whole]
-            areas += [area for p in _close(self._key(dim), request.facing, fine) for area in (p.area, p.area)]
+            close = _close(self._key(dim), request.facing, fine * self._metres)
+            areas += [area for p in close for area in 2 * (p.area / self._metres ** (dim - 1),)]
             near = sum(refined_near(area, depth, fine, size, dim) for area in areas)
         return filled(outline.volume, size, dim) + near
 
@@ -213,7 +224,7 @@ class UserFile(Noun, Shape):
 
     def outline(self, dim: int) -> Outline:
         """Names, box and sample points of the file, without a volume mesh; read once."""
-        return _outline(self._key(dim))
+        return _outline(self._key(dim)).times(1 / self._metres, dim)
 
     def refined(self, factor: float) -> Self:
         size, fine = self.mesh_size, self.contact_mesh_size
@@ -236,13 +247,14 @@ class UserFile(Noun, Shape):
         sizes = request.sizes and request.sizes.in_units_of(unit)
         size, fine, points = self.size(request.dim), self.contact_mesh_size, np.zeros((0, 3))
         if fine is not None and sizes is None:
-            apart = 2 * fine  # cells between have grown little
-            points = thinned(_close(self._key(request.dim), request.facing, fine, apart), apart)
+            near = fine * self._metres
+            apart = 2 * near  # cells between have grown little
+            points = thinned(_close(self._key(request.dim), request.facing, near, apart), apart)
         options = MeshOptions(
             size=None if size is None else size / unit,
             fine_size=None if fine is None else fine / unit,
             fine_sides=self._whole(request),
-            fine_points=points / unit,
+            fine_points=points / self._file_metres,
             around=AROUND if self.mesh_size is None and size is not None and sizes is None else 0,
             periodic=request.periodic,
             order=1 if self.own_mesh and sizes else self.order,
@@ -260,12 +272,13 @@ class UserFile(Noun, Shape):
 
     def question(self, dim: int, mesh: MeshOptions | None = None) -> Question:
         """What the child process is asked: for the mesh if `mesh` is given, else for the outline."""
-        names = {k: {"box": v.box} if isinstance(v, Box) else v for k, v in self.names.items()}
+        metres = self._metres
+        names = {k: {"box": [x * metres for x in v.box]} if isinstance(v, Box) else v for k, v in self.names.items()}
         path = Path(self.file).resolve()
         return Question(
             path=path,
             dim=dim,
-            unit=self.unit,
+            unit=self._file_metres,
             names=names,
             parameters=self.parameters,
             mesh=mesh,
