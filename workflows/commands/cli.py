@@ -162,6 +162,7 @@ def plan_command(
     content: dict[str, Any] = {
         "title": loaded.title,
         "model": loaded.model,
+        "units": loaded.units,
         "method": loaded.solver.method,
         "times": list(loaded.requested_times()),
         "effects": [asdict(row) for row in rows],
