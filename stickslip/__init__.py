@@ -54,7 +54,8 @@ A status is `OPEN`, `SLIP` or `STICK`: `base.status == stickslip.STICK` is a mas
 
 Units and signs
 ---------------
-Units are SI; any consistent set works. d is 2 or 3. In plane models forces, areas and energies are per
+Units are SI; any consistent set works, and `Scene(units="mm-N-MPa")` labels tables and pictures with
+it. No number is converted. d is 2 or 3. In plane models forces, areas and energies are per
 metre of thickness; in axisymmetric ones they are of the full circle, and x is the radius. Pressure is
 positive where it presses, a gap is positive where it is open. Forces and tractions of a contact act on
 its slave side. Displacements are measured from the undeformed mesh.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
 from types import NoneType, UnionType
@@ -25,8 +25,8 @@ HEAD = """# Scene file, version 1
 
 Generated from the dataclasses; do not edit. Every table and key that a scene may hold; unknown ones are refused.
 A *value in time* is a number, reached at `steps.end` from 0 at t = 0, or a table `[[time, value], ...]`: piecewise
-linear, constant after the last, 0 at t = 0 unless listed. Units are SI; any consistent set works, no constant in the
-program knows them. Plane models: forces and areas per metre of thickness.
+linear, constant after the last, 0 at t = 0 unless listed. Units are those that `units` names, SI without it; no
+number is converted, and the tables here say that of the SI. Plane models: forces and areas per metre of thickness.
 
 An *expression* is a formula in quotes, such as `"-0.2*E*sin(pi*x/2)"`: numbers, `+ - * / **`, parentheses; `x`, `y`,
 `z` [m] of the undeformed body, `t` [s], `pi`, `E` [Pa] and `nu` of the body, or its constants by axis; `sin cos tan exp
@@ -35,6 +35,8 @@ with `t` it is what it says at every time that is solved. When its rate turns is
 `steps.count` or a table. Loads integrate it exactly up to degree 5 at order 1, 6 at order 2; supports follow it at the
 nodes. steps.csv does not list it.
 """
+# fields of a scene in Python: the keys that writers add, and the unit that a scene sets
+NO_KEYS: Mapping[Any, Sequence[str]] = {Output: ("writers",), UserFile: ("scene_length",)}
 TABLES = (
     "bodies",
     "obstacles",
@@ -92,7 +94,7 @@ def _section(name: str, kind: Any) -> Iterator[str]:
 
 def _top_level(hints: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     for f in fields(Scene):
-        if f.name in ("title", "model"):
+        if f.name in ("title", "model", "units"):
             yield _row(f, hints[f.name])
 
 
@@ -101,7 +103,7 @@ def _rows(noun: Any) -> Iterator[tuple[str, ...]]:
     hints = get_type_hints(noun, include_extras=True)
     added = added_keys() if noun is Output else {}
     for f in fields(noun):
-        if not (noun is Output and f.name == "writers"):  # where a scene in Python has the keys that writers add
+        if f.name not in NO_KEYS.get(noun, ()):
             yield _row(f, hints[f.name])
     for keys in dict.fromkeys(added.values()):
         yield from _rows(keys)

@@ -258,7 +258,8 @@ def print_plan(content: Content) -> None:
     out.print(table)
     times = content["times"]
     shown = ", ".join(f"{t:g}" for t in times[:8]) + (", ..." if len(times) > 8 else "")
-    out.print(f"model {content['model']}, method {content['method']}, {len(times)} steps at t = {shown}")
+    units = "" if content["units"] == "SI" else f", units {content['units']}"
+    out.print(f"model {content['model']}{units}, method {content['method']}, {len(times)} steps at t = {shown}")
     for warning in content["warnings"]:
         out.print(f"warning: {warning}")
     if "mesh" in content:
