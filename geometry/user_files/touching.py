@@ -177,8 +177,7 @@ def _sag(corners: Array) -> float:
     normals = normals_of(corners)
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     f, k = corners.shape[:2]
-    size = float(np.abs(corners).max()) or 1.0
-    _, node = np.unique((corners.reshape(-1, 3) / size).round(12), axis=0, return_inverse=True)
+    _, node = np.unique(corners.reshape(-1, 3).round(12), axis=0, return_inverse=True)
     node = node.ravel()
     mean = np.zeros((node.max() + 1, 3))
     np.add.at(mean, node, np.repeat(normals, k, axis=0))
