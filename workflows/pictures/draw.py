@@ -83,7 +83,7 @@ def draw_course(folder: Path, scene: Scene) -> list[Path]:
     return [draw_history(folder, scene, columns, title), *([loops] if loops else [])]
 
 
-def _said(name: str, contact: ContactState, errors: Errors, per_metre: bool, units: Units) -> dict[str, str]:
+def _said(name: str, contact: ContactState, errors: Errors, per_metre: bool, units: Units = SI) -> dict[str, str]:
     """Numbers of a contact with their errors, in words."""
     force, area = ("N/m", "m") if per_metre else ("N", "m²")
     rubs = bool(contact.bound.any())
