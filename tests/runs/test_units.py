@@ -15,6 +15,8 @@ from shared.drawn import draw, scene_data
 from shared.histories import SMALL
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.units import SI, Units
+from stickslip.workflows.cost.methods_picture import draw_methods
+from stickslip.workflows.pictures.report_results import read_results
 from stickslip.workflows.pictures.sheet import Sheet
 from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity
@@ -121,6 +123,24 @@ def test_the_page_of_a_run_and_of_two_that_are_unlike(call: Call, folder: Path) 
     _, out, _ = call("compare", "mm", "mm")
     assert said not in out
     assert "largest pressure [MPa]" in out
+
+
+def test_pictures_of_faces_and_of_prices_have_them(texts: list[str], call: Call, folder: Path) -> None:
+    file = draw(folder / "b.brep", 2)
+    (folder / "b.toml").write_text(f'model = "plane strain"\nunits = "mm-N-MPa"\n[geometry]\nfile = "{file.name}"\n')
+    code, out, _ = call("mesh", "b.toml", "--list")
+    assert (code, "length [mm]" in out) == (0, True)
+    assert "x [mm]" in texts
+    draw_methods(folder, "Prices", [], ["uzawa"], "", Units.of("mm-N-MPa"))
+    assert "edge length of cells at the contact [mm]" in texts
+    assert not [text for text in texts if OF_SI.search(text)]
+
+
+def test_a_run_that_was_killed_is_reported_in_its_units(call: Call, folder: Path, stopped: Path) -> None:
+    begun = json.loads((stopped / "begun.json").read_text())
+    (stopped / "begun.json").write_text(json.dumps(begun | {"units": "mm-N-MPa"}))
+    (stopped / "result.json").unlink()
+    assert read_results(stopped).unit("Pa") == "MPa"
 
 
 @pytest.mark.parametrize(
