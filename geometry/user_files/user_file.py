@@ -143,8 +143,7 @@ class UserFile(Noun, Shape):
         """Length unit of the file, in that of the scene."""
         if self.length_unit is None:
             return 1.0
-        scene = Units(length=self.scene_length).metres(f'length_unit = "{self.length_unit}"')
-        return float(Fraction(LENGTHS[self.length_unit]) / scene)
+        return float(Fraction(LENGTHS[self.length_unit]) / Fraction(LENGTHS[self.scene_length]))
 
     @property
     def _metres(self) -> float:
@@ -157,10 +156,10 @@ class UserFile(Noun, Shape):
         return float(Fraction(LENGTHS[self.length_unit])) if self.length_unit else self._metres
 
     def measured_in(self, units: Units) -> Self:
-        found = self if units.length == self.scene_length else replace(self, scene_length=units.length)
-        with prefixed("geometry"):
-            assert found.unit > 0  # and is known
-        return found
+        if self.length_unit is not None:
+            with prefixed("geometry"):
+                units.metres(f'length_unit = "{self.length_unit}"')
+        return self if units.length == self.scene_length else replace(self, scene_length=units.length)
 
     def digest(self) -> str:
         """SHA-256 of the file's content when it is first asked for; later edits are ignored."""
@@ -224,7 +223,7 @@ class UserFile(Noun, Shape):
 
     def outline(self, dim: int) -> Outline:
         """Names, box and sample points of the file, without a volume mesh; read once."""
-        return _outline(self._key(dim)).times(1 / self._metres, dim)
+        return _outline_in(self._metres, self._key(dim))
 
     def refined(self, factor: float) -> Self:
         size, fine = self.mesh_size, self.contact_mesh_size
@@ -309,6 +308,12 @@ def _outline(key: _Key) -> Outline:
     found = ask(key.question)
     assert isinstance(found, Outline)
     return found
+
+
+@lru_cache(maxsize=8)
+def _outline_in(metres: float, key: _Key) -> Outline:
+    """The outline in a unit of this length."""
+    return _outline(key).times(1 / metres, key.question.dim)
 
 
 @lru_cache(maxsize=8)
