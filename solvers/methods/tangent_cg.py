@@ -117,6 +117,7 @@ class Iteration:
         self.f = self.operator.forces(problem.load.f_q)
         self.g = self.f - self.operator.product(self.v)
         self.pressed = self.faces.pressed(self.v)
+        self.q: Vec = system.T.createVecRight()
         self.last: tuple[Array, Array] | None = None  # the last correction, and K times it
         self.pulled, self.stored = np.zeros_like(self.f), 0.0  # by supports: T^T K u_s [N], and u_s . K u_s [J]
         if system.rigid_motion(time) is None:
@@ -281,15 +282,15 @@ class Iteration:
         energy = self.operator.dot(self.v, self.f - self.g + 2 * self.pulled) + self.stored
         return float(np.sqrt(max(energy, 0.0)))
 
-    def _tractions(self, tangent: Tangent) -> tuple[Array, Array, Vec]:
-        """Tractions and relative displacement (rows,), and the displacement of all free dofs."""
-        q = self.operator.displacement(self.v)
-        w = self.problem.relative_displacement(matrix_free(self.problem.surface).volume.contact.read(q))
-        return self.points.gathered(tangent.p), w, q
+    def _tractions(self, tangent: Tangent) -> tuple[Array, Array]:
+        """Tractions and relative displacement (rows,); leaves the displacement of all free dofs in `q`."""
+        self.operator.displacement(self.v, self.q)
+        w = self.problem.relative_displacement(matrix_free(self.problem.surface).volume.contact.read(self.q))
+        return self.points.gathered(tangent.p), w
 
     def _natural(self, tangent: Tangent) -> float:
         """The natural residual, or the imbalance of bodies that float if that is larger; collective."""
-        p, w, _ = self._tractions(tangent)
+        p, w = self._tractions(tangent)
         return max(self.problem.natural_residual(p, w), self.problem.imbalance(p))
 
     def _solution(
@@ -303,12 +304,12 @@ class Iteration:
     ) -> Solution:
         """The solution at the present state; `left` is about the motion that is left, and K times it."""
         problem, surface = self.problem, matrix_free(self.problem.surface)
-        p, w, q = self._tractions(tangent)
+        p, w = self._tractions(tangent)
         p = problem.project(p + problem.weight * (w - problem.gap), problem.weight)
-        surface.found(p, q)
-        size = self._size()
+        surface.found(p, self.q.copy())
+        u_c, size = surface.volume.contact.read(self.q), self._size()
         self._move(*left)
-        after, w_after, _ = self._tractions(self._tangent(trial))
+        after, w_after = self._tractions(self._tangent(trial))
         expected = expected if np.isfinite(expected) else 0.0
         own = Correction(p=MARGIN * (after - p), w=MARGIN * (w_after - w), size=MARGIN * expected * size)
 
@@ -322,5 +323,4 @@ class Iteration:
             size = float(np.hypot(own.size, share * before.size))
             return Correction(own.p + share * before.p, own.w + w_kept, size)
 
-        u_c = surface.volume.contact.read(q)
         return Solution(p, w, u_c, status, history[-1].residual, tuple(history), correct=correct)

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Vec
-from stickslip.solvers.linear.multigrid import multigrid
+from stickslip.solvers.linear.multigrid import HYPRE, multigrid
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.system.floating_modes import near_nullspace
 from stickslip.solvers.system.system import System
@@ -96,6 +96,10 @@ class TangentOperator:
         matrix = whole.copy() if self._change is None else whole.PtAP(self._change)
         held = numbers[(numbers >= low) & (numbers < high)].astype(PETSc.IntType)
         matrix.zeroRowsColumns(held, diag=float(matrix.getDiagonal().sum() / matrix.getSize()[0]))
+        if HYPRE:  # in hypre's own storage, of which multigrid takes no copy
+            size = matrix.block_size
+            matrix = matrix.convert(PETSc.Mat.Type.HYPRE)
+            matrix.setBlockSize(size)
 
         def motions() -> Array:
             found = near_nullspace(self._system)
@@ -139,12 +143,12 @@ class TangentOperator:
         self.T.multTranspose(f, self._out)
         return self._out.array_r.copy()
 
-    def displacement(self, v: Array) -> Vec:
-        """u = T v over the free displacements [m]."""
+    def displacement(self, v: Array, found: Vec | None = None) -> Vec:
+        """u = T v over the free displacements [m], in `found` if it is given."""
         self._in.array[:] = v
-        found = self._in.duplicate()
-        self.T.mult(self._in, found)
-        return found
+        u = self._in.duplicate() if found is None else found
+        self.T.mult(self._in, u)
+        return u
 
     def coordinates(self, u: Vec) -> Array:
         """v = T^-1 u of free displacements u [m]."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
+from shared.matrices import dense, whole
 
 from stickslip.geometry.arrays import cross
 from stickslip.geometry.errors import SceneError
@@ -35,14 +35,6 @@ def support(side: str, **displacement: Any) -> dict[str, Any]:
 
 def surface(system: System, side: str) -> Surface:
     return gather_surface(system.mesh, system.space, system.nodes, side)
-
-
-def dense(matrix: Any) -> Array:
-    indptr, indices, data = matrix.getValuesCSR()
-    found = np.zeros(matrix.size)
-    for row, (i, j) in enumerate(pairwise(indptr)):
-        found[row, indices[i:j]] = data[i:j]
-    return found
 
 
 def free_columns(T: Any) -> Array:
@@ -119,7 +111,7 @@ def test_stiffness_of_the_free_displacements_is_selected_or_transformed_alike(
     for case, system in selecting.items():
         assert system.constraints.selects == ("periodic" not in case and case != "inclined"), case
         T, gone = dense(system.T), system.constraints.eliminated()
-        expected = T.T @ dense(system.K) @ T
+        expected = T.T @ dense(whole(system)) @ T
         assert not expected[gone].any()
         assert not expected[:, gone].any()
         expected[gone, gone] = expected.trace() / system.constraints.free_total
@@ -207,8 +199,8 @@ def test_rigid_motions_left_free_are_counted(
     T = dense(system.T)
     for field in np.moveaxis(fields, 2, 0):
         assert_allclose(T @ (T.T @ field.ravel()), field.ravel(), atol=1e-12)
-        K_u = dense(system.K) @ field.ravel()
-        assert np.abs(K_u).max() < 1e-12 * np.abs(dense(system.K)).max()
+        K_u = dense(whole(system)) @ field.ravel()
+        assert np.abs(K_u).max() < 1e-12 * np.abs(dense(whole(system))).max()
 
 
 def test_a_periodic_block_moves_but_does_not_turn(scene_of: SceneOf, system_of: SystemOf) -> None:
