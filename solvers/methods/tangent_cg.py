@@ -14,7 +14,7 @@ from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.methods.applicability import Applicability
-from stickslip.solvers.methods.method import Before, Method, Ready, Setup, Solve
+from stickslip.solvers.methods.method import Before, Method, Ready, Setup, Solve, Turn
 from stickslip.solvers.newton.solution import Correction, OnStep, Solution, Stall, Status, Step, ending, ignore
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.tangent.coarse import CoarseMotions
@@ -29,7 +29,8 @@ PATIENCE = 150  # iterations of a step, if another form of the bodies can take o
 STALL_WINDOW = 40  # iterations in which the error must halve; usual are 7 to 20 in all
 ROUNDING = 1e-12  # of the energy: a growth that counts as none
 FASTEST, SLOWEST = 0.3, 0.9  # limits of the contraction of an iteration that is counted on
-SLOW = 0.45  # contraction at which, for the second time, multigrid is set up again or coarse motions are made
+SLOW = 0.55  # contraction at which multigrid is set up again, at the second time, or coarse motions are made
+FEW_STICK = 0.25  # of the closed area; coarse motions are of use where less sticks
 FEW = 0.1  # of the slave nodes; with fewer changes multigrid stays
 MARGIN = 2.2  # of the error that is stated
 
@@ -57,6 +58,7 @@ class TangentCG(Method):
     )
     WORKS_WITH: ClassVar = Applicability(floating=True, driven=False, condensed=False)
     ROW: ClassVar = 2
+    TURNS: ClassVar = (Turn("matrix-free", 0, dims=(3,)),)
 
     def build(self, setup: Setup) -> Ready:
         return OnTangent(self, setup)
@@ -155,8 +157,11 @@ class Iteration:
                 break
             contraction = float(np.clip(residual / before, FASTEST, SLOWEST))
             slow += contraction > SLOW
-            if slow == 2 and not self._held_anew(tangent) and self.ready.coarse is None:
+            few = self.ready.coarse is None and self.points.sticking(tangent) < FEW_STICK
+            if slow and few:
                 self.ready.make_coarse()
+            if slow == 2:
+                self._held_anew(tangent)
             slow %= 2
             moved, K_moved = self._advance(tangent, r, z, K_z)
             step = float(np.sqrt(max(operator.dot(moved, r), 0.0))) / scale

@@ -219,6 +219,18 @@ class ContactPoints:
         D[:, range(dim), range(dim)] += 1 - free
         return np.asarray(np.linalg.inv(D) * both / SMOOTHED)
 
+    def sticking(self, tangent: Tangent) -> float:
+        """Share of the closed area that sticks; collective."""
+        W, held = self.faces.problem.surface.W, (~tangent.free | (tangent.spring > 0)).astype(float)
+        sticks, pressed = self.gathered(held) > 0, self.gathered(tangent.p) > 0
+        closed = stuck = 0.0
+        for block in self.faces.problem.cone.places:
+            n, first = block.normal, np.arange(block.tangential.start, block.tangential.stop)
+            first = first.reshape(block.rows.free.shape)[:, :1].ravel()
+            closed += float(W[n] @ (sticks[n] | pressed[n]))
+            stuck += float(W[first] @ sticks[first])
+        return stuck / closed if closed else 1.0
+
     def project(self, tangent: Tangent, v: Array, new: Array) -> Array:
         """`new` without penetration, and without slip that has turned back on the way from v; all (m d,) [m]."""
         was, now = self.read(v) - self.target, self.read(new) - self.target

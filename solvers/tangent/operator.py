@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Vec
-from stickslip.solvers.linear.multigrid import HYPRE, multigrid
+from stickslip.solvers.linear.multigrid import multigrid
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.system.floating_modes import near_nullspace
 from stickslip.solvers.system.system import System
@@ -96,17 +96,13 @@ class TangentOperator:
         matrix = whole.copy() if self._change is None else whole.PtAP(self._change)
         held = numbers[(numbers >= low) & (numbers < high)].astype(PETSc.IntType)
         matrix.zeroRowsColumns(held, diag=float(matrix.getDiagonal().sum() / matrix.getSize()[0]))
-        if HYPRE:  # in hypre's own storage, of which multigrid takes no copy
-            size = matrix.block_size
-            matrix = matrix.convert(PETSc.Mat.Type.HYPRE)
-            matrix.setBlockSize(size)
 
         def motions() -> Array:
             found = near_nullspace(self._system)
             found[held - low] = 0.0
             return found
 
-        self._multigrid = multigrid(matrix, motions, PREFIX)
+        self._multigrid = multigrid(matrix, motions, PREFIX, alone=True)
         self.counters.factorisations += 1
 
     def cycle(self, r: Array) -> Array:

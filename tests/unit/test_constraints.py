@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
-from shared.matrices import dense, whole
 
+from shared.matrices import dense, whole
 from stickslip.geometry.arrays import cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
@@ -19,6 +19,7 @@ from stickslip.solvers.fem.rigid_fields import rigid_fields
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.system.stiffness import Stiffness
 from stickslip.solvers.system.system import System
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -104,10 +105,10 @@ def test_stiffness_of_the_free_displacements_is_selected_or_transformed_alike(
     selecting = {case: system_of(scene_of(dim, **tables)) for case, (dim, tables) in CASES.items()}
     ends = (Row(np.array([0.6, 0.8]), 0.3, "a"),)
     free = selecting["free"]
-    selecting["inclined"] = replace(free, constraints=replace(free.constraints, rows={4: ends, 9: ends}))
-    selecting["inclined"] = replace(
-        selecting["inclined"], T=selecting["inclined"].constraints.transformation(free.mesh.comm)
-    )
+    inclined = replace(free.constraints, rows={4: ends, 9: ends})
+    T = inclined.transformation(free.mesh.comm)
+    both = Stiffness.of(whole(free), T, inclined)
+    selecting["inclined"] = replace(free, constraints=inclined, T=T, assembled=lambda: both)
     for case, system in selecting.items():
         assert system.constraints.selects == ("periodic" not in case and case != "inclined"), case
         T, gone = dense(system.T), system.constraints.eliminated()

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from numpy.testing import assert_array_equal
-from shared.matrices import whole
 
+from shared.matrices import whole
 from stickslip import Block
 from stickslip.geometry.arrays import Ints
 from stickslip.geometry.errors import SceneError
