@@ -93,7 +93,7 @@ class Size:
         N, cube = self.dofs, float(self.contact_dofs) ** 3
         power = 1.5 if self.dim == 2 else 2.0
         prepared = sum(FACTOR_TIME[self.dim] * n**power + INVERSE * c**3 for n, c in self._each)
-        return prepared + self.steps * (BACK[self.dim] * N + NEWTON * cube)
+        return float(prepared + self.steps * (BACK[self.dim] * N + NEWTON * cube))
 
     def matrix_free_seconds(self, method: str) -> float:
         """The same with the bodies in matrix-free form, by a method."""
