@@ -29,9 +29,10 @@ PATIENCE = 150  # iterations of a step, if another form of the bodies can take o
 STALL_WINDOW = 40  # iterations in which the error must halve; usual are 7 to 20 in all
 ROUNDING = 1e-12  # of the energy: a growth that counts as none
 FASTEST, SLOWEST = 0.3, 0.9  # limits of the contraction of an iteration that is counted on
-SLOW = 0.55  # contraction at which multigrid is set up again, at the second time, or coarse motions are made
-FEW_STICK = 0.25  # of the closed area; coarse motions are of use where less sticks
-FEW = 0.1  # of the slave nodes; with fewer changes multigrid stays
+SLOW = 0.55  # contraction at which, for the second time, multigrid may be adapted to the state of contact
+OTHERS = 0.1  # of the slave nodes; with fewer changes multigrid stays
+FEW, MANY = 0.05, 0.3  # sticking shares of the closed area below which, and up to which, multigrid lets it slide
+COARSE = 0.25  # the same below which coarse motions are made
 MARGIN = 2.2  # of the error that is stated
 
 
@@ -74,11 +75,11 @@ class OnTangent(Ready):
         self.operator = TangentOperator(setup.system, self.coordinates)
         matrix_free(setup.surface).guess = self.operator.guess
         self.coarse: CoarseMotions | None = None  # made when they are needed
-        self.nodes: Ints | None = None  # that multigrid holds; None: all slave nodes
+        self.held: Ints | None = None  # numbers of the coordinates that multigrid holds; None: of all slave nodes
 
     def snapshot(self) -> dict[str, Plain]:
-        """Which nodes multigrid holds, and whether there are coarse motions; see `restore`."""
-        return {"held": self.nodes, "coarse": self.coarse is not None}
+        """What multigrid holds, and whether there are coarse motions; see `restore`."""
+        return {"held": self.held, "coarse": self.coarse is not None}
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
         if snapshot["held"] is not None:
@@ -96,10 +97,11 @@ class OnTangent(Ready):
         """Solve one step from displacement u [m] of all dofs; see `SameEveryStep`; collective."""
         return Iteration(self, problem, u).solve(on_step)
 
-    def hold(self, nodes: Ints) -> None:
-        """Set up multigrid with these slave nodes held; collective."""
-        self.operator.hold(ContactCoordinates.of(self.system, self.surface, nodes))
-        self.coarse, self.nodes = None, nodes
+    def hold(self, numbers: Ints) -> None:
+        """Set up multigrid with these coordinates held; collective."""
+        nodes = np.unique(numbers // self.system.mesh.dim)
+        self.operator.hold(ContactCoordinates.of(self.system, self.surface, nodes), numbers)
+        self.coarse, self.held = None, numbers
 
     def make_coarse(self) -> None:
         """Add coarse motions to all later iterations; collective."""
@@ -157,11 +159,8 @@ class Iteration:
                 break
             contraction = float(np.clip(residual / before, FASTEST, SLOWEST))
             slow += contraction > SLOW
-            few = self.ready.coarse is None and self.points.sticking(tangent) < FEW_STICK
-            if slow and few:
-                self.ready.make_coarse()
             if slow == 2:
-                self._held_anew(tangent)
+                self._adapt(tangent)
             slow %= 2
             moved, K_moved = self._advance(tangent, r, z, K_z)
             step = float(np.sqrt(max(operator.dot(moved, r), 0.0))) / scale
@@ -169,19 +168,25 @@ class Iteration:
             left = contraction * moved, contraction * K_moved
         return self._solution(tangent, trial, left, status or Status.MAX_IT, expected, history)
 
-    def _held_anew(self, tangent: Tangent) -> bool:
-        """Set up multigrid again with the nodes held that touch now, if many others are; collective."""
-        operator = self.operator
-        dim = operator.diagonal.shape[1]
+    def _adapt(self, tangent: Tangent) -> None:
+        """Hold in multigrid the nodes that are in contact now, if they are others than before; collective.
+
+        Where hardly a point sticks, their normal motions alone are held; or coarse motions are added if bodies float,
+        whose rigid motions multigrid would not resist then.
+        """
+        operator, ready, sticking = self.operator, self.ready, self.points.sticking(tangent)
+        if ready.surface.floating and ready.coarse is None and sticking < COARSE:
+            return ready.make_coarse()
+        sliding = not ready.surface.floating and sticking < (MANY if operator.sliding else FEW)
         touch = self.points.truncated(tangent, np.ones(len(operator.at))) == 0
-        touch = (touch | (self.pressed.diagonal > 0)).reshape(-1, dim).any(axis=1)
-        was = operator.held.reshape(-1, dim).any(axis=1)
+        touch = (touch | (self.pressed.diagonal > 0)).reshape(-1, operator.dim).any(axis=1)
+        was = operator.held.reshape(-1, operator.dim).any(axis=1)
         changed, count = operator.comm.allreduce(np.array([(touch != was).sum(), len(was)]))
-        if changed <= FEW * count:
-            return False
-        nodes = (operator.at.reshape(-1, dim)[touch, 0] + operator.K_B.getOwnershipRange()[0]) // dim
-        self.ready.hold(np.concatenate(operator.comm.allgather(nodes)))
-        return True
+        if sliding != operator.sliding or changed > OTHERS * count:
+            held = operator.at[touch.repeat(operator.dim)] + operator.K_B.getOwnershipRange()[0]
+            held = np.concatenate(operator.comm.allgather(held))
+            ready.hold(np.intersect1d(held, ready.coordinates.normal) if sliding else held)
+        return None
 
     def _forces(self) -> Array:
         """Forces (m d,) [N] at slave nodes that bodies and compliant faces leave to the points."""
