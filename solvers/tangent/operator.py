@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-from stickslip.geometry.arrays import Array
-from stickslip.geometry.protocols import Vec
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.protocols import Mat, Vec
 from stickslip.solvers.linear.multigrid import multigrid
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.system.floating_modes import near_nullspace
@@ -95,10 +95,9 @@ class TangentOperator:
         by_node = self.held.reshape(-1, self.dim)
         every, whole = bool(by_node.all()), bool((by_node.all(axis=1) == by_node.any(axis=1)).all())
         every, whole = (all(each) for each in zip(*self.comm.allgather((every, whole)), strict=True))
-        self._plain, self._change, self.sliding = every, coordinates.T, not whole
-        if every or (coordinates.alone and whole):
-            self._change = None
-        elif self.sliding:  # neighbours that multigrid sees move in the same direction, not in opposite ones
+        self._plain, self.sliding = every, not whole
+        self._change: Mat | None = None if every or (coordinates.alone and whole) else coordinates.T
+        if self._change is not None and self.sliding:  # what multigrid compares points the same way
             signs = self.K_B.createVecRight()
             signs.array[:] = 1.0
             own = (coordinates.blocks >= low) & (coordinates.blocks < high)
