@@ -64,14 +64,11 @@ class Case:
             "z = [[0, 0], [1, -0.05]] }",
         }
         method = "auto" if self.method == REFERENCE else self.method
-        name, shape = "block" if self.dim == 2 else "cube", [f"geometry.mesh_size={size!r}"]
+        name, shape = ("block" if self.dim == 2 else "cube"), [f"geometry.mesh_size={size!r}"]
         if self.dim == 2:
             shape.append(f"geometry.contact_mesh_size={size!r}")
         if self.bodies == 2:
-            name, lower = "two_blocks", 1 / (self.n - 1)
-            sizes = f"length=1.0, width=1.0, height=1.0, mesh_size={size!r}, lower_mesh_size={lower!r}"
-            shape = ["model=3d", f'geometry={{ builder = "two_blocks", {sizes} }}']
-            shape.append("supports.base.displacement={ x = 0.0, y = 0.0, z = 0.0 }")
+            name, shape = "two_blocks", cubes(self.n)
         settings = [
             *shape,
             f'geometry.cells="{self.cells}"',
@@ -81,6 +78,16 @@ class Case:
             "output.error=false",  # its own price is in docs/accuracy.md
         ]
         return read(name, settings)
+
+
+def cubes(n: int) -> list[str]:
+    """Settings that make `two_blocks` a cube on a cube, with n and n - 1 cells over the height."""
+    sizes = f"length=1.0, width=1.0, height=1.0, mesh_size={1 / n!r}, lower_mesh_size={1 / (n - 1)!r}"
+    return [
+        "model=3d",
+        f'geometry={{ builder = "two_blocks", {sizes} }}',
+        "supports.base.displacement={ x = 0.0, y = 0.0, z = 0.0 }",
+    ]
 
 
 def measure(case: Case, only: str = "") -> dict[str, Any]:
