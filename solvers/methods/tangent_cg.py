@@ -54,8 +54,8 @@ class TangentCG(Method):
 
     NAME: ClassVar = "tangent-cg"
     WHEN: ClassVar = (
-        "large bodies in 3D: contact is decided while the bodies are solved; two steps for one to two linear solves, "
-        "three to four where all slips"
+        "large bodies in 3D, where `auto` takes it first: contact is decided while the bodies are solved; two steps "
+        "for one to three linear solves"
     )
     WORKS_WITH: ClassVar = Applicability(floating=True, driven=False, condensed=False)
     ROW: ClassVar = 2
