@@ -12,11 +12,36 @@ from stickslip.geometry.protocols import Mat, Vec
 from stickslip.solvers.fem.constraints import Constraints
 
 
+class Restored:
+    """Products with K, from its free part and its eliminated columns, which are its eliminated rows too."""
+
+    def __init__(self, free: Mat, columns: Mat, own: Ints) -> None:
+        """
+        Args:
+            free: K without eliminated rows and columns, but for their diagonal.
+            columns: the eliminated columns, whole.
+            own: positions of those of this rank in its part of a vector.
+        """
+        self.free, self.columns, self.own = free, columns, own
+        self._kept, self._gone = free.createVecRight(), columns.createVecRight()
+
+    def __mul__(self, u: Vec) -> Vec:
+        """K u; collective."""
+        self._kept.array[:] = u.array_r
+        self._gone.array[:] = u.array_r[self.own]
+        self._kept.array[self.own] = 0.0
+        found = self.free * self._kept
+        self.columns.multAdd(self._gone, found, found)
+        self.columns.multTranspose(self._kept, self._gone)
+        found.array[self.own] += self._gone.array_r
+        return found
+
+
 @dataclass(frozen=True)
 class Stiffness:
     """K and T^T K T, PETSc [N/m]; eliminated entries of the latter have only a diagonal, the mean of the free ones."""
 
-    whole: Mat  # of all displacements; only its products and its size can be asked for
+    whole: Mat | Restored  # of all displacements, for products
     free: Mat  # of the free displacements
 
     @staticmethod
@@ -53,23 +78,4 @@ def _selected(K: Mat, own: Ints, count: int, free_total: int) -> Stiffness:
     every = PETSc.IS().createStride(high - low, first=low, step=1, comm=K.comm)
     columns = K.createSubMatrix(every, PETSc.IS().createGeneral(own, comm=K.comm))
     K.zeroRowsColumns(own, diag=diagonal.sum() / free_total)
-    whole: Mat = PETSc.Mat().createPython(K.getSizes(), _Sum(K, columns, own - low), comm=K.comm)
-    return Stiffness(whole, K)
-
-
-class _Sum:
-    """Products with K, from its free part and its eliminated columns, which are its eliminated rows too (PETSc)."""
-
-    def __init__(self, free: Mat, columns: Mat, own: Ints) -> None:
-        self.free, self.columns, self.own = free, columns, own
-        self._kept, self._gone = free.createVecRight(), columns.createVecRight()
-
-    def mult(self, _: Mat, u: Vec, f: Vec) -> None:
-        """f = K u (PETSc's interface); collective."""
-        self._kept.array[:] = u.array_r
-        self._gone.array[:] = u.array_r[self.own]
-        self._kept.array[self.own] = 0.0
-        self.free.mult(self._kept, f)
-        self.columns.multAdd(self._gone, f, f)
-        self.columns.multTranspose(self._kept, self._gone)
-        f.array[self.own] += self._gone.array_r
+    return Stiffness(Restored(K, columns, own - low), K)

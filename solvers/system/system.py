@@ -36,7 +36,7 @@ from stickslip.solvers.system.applied_loads import AppliedLoads
 from stickslip.solvers.system.contact_interface import ContactInterface, components
 from stickslip.solvers.system.initial_strain import InitialStrains
 from stickslip.solvers.system.obstacles import Obstacles
-from stickslip.solvers.system.stiffness import Stiffness
+from stickslip.solvers.system.stiffness import Restored, Stiffness
 
 NOTHING = 1e-20  # stiffness of what shrinks, relative to E: below it is rounding [m]
 
@@ -65,7 +65,7 @@ class System:
         return self.constraints.course
 
     @property
-    def K(self) -> Mat:
+    def K(self) -> Mat | Restored:
         """Stiffness of all displacements, PETSc [N/m], for products; assembled at the first access."""
         return self.assembled().whole
 
