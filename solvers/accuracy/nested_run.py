@@ -174,7 +174,7 @@ def _cut(mesh: FlatMesh, places: Places, size: Size) -> tuple[int, FlatMesh | No
 
 def _seconds(size: Size) -> float:
     """What it would take [s], by the cost model of `auto`."""
-    return size.seconds["condensed"] + OVERHEAD * size.steps
+    return size.condensed_seconds + OVERHEAD * size.steps
 
 
 def _numbers(observe: Observer, accepted: Accepted) -> Values:

@@ -28,9 +28,19 @@ STRONG = {2: 0.25, 3: 0.7}  # threshold of strong couplings, by dimension
 GAMG: Mapping[str, str | int] = {"ksp_max_it": 1}  # of the smoother: more, but cheaper, iterations
 
 
-def multigrid(K: Mat, motions: Callable[[], Array], prefix: str) -> PC:
-    """BoomerAMG where PETSc has hypre, else GAMG; arguments as theirs; collective."""
-    return boomeramg(K, prefix) if HYPRE else gamg(K, motions(), prefix)
+def multigrid(K: Mat, motions: Callable[[], Array], prefix: str, alone: bool = False) -> PC:
+    """BoomerAMG where PETSc has hypre, else GAMG; arguments as theirs; collective.
+
+    Args:
+        alone: whether nobody else uses K: hypre then keeps the only copy of it.
+    """
+    if not HYPRE:
+        return gamg(K, motions(), prefix)
+    if alone:
+        size = K.block_size
+        K.convert(PETSc.Mat.Type.HYPRE)  # in place, in hypre's own storage, of which multigrid takes no copy
+        K.setBlockSize(size)
+    return boomeramg(K, prefix)
 
 
 def boomeramg(K: Mat, prefix: str) -> PC:

@@ -15,7 +15,8 @@ class Auto(Method):
 
     NAME: ClassVar = "auto"
     WHEN: ClassVar = (
-        "the default: by size and number of steps, condensed-newton, or surface-uzawa without a dense matrix; "
+        "the default: by size and number of steps, condensed-newton, or without a dense matrix tangent-cg (3D) or "
+        "surface-uzawa; "
         "goes on with a safer method when one stalls"
     )
     WORKS_WITH: ClassVar = Applicability(floating=True)

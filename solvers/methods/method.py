@@ -62,6 +62,7 @@ class Turn:
     form: Form  # of the bodies; turns with the condensed form also come after all others, if memory suffices
     place: int  # order among the turns of that form, ascending
     safe: bool = False  # with a metric that overestimates the bodies' flexibility: shorter steps
+    dims: tuple[int, ...] = (2, 3)  # dimensions in which the method has this place
 
 
 class Ready(ABC):

@@ -14,7 +14,7 @@ from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.methods.applicability import Applicability
-from stickslip.solvers.methods.method import Before, Method, Ready, Setup, Solve
+from stickslip.solvers.methods.method import Before, Method, Ready, Setup, Solve, Turn
 from stickslip.solvers.newton.solution import Correction, OnStep, Solution, Stall, Status, Step, ending, ignore
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.tangent.coarse import CoarseMotions
@@ -29,8 +29,10 @@ PATIENCE = 150  # iterations of a step, if another form of the bodies can take o
 STALL_WINDOW = 40  # iterations in which the error must halve; usual are 7 to 20 in all
 ROUNDING = 1e-12  # of the energy: a growth that counts as none
 FASTEST, SLOWEST = 0.3, 0.9  # limits of the contraction of an iteration that is counted on
-SLOW = 0.45  # contraction at which, for the second time, multigrid is set up again or coarse motions are made
-FEW = 0.1  # of the slave nodes; with fewer changes multigrid stays
+SLOW = 0.55  # contraction at which, for the second time, multigrid may be adapted to the state of contact
+OTHERS = 0.1  # of the slave nodes; with fewer changes multigrid stays
+FEW, MANY = 0.05, 0.3  # sticking shares of the closed area below which, and up to which, multigrid lets it slide
+COARSE = 0.25  # the same below which coarse motions are made
 MARGIN = 2.2  # of the error that is stated
 
 
@@ -52,11 +54,12 @@ class TangentCG(Method):
 
     NAME: ClassVar = "tangent-cg"
     WHEN: ClassVar = (
-        "large bodies in 3D: contact is decided while the bodies are solved; two steps for one to two linear solves, "
-        "three to four where all slips"
+        "large bodies in 3D, where `auto` takes it first: contact is decided while the bodies are solved; two steps "
+        "for one to three linear solves"
     )
     WORKS_WITH: ClassVar = Applicability(floating=True, driven=False, condensed=False)
     ROW: ClassVar = 2
+    TURNS: ClassVar = (Turn("matrix-free", 0, dims=(3,)),)
 
     def build(self, setup: Setup) -> Ready:
         return OnTangent(self, setup)
@@ -72,11 +75,11 @@ class OnTangent(Ready):
         self.operator = TangentOperator(setup.system, self.coordinates)
         matrix_free(setup.surface).guess = self.operator.guess
         self.coarse: CoarseMotions | None = None  # made when they are needed
-        self.nodes: Ints | None = None  # that multigrid holds; None: all slave nodes
+        self.held: Ints | None = None  # numbers of the coordinates that multigrid holds; None: of all slave nodes
 
     def snapshot(self) -> dict[str, Plain]:
-        """Which nodes multigrid holds, and whether there are coarse motions; see `restore`."""
-        return {"held": self.nodes, "coarse": self.coarse is not None}
+        """What multigrid holds, and whether there are coarse motions; see `restore`."""
+        return {"held": self.held, "coarse": self.coarse is not None}
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
         if snapshot["held"] is not None:
@@ -94,10 +97,11 @@ class OnTangent(Ready):
         """Solve one step from displacement u [m] of all dofs; see `SameEveryStep`; collective."""
         return Iteration(self, problem, u).solve(on_step)
 
-    def hold(self, nodes: Ints) -> None:
-        """Set up multigrid with these slave nodes held; collective."""
-        self.operator.hold(ContactCoordinates.of(self.system, self.surface, nodes))
-        self.coarse, self.nodes = None, nodes
+    def hold(self, numbers: Ints) -> None:
+        """Set up multigrid with these coordinates held; collective."""
+        nodes = np.unique(numbers // self.system.mesh.dim)
+        self.operator.hold(ContactCoordinates.of(self.system, self.surface, nodes), numbers)
+        self.coarse, self.held = None, numbers
 
     def make_coarse(self) -> None:
         """Add coarse motions to all later iterations; collective."""
@@ -117,6 +121,7 @@ class Iteration:
         self.f = self.operator.forces(problem.load.f_q)
         self.g = self.f - self.operator.product(self.v)
         self.pressed = self.faces.pressed(self.v)
+        self.q: Vec = system.T.createVecRight()
         self.last: tuple[Array, Array] | None = None  # the last correction, and K times it
         self.pulled, self.stored = np.zeros_like(self.f), 0.0  # by supports: T^T K u_s [N], and u_s . K u_s [J]
         if system.rigid_motion(time) is None:
@@ -154,8 +159,8 @@ class Iteration:
                 break
             contraction = float(np.clip(residual / before, FASTEST, SLOWEST))
             slow += contraction > SLOW
-            if slow == 2 and not self._held_anew(tangent) and self.ready.coarse is None:
-                self.ready.make_coarse()
+            if slow == 2:
+                self._adapt(tangent)
             slow %= 2
             moved, K_moved = self._advance(tangent, r, z, K_z)
             step = float(np.sqrt(max(operator.dot(moved, r), 0.0))) / scale
@@ -163,19 +168,25 @@ class Iteration:
             left = contraction * moved, contraction * K_moved
         return self._solution(tangent, trial, left, status or Status.MAX_IT, expected, history)
 
-    def _held_anew(self, tangent: Tangent) -> bool:
-        """Set up multigrid again with the nodes held that touch now, if many others are; collective."""
-        operator = self.operator
-        dim = operator.diagonal.shape[1]
+    def _adapt(self, tangent: Tangent) -> None:
+        """Hold in multigrid the nodes that are in contact now, if they are others than before; collective.
+
+        Where hardly a point sticks, their normal motions alone are held; or coarse motions are added if bodies float,
+        whose rigid motions multigrid would not resist then.
+        """
+        operator, ready, sticking = self.operator, self.ready, self.points.sticking(tangent)
+        if ready.surface.floating and ready.coarse is None and sticking < COARSE:
+            return ready.make_coarse()
+        sliding = not ready.surface.floating and sticking < (MANY if operator.sliding else FEW)
         touch = self.points.truncated(tangent, np.ones(len(operator.at))) == 0
-        touch = (touch | (self.pressed.diagonal > 0)).reshape(-1, dim).any(axis=1)
-        was = operator.held.reshape(-1, dim).any(axis=1)
+        touch = (touch | (self.pressed.diagonal > 0)).reshape(-1, operator.dim).any(axis=1)
+        was = operator.held.reshape(-1, operator.dim).any(axis=1)
         changed, count = operator.comm.allreduce(np.array([(touch != was).sum(), len(was)]))
-        if changed <= FEW * count:
-            return False
-        nodes = (operator.at.reshape(-1, dim)[touch, 0] + operator.K_B.getOwnershipRange()[0]) // dim
-        self.ready.hold(np.concatenate(operator.comm.allgather(nodes)))
-        return True
+        if sliding != operator.sliding or changed > OTHERS * count:
+            held = operator.at[touch.repeat(operator.dim)] + operator.K_B.getOwnershipRange()[0]
+            held = np.concatenate(operator.comm.allgather(held))
+            ready.hold(np.intersect1d(held, ready.coordinates.normal) if sliding else held)
+        return None
 
     def _forces(self) -> Array:
         """Forces (m d,) [N] at slave nodes that bodies and compliant faces leave to the points."""
@@ -281,15 +292,15 @@ class Iteration:
         energy = self.operator.dot(self.v, self.f - self.g + 2 * self.pulled) + self.stored
         return float(np.sqrt(max(energy, 0.0)))
 
-    def _tractions(self, tangent: Tangent) -> tuple[Array, Array, Vec]:
-        """Tractions and relative displacement (rows,), and the displacement of all free dofs."""
-        q = self.operator.displacement(self.v)
-        w = self.problem.relative_displacement(matrix_free(self.problem.surface).volume.contact.read(q))
-        return self.points.gathered(tangent.p), w, q
+    def _tractions(self, tangent: Tangent) -> tuple[Array, Array]:
+        """Tractions and relative displacement (rows,); leaves the displacement of all free dofs in `q`."""
+        self.operator.displacement(self.v, self.q)
+        w = self.problem.relative_displacement(matrix_free(self.problem.surface).volume.contact.read(self.q))
+        return self.points.gathered(tangent.p), w
 
     def _natural(self, tangent: Tangent) -> float:
         """The natural residual, or the imbalance of bodies that float if that is larger; collective."""
-        p, w, _ = self._tractions(tangent)
+        p, w = self._tractions(tangent)
         return max(self.problem.natural_residual(p, w), self.problem.imbalance(p))
 
     def _solution(
@@ -303,12 +314,12 @@ class Iteration:
     ) -> Solution:
         """The solution at the present state; `left` is about the motion that is left, and K times it."""
         problem, surface = self.problem, matrix_free(self.problem.surface)
-        p, w, q = self._tractions(tangent)
+        p, w = self._tractions(tangent)
         p = problem.project(p + problem.weight * (w - problem.gap), problem.weight)
-        surface.found(p, q)
-        size = self._size()
+        surface.found(p, self.q.copy())
+        u_c, size = surface.volume.contact.read(self.q), self._size()
         self._move(*left)
-        after, w_after, _ = self._tractions(self._tangent(trial))
+        after, w_after = self._tractions(self._tangent(trial))
         expected = expected if np.isfinite(expected) else 0.0
         own = Correction(p=MARGIN * (after - p), w=MARGIN * (w_after - w), size=MARGIN * expected * size)
 
@@ -322,5 +333,4 @@ class Iteration:
             size = float(np.hypot(own.size, share * before.size))
             return Correction(own.p + share * before.p, own.w + w_kept, size)
 
-        u_c = surface.volume.contact.read(q)
         return Solution(p, w, u_c, status, history[-1].residual, tuple(history), correct=correct)

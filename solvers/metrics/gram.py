@@ -25,7 +25,8 @@ from stickslip.solvers.linear.incomplete_cholesky import incomplete_cholesky
 from stickslip.solvers.metrics.dense import DenseMetric, inverse_root
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.gram import Gram
-from stickslip.solvers.system.system import System, free_stiffness
+from stickslip.solvers.system.stiffness import Stiffness
+from stickslip.solvers.system.system import System
 
 
 class GramMetric:
@@ -105,8 +106,8 @@ def volume_gram(system: System, length: float) -> Mat:
         length: [m], weighs the L2 part by 1 / length².
     """
     weak = system.weak
-    gram: Mat = free_stiffness(dx.assemble_matrix(weak.compile(weak.gram(length))), system.T, system.constraints)
-    return gram
+    gram = dx.assemble_matrix(weak.compile(weak.gram(length)))
+    return Stiffness.of(gram, system.T, system.constraints).free
 
 
 def contact_last(matrix: Mat, contact: Ints) -> tuple[Sparse, Ints]:

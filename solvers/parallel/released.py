@@ -7,6 +7,7 @@ to anybody else: without the calls here no matrix and no factor is ever destroye
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import weakref
 from dataclasses import dataclass
@@ -18,6 +19,8 @@ from petsc4py import PETSc
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.protocols import Comm
 
+# glibc's M_MMAP_MAX, M_MMAP_THRESHOLD and M_TRIM_THRESHOLD [bytes]
+MALLOC = (-4, 65536), (-3, 32 << 20), (-1, 64 << 20)
 KEPT = 16  # communicators of meshes that are gone, before Python looks for what is left in reference cycles
 
 
@@ -51,6 +54,20 @@ def destroy_released(comm: Comm) -> None:
     for each in gone if last else ():
         _watched.remove(each)
         each.comm.destroy()
+    _give_back()
+
+
+def _give_back() -> None:
+    """Return freed memory to the system (glibc).
+
+    SuperLU_DIST, which PETSc loads, forbids mmap and trimming in the whole process: what a matrix or a factor leaves
+    would stay with it.
+    """
+    libc = ctypes.CDLL(None)
+    if hasattr(libc, "malloc_trim"):
+        for option, value in MALLOC:
+            libc.mallopt(option, value)
+        libc.malloc_trim(0)
 
 
 def _same_ranks(one: Comm, other: Comm) -> bool:

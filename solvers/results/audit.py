@@ -336,7 +336,7 @@ class Auditor:
                 found.append(difference(slip, slip_of(rows, moved), rounding=scales.rounding))
         if len(stored.stress):
             found.append(stress_difference(self.system, record.displacement, record.time, stored))
-        return max(found)
+        return float(max(found))
 
     def _history(self, place: ContactBlock, record: Record, before: Record, scales: Scales) -> list[float]:
         """Differences of what slip is counted from, and of the stored slip, from those of the step before [-]."""

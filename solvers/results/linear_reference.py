@@ -38,7 +38,7 @@ class Timing:
 
     @property
     def seconds(self) -> float:
-        """Set-up and solve together [s]; inf if it has no solution that is accurate enough."""
+        """Set-up and solve together [s]; inf if it has no solution to `RTOL`."""
         if self.setup is None or self.solve is None or self.residual is None or not self.residual <= 2 * RTOL:
             return np.inf
         return self.setup + self.solve
@@ -59,12 +59,13 @@ class LinearReference:
         return LinearReference(fastest=fastest, seconds=solvers[fastest].seconds, solvers=solvers)
 
 
-def linear_reference(system: System, only: str = "") -> LinearReference:
+def linear_reference(system: System, only: str = "", rtol: float = RTOL) -> LinearReference:
     """Time one linear solve of the bodies under the last step's loads and supports; collective.
 
     Args:
         system: the bodies; its contact dofs are fixed.
         only: name of the one solver to try; empty: all that can be the fastest.
+        rtol: true residual, relative to the load, at which conjugate gradients stop.
     """
     K, f = _fixed(system)
     motions = near_nullspace(system)
@@ -74,15 +75,15 @@ def linear_reference(system: System, only: str = "") -> LinearReference:
         "mumps": _cholesky,
     }
     if only:
-        return LinearReference.of({only: _timed(K, f, solvers[only])})
-    found = {name: _timed(K, f, solvers[name]) for name in ("cg+boomeramg", "cg+gamg")[not HYPRE :]}
+        return LinearReference.of({only: _timed(K, f, solvers[only], rtol)})
+    found = {name: _timed(K, f, solvers[name], rtol) for name in ("cg+boomeramg", "cg+gamg")[not HYPRE :]}
     best = min(timing.seconds for timing in found.values())
     predicted = QUADRATIC * K.size[0] ** 2 / K.comm.size if system.mesh.dim == 3 else 0.0
     if predicted > HOPELESS * best:
         note = f"not tried: about {predicted:.0f} s are expected for {K.size[0]} unknowns in 3D"
         found["mumps"] = Timing(note=note)
     else:
-        found["mumps"] = _timed(K, f, solvers["mumps"])
+        found["mumps"] = _timed(K, f, solvers["mumps"], rtol)
     for name, timing in found.items():
         log.info("linear reference: %s %.3f s %s", name, timing.seconds, timing.note)
     return LinearReference.of(found)
@@ -101,13 +102,14 @@ def _fixed(system: System) -> tuple[Mat, Vec]:
     return K, f
 
 
-def _timed(K: Mat, f: Vec, prepare: Callable[[KSP], None]) -> Timing:
+def _timed(K: Mat, f: Vec, prepare: Callable[[KSP], None], rtol: float) -> Timing:
     """Time conjugate gradients to the tolerance, or one direct solve; times are those of the slowest rank; collective.
 
     Args:
         K: stiffness [N/m].
         f: load [N].
         prepare: sets the preconditioner, or makes it a direct solver.
+        rtol: true residual, relative to the load.
     """
     u, began = f.duplicate(), clock.perf_counter()
     ksp = PETSc.KSP().create(K.comm)
@@ -116,7 +118,7 @@ def _timed(K: Mat, f: Vec, prepare: Callable[[KSP], None]) -> Timing:
         ksp.setOperators(K)
         ksp.setType("cg")
         ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        ksp.setTolerances(rtol=RTOL, atol=0.0, max_it=MOST_ITERATIONS)
+        ksp.setTolerances(rtol=rtol, atol=0.0, max_it=MOST_ITERATIONS)
         prepare(ksp)
         ksp.setUp()
         ready = clock.perf_counter()

@@ -29,7 +29,8 @@ INVERSE = 6e-11  # of the inverse of the dense stiffness, times the cube of the 
 NEWTON = 6e-12  # of a step's Newton iterations, times the same
 SET_UP = 1e-7  # of multigrid, for each entry of K_B
 PER_ENTRY = 1.3e-8  # of one iteration of conjugate gradients, for each entry of K_B: products and a multigrid cycle
-ITERATIONS = {2: 60, 3: 40}  # of conjugate gradients that a step takes, measured 40 to 75 and 20 to 50
+# Of conjugate gradients that a step takes, measured 40 to 75 and 20 to 50, and 14 to 50 with little else beside them
+ITERATIONS = {(2, "surface-uzawa"): 60, (3, "surface-uzawa"): 40, (3, "tangent-cg"): 15}
 COMPACT = 2.0  # a floating body more slender than this takes more, in proportion to the square
 METRIC, PER_DOF = 0.03, 1e-4  # of a step's problems on the surface: the least, and for each contact dof
 COPIES = 5  # copies of the dense stiffness that are in memory at the same time
@@ -61,6 +62,7 @@ class Size:
     slender: float = 1.0  # length over thickness of the most slender body that floats
     ranks: int = 1  # that share a machine's memory
     floating: bool = False  # whether contact or forces alone hold a body or an obstacle
+    driven: bool = False  # whether a force moves an obstacle
     parts: tuple[tuple[float, float], ...] = ()  # dofs and contact dofs of bodies that share no node; (): of all
 
     @staticmethod
@@ -81,21 +83,24 @@ class Size:
             slender=max([1.0, *(_slenderness(mesh, body) for body in _floating(problem))]),
             ranks=ranks,
             floating=bool(problem.rigid_modes.shape[1] or problem.driven),
+            driven=bool(problem.driven),
             parts=_parts(mesh, dofs, contacts) if mesh.comm.size == 1 and mesh.part_count > 1 else (),
         )
 
     @property
-    def seconds(self) -> dict[Form, float]:
-        """Predicted time [s] on one core of preparation and all steps, by form of the bodies."""
+    def condensed_seconds(self) -> float:
+        """Predicted time [s] on one core of preparation and all steps, with the bodies in condensed form."""
         N, cube = self.dofs, float(self.contact_dofs) ** 3
         power = 1.5 if self.dim == 2 else 2.0
         prepared = sum(FACTOR_TIME[self.dim] * n**power + INVERSE * c**3 for n, c in self._each)
-        iterations = ITERATIONS[self.dim] * max(1.0, self.slender / COMPACT) ** 2
+        return float(prepared + self.steps * (BACK[self.dim] * N + NEWTON * cube))
+
+    def matrix_free_seconds(self, method: str) -> float:
+        """The same with the bodies in matrix-free form, by a method."""
+        usual = ITERATIONS.get((self.dim, method), ITERATIONS[self.dim, "surface-uzawa"])
+        iterations = usual * max(1.0, self.slender / COMPACT) ** 2
         solves = iterations * PER_ENTRY * self.entries
-        return {
-            "condensed": prepared + self.steps * (BACK[self.dim] * N + NEWTON * cube),
-            "matrix-free": SET_UP * self.entries + self.steps * (solves + METRIC + PER_DOF * self.contact_dofs),
-        }
+        return SET_UP * self.entries + self.steps * (solves + METRIC + PER_DOF * self.contact_dofs)
 
     @property
     def dense_bytes(self) -> float:
@@ -176,20 +181,22 @@ def chosen(size: Size, solver: Solver, memory: float) -> Choice:
     forms: tuple[Form, ...] = ("condensed",)
     if form == "matrix-free":
         forms = ("matrix-free", "condensed") if size.dense_bytes < SHARE * memory else ("matrix-free",)
-    return Choice(tuple(stage for each in forms for stage in chain(each, size.floating)), because)
+    return Choice(tuple(stage for each in forms for stage in chain(each, size)), because)
 
 
-def chain(form: Form, floating: bool) -> tuple[Stage, ...]:
+def chain(form: Form, size: Size) -> tuple[Stage, ...]:
     """Stages that `auto` tries with one form of the bodies, in the order of the methods' turns.
 
-    Args:
-        floating: whether they must work with bodies that contact alone holds.
-
-    >>> [str(stage) for stage in chain("matrix-free", floating=True)]
+    >>> [str(stage) for stage in chain("matrix-free", Size(2, 74_390, 1.3e6, 1002))]
     ['surface-uzawa (matrix-free)', 'surface-uzawa (matrix-free, safer metric)']
     """
-    able = {name: method for name, method in METHODS.items() if method.WORKS_WITH.floating or not floating}
-    turns = [(turn, name) for name, method in able.items() for turn in method.TURNS if turn.form == form]
+    turns = [
+        (turn, name)
+        for name, method in METHODS.items()
+        if (method.WORKS_WITH.floating or not size.floating) and (method.WORKS_WITH.driven or not size.driven)
+        for turn in method.TURNS
+        if turn.form == form and size.dim in turn.dims
+    ]
     return tuple(Stage(name, form, turn.safe) for turn, name in sorted(turns, key=lambda each: each[0].place))
 
 
@@ -212,6 +219,6 @@ def _form(size: Size, solver: Solver, fits: bool) -> tuple[Form, str]:
         return "condensed", f"solver.method = {solver.method}, surface = {solver.surface}"
     if not fits:
         return "matrix-free", f"the condensed form needs about {needs}, more than this machine has free"
-    seconds = size.seconds
-    form: Form = "condensed" if seconds["condensed"] <= seconds["matrix-free"] else "matrix-free"
+    first = chain("matrix-free", size)[0].method if solver.method == "auto" else solver.method
+    form: Form = "condensed" if size.condensed_seconds <= size.matrix_free_seconds(first) else "matrix-free"
     return form, f"{size.dofs} dofs in {size.dim}D, {size.steps} steps: {form} is the cheaper form"

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stickslip.geometry.errors import SolverError
 from stickslip.solvers.interface.coarse_mesh import CoarseMesh
 from stickslip.solvers.interface.factorised import FactorisedVolume
 from stickslip.solvers.interface.flexibility import DelassusOperator
@@ -35,7 +36,7 @@ log = logging.getLogger(__name__)
 class Switch:
     """A switch to the next method of the chain."""
 
-    time: float  # at the end of the step that was not solved [s]
+    time: float  # at the end of the step that was not solved [s]; 0: the method before could not be prepared
     iteration: int  # number of iterations of the method before
     before: str
     after: str
@@ -77,6 +78,7 @@ class MethodChain:
         self.coarse = CoarseMesh.beside(system) if self.choice.coarse else None
         self._ready: dict[Stage, Ready] = {}
         self._learnt: dict[str, dict[str, Plain]] = {}  # of methods that are not prepared yet, see `restore`
+        self._unable: set[Stage] = set()  # that cannot be prepared
         self._metric: SurfaceMetric | None = None  # for methods that have none
         self.repeats = False
 
@@ -87,8 +89,9 @@ class MethodChain:
 
     @property
     def first(self) -> int:
-        """Index of the first method with the present form of the bodies."""
-        return next(k for k, stage in enumerate(self.choice.stages) if stage.surface == self.stage.surface)
+        """Index of the first method with the present form of the bodies, of those that can be prepared."""
+        stages = enumerate(self.choice.stages)
+        return next(k for k, each in stages if each.surface == self.stage.surface and each not in self._unable)
 
     @property
     def reached(self) -> Reached:
@@ -174,7 +177,30 @@ class MethodChain:
         return [k for k in places if not other_form or self.choice.stages[k].surface != form]
 
     def method(self, system: System, surface: DelassusOperator) -> Callable[[State], Solve]:
-        """A function from a state to the solver of the next step; the method keeps what it has learnt of the bodies."""
+        """A function from a state to the solver of the next step; the method keeps what it has learnt of the bodies.
+
+        Where the method in use cannot be prepared, the next one with the same form of the bodies takes its place.
+
+        Raises:
+            SolverError: it cannot be prepared, and there is no other.
+        """
+        while True:
+            try:
+                self._ready[self.stage] = ready = self._readied(system, surface)
+            except SolverError as error:
+                before, later = self.stage, self._later(other_form=False)
+                if not later or self.choice.stages[later[0]].surface != before.surface:
+                    raise
+                self._unable.add(before)
+                self._ready.pop(before, None)
+                self.at = later[0]
+                self.switches.append(Switch(0.0, 0, str(before), str(self.stage), str(error)))
+                log.warning("%s: %s; goes on with %s", before, error, self.stage)
+            else:
+                return ready.after
+
+    def _readied(self, system: System, surface: DelassusOperator) -> Ready:
+        """The method in use, prepared for these bodies and rows; collective."""
         setup = Setup(
             system=system,
             surface=surface,
@@ -183,14 +209,12 @@ class MethodChain:
             hurried=any(fits(system, self.choice.stages[k].surface) for k in self._later(other_form=True)),
         )
         before = self._ready.get(self.stage)
-        if before is None:
-            ready = METHODS[self.stage.method].of(system.problem.solver).build(setup)
-            if (known := self._learnt.pop(str(self.stage), None)) is not None:
-                ready.restore(known, surface)
-        else:
-            ready = before.renewed(setup)
-        self._ready[self.stage] = ready
-        return ready.after
+        if before is not None:
+            return before.renewed(setup)
+        ready = METHODS[self.stage.method].of(system.problem.solver).build(setup)
+        if (known := self._learnt.pop(str(self.stage), None)) is not None:
+            ready.restore(known, surface)
+        return ready
 
     def beside(self, system: System, surface: DelassusOperator, drop: float) -> Solve | None:
         """A solver of problems near solved ones, with the exact contact laws, that changes nothing for later steps.

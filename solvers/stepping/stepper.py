@@ -132,16 +132,16 @@ class Stepper:
         self.companion: Companion | None = None  # follows each substep, see `State.refined`
         self._with_bolts = StepsWithBolts(system)
         self._tightening: Tightening | None = None  # of the bolts, in the present step
-        self.stage = self.chain.stage
         self.volume, self.surface = self.chain.volume, prepare_surface(system, self.chain.volume)
         self.method_after = self.chain.method(system, self.surface)
+        self.stage = self.chain.stage  # the first that could be prepared
 
     def _follow(self) -> None:
         """Take over the current stage of `chain`; the surface stays if the bodies' form does; collective."""
-        self.stage = self.chain.stage
         if self.volume is not self.chain.volume:
             self.volume, self.surface = self.chain.volume, prepare_surface(self.system, self.chain.volume)
         self.method_after = self.chain.method(self.system, self.surface)
+        self.stage = self.chain.stage
 
     def start(self) -> State:
         """The initial state: at rest at t = 0, without load, displacement or traction; collective."""

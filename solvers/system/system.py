@@ -36,29 +36,9 @@ from stickslip.solvers.system.applied_loads import AppliedLoads
 from stickslip.solvers.system.contact_interface import ContactInterface, components
 from stickslip.solvers.system.initial_strain import InitialStrains
 from stickslip.solvers.system.obstacles import Obstacles
+from stickslip.solvers.system.stiffness import Restored, Stiffness
 
 NOTHING = 1e-20  # stiffness of what shrinks, relative to E: below it is rounding [m]
-
-
-def free_stiffness(K: Mat, T: Mat, constraints: Constraints) -> Mat:
-    """T^T K T (PETSc) [N/m]; eliminated entries have only a diagonal, the mean diagonal of the free ones."""
-    low, high = T.getOwnershipRange()
-    gone = constraints.eliminated()
-    own = gone[(gone >= low) & (gone < high)].astype(PETSc.IntType)
-    if constraints.selects:  # without the product PtAP, which would double the memory
-        stiffness, free = K.copy(), K.getDiagonal()
-        free.array[own - low] = 0.0
-        stiffness.zeroRowsColumns(own, diag=free.sum() / constraints.free_total)
-        stiffness.setAttr("form", K.getAttr("form"))  # a copy shares the layout, which needs the mesh
-        return stiffness
-    stiffness = K.PtAP(T)
-    mean = stiffness.getDiagonal().sum() / constraints.free_total
-    diagonal = PETSc.Mat().createAIJ(stiffness.getSizes(), bsize=constraints.dim, nnz=(1, 0), comm=stiffness.comm)
-    pointer = np.searchsorted(own, np.arange(low, high + 1)).astype(PETSc.IntType)
-    diagonal.setValuesCSR(pointer, own, np.full(len(own), mean))
-    diagonal.assemble()
-    stiffness.axpy(1.0, diagonal, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-    return stiffness
 
 
 @dataclass(frozen=True)
@@ -73,7 +53,7 @@ class System:
     counters: Counters
     constraints: Constraints
     contacts: tuple[ContactRows, ...]
-    assembled: Callable[[], Mat]  # assembles K at the first call
+    assembled: Callable[[], Stiffness]  # assembles K at the first call
     T: Mat  # (all, all), columns of eliminated entries are zero
     loads: AppliedLoads
     initial: InitialStrains
@@ -85,14 +65,14 @@ class System:
         return self.constraints.course
 
     @property
-    def K(self) -> Mat:
-        """Stiffness of all displacements, PETSc [N/m]; assembled at the first access."""
-        return self.assembled()
+    def K(self) -> Mat | Restored:
+        """Stiffness of all displacements, PETSc [N/m], for products; assembled at the first access."""
+        return self.assembled().whole
 
-    @cached_property
+    @property
     def K_B(self) -> Mat:
-        """Stiffness of the free displacements, T^T K T [N/m]; see `free_stiffness`."""
-        return free_stiffness(self.K, self.T, self.constraints)
+        """Stiffness of the free displacements, T^T K T [N/m]; see `Stiffness`."""
+        return self.assembled().free
 
     def vector(self) -> Vec:
         """A PETSc vector of zeros over all displacements."""
@@ -221,7 +201,7 @@ def inner_forces(problem: Problem, weak: WeakForms, u: UflExpr | None = None) ->
     return form
 
 
-def _stiffness(problem: Problem, weak: WeakForms, links: Links, dilatation: MeanDilatation) -> Mat:
+def whole_stiffness(problem: Problem, weak: WeakForms, links: Links, dilatation: MeanDilatation) -> Mat:
     """K of the bodies, of effects and of links, PETSc [N/m]; collective."""
     K = dilatation.add_to(dx.assemble_matrix(weak.compile(inner_forces(problem, weak))))
     if links:
@@ -305,7 +285,9 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
         counters=counters,
         constraints=constraints,
         contacts=contacts,
-        assembled=cache(lambda: _stiffness(problem, weak, constraints.links, dilatation)),
+        assembled=cache(
+            lambda: Stiffness.of(whole_stiffness(problem, weak, constraints.links, dilatation), T, constraints)
+        ),
         dilatation=dilatation,
         T=T,
         loads=applied_loads(problem, weak, constraints, T.createVecLeft()),

@@ -10,6 +10,7 @@ Source: Hüeber & Wohlmuth, Comput. Methods Appl. Mech. Engrg. 194 (2005), of th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 from petsc4py import PETSc
@@ -38,6 +39,8 @@ class ContactCoordinates:
     rows: Sparse  # (rows, n d) relative displacements by these coordinates, N T
     blocks: Ints  # (m, d) numbers of the coordinates of the m slave nodes, increasing
     at: Ints  # (rows,) number of each row's coordinate; -1: the row carries nothing, or is compliant
+    normal: Ints  # numbers of the coordinates that are normal relative displacements
+    signs: Array  # (m, d) of T's diagonal at the slave nodes: each coordinate stands in the place of the nearest axis
     alone: bool  # whether T couples slave nodes to each other only: no bodies on the other side
 
     @staticmethod
@@ -67,15 +70,18 @@ class ContactCoordinates:
         if count.max(initial=0) > dim:
             raise SolverError(f"a contact node has {count.max()} rows in {dim}D")
         slot = own.repeat(count) * dim + np.arange(len(rows)) - first.repeat(count)  # as in `numbers`, flat
+        slot, blocks, coupling, inverse = _measured(N, rows, slot, own, count, dim)
         at = np.full(len(owner), -1)
         at[rows] = numbers.ravel()[slot]
-        blocks, coupling, inverse = _measured(N, rows, slot, own, count, dim)
+        normal = np.concatenate([at[: surface.normal_rows], at[rows_N.shape[0] :]])
         change = _inverse(inverse, coupling)
         coupled, slave = change.tocoo(), np.isin(np.arange(len(node)), own)
         return ContactCoordinates(
             numbers=numbers.ravel(),
             rows=(rows_N @ change).tocsr(),
             at=at[: rows_N.shape[0]],
+            normal=normal[normal >= 0],
+            signs=np.where(inverse.diagonal()[own[:, None] * dim + np.arange(dim)] < 0, -1.0, 1.0),
             T=_distributed(system, change, numbers),
             inverse=_distributed(system, blocks + coupling, numbers),
             blocks=numbers[own],
@@ -115,15 +121,22 @@ def _normal_motion(system: System, c: ContactRows) -> Sparse:
     return along(c.relative[nodes], c.frames[nodes, :1]) @ system.interface.trace(c)
 
 
-def _measured(N: Sparse, rows: Ints, slot: Ints, own: Ints, count: Ints, dim: int) -> tuple[Sparse, Sparse, Sparse]:
-    """T^-1 on the contact nodes, all (n d, n d): of nodes by themselves, of one to another, the inverse of the former.
+def _measured(
+    N: Sparse, rows: Ints, slot: Ints, own: Ints, count: Ints, dim: int
+) -> tuple[Ints, Sparse, Sparse, Sparse]:
+    """T^-1 on the contact nodes: of nodes by themselves, of one to another, the inverse of the former.
+
+    Multigrid knows a coordinate by its place in its node: each stands in that of the axis that it is nearest to.
 
     Args:
         N: (rows, n d).
         rows: those with a coordinate, by node.
-        slot: their coordinates.
+        slot: their coordinates, in any order in a node.
         own: slave nodes (m,).
         count: number of rows of each.
+
+    Returns:
+        The coordinates of the rows, in their places, and three matrices (n d, n d).
     """
     size = N.shape[1]
     place = np.zeros(size // dim, np.int64)
@@ -139,6 +152,11 @@ def _measured(N: Sparse, rows: Ints, slot: Ints, own: Ints, count: Ints, dim: in
     sizes = np.linalg.svd(measured, compute_uv=False)
     if np.any(sizes[:, -1] <= SINGULAR * sizes[:, 0]):
         raise SolverError("the contact rows of a node are nearly the same")
+    by_axis = _nearest(measured)
+    measured = np.take_along_axis(measured, by_axis[:, :, None], axis=1)
+    axis = np.argsort(by_axis, axis=1)
+    slot = slot // dim * dim + axis[place[slot // dim], slot % dim]
+    i = slot[entries.row]
     numbers, others = own[:, None] * dim + np.arange(dim), np.ones(size)
     others[numbers] = 0.0
     a, b = (np.broadcast_to(x, measured.shape).ravel() for x in (numbers[:, :, None], numbers[:, None, :]))
@@ -148,7 +166,16 @@ def _measured(N: Sparse, rows: Ints, slot: Ints, own: Ints, count: Ints, dim: in
         return found
 
     coupling = sparse.csr_matrix((entries.data[~inside], (i[~inside], j[~inside])), shape=(size, size))
-    return whole(measured), coupling, whole(np.linalg.inv(measured))
+    return slot, whole(measured), coupling, whole(np.linalg.inv(measured))
+
+
+def _nearest(measured: Array) -> Ints:
+    """The coordinate (m, d) that is nearest to each axis, each once, of motions (m, d, d) by coordinate and axis."""
+    dim = measured.shape[1]
+    orders = np.array(list(permutations(range(dim))))
+    size = np.abs(measured) / np.linalg.norm(measured, axis=2)[:, :, None]
+    found = np.array([size[:, order, range(dim)].sum(axis=1) for order in orders])
+    return np.asarray(orders[found.argmax(axis=0)])
 
 
 def _inverse(inverse: Sparse, coupling: Sparse) -> Sparse:

@@ -41,6 +41,7 @@ class CompliantFaces:
             compliant[block.normal] = 1.0
         self.N: Sparse = (sparse.diags(compliant) @ coordinates.rows).tocsr()
         self.scatter = Replicated(operator.K_B.createVecRight(), coordinates.numbers)
+        self._vector = operator.K_B.createVecRight()
         low = operator.K_B.getOwnershipRange()[0]
         self.slaves = np.searchsorted(coordinates.numbers, operator.at + low)
 
@@ -48,9 +49,8 @@ class CompliantFaces:
         """Closing motion N v (rows,) [m] of coordinates v (owned,); collective."""
         if not self.places:
             return np.zeros(len(self.problem.gap))
-        vector = self.operator.K_B.createVecRight()
-        vector.array[:] = v
-        return np.asarray(self.N @ self.scatter.read(vector))
+        self._vector.array[:] = v
+        return np.asarray(self.N @ self.scatter.read(self._vector))
 
     def pressed(self, v: Array) -> Pressed:
         """The faces at coordinates v (owned,) [m]; collective."""
@@ -69,10 +69,11 @@ class CompliantFaces:
 
     def forces(self, weighted: Array) -> Array:
         """Forces N^T f (owned,) [N] of forces f (rows,) [N] of the points."""
-        vector = self.operator.K_B.createVecRight()
-        if self.places:
-            self.scatter.write(vector, self.N.T @ weighted)
-        return vector.array_r.copy()
+        if not self.places:
+            return np.zeros(self._vector.getLocalSize())
+        self._vector.array[:] = 0.0
+        self.scatter.write(self._vector, self.N.T @ weighted)
+        return self._vector.array_r.copy()
 
     def growth(self, was: Pressed, now: Pressed) -> float:
         """Growth of the energy stored in the faces [J]."""

@@ -75,7 +75,8 @@ class ContactPoints:
         place[operator.at] = np.arange(len(operator.at))
         self.place = np.full(len(at), -1)  # (rows,) positions of this rank's own rows among (m d,)
         self.place[self.own] = place[at[self.own] - low]
-        self.scatter = Replicated(operator.K_B.createVecRight(), at[self.rows]) if self.comm.size > 1 else None
+        self._vector = operator.K_B.createVecRight()
+        self.scatter = Replicated(self._vector, at[self.rows]) if self.comm.size > 1 else None
         self.is_row = np.zeros(len(operator.at), bool)
         self.is_row[self.place[self.own]] = True
         self.k_s = DAMPED * np.einsum("mii->mi", operator.diagonal).ravel()
@@ -91,9 +92,8 @@ class ContactPoints:
         if self.scatter is None:
             found[self.own] = x[self.place[self.own]]
             return found
-        vector = self.operator.K_B.createVecRight()
-        vector.array[self.operator.at] = x
-        found[self.rows] = self.scatter.read(vector)
+        self._vector.array[self.operator.at] = x
+        found[self.rows] = self.scatter.read(self._vector)
         return found
 
     def write(self, rows: Array, others: Array) -> Array:
@@ -218,6 +218,18 @@ class ContactPoints:
         D *= both
         D[:, range(dim), range(dim)] += 1 - free
         return np.asarray(np.linalg.inv(D) * both / SMOOTHED)
+
+    def sticking(self, tangent: Tangent) -> float:
+        """Share of the closed area that sticks; collective."""
+        W, held = self.faces.problem.surface.W, (~tangent.free | (tangent.spring > 0)).astype(float)
+        sticks, pressed = self.gathered(held) > 0, self.gathered(tangent.p) > 0
+        closed = stuck = 0.0
+        for block in self.faces.problem.cone.places:
+            n, first = block.normal, np.arange(block.tangential.start, block.tangential.stop)
+            first = first.reshape(block.rows.free.shape)[:, :1].ravel()
+            closed += float(W[n] @ (sticks[n] | pressed[n]))
+            stuck += float(W[first] @ sticks[first])
+        return stuck / closed if closed else 1.0
 
     def project(self, tangent: Tangent, v: Array, new: Array) -> Array:
         """`new` without penetration, and without slip that has turned back on the way from v; all (m d,) [m]."""

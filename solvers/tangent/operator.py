@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from petsc4py import PETSc
 
-from stickslip.geometry.arrays import Array
-from stickslip.geometry.protocols import Vec
+from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.protocols import Mat, Vec
 from stickslip.solvers.linear.multigrid import multigrid
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.system.floating_modes import near_nullspace
@@ -26,6 +26,8 @@ class TangentOperator:
     Attributes:
         at: positions (m d,) of this rank's entries at slave nodes in its part of a vector.
         diagonal: blocks (m, d, d) of K at slave nodes.
+        held: which of these entries (m d,) multigrid holds.
+        sliding: whether it holds a part of the motions of a node only.
     """
 
     def __init__(self, system: System, coordinates: ContactCoordinates) -> None:
@@ -45,12 +47,13 @@ class TangentOperator:
         else:
             self._K = self.K_B.PtAP(self.T)
             self._columns = self._K.createSubMatrix(every, self._slaves)
-        self.diagonal = self._diagonal(system.mesh.dim)
+        self.dim: int = system.mesh.dim
+        self.diagonal = self._diagonal(self.dim)
         self._system = system
         self._in, self._out = self.K_B.createVecRight(), self.K_B.createVecRight()
         self._more = self.K_B.createVecRight()
         self._slave = self._columns.createVecRight()
-        self.hold(coordinates)
+        self.hold(coordinates, coordinates.blocks.ravel())
 
     def product(self, v: Array) -> Array:
         """K v."""
@@ -80,21 +83,29 @@ class TangentOperator:
         self._in.array[:] = u
         return np.asarray(self.coordinates(self._in)[self.at])
 
-    def hold(self, coordinates: ContactCoordinates) -> None:
-        """Set up multigrid with the slave nodes of these coordinates held, and with all others as they are; collective.
+    def hold(self, coordinates: ContactCoordinates, numbers: Ints) -> None:
+        """Set up multigrid with these coordinates held, and with all others as they are; collective.
 
         Args:
-            coordinates: of these slave nodes alone.
+            coordinates: of the slave nodes that are held, or a part of their coordinates, alone.
+            numbers: of the coordinates that are held.
         """
         low, high = self.K_B.getOwnershipRange()
-        numbers = coordinates.blocks.ravel()
         self.held = np.isin(self.at + low, numbers)
-        every = all(self.comm.allgather(bool(self.held.all())))
-        self._plain = every
-        self._change = None if every or coordinates.alone else coordinates.T
-        whole = self._K if every and self._K is not None else self.K_B
-        matrix = whole.copy() if self._change is None else whole.PtAP(self._change)
-        held = numbers[(numbers >= low) & (numbers < high)].astype(PETSc.IntType)
+        by_node = self.held.reshape(-1, self.dim)
+        every, whole = bool(by_node.all()), bool((by_node.all(axis=1) == by_node.any(axis=1)).all())
+        every, whole = (all(each) for each in zip(*self.comm.allgather((every, whole)), strict=True))
+        self._plain, self.sliding = every, not whole
+        self._change: Mat | None = None if every or (coordinates.alone and whole) else coordinates.T
+        if self._change is not None and self.sliding:  # what multigrid compares points the same way
+            signs = self.K_B.createVecRight()
+            signs.array[:] = 1.0
+            own = (coordinates.blocks >= low) & (coordinates.blocks < high)
+            signs.array[coordinates.blocks[own] - low] = coordinates.signs[own]
+            self._change.diagonalScale(R=signs)
+        K = self._K if every and self._K is not None else self.K_B
+        matrix = K.copy() if self._change is None else K.PtAP(self._change)
+        held = (self.at[self.held] + low).astype(PETSc.IntType)
         matrix.zeroRowsColumns(held, diag=float(matrix.getDiagonal().sum() / matrix.getSize()[0]))
 
         def motions() -> Array:
@@ -102,7 +113,7 @@ class TangentOperator:
             found[held - low] = 0.0
             return found
 
-        self._multigrid = multigrid(matrix, motions, PREFIX)
+        self._multigrid = multigrid(matrix, motions, PREFIX, alone=True)
         self.counters.factorisations += 1
 
     def cycle(self, r: Array) -> Array:
@@ -139,12 +150,12 @@ class TangentOperator:
         self.T.multTranspose(f, self._out)
         return self._out.array_r.copy()
 
-    def displacement(self, v: Array) -> Vec:
-        """u = T v over the free displacements [m]."""
+    def displacement(self, v: Array, found: Vec | None = None) -> Vec:
+        """u = T v over the free displacements [m], in `found` if it is given."""
         self._in.array[:] = v
-        found = self._in.duplicate()
-        self.T.mult(self._in, found)
-        return found
+        u = self._in.duplicate() if found is None else found
+        self.T.mult(self._in, u)
+        return u
 
     def coordinates(self, u: Vec) -> Array:
         """v = T^-1 u of free displacements u [m]."""

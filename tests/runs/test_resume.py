@@ -116,6 +116,7 @@ def test_methods_that_were_given_up_stay_so(name: str, tmp_path: Path, monkeypat
     """Whatever would be chosen with the memory that is free when the run goes on."""
     solve, few = LearningIteration.__call__, 2
     monkeypatch.setattr(LearningIteration, "__call__", lambda self, *rest: solve(replace(self, max_it=few), *rest))
+    monkeypatch.setattr("stickslip.solvers.methods.tangent_cg.PATIENCE", few)
     scene = read(name, [*(CUBE if name == "cube" else SLIDING), "solver.surface=matrix-free"])
     run(scene, tmp_path / "whole")
     run(scene, tmp_path / "out", Watch(on_step=Stop(2)))

@@ -65,5 +65,5 @@ def test_memory_and_time_are_foreseen_for_each_part() -> None:
     whole = Size(3, 20_730, 9e5, 14_781)
     parts = Size(3, 20_730, 9e5, 14_781, parts=((20_730 / 18, 14_781 / 18),) * 18)
     assert parts.dense_bytes < whole.dense_bytes / 3
-    assert parts.seconds["condensed"] < whole.seconds["condensed"] / 2
-    assert parts.seconds["matrix-free"] == whole.seconds["matrix-free"]
+    assert parts.condensed_seconds < whole.condensed_seconds / 2
+    assert parts.matrix_free_seconds("tangent-cg") == whole.matrix_free_seconds("tangent-cg")

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
+from shared.matrices import dense, whole
 from stickslip.geometry.arrays import cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
@@ -19,6 +19,7 @@ from stickslip.solvers.fem.rigid_fields import rigid_fields
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.system.stiffness import Stiffness
 from stickslip.solvers.system.system import System
 from stickslip.workflows.scene_file.read import from_dict
 
@@ -35,14 +36,6 @@ def support(side: str, **displacement: Any) -> dict[str, Any]:
 
 def surface(system: System, side: str) -> Surface:
     return gather_surface(system.mesh, system.space, system.nodes, side)
-
-
-def dense(matrix: Any) -> Array:
-    indptr, indices, data = matrix.getValuesCSR()
-    found = np.zeros(matrix.size)
-    for row, (i, j) in enumerate(pairwise(indptr)):
-        found[row, indices[i:j]] = data[i:j]
-    return found
 
 
 def free_columns(T: Any) -> Array:
@@ -112,14 +105,14 @@ def test_stiffness_of_the_free_displacements_is_selected_or_transformed_alike(
     selecting = {case: system_of(scene_of(dim, **tables)) for case, (dim, tables) in CASES.items()}
     ends = (Row(np.array([0.6, 0.8]), 0.3, "a"),)
     free = selecting["free"]
-    selecting["inclined"] = replace(free, constraints=replace(free.constraints, rows={4: ends, 9: ends}))
-    selecting["inclined"] = replace(
-        selecting["inclined"], T=selecting["inclined"].constraints.transformation(free.mesh.comm)
-    )
+    inclined = replace(free.constraints, rows={4: ends, 9: ends})
+    T = inclined.transformation(free.mesh.comm)
+    both = Stiffness.of(whole(free), T, inclined)
+    selecting["inclined"] = replace(free, constraints=inclined, T=T, assembled=lambda: both)
     for case, system in selecting.items():
         assert system.constraints.selects == ("periodic" not in case and case != "inclined"), case
         T, gone = dense(system.T), system.constraints.eliminated()
-        expected = T.T @ dense(system.K) @ T
+        expected = T.T @ dense(whole(system)) @ T
         assert not expected[gone].any()
         assert not expected[:, gone].any()
         expected[gone, gone] = expected.trace() / system.constraints.free_total
@@ -207,8 +200,8 @@ def test_rigid_motions_left_free_are_counted(
     T = dense(system.T)
     for field in np.moveaxis(fields, 2, 0):
         assert_allclose(T @ (T.T @ field.ravel()), field.ravel(), atol=1e-12)
-        K_u = dense(system.K) @ field.ravel()
-        assert np.abs(K_u).max() < 1e-12 * np.abs(dense(system.K)).max()
+        K_u = dense(whole(system)) @ field.ravel()
+        assert np.abs(K_u).max() < 1e-12 * np.abs(dense(whole(system))).max()
 
 
 def test_a_periodic_block_moves_but_does_not_turn(scene_of: SceneOf, system_of: SystemOf) -> None:

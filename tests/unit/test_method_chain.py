@@ -180,13 +180,17 @@ def test_no_switch_to_what_memory_has_no_room_for(
 
 SMALL, LARGE = Size(3, 1000, 8e4, 100), Size(3, 1_000_000, 8e7, 30_000)
 DENSE = tuple(Stage(name, "condensed") for name in ("condensed-newton", "surface-uzawa", "nsgs"))
-UZAWA = Stage("surface-uzawa", "matrix-free"), Stage("surface-uzawa", "matrix-free", safe=True)
+FREE = (
+    Stage("tangent-cg", "matrix-free"),
+    Stage("surface-uzawa", "matrix-free"),
+    Stage("surface-uzawa", "matrix-free", safe=True),
+)
 
 
 def test_the_choice_goes_by_size_and_memory() -> None:
     assert chosen(SMALL, Solver(), 1e12).stages == DENSE
-    assert chosen(LARGE, Solver(), 1e15).stages == (*UZAWA, *DENSE)
-    assert chosen(SMALL, Solver(), 1e3).stages == UZAWA
+    assert chosen(LARGE, Solver(), 1e15).stages == (*FREE, *DENSE)
+    assert chosen(SMALL, Solver(), 1e3).stages == FREE
     assert chosen(SMALL, Solver(method="surface-uzawa"), 1e12).stages == DENSE[1:2]
     assert chosen(replace(SMALL, floating=True), Solver(), 1e12).stages == DENSE[:2]
     with pytest.raises(MachineError, match="more than this machine has free"):

@@ -18,7 +18,7 @@ from stickslip.solvers.methods import METHODS, Solver, method_of
 from stickslip.solvers.methods.method import keys_of
 from stickslip.solvers.scene import settings
 from stickslip.solvers.simulation.plan import make_plan
-from stickslip.solvers.stepping.choice import chain
+from stickslip.solvers.stepping.choice import Size, chain
 from stickslip.workflows.scene_file.read import read, to_dict
 
 ROOT = Path(stickslip.solvers.__file__).parents[2]
@@ -57,7 +57,7 @@ class Halving(Uzawa):
 '''
 ASKED = """
 import stickslip
-from stickslip.solvers.stepping.choice import chain
+from stickslip.solvers.stepping.choice import Size, chain
 from stickslip.workflows.reference.method_table import PAGE, renewed
 from stickslip.workflows.reference.scene_page import reference
 from stickslip.workflows.scene_file.read import to_dict
@@ -69,7 +69,7 @@ assert {row[-1] for row in first.history} == {"halving"}
 assert to_dict(scene)["solver"]["part"] == 0.25
 assert "| `part` | number | - | 0.5 | of a half |" in reference()
 assert "| `halving` | to be tested | all | all | all | held by supports | condensed |" in renewed(PAGE.read_text())
-assert "halving (condensed)" in [str(stage) for stage in chain("condensed", False)]
+assert "halving (condensed)" in [str(stage) for stage in chain("condensed", Size(2, 1000, 8e4, 100))]
 for words, text in (
     (["solver.part=-1"], "solver.part = -1.0: must be positive"),
     (["solver.part=2"], "solver.part = 2.0: solver.method = auto does not use it; use halving"),
@@ -116,11 +116,15 @@ def test_the_order_is_fixed() -> None:
 
 
 def test_auto_goes_by_the_turns_of_the_classes() -> None:
+    size = Size(2, 1000, 8e4, 100)
     newton = ["condensed-newton (condensed)", "surface-uzawa (condensed)"]
-    assert [str(stage) for stage in chain("condensed", floating=True)] == newton
-    assert [str(stage) for stage in chain("condensed", floating=False)] == [*newton, "nsgs (condensed)"]
+    assert [str(stage) for stage in chain("condensed", replace(size, floating=True))] == newton
+    assert [str(stage) for stage in chain("condensed", size)] == [*newton, "nsgs (condensed)"]
     uzawa = ["surface-uzawa (matrix-free)", "surface-uzawa (matrix-free, safer metric)"]
-    assert [str(stage) for stage in chain("matrix-free", floating=False)] == uzawa
+    assert [str(stage) for stage in chain("matrix-free", size)] == uzawa
+    body = replace(size, dim=3, floating=True)
+    assert [str(stage) for stage in chain("matrix-free", body)] == ["tangent-cg (matrix-free)", *uzawa]
+    assert [str(stage) for stage in chain("matrix-free", replace(body, driven=True))] == uzawa
 
 
 def test_a_method_has_the_settings_of_the_scene() -> None:

@@ -9,6 +9,7 @@ from mpi4py import MPI
 from numpy.testing import assert_allclose
 
 from shared.cells import REFERENCE, Cell, largest, reference, refused, solved
+from stickslip.geometry.errors import SolverError
 from stickslip.solvers.linear import multigrid
 from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.scene.scene import Scene
@@ -117,3 +118,19 @@ def test_no_equilibrium_is_found_by_the_certificate(
 def test_driven_obstacles_are_refused() -> None:
     sentence = refused(Cell("tangent-cg", more="driven"))
     assert sentence == "solver.method = tangent-cg: cannot move obstacles.other by a force; use condensed-newton"
+
+
+def test_auto_goes_on_without_it_where_rows_depend_on_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = read("cube", ["geometry.mesh_size=0.25", "solver.surface=matrix-free", "output.error=false"])
+    expected = ran(scene)
+
+    def refuse(*_: object) -> ContactCoordinates:
+        raise SolverError("the contact rows of a node are nearly the same")
+
+    monkeypatch.setattr(ContactCoordinates, "of", refuse)
+    found = ran(scene)
+    assert_allclose(found[1], expected[1], rtol=0, atol=1e-5 * np.abs(expected[1]).max())
+    (switch,) = found[0].stepper.chain.switches
+    assert (switch.before, switch.after) == ("tangent-cg (matrix-free)", "surface-uzawa (matrix-free)")
+    assert "nearly the same" in switch.because
+    assert not expected[0].stepper.chain.switches

@@ -45,6 +45,7 @@ STAGES = (
     Stage("condensed-newton", "condensed"),
     Stage("surface-uzawa", "condensed"),
     Stage("surface-uzawa", "matrix-free"),
+    Stage("tangent-cg", "matrix-free"),
 )
 COUNTS = (2, 32)  # load steps
 LONG = "took longer than the limit"
@@ -222,7 +223,8 @@ def main(
     output: Annotated[Path | None, typer.Option("-o", "--output", help="file for one line of JSON a row")] = None,
 ) -> None:
     """Measure, and print the table."""
-    print(f"{'scene':22}{'dofs':>8}{'contact':>8}{'steps':>6}{'newton':>9} {'uzawa':>9} {'free':>9} | auto begins with")
+    names = "".join(f"{name:>9} " for name in ("newton", "uzawa", "free", "tangent"))
+    print(f"{'scene':22}{'dofs':>8}{'contact':>8}{'steps':>6}{names}| auto begins with")
     for case, count in product((case for case in CASES if only in case.name), COUNTS):
         with get_context("spawn").Pool(1, silence) as child:  # a process of its own returns its memory
             found = child.apply(row, (case, count, limit))

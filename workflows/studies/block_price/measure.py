@@ -17,10 +17,10 @@ from mpi4py import MPI
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import StickslipError
-from stickslip.geometry.protocols import Mat
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.system.system import System
 from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.studies.block_price.cases import EXACT, EXACTLY, Case
 from stickslip.workflows.studies.published.finding import Row
@@ -115,7 +115,7 @@ def measure(case: Case, limit: float) -> Row:
     base, told = last.contacts["base"], last.convergence
     loaded = exact.bound > 0
     off = np.linalg.norm(base.lam - exact.lam, axis=1)[loaded]
-    weight, K = exact.weight[loaded], found.simulation.system.K
+    weight, system = exact.weight[loaded], found.simulation.system
     return row | {
         "status": "converged",
         "dofs": found.simulation.system.constraints.free_total,
@@ -134,7 +134,7 @@ def measure(case: Case, limit: float) -> Row:
         "lambda_1": told.lambda_1 if told else None,
         "lam_max": off.max(initial=0.0),
         "lam_l2": float(np.sqrt(weight @ off**2 / weight.sum())) if len(off) else 0.0,
-        "u_error": _energy(K, found.u - exact.u) / _energy(K, exact.u),
+        "u_error": _energy(system, found.u - exact.u) / _energy(system, exact.u),
     }
 
 
@@ -185,8 +185,8 @@ def _lambda_1(case: Case) -> float | None:
     return known_lambda_1(replace(case.problem, method=EXACTLY[0]))
 
 
-def _energy(K: Mat, u: Array) -> float:
+def _energy(system: System, u: Array) -> float:
     """(u . K u)^(1/2) [J^(1/2)]."""
-    x = K.createVecRight()
+    x = system.vector()
     x.array[:] = u
-    return float(np.sqrt(max((K * x).dot(x), 0.0)))
+    return float(np.sqrt(max((system.K * x).dot(x), 0.0)))

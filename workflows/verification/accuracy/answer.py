@@ -86,7 +86,7 @@ def solve(scene: Scene, errors: bool = True, sharp: bool = False) -> Answer:
         stated={part: _columns([dict(_part(s, e, part)) for s, e in zip(steps, found, strict=True)]) for part in PARTS},
         endless=_columns([dict(_endless(s, e)) for s, e in zip(steps, found, strict=True)]),
         scales=_scales(simulation, steps, values),
-        unknowns=simulation.system.K.size[0],
+        unknowns=simulation.system.T.size[0],
     )
 
 

@@ -94,7 +94,7 @@ class Answer:
     def energy_norm(self, other: Answer) -> Iterator[float]:
         """Energy norm of the difference from another answer, by step, relative to the largest so far; one rank only."""
         system = self.simulation.system
-        apart, own = system.K.createVecRight(), system.nodes.input[: system.nodes.owned]
+        apart, own = system.vector(), system.nodes.input[: system.nodes.owned]
         peak = 0.0
         for mine, theirs in zip(self.steps, other.steps, strict=True):
             peak = max(peak, theirs.energy.stored)
