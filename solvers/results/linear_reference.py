@@ -66,6 +66,11 @@ def linear_reference(system: System, only: str = "") -> LinearReference:
         system: the bodies; its contact dofs are fixed.
         only: name of the one solver to try; empty: all that can be the fastest.
     """
+    with system.counters.clock.phase("linear_reference"):
+        return _linear_reference(system, only)
+
+
+def _linear_reference(system: System, only: str) -> LinearReference:
     K, f = _fixed(system)
     motions = near_nullspace(system)
     solvers: dict[str, Callable[[KSP], None]] = {

@@ -86,6 +86,10 @@ class TangentOperator:
         Args:
             coordinates: of these slave nodes alone.
         """
+        with self.counters.clock.part("tangent"):
+            self._set_up(coordinates)
+
+    def _set_up(self, coordinates: ContactCoordinates) -> None:
         low, high = self.K_B.getOwnershipRange()
         numbers = coordinates.blocks.ravel()
         self.held = np.isin(self.at + low, numbers)

@@ -27,6 +27,7 @@ from stickslip.solvers.scene.quantities import CONTACT_NUMBERS, STRESSES
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.profile import seconds_of
 from stickslip.workflows.run.audit import Audited
 from stickslip.workflows.run.packages import packages
 from stickslip.workflows.run.result_schema import units
@@ -54,12 +55,11 @@ def summary(
     outcome: Outcome,
     steps: Sequence[StepResult],
     audited: Audited,
-    total: float,
     reference: LinearReference | None = None,
     errors: Sequence[Errors] | None = None,
 ) -> dict[str, Any]:
     """The content of result.json; without `errors` of the numbers of each step they are null."""
-    scene, counters = simulation.scene, simulation.counters
+    scene, counters, rows = simulation.scene, simulation.counters, simulation.clock.rows()
     audits = audited.audits
     contacts, chain = simulation.system.contacts, simulation.stepper.chain
     resolved = to_dict(scene)
@@ -110,7 +110,8 @@ def summary(
             "linear_solver": max((step.linear_error for step in steps), default=None),
             "what": "relative, energy norm",
         },
-        "seconds": asdict(simulation.seconds) | {"total": total, "linear_reference": reference and reference.seconds},
+        "seconds": seconds_of(rows, reference.seconds if reference else None),
+        "profile": [asdict(row) for row in rows],
         "linear_reference": reference and asdict(reference),
     }
 

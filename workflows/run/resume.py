@@ -12,11 +12,11 @@ from typing import Any
 from stickslip import VERSION
 from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.geometry.errors import DamagedError, FolderError, MachineError
+from stickslip.solvers.parallel.clock import Row
 from stickslip.solvers.parallel.serialise import broadcast, deserialise
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.checkpoint import Checkpoint
-from stickslip.solvers.simulation.simulation import Seconds
 from stickslip.workflows.formats.aside import disk_errors
 from stickslip.workflows.formats.own_files import is_certified, own_files, remove_unfinished
 from stickslip.workflows.formats.regular import parse_json, read_json, read_regular
@@ -39,8 +39,7 @@ class RunCheckpoint:
     """What a run goes on from besides the result of a step; it stands in each step's file."""
 
     checkpoint: Checkpoint  # of the solver
-    seconds: Seconds  # by phase, until then
-    total: float  # [s] of all processes that have worked on the run
+    spent: tuple[Row, ...]  # by phase, until then, by all processes that have worked on the run
     run: str  # the run that the step belongs to, see `run_of`
     seen: Seen  # of the fields, until then
     learnt: str  # reference to its files, see `LearntFiles`
