@@ -34,7 +34,7 @@ SCENES = {
 }
 ALWAYS = ["solver.tolerance=1e-11", "output.pictures=false"]
 SAME = 1e-9  # two decades above the tolerance: the answer's condition comes on top
-EXCEPTED = {"seconds", "ranks", "version", "counters"}
+EXCEPTED = {"seconds", "profile", "ranks", "version", "counters"}
 # Numbers of one kind are compared at the size of the largest: a force that is 0 by symmetry is a rounding error.
 KINDS = {
     "force": ("force", "normal_force", "tangential_force"),

@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK
 from stickslip.workflows.formats.aside import write_aside
-from stickslip.workflows.pictures.render import Image, View
+from stickslip.workflows.pictures.view import Image, View
 
 DPI = 200
 TITLE = (11.0, 8.0)  # font size [pt] of a title of one line, and of two lines
