@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.optimize import brentq
 
 from stickslip.geometry.protocols import Gmsh
 
@@ -61,7 +62,7 @@ def cells_around(dim: int, fine: float, radius: float, coarse: float, reach: flo
     >>> round(cells_around(2, 0.1, 1.0, 0.1, 1.0))  # half a disc of area pi / 2
     157
     """
-    from scipy.integrate import trapezoid  # late: half of what scipy loads
+    from scipy.integrate import trapezoid  # late: it loads much else
 
     r = np.concatenate([np.linspace(0, radius, 200), np.geomspace(radius, reach, 2000)]) if radius else None
     r = np.linspace(0, reach, 20000) if r is None else r
@@ -115,7 +116,5 @@ def graded(length: float, fine: float, coarse: float, ends: int) -> tuple[int, f
     n = max(n, int(np.ceil(part / coarse)))
     if n * fine >= part:
         return ends * n, 1.0
-    from scipy.optimize import brentq  # late: half of what scipy loads
-
     ratio = brentq(lambda r: fine * (r**n - 1) / (r - 1) - part, 1 + 1e-9, 10.0)
     return (n, ratio) if ends == 1 else (2 * n, ratio ** (-n))

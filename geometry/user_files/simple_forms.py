@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.user_files.outline import normals_of
@@ -71,8 +72,6 @@ def fit(corners: Array, dim: int) -> Form:
     start = np.linalg.svd(normals)[2][2] if dim == 3 else np.array([0.0, 0.0, 1.0])
     across = np.linalg.svd(start[None])[2][1:]
     if dim == 3:
-        from scipy.optimize import least_squares  # late: half of what scipy loads
-
         tilt = least_squares(lambda t: _circle(nodes - middle, start + t @ across)[2] / size, np.zeros(2)).x
         start = start + tilt @ across
     axis = start / np.linalg.norm(start)

@@ -29,6 +29,10 @@ class Counters:
     def __post_init__(self) -> None:
         self.clock = Clock(lambda: self.volume_solves + self.error_solves)
 
+    def __reduce__(self) -> tuple[type[Counters], tuple[int, ...]]:
+        """Another process has a clock of its own."""
+        return Counters, tuple(getattr(self, f.name) for f in fields(self))
+
     @contextmanager
     def for_error(self) -> Iterator[None]:
         """Count the volume solves of a block as `error_solves`, and nothing else."""

@@ -36,9 +36,7 @@ def main() -> None:
     except OSError as error:
         _end(f"the working folder is gone: {error.strerror}; go to another one")
     _find_temporary_folder()
-    if not any(name in os.environ for name in LAUNCHED):
-        for name, value in ALONE.items():
-            os.environ.setdefault(name, value)
+    _stay_alone()
     from stickslip.workflows.commands.cli import main as command
 
     command()
@@ -63,6 +61,13 @@ def _find_temporary_folder() -> None:
         os.environ["TMPDIR"] = tempfile.gettempdir()
     except OSError:
         _end(f"TMPDIR = {chosen}: nothing can be written there, nor in other folders for temporary files")
+
+
+def _stay_alone() -> None:
+    """Tell MPI so, unless something has launched several ranks, or the user says otherwise."""
+    if not any(name in os.environ for name in LAUNCHED):
+        for name, value in ALONE.items():
+            os.environ.setdefault(name, value)
 
 
 def _open_streams() -> None:

@@ -20,7 +20,7 @@ from stickslip.geometry.arrays import Array, Ints
 from stickslip.solvers.results.step_result import OPEN, MeshData
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import write_aside
-from stickslip.workflows.formats.steps import read_step, step_name, three
+from stickslip.workflows.formats.steps import read_step, step_files, step_name, three
 from stickslip.workflows.pictures.body_picture import displacement_scale, plain
 from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
 from stickslip.workflows.pictures.focus import close_up
@@ -58,12 +58,14 @@ class Course:
 
 
 def animate(folder: Path, scene: Scene, mesh: MeshData, count: int) -> Path:
-    """Draw animation.gif from the files of the `count` steps; of many steps, evenly chosen ones.
+    """Draw animation.gif from the files of the first `count` steps with fields; of many steps, evenly chosen ones.
 
     Raises:
         MachineError: a step's file cannot be read, or the disk is full.
     """
-    indices = np.unique(np.linspace(1, count, min(count, FRAMES)).round().astype(int)).tolist()
+    there = [index for index in step_files(folder) if index <= count]
+    chosen = np.unique(np.linspace(0, len(there) - 1, min(len(there), FRAMES)).round().astype(int))
+    indices = [there[place] for place in chosen]
     course = survey(folder, mesh, indices)
     drawn = _Film(mesh, course, " ".join(scene.title.split()))
     pictures = [Pillow.fromarray(drawn(frame)) for frame in frames(folder, mesh, indices)]

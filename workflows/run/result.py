@@ -101,7 +101,7 @@ def summary(
             "lanczos_applications": counters.lanczos_applications,
             "coarse_mesh": chain.coarse and {key: getattr(chain.coarse.counters, key) for key in OF_COARSE},
         },
-        "audit": Audit.worst(audits),
+        "audit": Audit.worst(audit for audit in audits if audit),
         "verdict": _verdict(simulation, steps, audited) if audits else None,
         "error": {
             "discretisation": max((step.mesh_error for step in steps), default=None),
@@ -117,7 +117,7 @@ def summary(
 
 
 def _verdict(simulation: Simulation, steps: Sequence[StepResult], audited: Audited) -> dict[str, Any]:
-    law_error, rounding = max(s.law_error for s in steps), max((a.rounding for a in audited.audits), default=0.0)
+    law_error, rounding = max(s.law_error for s in steps), max((a.rounding for a in audited.audits if a), default=0.0)
     return {
         "limits": asdict(limits(simulation.scene.solver.tolerance, law_error, rounding)),
         "passed": list(audited.passed),

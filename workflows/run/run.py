@@ -29,7 +29,7 @@ from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
 from stickslip.workflows.formats.mesh_file import mesh_checksum
 from stickslip.workflows.formats.own_files import is_marked
 from stickslip.workflows.formats.profile import profile_lines
-from stickslip.workflows.formats.steps import step_files, write_step
+from stickslip.workflows.formats.steps import step_files, write_light, write_step
 from stickslip.workflows.run.audit import Audited, audit_steps
 from stickslip.workflows.run.collective import raise_together
 from stickslip.workflows.run.doubts import Fields, Seen, doubts
@@ -45,6 +45,7 @@ from stickslip.workflows.run.resume import (
     EarlierRun,
     RunCheckpoint,
     find_earlier_run,
+    remove_light,
     remove_surplus,
     run_of,
 )
@@ -80,6 +81,7 @@ class Run:
         self._learnt = LearntFiles(
             folder, simulation.mesh.comm, earlier.learnt_before, earlier.last.learnt if earlier.last else ""
         )
+        self._light: RunCheckpoint | None = None  # of the last step, if its file is a light one
         self._state: State | None = None  # that the last step has left
         self.steps = list(earlier.steps)  # the last one with its fields on rank 0, the others without
         self._errors: tuple[Errors, ...] | None = None  # of the numbers of each step; None: not estimated
@@ -95,6 +97,13 @@ class Run:
 
     def march(self, watch: Watch) -> tuple[str, str]:
         """Solve and write step by step: status, and what to tell the user."""
+        ended = self._march(watch)
+        if self._light is not None:
+            with self._simulation.clock.phase("output", "step files"):
+                self._store(len(self.steps), self.steps[-1], self._light)
+        return ended
+
+    def _march(self, watch: Watch) -> tuple[str, str]:
         comm = self._simulation.mesh.comm
 
         def on_iteration(row: HistoryRow) -> None:
@@ -130,27 +139,37 @@ class Run:
     def _write(self, index: int, step: StepResult) -> None:
         """Write rows and the step's file: when this returns, the step is safe; all ranks fail or none."""
         self._on_rank_0(self._find_folder)
-        accepted = self._simulation.reported
+        accepted, scene = self._simulation.reported, self._simulation.scene
         assert accepted is not None
+        stored = scene.output.stores(index) or index == len(scene.requested_times())
         with self._simulation.clock.part("step files"):
             checkpoint = self._checkpoints.take(accepted)
-            learnt = self._learnt.write(index, self._checkpoints.learnt())
+            learnt = self._learnt.write(index, self._checkpoints.learnt()) if stored else ""
         self._outputs.step(index, step, BEFORE)
-
-        def write() -> None:
-            self._fields.see(step)
+        with self._simulation.clock.part("step files"):
+            self._on_rank_0(lambda: self._fields.see(step))
             last = RunCheckpoint(
                 checkpoint=checkpoint,
                 spent=self._simulation.clock.rows(),
-                seen=self._fields.seen,
+                seen=self._fields.seen if self._simulation.mesh.comm.rank == 0 else Seen(),
                 run=self._name,
                 learnt=learnt,
             )
+            self._light = None if stored else last
+            if stored:
+                self._store(index, step, last)
+            else:
+                self._on_rank_0(lambda: write_light(self._folder, index, step, {"run": self._name}))
+
+    def _store(self, index: int, step: StepResult, last: RunCheckpoint) -> None:
+        """Write the step with its fields and all that a run needs to go on."""
+
+        def write() -> None:
             write_step(self._folder, index, step, serialise(last))
             self._learnt.forget()
+            remove_light(self._folder, index)
 
-        with self._simulation.clock.part("step files"):
-            self._on_rank_0(write)
+        self._on_rank_0(write)
 
     def _find_folder(self) -> None:
         """
