@@ -152,6 +152,7 @@ class Numbers(ScalarFormatter):
 
         >>> numbers = Numbers()
         >>> numbers.create_dummy_axis()
+        >>> numbers.axis.set_view_interval(0.0, 2e8)
         >>> numbers.set_locs([0.0, 1e8, 2e8])
         >>> numbers.get_offset()
         '×10⁸'
