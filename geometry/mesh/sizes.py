@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.integrate import trapezoid
 from scipy.optimize import brentq
 
 from stickslip.geometry.protocols import Gmsh
@@ -63,6 +62,8 @@ def cells_around(dim: int, fine: float, radius: float, coarse: float, reach: flo
     >>> round(cells_around(2, 0.1, 1.0, 0.1, 1.0))  # half a disc of area pi / 2
     157
     """
+    from scipy.integrate import trapezoid  # late: it loads much else
+
     r = np.concatenate([np.linspace(0, radius, 200), np.geomspace(radius, reach, 2000)]) if radius else None
     r = np.linspace(0, reach, 20000) if r is None else r
     size = np.minimum(coarse, fine + GROWTH * np.maximum(r - radius, 0))

@@ -13,8 +13,7 @@ Washio & Oosterlee, Electron. Trans. Numer. Anal. 6 (1997).
 
 from __future__ import annotations
 
-import time as clock
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -77,17 +76,14 @@ class MeshCorrection:
             return False
         return len(system.contacts) > 0 and stepper.chain.exact_laws
 
-    def __init__(
-        self, stepper: Stepper, on_error: Callable[[float], None] = lambda seconds: None, quick: bool = False
-    ) -> None:
+    def __init__(self, stepper: Stepper, quick: bool = False) -> None:
         """Prepare the bubbles; collective.
 
         Args:
             stepper: whose history is followed.
-            on_error: called with the seconds that it took.
             quick: one step of Jacobi's iteration, with the factor that is found in the first substep.
         """
-        self._on_error, self._quick = on_error, quick
+        self._quick = quick
         self._factor = 0.0  # of a quick step, once it is known
         system, bubbles = stepper.system, Bubbles(stepper.system)
         self._bubbles, self.nodes = bubbles, bubbles.nodes
@@ -104,11 +100,8 @@ class MeshCorrection:
             new: the solved state.
             problem: that was solved.
         """
-        began = clock.perf_counter()
-        try:
+        with stepper.system.counters.clock.phase("error", "mesh"):
             return self._followed(stepper, old, new, problem)
-        finally:
-            self._on_error(clock.perf_counter() - began)
 
     def displacement_at(self, state: State, places: Mapping[str, tuple[int, Array] | None]) -> dict[str, Array]:
         """Displacement (d,) [m] of a state with bubbles at points, see `Bubbles.displacement_at`; collective."""

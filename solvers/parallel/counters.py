@@ -1,4 +1,4 @@
-"""Counters of work, incremented where the work is done."""
+"""Counters of work, incremented where the work is done, with the clock of the run."""
 
 from __future__ import annotations
 
@@ -6,10 +6,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 
+from stickslip.solvers.parallel.clock import Clock
+
 
 @dataclass
 class Counters:
-    """Work done since the start of a run; one instance per run, written to `result.json`."""
+    """Work done since the start of a run; one instance per run, written to `result.json`.
+
+    Attributes:
+        clock: what that took, by phase.
+    """
 
     forms: int = 0  # UFL forms compiled or loaded
     searches: int = 0  # closest-point passes; analytic obstacles need none
@@ -19,6 +25,13 @@ class Counters:
     linear_iterations: int = 0  # of iterative linear solvers
     error_solves: int = 0  # applications of K_B^-1 for estimates of errors; not in volume_solves
     lanczos_applications: int = 0  # of K_B^-1 for lambda_max (Lanczos, power iteration); not in volume_solves
+
+    def __post_init__(self) -> None:
+        self.clock = Clock(lambda: self.volume_solves + self.error_solves)
+
+    def __reduce__(self) -> tuple[type[Counters], tuple[int, ...]]:
+        """Another process has a clock of its own."""
+        return Counters, tuple(getattr(self, f.name) for f in fields(self))
 
     @contextmanager
     def for_error(self) -> Iterator[None]:
@@ -37,3 +50,4 @@ class Counters:
         for f in fields(self):
             if f.name != "schur_size":
                 setattr(self, f.name, getattr(self, f.name) + getattr(earlier, f.name))
+        self.clock.leave_out(earlier.volume_solves + earlier.error_solves)

@@ -67,6 +67,11 @@ def linear_reference(system: System, only: str = "", rtol: float = RTOL) -> Line
         only: name of the one solver to try; empty: all that can be the fastest.
         rtol: true residual, relative to the load, at which conjugate gradients stop.
     """
+    with system.counters.clock.phase("linear_reference"):
+        return _linear_reference(system, only, rtol)
+
+
+def _linear_reference(system: System, only: str, rtol: float) -> LinearReference:
     K, f = _fixed(system)
     motions = near_nullspace(system)
     solvers: dict[str, Callable[[KSP], None]] = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
@@ -141,7 +140,6 @@ class Observer:
     by_cell: Gather  # own cells to all cells, on rank 0
     probes: Mapping[str, tuple[int, Array] | None]  # cell, and its basis at the point (k,); None on other ranks
     recovered: RecoveredStress | None  # estimates the error of the mesh; None: nobody asks for it
-    on_error: Callable[[float], None]  # called with the seconds that error estimates took
     estimate: Estimate  # adds errors of numbers to a result
 
     @classmethod
@@ -149,7 +147,6 @@ class Observer:
         cls,
         stepper: Stepper,
         data: MeshData | None = None,
-        on_error: Callable[[float], None] = lambda seconds: None,
         estimate: Estimate | None = None,
     ) -> Observer:
         """Compile the strain and find the cells of the probes; collective.
@@ -157,7 +154,6 @@ class Observer:
         Args:
             stepper: whose steps it will observe.
             data: the mesh, to estimate its error; None: it is not estimated.
-            on_error: called with the seconds that error estimates took.
             estimate: adds errors of numbers to a result; collective. None: nothing is added.
 
         Raises:
@@ -172,7 +168,6 @@ class Observer:
             by_cell=cells_of(system.mesh),
             probes={name: _locate(system.mesh, x, name) for name, x in points.items()},
             recovered=None if data is None else RecoveredStress(system.problem, data),
-            on_error=on_error,
             estimate=estimate or _nothing,
         )
 
@@ -224,10 +219,10 @@ class Observer:
             bodies=self._bodies(nodal, cell_stress),
             columns=self._columns(state.time),
         )
-        began = clock.perf_counter()
-        found = self.estimate(self, accepted, found)
-        self.on_error(clock.perf_counter() - began)
-        return found
+        if self.estimate is _nothing:
+            return found
+        with system.counters.clock.phase("error", "mesh"):
+            return self.estimate(self, accepted, found)
 
     def numbers(self, accepted: Accepted) -> Numbers:
         """What a step exerts, without fields of the volume; collective."""
@@ -275,10 +270,11 @@ class Observer:
         """`StepResult.mesh_error` and `stress_error`; collective. They are found on rank 0, which has the fields."""
         if self.recovered is None:
             return np.nan, np.zeros(0)
-        began, comm = clock.perf_counter(), self.stepper.system.mesh.comm
-        found = self.recovered(displacement) if comm.rank == 0 else MeshError(size=0.0, stress=np.zeros(0))
-        size = float(comm.bcast(found.size))
-        self.on_error(clock.perf_counter() - began)
+        system = self.stepper.system
+        with system.counters.clock.phase("error", "stress"):
+            comm = system.mesh.comm
+            found = self.recovered(displacement) if comm.rank == 0 else MeshError(size=0.0, stress=np.zeros(0))
+            size = float(comm.bcast(found.size))
         return size / float(np.sqrt(2 * peak)) if peak > 0 else 0.0, found.stress
 
     def _bodies(self, nodal: Array, cell_stress: Array) -> dict[str, BodyState]:

@@ -112,10 +112,10 @@ def stress_difference(system: System, displacement: Array, time: float, stored: 
     numbers, dofs = np.asarray(mesh.domain.topology.original_cell_index)[:count], dx.cell_dofs(system.space)[:count]
     basis, slope = dx.reference_basis(mesh.domain.topology.cell_type.name, mesh.degree, dx.midpoint(mesh.domain))
     x, u = system.nodes.points[dofs], displacement[system.nodes.input[dofs]]
-    jacobian = np.einsum("kn,cni->cik", slope[:, 0], x)
+    jacobian, change = (np.swapaxes(slope[:, 0] @ values, 1, 2) for values in (x, u))
     strain, reach = np.zeros((count, 3, 3)), np.abs(u).max(axis=(1, 2), initial=0.0)
     inverse = np.linalg.inv(jacobian)
-    strain[:, :d, :d] = np.einsum("kn,cni,ckj->cij", slope[:, 0], u, inverse)
+    strain[:, :d, :d] = change @ inverse
     if mesh.axisymmetric:
         strain[:, 2, 2] = (u[:, :, 0] @ basis[0]) / (x[:, :, 0] @ basis[0])
     strain = (strain + np.swapaxes(strain, 1, 2)) / 2

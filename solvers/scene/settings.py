@@ -115,6 +115,10 @@ class Output(Noun):
     """
 
     every: Annotated[int, Key("-", "keep the fields of every n-th reported step, and of the last")] = 1
+    step_files: Annotated[
+        Literal["all", "every"],
+        Key("-", "every: fields and checkpoint of `every`-th steps alone are stored, and --resume goes on from these"),
+    ] = "all"
     pictures: Annotated[bool, Key("-", "draw PNG pictures of the last step")] = True
     animation: Annotated[
         Literal["none", "gif"], Key("-", "gif: draw animation.gif, the bodies and contacts from step to step")
@@ -125,6 +129,10 @@ class Output(Noun):
     error: Annotated[bool, Key("-", "estimate the errors of mesh and time steps, see docs; false: at no cost")] = True
     linear_reference: Annotated[bool, Key("-", "after the run, time one linear solve of the same mesh")] = False
     writers: Mapping[str, Any] = field(default_factory=dict)
+
+    def stores(self, index: int) -> bool:
+        """Whether the fields of step `index` (from 1 on) are stored, were it not the last one."""
+        return self.step_files == "all" or index % self.every == 0
 
     def __post_init__(self) -> None:
         require(self.every >= 1, "every", self.every, "must be at least 1")

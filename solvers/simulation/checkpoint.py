@@ -62,8 +62,8 @@ class Checkpoints:
             surplus=refined and refined.surplus and self._bubbles_of(refined.surplus),
             searched=accepted.stepper.searched,
             reached=chain.reached,
-            counters=self.stepper.system.counters,
-            coarse=chain.coarse.counters if chain.coarse else None,
+            counters=replace(self.stepper.system.counters),
+            coarse=replace(chain.coarse.counters) if chain.coarse else None,
         )
 
     def learnt(self) -> Plain:

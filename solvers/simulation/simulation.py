@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 
@@ -14,6 +13,7 @@ from stickslip.solvers.accuracy.lower_order import LowerOrderRun
 from stickslip.solvers.accuracy.nested_run import NestedRun
 from stickslip.solvers.accuracy.time_steps import TimeStepErrors
 from stickslip.solvers.accuracy.two_level import MeshCorrection
+from stickslip.solvers.parallel.clock import Clock
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.released import destroy_released
 from stickslip.solvers.results.error_parts import Errors
@@ -34,7 +34,7 @@ from stickslip.solvers.system.system import System, assemble
 
 @dataclass
 class Seconds:
-    """Wall time by phase [s]; it grows while the simulation runs."""
+    """Wall time by phase [s], of this rank: a collective phase waits for the slowest one."""
 
     mesh: float = 0.0  # gmsh, and distributing the mesh
     assemble: float = 0.0  # forms, stiffness, loads, contact rows
@@ -43,10 +43,10 @@ class Seconds:
     error: float = 0.0  # estimates of errors
     output: float = 0.0  # reading results off the steps, and writing files
 
-    def add(self, earlier: Seconds) -> None:
-        """Add the times of an earlier process that this one resumes."""
-        for f in fields(self):
-            setattr(self, f.name, getattr(self, f.name) + getattr(earlier, f.name))
+    @staticmethod
+    def of(clock: Clock) -> Seconds:
+        """What a clock says now."""
+        return Seconds(**{f.name: clock.seconds(f.name) for f in fields(Seconds)})
 
 
 @dataclass(eq=False, kw_only=True)
@@ -68,6 +68,7 @@ class Simulation:
         data: the mesh as plain arrays, on rank 0.
         counters: work done so far: volume solves, factorisations, linear iterations.
         seconds: wall time so far, by phase.
+        clock: the same with parts of phases, calls and volume solves.
         mesh: the distributed mesh with its named parts.
         system: stiffness, loads, constraints and contact rows.
         stepper: solves one step.
@@ -82,9 +83,16 @@ class Simulation:
     stepper: Stepper
     observer: Observer
     counters: Counters
-    seconds: Seconds
     data: MeshData = field(repr=False)
     reported: Accepted | None = None
+
+    @property
+    def clock(self) -> Clock:
+        return self.counters.clock
+
+    @property
+    def seconds(self) -> Seconds:
+        return Seconds.of(self.clock)
 
     @property
     def plan(self) -> tuple[PlanRow, ...]:
@@ -119,26 +127,23 @@ class Simulation:
                 yielded before; its time is not a requested one.
             NoEquilibriumError: so, and it is proved that contact and friction cannot balance the loads.
         """
-        observe = self.observer
         state = state or self.stepper.start()
         for time in self.scene.requested_times()[done:]:
-            began, estimates = clock.perf_counter(), self.seconds.error
             try:
-                try:
+                with self.clock.phase("iterate"):
                     accepted = self.stepper.reach(state, time, on_iteration)
-                finally:  # a step that was given up or interrupted has its cost too
-                    self.seconds.iterate += clock.perf_counter() - began - (self.seconds.error - estimates)
             except StepError as failure:
                 if failure.last_good is not None:
                     self.reported = failure.last_good
-                    yield observe(failure.last_good)
+                    yield self._observed(failure.last_good)
                 raise
             self.reported = accepted
-            solved, estimates = clock.perf_counter(), self.seconds.error
-            result = observe(accepted)
-            self.seconds.output += clock.perf_counter() - solved - (self.seconds.error - estimates)
-            yield result
+            yield self._observed(accepted)
             state = accepted.state
+
+    def _observed(self, accepted: Accepted) -> StepResult:
+        with self.clock.phase("output", "results"):
+            return self.observer(accepted)
 
     def errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
@@ -166,11 +171,8 @@ class Simulation:
         Returns:
             For each step its numbers' errors, in `time_step`; None where that is not known, see `TimeStepErrors`.
         """
-        began = clock.perf_counter()
-        try:
+        with self.clock.phase("error", "time steps"):
             return TimeStepErrors(self.stepper, self.observer, on_iteration)(steps)
-        finally:
-            self.seconds.error += clock.perf_counter() - began
 
     def mesh_errors(
         self, steps: Sequence[StepResult], on_iteration: Callable[[HistoryRow], None] = lambda row: None
@@ -191,11 +193,8 @@ class Simulation:
         way = next((way for way in (NestedRun, LowerOrderRun) if way.works_for(self.stepper)), None)
         if way is None:
             return ()
-        began = clock.perf_counter()
-        try:
+        with self.clock.phase("error", "other mesh"):
             return way(self.stepper, self.data, on_iteration)(steps)
-        finally:
-            self.seconds.error += clock.perf_counter() - began
 
     def script(self) -> Script:
         """A history whose steps are decided one by one, from rest at t = 0; nothing is prepared again.
@@ -211,6 +210,7 @@ def prepare(
     reached: Reached | None = None,
     sizes: SizeField | None = None,
     bodies: Bodies | None = None,
+    counters: Counters | None = None,
 ) -> Simulation:
     """Mesh a scene, assemble it and factorise it, or set up multigrid; collective. No step is solved.
 
@@ -221,6 +221,7 @@ def prepare(
             `auto` chooses for the size of the problem.
         sizes: mesh sizes instead of those of the scene, on rank 0; the mesh is then free of grids.
         bodies: of another simulation, `Simulation.bodies`: what is the same in this scene is not prepared again.
+        counters: new ones whose clock runs already; None: it begins now.
 
     Returns:
         The simulation; `steps` solves the scene's history, `script` one of your own.
@@ -232,38 +233,33 @@ def prepare(
     """
     from mpi4py import MPI
 
-    problem = planned(scene)
-    destroy_released(comm or MPI.COMM_WORLD)
-    seconds, counters = Seconds(), Counters()
-    began = clock.perf_counter()
-    mesh = bodies.mesh_for(problem) if bodies and sizes is None else None
-    mesh = mesh or build_mesh(problem.shape, replace(problem.request, sizes=sizes), comm or MPI.COMM_WORLD)
-    meshed = clock.perf_counter()
-    system = assemble(problem, mesh, counters)
-    refuse_loose_parts(system)
-    _ = system.K_B  # assembled too
-    assembled = clock.perf_counter()
-    factor = bodies.factor_for(system) if bodies else None
-    stepper = Stepper(system, MethodChain(system, reached, factor))
-    seconds.mesh, seconds.assemble = meshed - began, assembled - meshed
-    seconds.prepare = clock.perf_counter() - assembled
-    data = mesh_data(system)
-
-    def on_error(spent: float) -> None:
-        seconds.error += spent
-
+    counters = counters or Counters()
+    with counters.clock.phase("prepare"):
+        problem = planned(scene)
+        destroy_released(comm or MPI.COMM_WORLD)
+    with counters.clock.phase("mesh"):
+        mesh = bodies.mesh_for(problem) if bodies and sizes is None else None
+        mesh = mesh or build_mesh(problem.shape, replace(problem.request, sizes=sizes), comm or MPI.COMM_WORLD)
+    with counters.clock.phase("assemble"):
+        system = assemble(problem, mesh, counters)
+        refuse_loose_parts(system)
+        _ = system.K_B  # assembled too
+    with counters.clock.phase("prepare"):
+        factor = bodies.factor_for(system) if bodies else None
+        stepper = Stepper(system, MethodChain(system, reached, factor))
+    with counters.clock.phase("output", "results"):
+        data = mesh_data(system)
+        observer = Observer.of(stepper, data, with_errors) if scene.output.error else Observer.of(stepper)
     if scene.output.error and MeshCorrection.works_for(stepper):
-        began = clock.perf_counter()
-        stepper.companion = MeshCorrection(stepper, on_error)
-        on_error(clock.perf_counter() - began)
+        with counters.clock.phase("error", "mesh"):
+            stepper.companion = MeshCorrection(stepper)
     return Simulation(
         scene=scene,
         problem=problem,
         mesh=mesh,
         system=system,
         stepper=stepper,
-        observer=Observer.of(stepper, data, on_error, with_errors) if scene.output.error else Observer.of(stepper),
+        observer=observer,
         counters=counters,
-        seconds=seconds,
         data=data,
     )

@@ -407,7 +407,8 @@ class Stepper:
             return solution, problem, replace(new, previous=previous, law_error=law_error, peak=peak)
         before = state.correction or Correction.none(len(solution.p))
         try:
-            left = self._correction(problem, solution, before, new.w)
+            with system.counters.clock.part("certificate"):
+                left = self._correction(problem, solution, before, new.w)
         except (SolverError, np.linalg.LinAlgError) as error:  # the step is solved all the same
             log.warning("t = %g: the error of the iteration is unknown: %s", end, error)
             left = replace(before, size=np.nan)

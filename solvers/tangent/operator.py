@@ -90,6 +90,10 @@ class TangentOperator:
             coordinates: of the slave nodes that are held, or a part of their coordinates, alone.
             numbers: of the coordinates that are held.
         """
+        with self.counters.clock.part("tangent"):
+            self._set_up(coordinates, numbers)
+
+    def _set_up(self, coordinates: ContactCoordinates, numbers: Ints) -> None:
         low, high = self.K_B.getOwnershipRange()
         self.held = np.isin(self.at + low, numbers)
         by_node = self.held.reshape(-1, self.dim)

@@ -29,6 +29,8 @@ EXCEPTED = {
     "seconds",
     "total",
     "learnt",
+    "spent",
+    "profile",
     "factorisations",
     "forms",
     "searches",

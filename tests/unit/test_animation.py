@@ -18,8 +18,8 @@ from stickslip.geometry.errors import MachineError
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.steps import write_step
 from stickslip.workflows.pictures.animation import animate, close_up, frames, palette, survey
-from stickslip.workflows.pictures.render import View
 from stickslip.workflows.pictures.sheet import STATUS_COLOURS
+from stickslip.workflows.pictures.view import View
 from stickslip.workflows.run.run import run
 
 COARSE = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=0.5", "steps.count=4"]

@@ -75,7 +75,7 @@ def test_methods_that_fail_hand_the_step_on(
     assert (first.after, second.after) == ("surface-uzawa (matrix-free, safer metric)", "condensed-newton (condensed)")
     assert found[0].iterations == 2 * FEW + expected[0].iterations
     assert found[1].iterations == expected[1].iterations
-    choice = summary(simulation, Outcome("converged", "", Path()), [], Audited(), 1.0)["choice"]
+    choice = summary(simulation, Outcome("converged", "", Path()), [], Audited())["choice"]
     assert (choice["method"], choice["because"]) == ("surface-uzawa", "solver.surface = matrix-free")
 
 

@@ -25,15 +25,17 @@ from stickslip.solvers.results.error_parts import PARTS, ErrorParts, Quantity
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, ContactState, MeshData, StepResult
 from stickslip.solvers.stepping.state import Energy
 from stickslip.workflows.formats.contact_line import walk
-from stickslip.workflows.pictures.body_picture import _outline, displacement_scale
+from stickslip.workflows.pictures.body_picture import displacement_scale
 from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
 from stickslip.workflows.pictures.draw import _said, draw, draw_course
 from stickslip.workflows.pictures.focus import focus
 from stickslip.workflows.pictures.history_picture import draw_history, errors_of, most, panels_of
 from stickslip.workflows.pictures.loops import Panel, _draw, draw_loops, driving, from_rest, largest, sliding
-from stickslip.workflows.pictures.render import View, grid_of, surface_of
+from stickslip.workflows.pictures.render import grid_of, surface_of
 from stickslip.workflows.pictures.rigid import Rigid
 from stickslip.workflows.pictures.sheet import Sheet
+from stickslip.workflows.pictures.solid_bodies import outline_of
+from stickslip.workflows.pictures.view import View
 from stickslip.workflows.writers.steps_table import StepsTable
 from stickslip.workflows.writers.writer import Job
 
@@ -354,7 +356,7 @@ def test_a_small_contact_is_shown_larger_and_to_scale(tmp_path: Path) -> None:
 @pytest.mark.parametrize("shape", ["tetrahedron", "hexahedron"])
 def test_only_sharp_edges_are_outlined_even_of_mirrored_cells(shape: str) -> None:
     mesh = block(shape)  # half of these tetrahedra are mirror images
-    outline = _outline(surface_of(grid_of(mesh.points, mesh.cells, mesh.shape)), solid=True)
+    outline = outline_of(surface_of(grid_of(mesh.points, mesh.cells, mesh.shape)), solid=True)
     assert outline.compute_cell_sizes()["Length"].sum() == pytest.approx(4 * (2 + 1 + 1))
 
 

@@ -20,7 +20,7 @@ import typer
 
 from stickslip import VERSION
 from stickslip.geometry.errors import InputError, SceneError, StickslipError, shortened
-from stickslip.workflows.commands.process import STOPPED, STOPPING, leave_together, refused, speaks
+from stickslip.workflows.commands.process import BEGAN, STOPPED, STOPPING, leave_together, refused, speaks
 
 LONGEST = 280  # letters of a refusal
 WHEEL = f"stickslip-{VERSION}-py3-none-any.whl"  # as `make dist` builds it
@@ -93,7 +93,7 @@ def run_command(
         if loaded.accuracy.goals:
             outcome, content = Rounds(loaded, reporter.line)(folder, reporter.watch(), resume)
         else:
-            outcome, content = run(loaded, folder, reporter.watch(), resume)
+            outcome, content = run(loaded, folder, reporter.watch(), resume, began=BEGAN)
     if as_json:
         typer.echo(json_text(content))
     else:

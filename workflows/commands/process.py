@@ -7,6 +7,7 @@ import signal
 import sys
 import time as clock
 
+BEGAN = clock.perf_counter()  # about when the process began
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
 STOPPED = 130  # exit code
 LEAVING = 7401  # tag of the message by which a rank says that it ends

@@ -14,6 +14,12 @@ from typing import NoReturn
 from stickslip.workflows.commands.process import STOPPED, STOPPING, speaks
 
 LIBRARIES = 1_000_000  # kB; where less is allowed, OpenBLAS may ask for its memory for ever
+LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_FD")  # by mpirun, or by srun of Slurm
+ALONE = {  # of Open MPI: a process that has nobody to talk to
+    "PMIX_MCA_gds": "hash",  # needs no shared file in a folder that may be full
+    "OMPI_MCA_ess_singleton_isolated": "1",  # needs no daemon, which takes .1 s to start
+    "OMPI_MCA_pml": "ob1",  # and no network, where it takes .2 s to find out which there are
+}
 
 
 def main() -> None:
@@ -30,8 +36,7 @@ def main() -> None:
     except OSError as error:
         _end(f"the working folder is gone: {error.strerror}; go to another one")
     _find_temporary_folder()
-    if "OMPI_COMM_WORLD_SIZE" not in os.environ:  # alone, MPI needs no shared file in a folder that may be full
-        os.environ.setdefault("PMIX_MCA_gds", "hash")
+    _stay_alone()
     from stickslip.workflows.commands.cli import main as command
 
     command()
@@ -56,6 +61,13 @@ def _find_temporary_folder() -> None:
         os.environ["TMPDIR"] = tempfile.gettempdir()
     except OSError:
         _end(f"TMPDIR = {chosen}: nothing can be written there, nor in other folders for temporary files")
+
+
+def _stay_alone() -> None:
+    """Tell MPI so, unless something has launched several ranks, or the user says otherwise."""
+    if not any(name in os.environ for name in LAUNCHED):
+        for name, value in ALONE.items():
+            os.environ.setdefault(name, value)
 
 
 def _open_streams() -> None:

@@ -1,6 +1,7 @@
 """One reported step is one file, steps/000012.h5: fields to look at, and the checkpoint to go on from.
 
-Beside the fields by name stands the group `checkpoint`: the whole `StepResult`, and what the run needs to go on.
+Beside the fields by name stands the group `checkpoint`: the whole `StepResult`, and what the run needs to go on. A step
+whose fields are not asked for is a light file, steps/000012.light.h5: its `StepResult` without fields.
 """
 
 from __future__ import annotations
@@ -68,6 +69,15 @@ def step_name(index: int) -> str:
     return f"steps/{index:06d}.h5"
 
 
+def light_name(index: int) -> str:
+    """Path of a light file below the results folder.
+
+    >>> light_name(12)
+    'steps/000012.light.h5'
+    """
+    return f"steps/{index:06d}.light.h5"
+
+
 def shown_as(field: str) -> str:
     """Name of a field of `StoredContact` in all files that people open; lambda is a word of Python's.
 
@@ -78,8 +88,13 @@ def shown_as(field: str) -> str:
 
 
 def step_files(folder: Path) -> dict[int, Path]:
-    """Those below the results folder by index; what else a user keeps there is none."""
+    """Those with fields below the results folder by index; what else a user keeps there is none."""
     return {int(path.stem): path for path in sorted(folder.glob(f"steps/{'[0-9]' * 6}.h5"))}
+
+
+def light_files(folder: Path) -> dict[int, Path]:
+    """Those without fields."""
+    return {int(path.name[:6]): path for path in sorted(folder.glob(f"steps/{'[0-9]' * 6}.light.h5"))}
 
 
 def three(values: Array) -> Array:
@@ -129,6 +144,16 @@ def write_step(folder: Path, index: int, result: StepResult, going: Plain = None
             "u_ref": float(result.u_ref),
         },
     )
+    return path
+
+
+def write_light(folder: Path, index: int, result: StepResult, going: Plain = None) -> Path:
+    """Write a step without its fields, and return the path of the file; see `write_step`."""
+    plain = {"result": serialise(result.without_fields()), "going": going}
+    arrays = {f"{CHECKPOINT}/{name}": array for name, array in to_arrays(plain, {}).items()}
+    path = folder / light_name(index)
+    make_folder(path.parent)
+    write_arrays(path, arrays, {"index": int(index), "time": float(result.time)})
     return path
 
 

@@ -21,12 +21,14 @@ from stickslip.geometry.units import Units
 from stickslip.solvers.results.step_result import OPEN, MeshData
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import write_aside
-from stickslip.workflows.formats.steps import read_step, step_name, three
-from stickslip.workflows.pictures.body_picture import body_on_stage, displacement_scale, plain
+from stickslip.workflows.formats.steps import read_step, step_files, step_name, three
+from stickslip.workflows.pictures.body_picture import displacement_scale, plain
 from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
 from stickslip.workflows.pictures.focus import close_up
-from stickslip.workflows.pictures.render import Image, View, render
+from stickslip.workflows.pictures.render import render
 from stickslip.workflows.pictures.sheet import COLOURS, STATUS_COLOURS, Sheet, show_image, span
+from stickslip.workflows.pictures.solid_bodies import body_on_stage
+from stickslip.workflows.pictures.view import Image, View
 
 FRAMES = 100  # at most
 SECONDS, SLOWEST, LAST = 8.0, 0.5, 1.5  # longest duration [s] of the whole and of a frame; duration of the last frame
@@ -57,12 +59,14 @@ class Course:
 
 
 def animate(folder: Path, scene: Scene, mesh: MeshData, count: int) -> Path:
-    """Draw animation.gif from the files of the `count` steps; of many steps, evenly chosen ones.
+    """Draw animation.gif from the files of the first `count` steps with fields; of many steps, evenly chosen ones.
 
     Raises:
         MachineError: a step's file cannot be read, or the disk is full.
     """
-    indices = np.unique(np.linspace(1, count, min(count, FRAMES)).round().astype(int)).tolist()
+    there = [index for index in step_files(folder) if index <= count]
+    chosen = np.unique(np.linspace(0, len(there) - 1, min(len(there), FRAMES)).round().astype(int))
+    indices = [there[place] for place in chosen]
     course = survey(folder, mesh, indices)
     drawn = _Film(mesh, course, " ".join(scene.title.split()), scene.labels)
     pictures = [Pillow.fromarray(drawn(frame)) for frame in frames(folder, mesh, indices)]

@@ -3,114 +3,99 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Protocol
 
 import numpy as np
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import Normalize
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, MeshData, StepResult
 from stickslip.workflows.formats.steps import StoredStep, three
 from stickslip.workflows.pictures.focus import close_up
-from stickslip.workflows.pictures.render import SHADED, View, grid_of, render, surface_of
-from stickslip.workflows.pictures.rigid import Rigid, shade, stand, surfaces
-from stickslip.workflows.pictures.sheet import COLOURS, DPI, LINE, Sheet, decades, show_image, span
+from stickslip.workflows.pictures.plane_bodies import PlaneBodies
+from stickslip.workflows.pictures.rigid import Rigid
+from stickslip.workflows.pictures.sheet import DPI, LINE, Sheet, decades, span
+from stickslip.workflows.pictures.view import View
 
 VISIBLE = 0.02  # relative to the size of the bodies: displacements from there on are drawn to scale
 DRAWN = 0.08  # smaller ones are scaled so that the largest is about this fraction of the size
 APART = 0.005  # relative to the size: largest gap or overlap with which touching bodies are drawn
 MOST, ABOVE = 0.99, 1.5  # share of the cells that the colours tell apart, if the largest value is so many times higher
 CLOSE_UP = 4.0  # largest side of the second view, of the contact alone [inch]
-FEW_CELLS = 6000  # largest number of cells whose edges are drawn
-EDGES: dict[str, Any] = {"color": "#222222", "line_width": 2.5}
-GHOST: dict[str, Any] = {"color": "#8c8c8c", "line_width": 2.0}
 
 
-class Coloured(NamedTuple):
-    """What the cells are coloured by."""
+class Bodies(Protocol):
+    """Bodies as they are drawn, see `PlaneBodies` and `SolidBodies`."""
 
-    values: Array  # (cells,)
-    norm: Normalize
-    label: str
+    view: View
 
-
-def draw_body(
-    folder: Path, mesh: MeshData, result: StepResult, title: str, obstacles: Sequence[Rigid] = (), units: Units = SI
-) -> Path:
-    """Draw deformed.png: von Mises stress, the obstacles, and the outline of the undeformed bodies in grey."""
-    norm, peak = span(result.von_mises), float(result.von_mises.max(initial=0.0))
-    most = float(np.quantile(result.von_mises, MOST)) if len(result.von_mises) else peak
-    label = f"von Mises stress [Pa], largest {peak:.3g}"
-    if 0 < most < peak / ABOVE:  # a corner would leave one colour for all else
-        norm = Normalize(norm.vmin, most)
-    coloured = Coloured(result.von_mises, norm, label)
-    return _draw(folder / "deformed.png", mesh, result, title, coloured, obstacles, units)
+    def show(self, axes: Any, view: View, width: int, scale: float, values: Array, norm: Normalize) -> None: ...
 
 
-def draw_error(
-    folder: Path, mesh: MeshData, result: StepResult, title: str, obstacles: Sequence[Rigid] = (), units: Units = SI
-) -> Path:
-    """Draw stress_error.png: what the mesh leaves in the stress of each cell, on a logarithmic scale."""
-    error = result.stress_error
-    coloured = Coloured(error, decades(error), "error of the stress, by the mesh [Pa]")
-    said = f"the mesh leaves {100 * result.mesh_error:.2g} % of the displacement, in the energy norm"
-    return _draw(folder / "stress_error.png", mesh, result, title, coloured, obstacles, units, said)
+class BodyPictures:
+    """Pictures of the deformed bodies in a step, in one window; rank 0 only."""
 
+    def __init__(
+        self, mesh: MeshData, result: StepResult, title: str, obstacles: Sequence[Rigid] = (), units: Units = SI
+    ) -> None:
+        """
+        Args:
+            obstacles: at the time of the step.
+            units: of the labels.
+        """
+        self._mesh, self._result, self._title, self._units = mesh, result, title, units
+        self._solid, self._scale = mesh.points.shape[1] == 3, displacement_scale(mesh, result)
+        self._bodies: Bodies
+        if self._solid:
+            from stickslip.workflows.pictures.solid_bodies import SolidBodies  # with VTK
 
-def _draw(
-    path: Path,
-    mesh: MeshData,
-    result: StepResult,
-    title: str,
-    coloured: Coloured,
-    obstacles: Sequence[Rigid],
-    units: Units,
-    more: str = "",
-) -> Path:
-    """Draw the deformed bodies in the colours; `more` is added to the caption."""
-    solid = mesh.points.shape[1] == 3
-    scale, norm = displacement_scale(mesh, result), coloured.norm
-    both = np.vstack([three(mesh.points), three(mesh.points + scale * result.displacement)])
-    rigid = [one for one in surfaces(both, obstacles, scale) if one.n_points] if solid else []
-    both = np.vstack([both, *(surface.points for surface in rigid)])
-    view = View.isometric(both) if solid else View.facing(both)
-    close = None if solid else close_up(view, _touching(mesh, result))
-    width, height = (6.0, 6.0 / view.aspect) if view.aspect > 1.3 else (4.6 * view.aspect, 4.6)
-    beside = view.aspect <= 1.6
-    left = 0.25 if solid else 0.8
-    foot = (0.2 if solid else 0.55) + (0.0 if beside else 0.75)
-    side = min(height, CLOSE_UP)
-    wide = max(4.5, left + width + (1.3 if beside else 0.4))
-    sheet = Sheet(wide + (side + 1.0 if close else 0.0), foot + height + 0.75 + LINE * bool(more), units=units)
+            self._bodies = SolidBodies(mesh, result.displacement, obstacles, self._scale)
+        else:
+            self._bodies = PlaneBodies(mesh, result.displacement, obstacles, self._scale)
 
-    def show(left: float, view: View, width: float, height: float, scale: float) -> Any:
-        bodies = body_on_stage(mesh, three(mesh.points + scale * result.displacement), coloured.values, norm)
+    def draw_stress(self, folder: Path) -> Path:
+        """Draw deformed.png: von Mises stress, the obstacles, and the outline of the undeformed bodies in grey."""
+        values = self._result.von_mises
+        norm, peak = span(values), float(values.max(initial=0.0))
+        most = float(np.quantile(values, MOST)) if len(values) else peak
+        if 0 < most < peak / ABOVE:  # a corner would leave one colour for all else
+            norm = Normalize(norm.vmin, most)
+        return self._draw(folder / "deformed.png", values, norm, f"von Mises stress [Pa], largest {peak:.3g}")
 
-        def add(stage: Any) -> None:
-            bodies(stage)
-            for surface in rigid:
-                stand(stage, surface)
+    def draw_error(self, folder: Path) -> Path:
+        """Draw stress_error.png: what the mesh leaves in the stress of each cell, on a logarithmic scale."""
+        error, label = self._result.stress_error, "error of the stress, by the mesh [Pa]"
+        said = f"the mesh leaves {100 * self._result.mesh_error:.2g} % of the displacement, in the energy norm"
+        return self._draw(folder / "stress_error.png", error, decades(error), label, said)
 
-        axes = sheet.axes(left, foot, width, height)
-        show_image(axes, view, render(view, round(width * DPI), add), None if solid else ("x", "y"))
-        if not solid:
-            shade(axes, view, obstacles, scale)
-        return axes
-
-    show(left, view, width, height, scale)
-    if close:
-        axes = show(sheet.width - side - 0.2, close, side, side, 1.0)
-        axes.set_title("contact, true displacement", fontsize=9, loc="left")
-    bar = (left + width + 0.2, foot + 0.1 * height, 0.15, 0.8 * height) if beside else (left, 0.5, width, 0.13)
-    more_above = "max" if coloured.values.max(initial=0.0) > float(norm.vmax or 0.0) else "neither"
-    sheet.colour_bar(sheet.axes(*bar), norm, coloured.label, "vertical" if beside else "horizontal", more_above)
-    drawn = "true displacement" if scale == 1 else f"displacement × {plain(scale)}"
-    caption = f"t = {result.time:g} s, {drawn}; grey: undeformed"
-    sheet.head(title, "\n".join(filter(None, (caption, more))), left)
-    return sheet.save(path)
+    def _draw(self, path: Path, values: Array, norm: Normalize, label: str, more: str = "") -> Path:
+        """Draw the bodies in the colours of values (cells,); `more` is added to the caption."""
+        result, scale, view, solid = self._result, self._scale, self._bodies.view, self._solid
+        close = None if solid else close_up(view, _touching(self._mesh, result))
+        width, height = (6.0, 6.0 / view.aspect) if view.aspect > 1.3 else (4.6 * view.aspect, 4.6)
+        beside = view.aspect <= 1.6
+        left = 0.25 if solid else 0.8
+        foot = (0.2 if solid else 0.55) + (0.0 if beside else 0.75)
+        side = min(height, CLOSE_UP)
+        wide = max(4.5, left + width + (1.3 if beside else 0.4))
+        sheet = Sheet(
+            wide + (side + 1.0 if close else 0.0), foot + height + 0.75 + LINE * bool(more), units=self._units
+        )
+        self._bodies.show(sheet.axes(left, foot, width, height), view, round(width * DPI), scale, values, norm)
+        if close:
+            axes = sheet.axes(sheet.width - side - 0.2, foot, side, side)
+            self._bodies.show(axes, close, round(side * DPI), 1.0, values, norm)
+            axes.set_title("contact, true displacement", fontsize=9, loc="left")
+        bar = (left + width + 0.2, foot + 0.1 * height, 0.15, 0.8 * height) if beside else (left, 0.5, width, 0.13)
+        more_above = "max" if values.max(initial=0.0) > float(norm.vmax or 0.0) else "neither"
+        sheet.colour_bar(sheet.axes(*bar), norm, label, "vertical" if beside else "horizontal", more_above)
+        drawn = "true displacement" if scale == 1 else f"displacement × {plain(scale)}"
+        caption = f"t = {result.time:g} s, {drawn}; grey: undeformed"
+        sheet.head(self._title, "\n".join(filter(None, (caption, more))), left)
+        return sheet.save(path)
 
 
 def _touching(mesh: MeshData, result: StepResult) -> Array:
@@ -118,43 +103,6 @@ def _touching(mesh: MeshData, result: StepResult) -> Array:
     nodes = [rows[result.contacts[name].status != OPEN] for name, rows in mesh.slaves.items()]
     each = np.concatenate([np.zeros(0, np.int64), *nodes])
     return three(mesh.points[each] + result.displacement[each])
-
-
-def body_on_stage(mesh: MeshData, moved: Array, values: Array, norm: Normalize) -> Callable[[Any], None]:
-    """A function that adds the bodies to a stage, deformed, with grey outlines of the undeformed bodies.
-
-    Args:
-        moved: places of the nodes as drawn (n, 3) [m].
-        values: (cells,) [Pa].
-        norm: range of the colours [Pa].
-    """
-    solid = mesh.points.shape[1] == 3
-    cells = grid_of(mesh.points, mesh.cells, mesh.shape)
-    cells.cell_data["values"] = np.maximum(values, float(norm.vmin or 0.0)) if isinstance(norm, LogNorm) else values
-    cells.point_data["moved"] = moved
-    before = surface_of(cells) if solid else cells  # only the surface is visible
-    after = before.copy()
-    after.points = after.point_data["moved"]
-
-    def add(stage: Any) -> None:
-        stage.add_mesh(
-            after,
-            scalars="values",
-            cmap=COLOURS,
-            clim=(norm.vmin, norm.vmax),
-            log_scale=isinstance(norm, LogNorm),
-            **(SHADED if solid else {"lighting": False}),
-            show_edges=len(mesh.cells) <= FEW_CELLS,
-            edge_color="#333333",
-            edge_opacity=0.25,
-            show_scalar_bar=False,
-        )
-        for grid, look in ((after, EDGES), (before, GHOST)):
-            outline = _outline(grid, solid)
-            if outline.n_cells:
-                stage.add_mesh(outline, lighting=False, **look)
-
-    return add
 
 
 def displacement_scale(mesh: MeshData, result: StepResult | StoredStep) -> float:
@@ -176,19 +124,6 @@ def displacement_scale(mesh: MeshData, result: StepResult | StoredStep) -> float
         wanted = min(wanted, 1 + APART * size / closed)
     decade = 10.0 ** math.floor(math.log10(wanted))
     return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= wanted * (1 + 1e-12))
-
-
-def _outline(grid: Any, solid: bool) -> Any:
-    """Border of a plane body, or sharp edges of a solid."""
-    if solid:  # cells may be mirror images: normals are made consistent before angles are measured
-        grid = grid.compute_normals(point_normals=False, consistent_normals=True)
-    return grid.extract_feature_edges(
-        feature_angle=30.0,
-        boundary_edges=not solid,
-        feature_edges=solid,
-        manifold_edges=False,
-        non_manifold_edges=False,
-    )
 
 
 def plain(scale: float) -> str:

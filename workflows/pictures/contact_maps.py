@@ -15,8 +15,9 @@ from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, ContactState
 from stickslip.workflows.formats.shapes import corner_cells
 from stickslip.workflows.pictures.focus import focus
-from stickslip.workflows.pictures.render import SHADED, View, grid_of, render
+from stickslip.workflows.pictures.render import SHADED, grid_of, render
 from stickslip.workflows.pictures.sheet import COLOURS, DPI, LINE, STATUS_COLOURS, Sheet, show_image, span
+from stickslip.workflows.pictures.view import View
 
 ARROWS = 250  # approximate largest number of arrows
 LONGEST = 0.12  # length of the longest arrow, relative to the size of the surface

@@ -12,9 +12,8 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import make_folder
 from stickslip.workflows.formats.plus_minus import MISSING, with_error
 from stickslip.workflows.formats.steps_csv import read_steps_table
-from stickslip.workflows.pictures.body_picture import draw_body, draw_error
+from stickslip.workflows.pictures.body_picture import BodyPictures
 from stickslip.workflows.pictures.contact_curves import draw_line
-from stickslip.workflows.pictures.contact_maps import draw_surface
 from stickslip.workflows.pictures.history_picture import draw_history
 from stickslip.workflows.pictures.loops import draw_loops
 from stickslip.workflows.pictures.rigid import Rigid
@@ -53,9 +52,10 @@ def draw(
     """
     make_folder(folder)
     title, of = " ".join(title.split()), f" of the modelled {part}" if part else ""
-    drawn = [draw_body(folder, mesh, result, title, obstacles, units)]
+    bodies = BodyPictures(mesh, result, title, obstacles, units)
+    drawn = [bodies.draw_stress(folder)]
     if len(result.stress_error):
-        drawn.append(draw_error(folder, mesh, result, title, obstacles, units))
+        drawn.append(bodies.draw_error(folder))
     for name, contact in result.contacts.items():
         surface = mesh.surfaces[name]
         said = _said(name, contact, errors or {}, per_metre, units)
@@ -64,6 +64,8 @@ def draw(
             resultants += f"; {MISSING} a part of the error is not known"
         head = f"{title}\nt = {result.time:g} s, contact {name}{of}, largest pressure {peak}\n{resultants}"
         if mesh.points.shape[1] == 3:
+            from stickslip.workflows.pictures.contact_maps import draw_surface  # with VTK
+
             drawn.append(draw_surface(folder, name, surface, contact, head, units))
         else:
             drawn.append(draw_line(folder, name, surface[0], surface[1], contact, head, units))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stickslip.geometry.arrays import Array, Bools
-from stickslip.workflows.pictures.render import View
+from stickslip.workflows.pictures.view import View
 
 SMALL = 0.5  # a touching part smaller than this, relative to the whole, is enlarged
 TINY = 0.25  # relative to a view: a contact region smaller than this is also shown enlarged

@@ -14,8 +14,9 @@ from scipy.ndimage import distance_transform_edt, label
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.units import SI, Units
 from stickslip.geometry.user_files.outline import Facets
-from stickslip.workflows.pictures.render import Image, View, render
+from stickslip.workflows.pictures.render import render
 from stickslip.workflows.pictures.sheet import DPI, Sheet, show_image
+from stickslip.workflows.pictures.view import Image, View
 
 SIDE = 5.2  # largest width of a view [inch]
 LEAST = 4  # distance to the edge in pixels; visible parts that are narrower get no number

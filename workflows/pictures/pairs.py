@@ -12,8 +12,9 @@ import pyvista as pv
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.user_files.outline import Facets, Outline
 from stickslip.geometry.user_files.touching import Pair, simplices
-from stickslip.workflows.pictures.render import View, render
+from stickslip.workflows.pictures.render import render
 from stickslip.workflows.pictures.sheet import CURVES, DPI, Sheet, show_image
+from stickslip.workflows.pictures.view import View
 
 WIDTH = 4.2  # of a view [inch]
 COLOURED, GLASS, CLEAR = 0.4, 0.12, 0.04  # opacity of the two sides, of their bodies, and of the others

@@ -20,6 +20,7 @@ from stickslip.geometry.errors import FolderError
 from stickslip.geometry.units import SI
 from stickslip.workflows.formats.aside import write_aside
 from stickslip.workflows.formats.plus_minus import MISSING, missing, of_parts, parts_of, stated
+from stickslip.workflows.formats.profile import HEAD, profile_rows
 from stickslip.workflows.pictures.report_curves import Curve, panel
 from stickslip.workflows.pictures.report_results import Results
 from stickslip.workflows.pictures.report_view import model
@@ -48,7 +49,7 @@ ENERGIES = (
 )
 ASKED = ("geometry", "bodies", "obstacles", "contacts", "supports", "loads", "probes", "steps")  # first, in this order
 LATER = ("title", "model", "units", "solver", "output", "exact", "accuracy", "hash")
-PHASES = ("mesh", "assemble", "prepare", "iterate", "error", "output")
+PHASES = ("imports", "mesh", "assemble", "prepare", "iterate", "error", "audit", "output", "other")
 Html = str
 Told = Mapping[str, Any]
 
@@ -368,6 +369,7 @@ def _cost(results: Results) -> Html:
     if content.get("method"):
         because = f" ({choice['because']})" if choice.get("because") else ""
         said.append(f"<p>Method {escape(str(content['method']))}{escape(because)}.</p>")
+    profile = content.get("profile") or ()  # results of before it was there have seconds alone
     phases = [(name, f"{seconds[name]:.2f}") for name in (*PHASES, "total") if seconds.get(name) is not None]
     names = ("factorisations", "volume_solves", "linear_iterations", "error_solves", "forms", "searches")
     counted = [(name.replace("_", " "), str(counters[name])) for name in names if counters.get(name)]
@@ -376,12 +378,9 @@ def _cost(results: Results) -> Html:
         counted.insert(0, ("iterations of all steps", str(sum(s["iterations"] for s in steps))))
     reference = (content.get("linear_reference") or {}).get("seconds")
     if reference:
-        phases.append(("one linear solve", f"{reference:.2f}"))
-    said.append(
-        f'<div class="panels">{table(("phase", "seconds"), phases)}{table(("work", "count"), counted)}</div>'
-        if phases or counted
-        else ""
-    )
+        said.append(f"<p>One linear solve of the same mesh takes {reference:.2f} s.</p>")
+    spent = table(HEAD, profile_rows(profile)) if profile else table(("phase", "seconds"), phases)
+    said.append(f'<div class="panels">{spent}{table(("work", "count"), counted)}</div>' if phases or counted else "")
     return "".join(said)
 
 

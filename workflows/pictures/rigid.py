@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyvista as pv
 
 from stickslip.geometry.amplitude import value_at
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.obstacles.obstacle import Obstacle
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
-from stickslip.workflows.pictures.render import View
+from stickslip.workflows.pictures.view import View
 
 FINE = {2: 600, 3: 60}  # samples along the longer side, by dimension
 ROOM = 0.06  # around solid bodies in which obstacles are drawn, relative to their longest side
@@ -63,6 +62,8 @@ def shade(axes: Any, view: View, each: Sequence[Rigid], scale: float) -> None:
 
 def surfaces(points: Array, each: Sequence[Rigid], scale: float) -> list[Any]:
     """Surfaces of the obstacles near the points (n, 3) [m] of bodies as drawn; of a plane model lines."""
+    import pyvista as pv  # late: plane pictures do without VTK
+
     plane = not np.ptp(points[:, 2])
     low, high = points.min(axis=0), points.max(axis=0)
     room = ROOM * float((high - low).max()) * np.array([1.0, 1.0, float(not plane)])

@@ -15,20 +15,23 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
+from PIL import Image as Pillow
 
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.units import SI, Units
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK
 from stickslip.workflows.formats.aside import write_aside
-from stickslip.workflows.pictures.render import Image, View
+from stickslip.workflows.pictures.view import Image, View
 
 DPI = 200
+COMPRESSED = 3  # of 9; with 6 a picture takes half as long again, and is a twelfth smaller
 TITLE = (11.0, 8.0)  # font size [pt] of a title of one line, and of two lines
 LINE = 0.15  # from one line of a caption to the next [inch]
 DECADES = 3  # of a logarithmic range of colours, at most
 LETTERS = 17  # letters per inch in a title that is shrunk to fit
 INK, PALE = "#222222", "#666666"
 COLOURS = "viridis"
+RAISED = str.maketrans("0123456789-−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
 # curves that colour-blind readers can tell apart
 CURVES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d31", "#7f7f7f")
 STATUS_COLOURS = {OPEN: "#d9d9d9", SLIP: "#e6862d", STICK: "#2f6db3"}
@@ -77,7 +80,7 @@ class Sheet:
         """Colour bar that fills the axes; orientation: horizontal or vertical; beyond: "max" if values are larger."""
         mappable = ScalarMappable(norm, COLOURS)
         logarithmic = isinstance(norm, LogNorm)
-        form: dict[str, Any] = {} if logarithmic else {"format": number_format()}
+        form: dict[str, Any] = {} if logarithmic else {"format": Numbers()}
         bar: Any = self.figure.colorbar(mappable, cax=axes, orientation=orientation, extend=beyond, **form)
         bar.ax.tick_params(labelsize=8, color=PALE, labelcolor=INK)
         bar.ax.xaxis.get_offset_text().set_fontsize(8)
@@ -113,7 +116,7 @@ class Sheet:
         """
         self._label()
         content = io.BytesIO()
-        self.figure.savefig(content, format="png", dpi=self.dpi)
+        Pillow.fromarray(self.pixels()).save(content, "PNG", dpi=(self.dpi, self.dpi), compress_level=COMPRESSED)
         write_aside(path, content.getvalue())
         return path
 
@@ -146,15 +149,30 @@ def frame(axes: Any, *hidden: str) -> None:
     inches = axes.get_window_extent().size / axes.figure.dpi
     for axis, length in ((axes.xaxis, inches[0]), (axes.yaxis, inches[1])):
         axis.set_major_locator(_ticks(int(np.clip(length * 2.8, 2, 8))))
-        axis.set_major_formatter(number_format())
+        axis.set_major_formatter(Numbers())
         axis.get_offset_text().set_fontsize(8)
 
 
-def number_format() -> ScalarFormatter:
-    """0.25 or 2.5 with × 10⁸ at the end of the axis, never 250000000."""
-    formatter = ScalarFormatter(useMathText=True, useOffset=False)
-    formatter.set_powerlimits((-3, 4))
-    return formatter
+class Numbers(ScalarFormatter):
+    """0.25, or 2.5 with ×10⁸ at the end of the axis, never 250000000; no mathtext, whose layout takes long."""
+
+    def __init__(self) -> None:
+        super().__init__(useMathText=False, useOffset=False)
+        self.set_powerlimits((-3, 4))
+
+    def get_offset(self) -> str:
+        """The power of ten.
+
+        >>> numbers = Numbers()
+        >>> numbers.create_dummy_axis()
+        >>> numbers.axis.set_view_interval(0.0, 2e8)
+        >>> numbers.set_locs([0.0, 1e8, 2e8])
+        >>> numbers.get_offset()
+        '×10⁸'
+        """
+        found: str = super().get_offset()
+        _, e, power = found.partition("1e")
+        return f"×10{power.translate(RAISED)}" if e else found
 
 
 def _ticks(count: int) -> MaxNLocator:

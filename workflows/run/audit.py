@@ -12,7 +12,7 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.results.stored_fields import Record, StoredFields
 from stickslip.solvers.results.verdict import passed
 from stickslip.solvers.simulation.simulation import Simulation
-from stickslip.workflows.formats.steps import read_step, step_name
+from stickslip.workflows.formats.steps import light_name, read_step, step_name
 from stickslip.workflows.run.collective import from_rank_0
 
 
@@ -20,13 +20,14 @@ from stickslip.workflows.run.collective import from_rank_0
 class Audited:
     """The audits of a run, and what they could not judge by a formula of their own."""
 
-    audits: tuple[Audit, ...] = ()  # one a step, or none where the run was stopped or the scene leaves the audit out
+    # one a step, None if its fields are not stored; or none where the run was stopped or the scene leaves the audit out
+    audits: tuple[Audit | None, ...] = ()
     shared: tuple[str, ...] = ()  # see `Auditor.shared`
     passed: tuple[str, ...] = ()  # sentences on the numbers that pass their limits
 
 
 def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult]) -> Audited:
-    """One audit a step; collective. Rank 0 alone reads the files: on another machine they may not be there yet.
+    """One audit a step whose fields are stored; collective. Rank 0 alone reads the files: elsewhere they may lag.
 
     The forms it compiles are counted with those of the run.
 
@@ -36,17 +37,27 @@ def audit_steps(simulation: Simulation, folder: Path, steps: Sequence[StepResult
     if not steps:
         return Audited()
     comm, auditor = simulation.mesh.comm, Auditor(simulation.problem, simulation.mesh)
-    audits, before = list[Audit](), None
+    audits, before = list[Audit | None](), None
     for index, step in enumerate(steps, start=1):
-        record = from_rank_0(comm, partial(_record, folder / step_name(index), simulation.mesh.dim))
-        audits.append(auditor(record, before if step.substeps == 1 else None))
+        record = from_rank_0(comm, partial(_record, folder, index, simulation.mesh.dim))
+        audits.append(None if record is None else auditor(record, before if step.substeps == 1 else None))
         before = record
     simulation.counters.forms += auditor.start.counters.forms
-    over = passed(audits, [s.time for s in steps], [s.law_error for s in steps], simulation.scene.solver.tolerance)
+    known = [(audit, step) for audit, step in zip(audits, steps, strict=True) if audit is not None]
+    over = passed(
+        [audit for audit, _ in known],
+        [step.time for _, step in known],
+        [step.law_error for _, step in known],
+        simulation.scene.solver.tolerance,
+    )
     return Audited(audits=tuple(audits), shared=auditor.shared, passed=tuple(over))
 
 
-def _record(path: Path, dim: int) -> Record:
+def _record(folder: Path, index: int, dim: int) -> Record | None:
+    """What a step's file has; None if it is a light one."""
+    path = folder / step_name(index)
+    if (folder / light_name(index)).exists() and not path.exists():
+        return None
     stored = read_step(path)
     return Record(
         time=stored.time,

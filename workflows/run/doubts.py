@@ -97,8 +97,8 @@ def _turn(mesh: MeshData, cells: Ints, displacement: Array) -> float:
     d = mesh.points.shape[1]
     nodes = cells[:, : d + 1] if mesh.shape in ("triangle", "tetrahedron") else cells[:, : 2**d]
     slope = dx.reference_basis(mesh.shape, 1, dx.reference_nodes(mesh.shape, 1).mean(axis=0, keepdims=True))[1][:, 0]
-    jacobian = np.einsum("kn,cni->cik", slope, mesh.points[nodes])
-    gradient = np.einsum("kn,cni,ckj->cij", slope, displacement[nodes], np.linalg.inv(jacobian))
+    jacobian, change = (np.swapaxes(slope @ values[nodes], 1, 2) for values in (mesh.points, displacement))
+    gradient = change @ np.linalg.inv(jacobian)
     turn = np.linalg.norm(gradient - np.swapaxes(gradient, 1, 2), axis=(1, 2)) / np.sqrt(8)
     order, volume = np.argsort(turn), np.abs(np.linalg.det(jacobian))
     filled = np.cumsum(volume[order])

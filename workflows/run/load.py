@@ -16,7 +16,7 @@ from stickslip.solvers.results.step_result import MeshData, StepResult, data_fra
 from stickslip.solvers.scene.quantities import CONTACT_NUMBERS
 from stickslip.workflows.formats.hdf5 import read_arrays
 from stickslip.workflows.formats.mesh_file import MESH_FILE, mesh_from
-from stickslip.workflows.formats.steps import read_checkpoint
+from stickslip.workflows.formats.steps import light_files, read_checkpoint
 from stickslip.workflows.formats.steps_csv import read_steps_table
 from stickslip.workflows.pictures.report_results import Results, read_results
 from stickslip.workflows.run.folder import BEGUN, RESULT, work_of
@@ -138,5 +138,6 @@ def load(folder: str | Path) -> Loaded:
         FolderError: there are no results.
     """
     read = found(Path(folder))
-    files = [read.steps[index] for index in sorted(read.steps)]
-    return Loaded(folder=read.folder, result=read.content, steps=StoredSteps(files[: len(read.reported)]))
+    files = light_files(read.folder) | dict(read.steps)  # steps without fields too
+    steps = StoredSteps([files[index] for index in sorted(files)][: len(read.reported)])
+    return Loaded(folder=read.folder, result=read.content, steps=steps)

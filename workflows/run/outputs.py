@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from functools import partial
 
+from stickslip.solvers.parallel.clock import Clock
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.stepping.history import HistoryTuple
 from stickslip.workflows.formats.own_files import claim
@@ -24,7 +26,7 @@ class Outputs:
 
     def __init__(self, job: Job) -> None:
         self._comm, self._writers = job.comm, [kind(job) for kind in wanted(job.scene)]
-        self._folder = job.folder
+        self._folder, self._clock = job.folder, job.simulation.clock if job.simulation else Clock()
 
     def begin(self) -> None:
         """The run begins in an empty folder."""
@@ -61,4 +63,15 @@ class Outputs:
     def _each(self, act: Callable[[Writer], None], turns: Sequence[Turn] = tuple(Turn)) -> None:
         for writer in self._writers:
             if writer.turn in turns:
-                (all_act if writer.collective else raise_together)(self._comm, partial(act, writer))
+                with self._clock.phase("output", part_of(writer)):
+                    (all_act if writer.collective else raise_together)(self._comm, partial(act, writer))
+
+
+def part_of(writer: Writer) -> str:
+    """Its name in the profile: that of its class in words.
+
+    >>> from stickslip.workflows.writers.steps_table import StepsTable
+    >>> part_of(StepsTable.__new__(StepsTable))
+    'steps table'
+    """
+    return re.sub(r"\B([A-Z])", r" \1", type(writer).__name__).lower()

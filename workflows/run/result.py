@@ -26,6 +26,7 @@ from stickslip.solvers.scene.quantities import CONTACT_NUMBERS, STRESSES
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
 from stickslip.workflows.formats.aside import write_aside
+from stickslip.workflows.formats.profile import seconds_of
 from stickslip.workflows.run.audit import Audited
 from stickslip.workflows.run.packages import packages
 from stickslip.workflows.run.result_schema import units
@@ -54,12 +55,11 @@ def summary(
     outcome: Outcome,
     steps: Sequence[StepResult],
     audited: Audited,
-    total: float,
     reference: LinearReference | None = None,
     errors: Sequence[Errors] | None = None,
 ) -> dict[str, Any]:
     """The content of result.json; without `errors` of the numbers of each step they are null."""
-    scene, counters = simulation.scene, simulation.counters
+    scene, counters, rows = simulation.scene, simulation.counters, simulation.clock.rows()
     audits = audited.audits
     contacts, chain = simulation.system.contacts, simulation.stepper.chain
     resolved = to_dict(scene)
@@ -101,7 +101,7 @@ def summary(
             "lanczos_applications": counters.lanczos_applications,
             "coarse_mesh": chain.coarse and {key: getattr(chain.coarse.counters, key) for key in OF_COARSE},
         },
-        "audit": Audit.worst(audits),
+        "audit": Audit.worst(audit for audit in audits if audit),
         "verdict": _verdict(simulation, steps, audited) if audits else None,
         "error": {
             "discretisation": max((step.mesh_error for step in steps), default=None),
@@ -110,13 +110,14 @@ def summary(
             "linear_solver": max((step.linear_error for step in steps), default=None),
             "what": "relative, energy norm",
         },
-        "seconds": asdict(simulation.seconds) | {"total": total, "linear_reference": reference and reference.seconds},
+        "seconds": seconds_of(rows, reference.seconds if reference else None),
+        "profile": [asdict(row) for row in rows],
         "linear_reference": reference and asdict(reference),
     }
 
 
 def _verdict(simulation: Simulation, steps: Sequence[StepResult], audited: Audited) -> dict[str, Any]:
-    law_error, rounding = max(s.law_error for s in steps), max((a.rounding for a in audited.audits), default=0.0)
+    law_error, rounding = max(s.law_error for s in steps), max((a.rounding for a in audited.audits if a), default=0.0)
     return {
         "limits": asdict(limits(simulation.scene.solver.tolerance, law_error, rounding)),
         "passed": list(audited.passed),

@@ -266,16 +266,31 @@ class RunErrors(TypedDict):
 
 @closed
 class SecondsRecord(TypedDict):
-    """Wall time by phase."""
+    """Wall time by phase; all others add up to `total`."""
 
+    imports: Annotated[float, Key("s", "loading libraries, and reading the scene; 0 in a script")]
     mesh: float
     assemble: float
     prepare: float
     iterate: float
     error: float
+    audit: float
     output: float
+    linear_reference: Annotated[float | None, Key("s", "of the fastest solver: the unit of cost")]
+    linear_reference_others: Annotated[float | None, Key("s", "of the solvers that it was compared with")]
+    other: float
     total: float
-    linear_reference: float | None
+
+
+@closed
+class ProfileRecord(TypedDict):
+    """A phase, or a part of one; all together they are the run."""
+
+    phase: str
+    part: Annotated[str, Key("", "empty: what of the phase is in no part")]
+    seconds: float
+    calls: Annotated[int, Key("", "how often it began")]
+    volume_solves: Annotated[int, Key("", "those for estimates of errors too")]
 
 
 @closed
@@ -304,6 +319,7 @@ class ResultRecord(TypedDict):
     verdict: Verdict | None
     error: RunErrors
     seconds: Annotated[SecondsRecord, Key("s", "wall time")]
+    profile: list[ProfileRecord]
     linear_reference: LinearReference | None
 
 

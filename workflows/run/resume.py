@@ -12,15 +12,15 @@ from typing import Any
 from stickslip import VERSION
 from stickslip.geometry.dolfinx_versions import DOLFINX
 from stickslip.geometry.errors import DamagedError, FolderError, MachineError
+from stickslip.solvers.parallel.clock import Row
 from stickslip.solvers.parallel.serialise import broadcast, deserialise
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.checkpoint import Checkpoint
-from stickslip.solvers.simulation.simulation import Seconds
 from stickslip.workflows.formats.aside import disk_errors
 from stickslip.workflows.formats.own_files import is_certified, own_files, remove_unfinished
 from stickslip.workflows.formats.regular import parse_json, read_json, read_regular
-from stickslip.workflows.formats.steps import read_checkpoint, step_files, step_name
+from stickslip.workflows.formats.steps import light_files, light_name, read_checkpoint, step_files, step_name
 from stickslip.workflows.run.doubts import Seen
 from stickslip.workflows.run.folder import BEGUN, RESULT, ResultsFolder
 from stickslip.workflows.run.learnt import is_kept
@@ -39,8 +39,7 @@ class RunCheckpoint:
     """What a run goes on from besides the result of a step; it stands in each step's file."""
 
     checkpoint: Checkpoint  # of the solver
-    seconds: Seconds  # by phase, until then
-    total: float  # [s] of all processes that have worked on the run
+    spent: tuple[Row, ...]  # by phase, until then, by all processes that have worked on the run
     run: str  # the run that the step belongs to, see `run_of`
     seen: Seen  # of the fields, until then
     learnt: str  # reference to its files, see `LearntFiles`
@@ -118,25 +117,32 @@ def run_of(begun: Mapping[str, Any]) -> str:
 def _read(folder: Path, times: Sequence[float], run: str) -> EarlierRun:
     steps: list[StepResult] = []
     references, last, notes = [""], None, []
-    count = max(step_files(folder), default=0)
+    files = step_files(folder)
+    count = max(files, default=0)
+    whole = 0  # steps up to the last one with its fields, which alone can be gone on from
     for index in range(1, count + 1):
+        light = folder / light_name(index)
         try:
-            step, reached = _step(folder / step_name(index))
+            step, reached, of = _step(folder / step_name(index) if index in files or not light.exists() else light)
         except MachineError as error:
             if isinstance(error, DamagedError) and index == count:
                 notes.append(f"{error}; it is solved again")
                 break
             later = "later steps build on it: " if index < count else ""
             raise MachineError(f"{error}; {later}{UNTOUCHED}") from None
-        if reached.run != run:
+        if of != run:
             raise MachineError(f"{folder / step_name(index)}: is a step of another run; {UNTOUCHED}")
         if index > len(times) or step.time != times[index - 1]:
             if index == count:  # as far as a step came that failed
                 break
             raise MachineError(f"{folder / step_name(index)}: is not that step: its t = {step.time:g}; {UNTOUCHED}")
-        steps = [*steps[:-1], *(s.without_fields() for s in steps[-1:]), step]
-        last = reached
+        if reached is None:
+            steps.append(step)
+            continue
+        steps = [*steps[:whole][:-1], *(s.without_fields() for s in steps[:whole][-1:]), *steps[whole:], step]
+        last, whole = reached, index
         references.append(last.learnt)
+    steps = steps[:whole]
     learnt = is_kept(folder, references[-1])
     if last and not learnt and len(steps) < len(times):
         notes.append("what the method had learnt is lost: the answer is the same to the tolerance, not to the last bit")
@@ -144,14 +150,16 @@ def _read(folder: Path, times: Sequence[float], run: str) -> EarlierRun:
     return EarlierRun(steps=tuple(steps), last=last, learnt_before=before, learnt=learnt, notes=tuple(notes))
 
 
-def _step(path: Path) -> tuple[StepResult, RunCheckpoint]:
-    """
+def _step(path: Path) -> tuple[StepResult, RunCheckpoint | None, str]:
+    """A step, its checkpoint unless its file is a light one, and the run that it is of.
+
     Raises:
         MachineError: missing, damaged, or of another version.
     """
     step, plain = read_checkpoint(path)
     try:
-        return step, deserialise(RunCheckpoint, plain, lambda whole: whole)
+        found = deserialise(RunCheckpoint, plain, lambda whole: whole) if "checkpoint" in plain else None
+        return step, found, plain["run"]
     except (KeyError, TypeError) as error:
         raise MachineError(f"{path}: not a step of this version of stickslip") from error
 
@@ -167,7 +175,22 @@ def remove_surplus(work: Path, count: int) -> None:
         for index, path in step_files(work).items():
             if index > count and path in own:
                 path.unlink()
+        for index, path in light_files(work).items():
+            if (index > count or (work / step_name(index)).exists()) and path in own:
+                path.unlink()
         remove_unfinished(work)
+
+
+def remove_light(work: Path, index: int) -> None:
+    """Remove the light file of a step that has its fields now, if there is one.
+
+    Raises:
+        MachineError: no permission.
+    """
+    path = work / light_name(index)
+    with disk_errors(work):
+        if path.exists() and path in own_files(work):
+            path.unlink()
 
 
 def _refuse_versions(begun: Mapping[str, Any], target: Path) -> None:

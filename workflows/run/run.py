@@ -13,6 +13,8 @@ from typing import Any
 
 from stickslip.geometry.errors import MachineError, SceneError
 from stickslip.geometry.size_field import SizeField
+from stickslip.solvers.parallel.clock import Row
+from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.serialise import serialise
 from stickslip.solvers.results.error_parts import Errors
 from stickslip.solvers.results.linear_reference import LinearReference, linear_reference
@@ -26,7 +28,8 @@ from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
 from stickslip.workflows.formats.mesh_file import mesh_checksum
 from stickslip.workflows.formats.own_files import is_marked
-from stickslip.workflows.formats.steps import step_files, write_step
+from stickslip.workflows.formats.profile import profile_lines
+from stickslip.workflows.formats.steps import step_files, write_light, write_step
 from stickslip.workflows.run.audit import Audited, audit_steps
 from stickslip.workflows.run.collective import raise_together
 from stickslip.workflows.run.doubts import Fields, Seen, doubts
@@ -42,6 +45,7 @@ from stickslip.workflows.run.resume import (
     EarlierRun,
     RunCheckpoint,
     find_earlier_run,
+    remove_light,
     remove_surplus,
     run_of,
 )
@@ -77,8 +81,8 @@ class Run:
         self._learnt = LearntFiles(
             folder, simulation.mesh.comm, earlier.learnt_before, earlier.last.learnt if earlier.last else ""
         )
+        self._light: RunCheckpoint | None = None  # of the last step, if its file is a light one
         self._state: State | None = None  # that the last step has left
-        self._total = 0.0  # [s] of the processes before this one
         self.steps = list(earlier.steps)  # the last one with its fields on rank 0, the others without
         self._errors: tuple[Errors, ...] | None = None  # of the numbers of each step; None: not estimated
         seen = Seen()
@@ -86,18 +90,21 @@ class Run:
             self._state, usable = self._checkpoints.put_back(earlier.last.checkpoint, self._learnt.read())
             if earlier.learnt and not usable:
                 log.info("other ranks than before: what the method had learnt is left out")
-            simulation.seconds.add(earlier.last.seconds)
-            self._total, seen = earlier.last.total, earlier.last.seen
+            simulation.clock.add(earlier.last.spent)
+            seen = earlier.last.seen
         if simulation.mesh.comm.rank == 0:  # where the mesh and the displacements are
             self._fields = Fields(simulation.problem, simulation.data, seen)
 
-    def march(self, watch: Watch, began: float) -> tuple[str, str]:
-        """Solve and write step by step: status, and what to tell the user.
+    def march(self, watch: Watch) -> tuple[str, str]:
+        """Solve and write step by step: status, and what to tell the user."""
+        ended = self._march(watch)
+        if self._light is not None:
+            with self._simulation.clock.phase("output", "step files"):
+                self._store(len(self.steps), self.steps[-1], self._light)
+        return ended
 
-        Args:
-            began: when this process began to work on the run.
-        """
-        comm, seconds = self._simulation.mesh.comm, self._simulation.seconds
+    def _march(self, watch: Watch) -> tuple[str, str]:
+        comm = self._simulation.mesh.comm
 
         def on_iteration(row: HistoryRow) -> None:
             self._on_rank_0(lambda: watch.on_iteration(row))
@@ -106,12 +113,11 @@ class Run:
         try:
             marching = self._simulation.steps(on_iteration, len(self.steps), self._state)
             for index, step in enumerate(marching, start=len(self.steps) + 1):
-                solved = clock.perf_counter()
-                self._write(index, step, began)
-                self.steps = [*self.steps[:-1], *(s.without_fields() for s in self.steps[-1:]), step]
-                self._outputs.step(index, step, AFTER)
-                self._on_rank_0(partial(watch.on_step, step))
-                seconds.output += clock.perf_counter() - solved
+                with self._simulation.clock.phase("output"):
+                    self._write(index, step)
+                    self.steps = [*self.steps[:-1], *(s.without_fields() for s in self.steps[-1:]), step]
+                    self._outputs.step(index, step, AFTER)
+                    self._on_rank_0(partial(watch.on_step, step))
             if self._simulation.scene.output.error:
                 self._on_rank_0(watch.on_estimate)
                 self._errors = self._simulation.errors(self.steps, lambda row: self._interrupt.check(comm))
@@ -130,27 +136,38 @@ class Run:
         """Whether the results are to be kept; collective."""
         return keep(self._simulation, self.steps, self._errors or ())
 
-    def _write(self, index: int, step: StepResult, began: float) -> None:
+    def _write(self, index: int, step: StepResult) -> None:
         """Write rows and the step's file: when this returns, the step is safe; all ranks fail or none."""
         self._on_rank_0(self._find_folder)
-        accepted = self._simulation.reported
+        accepted, scene = self._simulation.reported, self._simulation.scene
         assert accepted is not None
-        checkpoint = self._checkpoints.take(accepted)
-        learnt = self._learnt.write(index, self._checkpoints.learnt())
+        stored = scene.output.stores(index) or index == len(scene.requested_times())
+        with self._simulation.clock.part("step files"):
+            checkpoint = self._checkpoints.take(accepted)
+            learnt = self._learnt.write(index, self._checkpoints.learnt()) if stored else ""
         self._outputs.step(index, step, BEFORE)
-
-        def write() -> None:
-            self._fields.see(step)
+        with self._simulation.clock.part("step files"):
+            self._on_rank_0(lambda: self._fields.see(step))
             last = RunCheckpoint(
                 checkpoint=checkpoint,
-                seconds=self._simulation.seconds,
-                total=self._seconds(began),
-                seen=self._fields.seen,
+                spent=self._simulation.clock.rows(),
+                seen=self._fields.seen if self._simulation.mesh.comm.rank == 0 else Seen(),
                 run=self._name,
                 learnt=learnt,
             )
+            self._light = None if stored else last
+            if stored:
+                self._store(index, step, last)
+            else:
+                self._on_rank_0(lambda: write_light(self._folder, index, step, {"run": self._name}))
+
+    def _store(self, index: int, step: StepResult, last: RunCheckpoint) -> None:
+        """Write the step with its fields and all that a run needs to go on."""
+
+        def write() -> None:
             write_step(self._folder, index, step, serialise(last))
             self._learnt.forget()
+            remove_light(self._folder, index)
 
         self._on_rank_0(write)
 
@@ -162,7 +179,7 @@ class Run:
         if not is_marked(self._folder):
             raise MachineError(f"{self._folder}: is gone, and with it the steps so far; nothing is left to go on with")
 
-    def finish(self, status: str, sentence: str, told: Sequence[str], began: float) -> tuple[Outcome, dict[str, Any]]:
+    def finish(self, status: str, sentence: str, told: Sequence[str]) -> tuple[Outcome, dict[str, Any]]:
         """Judge the answer, write result.json, finish the outputs: how the run ended, and the content of result.json.
 
         A run that was told to stop has no time for an audit, and a scene may leave it out. result.json is written
@@ -171,10 +188,10 @@ class Run:
         Args:
             told: warnings of before the first step.
         """
-        simulation, finishing = self._simulation, clock.perf_counter()
-        audited = Audited()
+        simulation, audited = self._simulation, Audited()
         if simulation.scene.output.audit and status != "interrupted":
-            audited = audit_steps(simulation, self._folder, self.steps)
+            with simulation.clock.phase("audit"):
+                audited = audit_steps(simulation, self._folder, self.steps)
         warnings = self._warnings()
         if audited.passed and status == "converged":
             status, sentence = "doubtful", f"the audit finds that {'; '.join(audited.passed)}"
@@ -186,18 +203,19 @@ class Run:
 
         def content() -> dict[str, Any]:
             said = replace(outcome, warnings=(*told, *warnings))
-            return summary(simulation, said, self.steps, audited, self._seconds(began), reference, self._errors)
+            return summary(simulation, said, self.steps, audited, reference, self._errors)
 
         for line in (*warnings, *[sentence] * (status == "doubtful")):
             log.warning("%s", line)
-        self._outputs.finish(ended, BEFORE)
-        self._on_rank_0(lambda: write_result(self._folder, content()))
-        self._outputs.finish(ended, AFTER)
-        simulation.seconds.output += clock.perf_counter() - finishing
+        with simulation.clock.phase("output"):
+            self._outputs.finish(ended, BEFORE)
+            self._on_rank_0(lambda: write_result(self._folder, content()))
+            self._outputs.finish(ended, AFTER)
         if simulation.scene.output.linear_reference and not ended.in_haste:
             reference = linear_reference(simulation.system)
         final = content()
         self._on_rank_0(lambda: write_result(self._folder, final))
+        log.info("profile of %.3f s\n%s", final["seconds"]["total"], "\n".join(profile_lines(final["profile"])))
         if status in FINISHED:
             self._on_rank_0(self._learnt.remove)
         return outcome, final
@@ -209,10 +227,6 @@ class Run:
             lambda: found.extend((*self._fields.warnings(), *doubts(self._simulation, self.steps, self._errors)))
         )
         return tuple(self._simulation.mesh.comm.bcast(found))
-
-    def _seconds(self, began: float) -> float:
-        """Of all processes that have worked on this run."""
-        return self._total + clock.perf_counter() - began
 
     def _on_rank_0(self, act: Callable[[], object]) -> None:
         """Act on rank 0; if that fails, every rank raises the same error."""
@@ -230,6 +244,7 @@ def run(
     keep: Keep | None = None,
     sizes: SizeField | None = None,
     bodies: Bodies | None = None,
+    began: float | None = None,
 ) -> tuple[Outcome, dict[str, Any]]:
     """Run a scene and leave its results in `folder`; collective.
 
@@ -242,6 +257,7 @@ def run(
             kept. None: they are.
         sizes: mesh sizes instead of those of the scene, on rank 0.
         bodies: of an earlier simulation, see `prepare`.
+        began: `time.perf_counter()` when the program began, whose imports count too; None: it begins here.
 
     Returns:
         How it ended, and the content of result.json; that is empty, and the status "abandoned", if they are not kept.
@@ -252,7 +268,10 @@ def run(
     """
     from mpi4py import MPI
 
-    comm, began, watch = MPI.COMM_WORLD, clock.perf_counter(), watch or Watch()
+    comm, counters, watch = MPI.COMM_WORLD, Counters(), watch or Watch()
+    if began is not None:
+        imports = clock.perf_counter() - began
+        counters.clock.add([Row(phase="imports", part="", seconds=imports, calls=1, volume_solves=0)])
     wanted(scene)  # refuses keys that no writer has
     place, earlier = Path(folder), EarlierRun()
     results: list[ResultsFolder] = []  # on rank 0
@@ -271,7 +290,7 @@ def run(
         if earlier.finished is not None:
             said = [earlier.notes[0], str(earlier.finished.get("sentence") or "")]
             return Outcome(earlier.finished["status"], ": ".join(filter(None, said)), place), earlier.finished
-        return _solve(scene, place, results, earlier, watch, began, keep, sizes, bodies)
+        return _solve(scene, place, results, earlier, watch, counters, keep, sizes, bodies)
     finally:
         for held in results:
             held.release()
@@ -283,7 +302,7 @@ def _solve(
     results: list[ResultsFolder],
     earlier: EarlierRun,
     watch: Watch,
-    began: float,
+    counters: Counters,
     keep: Keep | None,
     sizes: SizeField | None,
     bodies: Bodies | None,
@@ -293,23 +312,26 @@ def _solve(
 
     comm = MPI.COMM_WORLD
     with Interrupt() as interrupt:
-        simulation = prepare(scene, comm, earlier.last.checkpoint.reached if earlier.last else None, sizes, bodies)
+        reached = earlier.last.checkpoint.reached if earlier.last else None
+        simulation = prepare(scene, comm, reached, sizes, bodies, counters)
         interrupt.check(comm)
         system = simulation.system
         report = report_mesh(scene, simulation.mesh, system.nodes.total, system.contacts)
         begun: dict[str, Any] = {}  # on rank 0
         raise_together(comm, lambda: begun.update(begun_with(simulation)))
         work = work_of(place)
-        outputs = Outputs(Job(folder=work, scene=scene, mesh=simulation.data, comm=comm, simulation=simulation))
+        with counters.clock.phase("output"):
+            outputs = Outputs(Job(folder=work, scene=scene, mesh=simulation.data, comm=comm, simulation=simulation))
         raise_together(comm, lambda: _open(results[0], begun, earlier))
-        outputs.begin() if earlier.folder is None else outputs.resume(earlier.steps)
+        with counters.clock.phase("output"):
+            outputs.begin() if earlier.folder is None else outputs.resume(earlier.steps)
         with ExitStack() as stack:
             raise_together(comm, lambda: stack.enter_context(RunLog(work / LOG)))
             notes = results[0].notes if results else ()
             raise_together(comm, lambda: tell(simulation, report, replace(earlier, notes=notes + earlier.notes), watch))
             working = Run(simulation, outputs, place, run_of(begun), earlier, interrupt)
             try:
-                status, sentence = working.march(watch, began)
+                status, sentence = working.march(watch)
                 if keep is not None and status == "converged":
                     try:
                         status = status if working.kept(keep) else "abandoned"
@@ -317,7 +339,7 @@ def _solve(
                         raise_together(comm, lambda: results[0].abandon())
                         raise
                 if status != "abandoned":
-                    outcome, content = working.finish(status, sentence, foreseen(simulation, report), began)
+                    outcome, content = working.finish(status, sentence, foreseen(simulation, report))
             except MachineError as error:
                 there = len(step_files(work)) if (work / BEGUN).is_file() else 0
                 kept = f"; {there} steps are kept, go on with --resume" if there else ""

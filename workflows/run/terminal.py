@@ -121,9 +121,8 @@ class Reporter:
         else:
             out.print("no step was solved")
         seconds, counters, audit = content["seconds"], content["counters"], content["audit"]
-        phases = ", ".join(
-            f"{name} {seconds[name]:.2f}" for name in ("mesh", "assemble", "prepare", "iterate", "error", "output")
-        )
+        names = ("imports", "mesh", "assemble", "prepare", "iterate", "error", "audit", "output", "other")
+        phases = ", ".join(f"{name} {seconds[name]:.2f}" for name in names)
         out.print(f"method {content['method']}, {counters['volume_solves']} volume solves, {content['dofs']} unknowns")
         out.print(f"seconds: {phases}, total {seconds['total']:.2f}")
         if np.isfinite(error := content["error"]["discretisation"] or np.nan):

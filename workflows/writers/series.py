@@ -6,6 +6,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 
 from stickslip.solvers.results.step_result import StepResult
+from stickslip.workflows.formats.steps import step_files
 from stickslip.workflows.writers.writer import Ended, Job, Writer
 
 GROWTH = 1.125  # the index is written again once so many times the steps are there
@@ -46,7 +47,8 @@ class SeriesWriter(Writer):
         every = self.job.scene.output.every
         times = [(index, step.time) for index, step in enumerate(steps, start=1)]
         self._last = times[-1] if times else None
-        self.shown = [(index, time) for index, time in times if index % every == 0]
+        there = step_files(self.job.folder)  # an earlier process may have stored the fields of fewer steps
+        self.shown = [(index, time) for index, time in times if index % every == 0 and index in there]
 
     def step(self, index: int, result: StepResult) -> None:
         """Show it, at once or with those that follow; a viewer reads meanwhile."""
