@@ -35,6 +35,7 @@ from stickslip.solvers.simulation.plan import planned
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.stepper import Stepper
 from stickslip.solvers.system.system import assemble
+from stickslip.workflows.benchmarks.scaling_messages import counted
 from stickslip.workflows.scene_file.read import read
 
 EVENTS = ("MatMult", "PCApply", "PCSetUp", "VecScatterBegin", "SFBcastBegin", "SFReduceBegin", "MatPtAP")
@@ -52,7 +53,10 @@ COLLECTIVES = ("allreduce", "allgather", "bcast")
 
 @dataclass(frozen=True)
 class Case:
-    """The cube with n cells a side, or of it a slab of so many layers of cells; and how many steps of it are solved."""
+    """The cube with n cells a side, or of it a slab of so many layers of cells; and how many steps of it are solved.
+
+    Without steps it is drawn alone.
+    """
 
     n: int
     layers: int = 0  # 0: as many as n
@@ -95,7 +99,9 @@ class Case:
 
 def measure(case: Case) -> dict[str, Any]:
     """Mesh, assemble, prepare and solve; collective. The same on every rank."""
-    comm, seconds, memory = MPI.COMM_WORLD, {}, {}
+    comm = MPI.COMM_WORLD
+    seconds: dict[str, float] = {}
+    memory: dict[str, float] = {}
     PETSc.Log.begin()
     scene, counters = case.scene(), Counters()
     problem = planned(scene)
@@ -111,6 +117,8 @@ def measure(case: Case) -> dict[str, Any]:
     if comm.rank == 0:
         draw(problem)
     done("gmsh")
+    if not case.steps:
+        return {"case": asdict(case), "unknowns": case.unknowns, "seconds": seconds, "memory": comm.allgather(memory)}
     mesh = build_mesh(problem.shape, problem.request, comm)
     done("mesh")
     system = assemble(problem, mesh, counters)
@@ -119,7 +127,7 @@ def measure(case: Case) -> dict[str, Any]:
     stepper = Stepper(system, MethodChain(system, None, None))
     state = stepper.start()
     done("prepare")
-    profile, logged = cProfile.Profile(clock.process_time), events()
+    profile, logged, sent = cProfile.Profile(clock.process_time), events(), counted()
     cycles, iterations = counters.linear_iterations, []
     profile.enable()
     for time in scene.requested_times()[: case.steps]:
@@ -127,8 +135,9 @@ def measure(case: Case) -> dict[str, Any]:
         state = accepted.state
         iterations.append(accepted.iterations)
     profile.disable()
+    own = {key: count - sent[key] for key, count in counted().items()}
     done("iterate")
-    after, own = events(), parts(profile)
+    after, of_parts = events(), parts(profile)
     return {
         "case": asdict(case),
         "ranks": comm.size,
@@ -138,14 +147,20 @@ def measure(case: Case) -> dict[str, Any]:
         "iterations": iterations,
         "cycles": counters.linear_iterations - cycles,
         "seconds": {phase: comm.allreduce(value, MPI.MAX) for phase, value in seconds.items()},
-        "parts": {part: comm.allreduce(value, MPI.MAX) for part, value in own.items()},
+        "parts": {part: comm.allreduce(value, MPI.MAX) for part, value in of_parts.items()},
         "calls": calls(profile),
+        "sent": {key: reduced(value) for key, value in own.items()},
         "events": {
-            name: {key: comm.allreduce(after[name][key] - logged[name][key]) for key in after[name]} for name in EVENTS
+            name: {key: reduced(after[name][key] - logged[name][key]) for key in after[name]} for name in EVENTS
         },
         "memory": comm.allgather(memory),
         "objects": comm.allgather(size_of(stepper, state)),
     }
+
+
+def reduced(value: float) -> tuple[float, float]:
+    """Sum over all ranks, and the largest; collective."""
+    return MPI.COMM_WORLD.allreduce(value), MPI.COMM_WORLD.allreduce(value, MPI.MAX)
 
 
 def draw(problem: Problem) -> None:
@@ -163,11 +178,10 @@ def events() -> dict[str, dict[str, float]]:
 
 
 def parts(profile: cProfile.Profile) -> dict[str, float]:
-    """CPU seconds [s] of each part of the iterations on this rank, of all of them, and of what the method prepares."""
+    """CPU seconds [s] of each part of the iterations on this rank, and of all."""
     rows = statistics(profile)
     found = {part: sum(rows.get(function, (0, 0.0))[1] for function in of) for part, of in PARTS.items()}
     found["iterations"] = rows.get(("tangent_cg.py", "solve"), (0, 0.0))[1]
-    found["operator"] = sum(rows.get((file, "__init__"), (0, 0.0))[1] for file in ("tangent_cg.py",))
     return found
 
 
