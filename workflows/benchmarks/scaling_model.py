@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import log2
+from math import ceil, log2
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,9 @@ from scipy.optimize import nnls
 from stickslip.geometry.arrays import Array
 
 MOST_FACES = 6  # of a part, with which it has neighbours
-MOST_NEIGHBOURS = 26
+COARSER = ((78, 4.6), (92, 3.9), (170, 2.1), (217, 2.1), (554, 2.4), (697, 3.0))  # entries of a row, rows over the next
+COARSEST = 100  # rows
+THICK = 27  # unknowns by contact point, from which on the cost of bodies is taken: eight cells high
 Run = Mapping[str, Any]  # what `scaling_run` has printed
 
 
@@ -50,9 +52,31 @@ class Size:
         return min(log2(self.ranks), MOST_FACES)
 
     @property
+    def levels(self) -> tuple[tuple[float, float], ...]:
+        """Rows, and entries of a row, on each level of BoomerAMG.
+
+        As it prints them for 353 thousand unknowns; below, the last ratio goes on.
+        """
+        found, rows = [], self.unknowns
+        while rows > COARSEST:
+            entries, ratio = COARSER[min(len(found), len(COARSER) - 1)]
+            found.append((rows, min(float(entries), rows)))
+            rows /= ratio
+        return tuple(found)
+
+    @property
     def neighbours(self) -> float:
-        """Parts that a part touches."""
-        return min(self.ranks - 1, MOST_NEIGHBOURS)
+        """Parts that a part touches, summed over the levels: on coarse ones a row reaches over many parts.
+
+        >>> Size(1e6, 1e4, 2).neighbours == len(Size(1e6, 1e4, 2).levels)
+        True
+        """
+        return sum(self._beside(*level) for level in self.levels)
+
+    def _beside(self, rows: float, entries: float) -> float:
+        active = min(self.ranks, rows / 3)
+        width, side = (entries / 3) ** (1 / 3), (rows / 3 / active) ** (1 / 3)
+        return min(active - 1, (2 * ceil((width - 1) / 2 / side) + 1) ** 3 - 1)
 
 
 @dataclass(frozen=True)
@@ -87,15 +111,17 @@ class Phase:
 
 ONCE = {
     "mesh": Phase("rank 0", fixed=True),
-    "assemble": Phase("shared", "replicated"),
-    "prepare": Phase("shared", "replicated"),
+    "assemble": Phase("shared"),
+    "surface": Phase("", "replicated"),
+    "prepare": Phase("shared"),
+    "coordinates": Phase("", "replicated"),
 }
 EACH = {  # iteration
     "product": Phase("shared"),
     "cycle": Phase("shared"),
-    "columns": Phase("", "shared", fixed=True),
+    "columns": Phase("shared", "shared"),
     "contact": Phase("", "shared", fixed=True),
-    "vectors": Phase("shared", fixed=True),
+    "vectors": Phase("shared", "replicated", fixed=True),
 }
 STEP = {"step": Phase("shared", "replicated")}
 PHASES = ONCE | EACH | STEP
@@ -117,12 +143,16 @@ def seconds_of(run: Run) -> dict[str, float]:
 
 
 def fit(runs: Sequence[Run]) -> Costs:
-    """Costs by which relative errors of runs on one rank are least; none is negative."""
-    sizes, seconds = [size_of(run) for run in runs], [seconds_of(run) for run in runs]
-    return {
-        name: fitted(np.array([phase.terms(size) for size in sizes]), np.array([found[name] for found in seconds]))
-        for name, phase in PHASES.items()
-    }
+    """Costs by which relative errors of runs on one rank are least; none is negative.
+
+    Those of bodies alone are from runs that are no thin slabs.
+    """
+    found: dict[str, Array] = {}
+    for name, phase in PHASES.items():
+        used = [run for run in runs if phase.points or run["unknowns"] >= THICK * run["points"]]
+        terms = np.array([phase.terms(size_of(run)) for run in used])
+        found[name] = fitted(terms, np.array([seconds_of(run)[name] for run in used]))
+    return found
 
 
 def fitted(terms: Array, values: Array) -> Array:
@@ -137,7 +167,7 @@ def fitted(terms: Array, values: Array) -> Array:
 class Traffic:
     """Messages of an iteration, counted on few ranks."""
 
-    messages: float  # to each neighbour
+    messages: float  # to each neighbour on each level
     halo: float  # bytes by face and (unknowns of a rank)^(2/3)
     gathered: float  # bytes that each rank receives, by contact point
     collectives: float  # of libraries

@@ -48,6 +48,10 @@ PARTS = {  # of an iteration, by the functions whose time they are, what these c
         for name in ("relax", "tangent", "residual", "apply", "inverse_blocks", "truncated", "project", "friction_work")
     ),
 }
+REPLICATED = {  # what every rank does for the whole surface: phase, in which, functions
+    "surface": ("assemble", (("system.py", "contact_rows"), ("supports.py", "find_constraints"))),
+    "coordinates": ("prepare", (("coordinates.py", "of"), ("prepare.py", "prepare_surface"))),
+}
 COLLECTIVES = ("allreduce", "allgather", "bcast")
 
 
@@ -121,12 +125,18 @@ def measure(case: Case) -> dict[str, Any]:
         return {"case": asdict(case), "unknowns": case.unknowns, "seconds": seconds, "memory": comm.allgather(memory)}
     mesh = build_mesh(problem.shape, problem.request, comm)
     done("mesh")
-    system = assemble(problem, mesh, counters)
-    _ = system.K_B
-    done("assemble")
-    stepper = Stepper(system, MethodChain(system, None, None))
-    state = stepper.start()
-    done("prepare")
+    first = cProfile.Profile(clock.process_time)
+    with first:
+        system = assemble(problem, mesh, counters)
+        _ = system.K_B
+        done("assemble")
+        stepper = Stepper(system, MethodChain(system, None, None))
+        state = stepper.start()
+        done("prepare")
+    for phase, (of, functions) in REPLICATED.items():
+        rows = statistics(first)
+        seconds[phase] = sum(rows.get(function, (0, 0.0))[1] for function in functions)
+        seconds[of] -= seconds[phase]
     profile, logged, sent = cProfile.Profile(clock.process_time), events(), counted()
     cycles, iterations = counters.linear_iterations, []
     profile.enable()
