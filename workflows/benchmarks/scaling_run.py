@@ -28,13 +28,16 @@ from stickslip.geometry.memory import peak
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
 from stickslip.geometry.mesh.joints import find_parts
 from stickslip.geometry.mesh.mesh import build_mesh, mesh_shape
+from stickslip.solvers.fem.supports import find_constraints
+from stickslip.solvers.interface.prepare import prepare_surface
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import planned
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.stepper import Stepper
-from stickslip.solvers.system.system import assemble
+from stickslip.solvers.system.system import assemble, contact_rows
+from stickslip.solvers.tangent.coordinates import ContactCoordinates
 from stickslip.workflows.benchmarks.scaling_messages import counted
 from stickslip.workflows.scene_file.read import read
 
@@ -48,10 +51,7 @@ PARTS = {  # of an iteration, by the functions whose time they are, what these c
         for name in ("relax", "tangent", "residual", "apply", "inverse_blocks", "truncated", "project", "friction_work")
     ),
 }
-REPLICATED = {  # what every rank does for the whole surface: phase, in which, functions
-    "surface": ("assemble", (("system.py", "contact_rows"), ("supports.py", "find_constraints"))),
-    "coordinates": ("prepare", (("coordinates.py", "of"), ("prepare.py", "prepare_surface"))),
-}
+REPLICATED = {"assemble": "surface", "prepare": "coordinates"}  # phase: what of it every rank does for all points
 COLLECTIVES = ("allreduce", "allgather", "bcast")
 
 
@@ -102,7 +102,10 @@ class Case:
 
 
 def measure(case: Case) -> dict[str, Any]:
-    """Mesh, assemble, prepare and solve; collective. The same on every rank."""
+    """Mesh, assemble, prepare and solve; collective. The same on every rank.
+
+    What each rank does for the whole surface is done a second time, to know its share.
+    """
     comm = MPI.COMM_WORLD
     seconds: dict[str, float] = {}
     memory: dict[str, float] = {}
@@ -125,18 +128,19 @@ def measure(case: Case) -> dict[str, Any]:
         return {"case": asdict(case), "unknowns": case.unknowns, "seconds": seconds, "memory": comm.allgather(memory)}
     mesh = build_mesh(problem.shape, problem.request, comm)
     done("mesh")
-    first = cProfile.Profile(clock.process_time)
-    with first:
-        system = assemble(problem, mesh, counters)
-        _ = system.K_B
-        done("assemble")
-        stepper = Stepper(system, MethodChain(system, None, None))
-        state = stepper.start()
-        done("prepare")
-    for phase, (of, functions) in REPLICATED.items():
-        rows = statistics(first)
-        seconds[phase] = sum(rows.get(function, (0, 0.0))[1] for function in functions)
-        seconds[of] -= seconds[phase]
+    system = assemble(problem, mesh, counters)
+    _ = system.K_B
+    done("assemble")
+    find_constraints(problem, mesh, system.space, system.nodes)
+    contact_rows(problem, mesh, system.space, system.nodes, system.constraints)
+    done("surface")
+    stepper = Stepper(system, MethodChain(system, None, None))
+    state = stepper.start()
+    done("prepare")
+    ContactCoordinates.of(system, prepare_surface(system, stepper.chain.volume))
+    done("coordinates")
+    for phase, part in REPLICATED.items():
+        seconds[phase] -= seconds[part]
     profile, logged, sent = cProfile.Profile(clock.process_time), events(), counted()
     cycles, iterations = counters.linear_iterations, []
     profile.enable()
