@@ -57,7 +57,7 @@ class Size:
 
         As it prints them for 353 thousand unknowns; below, the last ratio goes on.
         """
-        found, rows = [], self.unknowns
+        rows, found = self.unknowns, list[tuple[float, float]]()
         while rows > COARSEST:
             entries, ratio = COARSER[min(len(found), len(COARSER) - 1)]
             found.append((rows, min(float(entries), rows)))
@@ -76,7 +76,7 @@ class Size:
     def _beside(self, rows: float, entries: float) -> float:
         active = min(self.ranks, rows / 3)
         width, side = (entries / 3) ** (1 / 3), (rows / 3 / active) ** (1 / 3)
-        return min(active - 1, (2 * ceil((width - 1) / 2 / side) + 1) ** 3 - 1)
+        return min(active - 1.0, float(2 * ceil((width - 1) / 2 / side) + 1) ** 3 - 1)
 
 
 @dataclass(frozen=True)
@@ -217,21 +217,22 @@ class Memory:
     point: float  # of contact, on every rank
     node: float = 8.0  # of the mesh, on every rank: `Mesh.parts`
     meshed: float = 0.0  # by unknown, on rank 0 while gmsh runs
+    objects: float = 0.0  # of `point`, what Python holds when the steps are solved
 
     @staticmethod
     def of(single: Sequence[Run], several: Sequence[Run], drawn: Sequence[Run]) -> Memory:
-        """From the peaks of runs on one rank, the Python objects of those on several, and peaks of gmsh alone."""
-        sizes = [size_of(run) for run in (*single, *several)]
-        terms = np.array([[s.unknowns / s.ranks, s.points, s.nodes, 1.0] for s in sizes])
-        objects = np.array([float(max(run["objects"])) for run in (*single, *several)])
-        point = fitted(terms[:, [0, 1, 3]], objects - 8.0 * terms[:, 2])[1]
-        peaks = np.array([run["memory"][0]["iterate"] for run in single])
-        rest = peaks - terms[: len(single), 1] * point
-        unknown, base = fitted(terms[: len(single), [0, 3]], rest)
+        """From the peaks of runs on one rank and on several, and of gmsh alone; `objects` from what Python holds."""
+        runs = (*single, *several)
+        sizes = [size_of(run) for run in runs]
+        terms = np.array([[s.unknowns / s.ranks, s.points, 1.0] for s in sizes])
+        parts = np.array([8.0 * s.nodes if s.ranks > 1 else 0.0 for s in sizes])
+        unknown, point, base = fitted(terms, np.array([run["memory"][-1]["iterate"] for run in runs]) - parts)
+        every = np.array([8.0 * s.nodes for s in sizes])
+        objects = fitted(terms, np.array([float(max(run["objects"])) for run in runs]) - every)[1]
         gmsh = fitted(
             np.array([[run["unknowns"], 1.0] for run in drawn]), np.array([run["memory"][0]["gmsh"] for run in drawn])
         )
-        return Memory(base, unknown, point, 8.0, gmsh[0])
+        return Memory(base, unknown, point, 8.0, gmsh[0], objects)
 
     def of_rank(self, size: Size) -> dict[str, float]:
         """Bytes of each rank by what they are for; `mesh` is on rank 0 alone."""
