@@ -97,8 +97,9 @@ the mesh: {node:.0f} GB on a node of 32 ranks, however many nodes there are, bef
 can be used.
 2. **The mesh.** Rank 0 alone makes it: {mesh:.0f} s whatever the ranks, {share:.0f} % of the run on 64, and
 {gmsh:.0f} GB in one process, where the program's own price for that many cells is 50 GB. Linear growth is assumed; it
-was drawn up to {drawn:.1f} million unknowns. No 32-bit number overflows yet: 10⁸ unknowns and 2.7·10⁸ corners of cells
-are below 2³¹, which PETSc's indices as Debian builds it and the counts of MPI pass at 8 times as many cells.
+was drawn up to {drawn:.1f} million unknowns. 32-bit numbers do not overflow yet, as far as was read, not run: 10⁸ unknowns
+and 2.7·10⁸ corners of cells are below 2³¹, the limit of PETSc's indices as Debian builds it and of MPI's counts, which
+8 times as many cells pass.
 3. **An iteration, from 256 ranks on.** {rest:.0f} ms of it do not fall: {vectors:.0f} ms are arrays over all contact
 points, which each rank works through also where no law is compliant (`CompliantFaces`, `sticking`), {gathered:.0f} ms
 are collectives, nearly all of it the gather of `sticking`. Product and cycle are {bodies:.0f} ms on 4096 ranks. From 64
@@ -264,16 +265,15 @@ def _memory(single: Sequence[Run], two: Sequence[Run], drawn: Sequence[Run], mem
     rows = []
     for run in (*single, *two):
         peaks = [f"{rank['iterate'] / 1e6:.0f}" for rank in run["memory"]]
-        size = size_of(run)
-        expected = predicted_peak(memory, size) / 1e6
+        expected = predicted_peak(memory, size_of(run)) / 1e6
         ratio = expected / (run["memory"][-1]["iterate"] / 1e6)
         objects = f"{max(run['objects']) / 1e6:.0f}"
         rows.append([_name(run), str(run["ranks"]), " + ".join(peaks), objects, f"{expected:.0f}", f"{ratio:.2f}"])
     yield from _table(("cells", "ranks", "peak of each [MB]", "Python's objects", "model", "over measured"), rows)
-    made = [
-        f"{run['unknowns'] / 1e6:.2g} million {run['memory'][0]['gmsh'] / 1e9:.2f} GB and {run['seconds']['gmsh']:.1f} s"
-        for run in drawn
-    ]
+    made = []
+    for run in drawn:
+        size, seconds = run["memory"][0]["gmsh"] / 1e9, run["seconds"]["gmsh"]
+        made.append(f"{run['unknowns'] / 1e6:.2g} million {size:.2f} GB and {seconds:.1f} s")
     yield "\n" + words(
         MEMORY,
         base=memory.base / 1e6,

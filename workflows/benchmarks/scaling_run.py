@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from stickslip.geometry.memory import peak
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
@@ -29,6 +28,7 @@ from stickslip.geometry.mesh.mesh import build_mesh, mesh_shape
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.interface.prepare import prepare_surface
 from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.petsc_log import begin_log, logged
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import planned
@@ -107,7 +107,7 @@ def measure(case: Case) -> dict[str, Any]:
     comm = MPI.COMM_WORLD
     seconds: dict[str, float] = {}
     memory: dict[str, float] = {}
-    PETSc.Log.begin()
+    begin_log()
     scene, counters = case.scene(), Counters()
     problem = planned(scene)
     memory["start"] = peak()
@@ -139,7 +139,8 @@ def measure(case: Case) -> dict[str, Any]:
     done("coordinates")
     for phase, part in REPLICATED.items():
         seconds[phase] -= seconds[part]
-    profile, logged, sent = cProfile.Profile(clock.process_time), events(), counted()
+    profile, sent = cProfile.Profile(clock.process_time), counted()
+    before = [logged(name) for name in EVENTS]
     cycles, iterations = counters.linear_iterations, []
     profile.enable()
     for time in scene.requested_times()[: case.steps]:
@@ -147,9 +148,10 @@ def measure(case: Case) -> dict[str, Any]:
         state = accepted.state
         iterations.append(accepted.iterations)
     profile.disable()
+    found = [asdict(logged(name) - was) for name, was in zip(EVENTS, before, strict=True)]
     own = {key: count - sent[key] for key, count in counted().items()}
     done("iterate")
-    after, of_parts = events(), parts(profile)
+    of_parts = parts(profile)
     return {
         "case": asdict(case),
         "ranks": comm.size,
@@ -163,7 +165,8 @@ def measure(case: Case) -> dict[str, Any]:
         "calls": calls(profile),
         "sent": {key: reduced(value) for key, value in own.items()},
         "events": {
-            name: {key: reduced(after[name][key] - logged[name][key]) for key in after[name]} for name in EVENTS
+            name: {key: reduced(value) for key, value in event.items()}
+            for name, event in zip(EVENTS, found, strict=True)
         },
         "memory": comm.allgather(memory),
         "objects": comm.allgather(size_of(stepper, state)),
@@ -180,13 +183,6 @@ def draw(problem: Problem) -> None:
     with gmsh_session() as gmsh:
         unit = mesh_shape(gmsh, problem.shape, problem.request)
         find_parts(gmsh, problem.request.dim, unit)
-
-
-def events() -> dict[str, dict[str, float]]:
-    """PETSc's log of each event so far, on this rank: calls, seconds, messages, their bytes, reductions."""
-    keys = {"count": "count", "time": "seconds", "numMessages": "messages", "messageLength": "bytes"}
-    found = {name: PETSc.Log.Event(name).getPerfInfo() for name in EVENTS}
-    return {name: {ours: float(info[theirs]) for theirs, ours in keys.items()} for name, info in found.items()}
 
 
 def parts(profile: cProfile.Profile) -> dict[str, float]:
