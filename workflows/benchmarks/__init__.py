@@ -1,1 +1,1 @@
-"""Timed runs: search, histories, the price of every method, adaptive rounds, scaling, discrete problems beside Siconos."""
+"""Timed runs: search, histories, prices of all methods, adaptive rounds, scaling, problems beside Siconos."""

@@ -97,9 +97,9 @@ the mesh: {node:.0f} GB on a node of 32 ranks, however many nodes there are, bef
 can be used.
 2. **The mesh.** Rank 0 alone makes it: {mesh:.0f} s whatever the ranks, {share:.0f} % of the run on 64, and
 {gmsh:.0f} GB in one process, where the program's own price for that many cells is 50 GB. Linear growth is assumed; it
-was drawn up to {drawn:.1f} million unknowns. 32-bit numbers do not overflow yet, as far as was read, not run: 10⁸ unknowns
-and 2.7·10⁸ corners of cells are below 2³¹, the limit of PETSc's indices as Debian builds it and of MPI's counts, which
-8 times as many cells pass.
+was drawn up to {drawn:.1f} million unknowns. 32-bit numbers do not overflow yet, as far as was read, not run: 10⁸
+unknowns and 2.7·10⁸ corners of cells are below 2³¹, the limit of PETSc's indices as Debian builds it and of the counts
+of MPI, which 8 times as many cells pass.
 3. **An iteration, from 256 ranks on.** {rest:.0f} ms of it do not fall: {vectors:.0f} ms are arrays over all contact
 points, which each rank works through also where no law is compliant (`CompliantFaces`, `sticking`), {gathered:.0f} ms
 are collectives, nearly all of it the gather of `sticking`. Product and cycle are {bodies:.0f} ms on 4096 ranks. From 64
