@@ -93,7 +93,8 @@ BREAKS = """## What breaks first
 
 1. **Memory at the contact.** Every rank needs {contact:.1f} GB for all contact points, and the part of each node of
 the mesh: {node:.0f} GB on a node of 32 ranks, however many nodes there are, before the bodies take their
-{bodies_node:.0f} GB on 2 nodes or {bodies_last:.0f} on 128. A node of 256 GB holds {fit_first} ranks of 64 and {fit_last} of 4096,
+{bodies_node:.0f} GB on 2 nodes or {bodies_last:.0f} on 128.
+A node of 256 GB holds {fit_first} ranks of 64 and {fit_last} of 4096,
 fewer where rank 0 is.
 2. **The mesh.** Rank 0 alone makes it: {mesh:.0f} s whatever the ranks, {share:.0f} % of the run on 64, and
 {gmsh:.0f} GB in one process, where the program's own price for that many cells is 50 GB. Linear growth is assumed; it
@@ -110,7 +111,8 @@ nodes, and a search for the largest entry of each row that scipy does in a loop 
 5. Then messages on the coarse levels ({messages:.0f} ms on 4096 ranks), and what numpy's calls cost without any points
 ({fixed:.0f} ms).
 
-So today 64 ranks are worth asking for, {fit_first} to a node of 256 GB, and 256 with that much contact hardly. In the order of what
+So today 64 ranks are worth asking for, {fit_first} to a node of 256 GB, and 256 with that much contact
+hardly. In the order of what
 is gained for the work: `sticking` as one sum over own rows; no arrays where no law is compliant; the search for the
 largest entries without a loop; rows and coordinates on the ranks that own them; a mesh that is read in parallel.
 """
