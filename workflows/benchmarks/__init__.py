@@ -1,1 +1,1 @@
-"""Timed runs: search, long histories, the price of every method, adaptive rounds, discrete problems beside Siconos."""
+"""Timed runs: search, histories, prices of all methods, adaptive rounds, scaling, problems beside Siconos."""
