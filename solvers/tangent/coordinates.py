@@ -103,9 +103,11 @@ def _owners(system: System, N: Sparse, node: Ints) -> Ints:
         if count and not compliant:
             slaves = np.isin(node, system.constraints.roots(c.surface.nodes)).astype(float)
             often = np.maximum(np.asarray((size[span] != 0).sum(axis=0)).ravel(), 1)  # a node without rows is shared
-            part = (size[span] @ sparse.diags(slaves / often**2)).tocsr()
-            largest = np.asarray(part.max(axis=1).todense()).ravel()
-            owner[span] = np.where(largest > 0, np.asarray(part.argmax(axis=1)).ravel(), -1)
+            part = (size[span] @ sparse.diags(slaves / often**2)).tocoo()
+            order = np.lexsort((-part.col, part.data, part.row))
+            last = order[np.flatnonzero(np.diff(part.row[order], append=count))]  # the largest entry of each row
+            last = last[part.data[last] > 0]
+            owner[first - count + part.row[last]] = part.col[last]
     return owner
 
 

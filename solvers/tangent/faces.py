@@ -44,6 +44,8 @@ class CompliantFaces:
         self._vector = operator.K_B.createVecRight()
         low = operator.K_B.getOwnershipRange()[0]
         self.slaves = np.searchsorted(coordinates.numbers, operator.at + low)
+        none, size = np.zeros(len(problem.gap)), self._vector.getLocalSize()
+        self._nothing = Pressed(none, none, none, np.zeros(size), np.zeros(len(operator.at)))
 
     def motion(self, v: Array) -> Array:
         """Closing motion N v (rows,) [m] of coordinates v (owned,); collective."""
@@ -54,6 +56,8 @@ class CompliantFaces:
 
     def pressed(self, v: Array) -> Pressed:
         """The faces at coordinates v (owned,) [m]; collective."""
+        if not self.places:
+            return self._nothing
         rows = len(self.problem.gap)
         p, stiffness = np.zeros(rows), np.zeros(rows)
         x = self.motion(v) + self.problem.offset - self.problem.gap
@@ -61,10 +65,8 @@ class CompliantFaces:
             n, law = block.normal, block.rows.normal
             p[n] = law.pressure(x[n])
             stiffness[n] = self.problem.surface.W[n] * law.stiffness(p[n], x[n])
-        diagonal = np.zeros(len(self.operator.at))
-        if self.places:
-            size = abs(self.N)
-            diagonal = (size.T @ (stiffness * (size @ np.ones(size.shape[1]))))[self.slaves]
+        size = abs(self.N)
+        diagonal = (size.T @ (stiffness * (size @ np.ones(size.shape[1]))))[self.slaves]
         return Pressed(p, x, stiffness, self.forces(self.problem.surface.W * p), diagonal)
 
     def forces(self, weighted: Array) -> Array:

@@ -221,15 +221,17 @@ class ContactPoints:
 
     def sticking(self, tangent: Tangent) -> float:
         """Share of the closed area that sticks; collective."""
-        W, held = self.faces.problem.surface.W, (~tangent.free | (tangent.spring > 0)).astype(float)
-        sticks, pressed = self.gathered(held) > 0, self.gathered(tangent.p) > 0
-        closed = stuck = 0.0
-        for block in self.faces.problem.cone.places:
-            n, first = block.normal, np.arange(block.tangential.start, block.tangential.stop)
-            first = first.reshape(block.rows.free.shape)[:, :1].ravel()
-            closed += float(W[n] @ (sticks[n] | pressed[n]))
-            stuck += float(W[first] @ sticks[first])
-        return stuck / closed if closed else 1.0
+        share = np.zeros(len(self.of))
+        share[self.own] = 1.0
+        held, areas = ~tangent.free | (tangent.spring > 0), np.zeros(2)
+        for block in self.cone.places:
+            n = block.normal
+            if block.rows.normal.at_quadrature:  # rows of every rank
+                share[n] = 1 / self.comm.size
+            first = np.arange(block.tangential.start, block.tangential.stop).reshape(block.rows.free.shape)[:, 0]
+            areas += (self.W * share)[first] @ held[first], (self.W * share)[n] @ (held | (tangent.p > 0))[n]
+        stuck, closed = self.comm.allreduce(areas)
+        return float(stuck / closed) if closed else 1.0
 
     def project(self, tangent: Tangent, v: Array, new: Array) -> Array:
         """`new` without penetration, and without slip that has turned back on the way from v; all (m d,) [m]."""
