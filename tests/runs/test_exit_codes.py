@@ -195,6 +195,6 @@ def test_without_a_library_that_draws_the_results_stand(
 ) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.setattr("stickslip.workflows.pictures.render.OFF_SCREEN", ("libnothing.so.1",))
-    code, _, err = call("run", "block", "-q", "-o", "out", *COARSE, "--set=output.pictures=true")
+    code, _, err = call("run", "cube", "-q", "-o", "out", "--set=geometry.mesh_size=0.5", "--set=output.pictures=true")
     assert (code, "no pictures could be drawn" in err, "libegl1" in err) == (0, True, True)
     assert (folder / "out" / "result.json").exists()

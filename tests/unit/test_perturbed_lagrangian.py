@@ -222,7 +222,7 @@ def difference(
     apart = []
     for step, other in zip(mine, simulation.steps(), strict=True):
         K, nodes = simulation.system.K, simulation.system.nodes
-        d = K.createVecRight()
+        d = simulation.system.vector()
         d.array[:] = (step.displacement - other.displacement)[nodes.input].ravel()
         apart.append(float(np.sqrt((K * d).dot(d) / (2 * other.energy.stored))))
     return mine, apart

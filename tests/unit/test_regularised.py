@@ -59,7 +59,7 @@ def exactly(scene: Scene) -> Scene:
 def energy_norm(simulation: Simulation, step: StepResult, reference: StepResult) -> float:
     """Of the difference, relative to the reference."""
     K, nodes = simulation.system.K, simulation.system.nodes
-    apart = K.createVecRight()
+    apart = simulation.system.vector()
     apart.array[:] = (step.displacement - reference.displacement)[nodes.input].ravel()
     return float(np.sqrt((K * apart).dot(apart) / (2 * reference.energy.stored)))
 

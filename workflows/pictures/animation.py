@@ -21,7 +21,7 @@ from stickslip.geometry.units import Units
 from stickslip.solvers.results.step_result import OPEN, MeshData
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.formats.aside import write_aside
-from stickslip.workflows.formats.steps import read_step, step_files, step_name, three
+from stickslip.workflows.formats.steps import light_files, read_step, step_name, three
 from stickslip.workflows.pictures.body_picture import displacement_scale, plain
 from stickslip.workflows.pictures.contact_maps import dual_cells, view_of
 from stickslip.workflows.pictures.focus import close_up
@@ -64,7 +64,8 @@ def animate(folder: Path, scene: Scene, mesh: MeshData, count: int) -> Path:
     Raises:
         MachineError: a step's file cannot be read, or the disk is full.
     """
-    there = [index for index in step_files(folder) if index <= count]
+    light = light_files(folder)
+    there = [index for index in range(1, count + 1) if index not in light]
     chosen = np.unique(np.linspace(0, len(there) - 1, min(len(there), FRAMES)).round().astype(int))
     indices = [there[place] for place in chosen]
     course = survey(folder, mesh, indices)
