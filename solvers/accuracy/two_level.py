@@ -127,7 +127,7 @@ class MeshCorrection:
             if before.surplus is not None:
                 before = replace(before, w=before.w + rows.N @ rows.read(before.surplus))
         chain, system, surface = stepper.chain, stepper.system, stepper.surface
-        solve = chain.beside(system, surface, NEARER)
+        solve = chain.beside(system, surface, new, NEARER)
         if solve is None:
             return None
         step = _Substep(stepper, self._bubbles, rows, before, new, problem)

@@ -97,6 +97,19 @@ class OnTangent(Ready):
         """Solve one step from displacement u [m] of all dofs; see `SameEveryStep`; collective."""
         return Iteration(self, problem, u).solve(on_step)
 
+    def apart(self, u: Vec, drop: float) -> Solve:
+        """A solver of problems near that of a displacement u [m] of all dofs, which changes nothing for later steps.
+
+        Args:
+            u: under the same supports.
+            drop: factor by which the error becomes smaller.
+        """
+
+        def solve(problem: SurfaceProblem, _: Array, on_step: OnStep) -> Solution:
+            return Iteration(self, problem, u, drop).solve(on_step)
+
+        return solve
+
     def hold(self, numbers: Ints) -> None:
         """Set up multigrid with these coordinates held; collective."""
         nodes = np.unique(numbers // self.system.mesh.dim)
@@ -112,8 +125,13 @@ class OnTangent(Ready):
 class Iteration:
     """The iteration on one step: coordinates v, and forces g = f - K v that bodies leave to contact."""
 
-    def __init__(self, ready: OnTangent, problem: SurfaceProblem, u: Vec) -> None:
-        self.ready, self.problem, self.operator = ready, problem, ready.operator
+    def __init__(self, ready: OnTangent, problem: SurfaceProblem, u: Vec, drop: float = 0.0) -> None:
+        """
+        Args:
+            u: displacement of all dofs to start from [m].
+            drop: share of the first error and residual that is small enough, too; multigrid then stays as it is.
+        """
+        self.ready, self.problem, self.operator, self.drop = ready, problem, ready.operator, drop
         self.faces = CompliantFaces(self.operator, ready.coordinates, problem)
         self.points = ContactPoints(self.operator, ready.coordinates, problem, self.faces)
         system, time = ready.system, problem.cone.time
@@ -132,7 +150,7 @@ class Iteration:
 
     def solve(self, on_step: OnStep) -> Solution:
         """Iterate until the error that is expected is small enough; collective."""
-        operator, rtol = self.operator, self.ready.method.rtol
+        operator, rtol, natural = self.operator, self.ready.method.rtol, self.ready.method.rtol
         history: list[Step] = []
         status: Status | None = None
         stalled = Stall(STALL_WINDOW, 0.5)
@@ -142,7 +160,9 @@ class Iteration:
             trial = self._relax()
             tangent = self._tangent(trial)
             r = self._residual(tangent)
-            enough = expected <= rtol and self._natural(tangent) <= rtol
+            if k == 0 and self.drop:
+                natural = max(natural, self.drop * self._natural(tangent))
+            enough = expected <= rtol and self._natural(tangent) <= natural
             if enough:
                 residual, status = expected, Status.CONVERGED
             else:
@@ -150,6 +170,7 @@ class Iteration:
                 error = float(np.sqrt(abs(operator.dot(r, z))))
                 scale = max(self._size(), error)
                 residual = error / scale if scale else 0.0
+                rtol = max(rtol, self.drop * residual) if k == 0 else rtol
                 status = ending(residual, 0.0, stalled(k, residual))
                 if status is None and self.ready.hurried and k == PATIENCE:
                     status = Status.SLOW
@@ -158,7 +179,7 @@ class Iteration:
             if status is not None or k == self.ready.method.max_it:
                 break
             contraction = float(np.clip(residual / before, FASTEST, SLOWEST))
-            slow += contraction > SLOW
+            slow += contraction > SLOW and not self.drop
             if slow == 2:
                 self._adapt(tangent)
             slow %= 2

@@ -20,6 +20,7 @@ from stickslip.solvers.methods import METHODS
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.methods.method import Ready, Setup, Solve
 from stickslip.solvers.methods.surface_uzawa import LearningIteration
+from stickslip.solvers.methods.tangent_cg import OnTangent
 from stickslip.solvers.metrics.surface_metric import SurfaceMetric, surface_metric
 from stickslip.solvers.newton.solution import Solution, Status
 from stickslip.solvers.newton.surface_system import Flexibility
@@ -28,6 +29,7 @@ from stickslip.solvers.stepping.choice import Choice, Stage, choose, fits
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.system.system import System
 
+CLOSER = 0.1  # of the error that is allowed: of a method whose displacement is not improved afterwards
 SAFE = 4.0  # factor by which a safe metric overestimates the flexibility of the bodies
 log = logging.getLogger(__name__)
 
@@ -216,11 +218,12 @@ class MethodChain:
             ready.restore(known, surface)
         return ready
 
-    def beside(self, system: System, surface: DelassusOperator, drop: float) -> Solve | None:
-        """A solver of problems near solved ones, with the exact contact laws, that changes nothing for later steps.
+    def beside(self, system: System, surface: DelassusOperator, state: State, drop: float) -> Solve | None:
+        """A solver of problems near a solved one, with the exact contact laws, that changes nothing for later steps.
 
         Args:
             system, surface: the bodies.
+            state: the solution of that one.
             drop: factor by which an iterative one makes the residual smaller.
 
         Returns:
@@ -231,6 +234,8 @@ class MethodChain:
         if not isinstance(surface, MatrixFreeSurface):
             return None
         ready = self._ready[self.stage]
+        if isinstance(ready, OnTangent):
+            return ready.apart(state.u, CLOSER * drop)
         if not isinstance(ready, LearningIteration):
             ready = LearningIteration(metric=self._any_metric(system))
         return ready.apart(drop)
