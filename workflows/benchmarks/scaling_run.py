@@ -214,9 +214,14 @@ def statistics(profile: cProfile.Profile) -> dict[tuple[str, str], tuple[int, fl
     return found
 
 
-def size_of(*roots: object) -> int:
-    """Bytes of all Python objects and numpy arrays that can be reached; what PETSc holds is not among them."""
-    seen, waiting, total = set[int](), list(roots), 0
+def size_of(*roots: object, seen: set[int] | None = None) -> int:
+    """Bytes of all Python objects and numpy arrays that can be reached; what PETSc holds is not among them.
+
+    Args:
+        seen: identities of objects that are not counted; those that are counted are added.
+    """
+    waiting, total = list(roots), 0
+    seen = set() if seen is None else seen
     while waiting:
         one = waiting.pop()
         if id(one) in seen or isinstance(one, type | ModuleType | FunctionType):
