@@ -111,8 +111,8 @@ class RigidModes:
         """
         of, comm = self.constraints, self.constraints.comm
         rows = [values[alike.own].ravel() for alike, values in zip(of.alike, of.wanted(time), strict=True)]
-        of_rigid = [point.wanted(of.course, time) for point in of.remote.rigid] if comm.rank == 0 else []
-        wanted = np.concatenate([np.zeros(1), *rows, *of_rigid])
+        of_rigid = [point.wanted(of.course, time) for point in of.remote.rigid]  # all ranks raise, or none
+        wanted = np.concatenate([np.zeros(1), *rows, *(of_rigid if comm.rank == 0 else [])])
         wanted = np.pad(wanted, (0, len(self._Q) - len(wanted)))
         rounding = ROUNDING * comm.allreduce(float(np.abs(wanted).max()), op=MPI.MAX)
         found = self._inverse @ comm.allreduce(self._Q.T @ wanted)

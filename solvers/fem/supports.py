@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -37,7 +38,8 @@ def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: 
     found = _own_components(problem, mesh, space, nodes, drives, names)
     shared = np.zeros(nodes.owned, bool)
     rigid = [coupling.boundary for coupling in problem.couplings if coupling.rigid]
-    for side in {*problem.request.contact_sides, *(s for pair in problem.request.periodic for s in pair), *rigid}:
+    of_periodic = chain.from_iterable(problem.request.periodic)
+    for side in dict.fromkeys([*problem.request.contact_sides, *of_periodic, *rigid]):
         shared[own_nodes(mesh, space, nodes, side).local] = True
     found = _with_shared(mesh, nodes, found, shared, periodic)
     points = find_remote_points(problem, mesh, space, nodes)

@@ -152,7 +152,7 @@ class LearningIteration(SameEveryStep):
             def whole(force: Array) -> Array:
                 return np.concatenate([guess(force[:own]), force[own:] / surface.rho])
 
-            return Secants(whole, surface.R, surface.R / surface.rho)
+            return Secants(whole, surface.R, surface.R / surface.rho, self.metric.comm)
 
         if self.safety != 1:
             return with_driven(lambda force: np.asarray(self.safety * self.metric(force)))
@@ -165,7 +165,7 @@ class LearningIteration(SameEveryStep):
         if self.smooth is None:
             return self.metric
         forces, displacements = self.smooth
-        primed = Secants(self.metric, forces[:, :0], displacements[:, :0])
+        primed = Secants(self.metric, forces[:, :0], displacements[:, :0], self.metric.comm)
         for force, displacement in zip(forces.T, displacements.T, strict=True):
             primed.learn(force, displacement)
         return primed
