@@ -88,4 +88,4 @@ def test_secants_are_shared_by_rows(ranks: int, tmp_path: Path) -> None:
     assert all(count == shapes[0][1] > 0 for _, count in shapes)
     assert abs(shapes[0][1] - pairs) <= 2  # which pairs are independent may be decided by rounding
     assert all(one == found[0] for one in found)
-    assert_allclose(found[0], alone, rtol=1e-7)
+    assert_allclose(found[0], alone, rtol=1e-7, atol=1e-9 * max(alone))  # the shear of the first step is zero
