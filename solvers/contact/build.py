@@ -63,6 +63,7 @@ def along(relative: Sparse, directions: Array) -> Sparse:
     values = entries.data[:, None, None] * components
     shape = (m * c, entries.shape[1] * d)
     found: Sparse = sparse.coo_matrix((values.ravel(), (i.ravel(), j.ravel())), shape=shape).tocsr()
+    found.eliminate_zeros()  # of directions along axes
     return found
 
 

@@ -64,6 +64,7 @@ class Case:
     layers: int = 0  # 0: as many as n
     steps: int = 2
     tolerance: float = 1e-8
+    method: str = "tangent-cg"
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -93,7 +94,7 @@ class Case:
                 "supports.top.displacement={ "
                 f"x = [[0, 0], [1, 0], [2, {0.02 * height!r}]], y = [[0, 0], [1, 0], [2, {0.01 * height!r}]], "
                 f"z = [[0, 0], [1, {-0.05 * height!r}]] }}",
-                f'solver={{ method = "tangent-cg", surface = "matrix-free", tolerance = {self.tolerance!r} }}',
+                f'solver={{ method = "{self.method}", surface = "matrix-free", tolerance = {self.tolerance!r} }}',
                 "output.error=false",
             ],
         )

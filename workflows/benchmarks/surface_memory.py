@@ -1,6 +1,6 @@
 """Bytes that each rank holds for a contact point, object by object: `mpirun -n 2 python -m` this module, with N LAYERS.
 
-The slab of `scaling_run` by method tangent-cg, to the end of its steps. Held are numpy arrays and Python's objects,
+The slab of `scaling_run`, to the end of its steps. Held are numpy arrays and Python's objects,
 each under the first name that reaches it; the tops of phases are what they need on the way, by tracemalloc. Both count
 bytes and are firm; what PETSc holds is not among them.
 """
@@ -65,6 +65,8 @@ def measure(case: Case) -> tuple[dict[str, int], dict[str, float]]:
         "coordinates": [getattr(one, "coordinates", None) for one in stepper.chain._ready.values()],
         "operator N, W, R": [stepper.surface.N, stepper.surface.W, stepper.surface.R],
         "surface, volume": [stepper.surface, stepper.chain.volume],
+        "coarse mesh": stepper.chain.coarse,
+        "method": stepper.chain._ready,
         "stepper": stepper,
         "step": accepted.problem,
         "state": [state, accepted],
@@ -77,9 +79,10 @@ def measure(case: Case) -> tuple[dict[str, int], dict[str, float]]:
 def main(
     n: Annotated[int, typer.Argument(help="cells along x and y")] = 128,
     layers: Annotated[int, typer.Argument(help="cells along z")] = 2,
+    method: Annotated[str, typer.Option(help="with the bodies in matrix-free form")] = "tangent-cg",
 ) -> None:
     """Print bytes by contact point of each rank."""
-    comm, case = MPI.COMM_WORLD, Case(n, layers)
+    comm, case = MPI.COMM_WORLD, Case(n, layers, method=method)
     held, tops = measure(case)
     tops["peak of the process"] = peak()
     found = comm.gather((held, tops))
