@@ -146,6 +146,15 @@ def add_to_owners(function: Function) -> None:
     function.x.scatter_reverse(la.ScatterMode.add if OLD else la.InsertMode.add)
 
 
+def sums_on_owners(space: FunctionSpace, values: Array) -> Array:
+    """Values (k, d) at local nodes, those of ghosts added to those of their owners (owned, d); collective."""
+    function: Function = fem.Function(space)
+    function.x.array[:] = values.ravel()
+    add_to_owners(function)
+    count = space.dofmap.index_map.size_local
+    return np.asarray(function.x.array.reshape(values.shape)[:count])
+
+
 def _rows(table: Any) -> Ints:
     return np.asarray(table.array.reshape(-1, table.links(0).size) if hasattr(table, "links") else table)
 

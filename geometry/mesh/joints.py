@@ -25,7 +25,7 @@ class Joints:
     """Nodes that two parts share: both move alike there, and can turn against each other unless more holds them."""
 
     points: Array  # (j, d) [m]
-    parts: Ints  # (j, 2), the first is that of the node in `Mesh.parts`
+    parts: Ints  # (j, 2), the first is that of the node in what `find_parts` returns
 
 
 def find_parts(gmsh: Gmsh, dim: int, unit: float) -> tuple[Ints, Joints]:

@@ -15,6 +15,7 @@ from stickslip.geometry.memory import available
 from stickslip.geometry.mesh.gmsh_session import gmsh_session, own_interrupt
 from stickslip.geometry.mesh.jacobian import refuse_inverted_cells
 from stickslip.geometry.mesh.joints import Joints, find_parts
+from stickslip.geometry.mesh.ranks import from_rank_0
 from stickslip.geometry.protocols import Comm, DolfinxMesh, Gmsh, MeshTags
 from stickslip.geometry.shape import Request, Shape
 
@@ -31,7 +32,9 @@ class Mesh:
     sides: Mapping[str, int]  # name -> tag of facets
     degree: int  # polynomial degree of geometry and displacement
     axisymmetric: bool
-    parts: Ints  # part of each node of the gmsh model, numbered from 0, see `find_parts`
+    node_count: int  # of the gmsh model
+    part_count: int  # number of parts, see `find_parts`
+    parts: Ints  # (local,) part of each node of this rank's cells, in the order of `domain.geometry`, numbered from 0
     joints: Joints  # nodes that several parts share
 
     @property
@@ -39,19 +42,16 @@ class Mesh:
         return int(self.domain.geometry.dim)
 
     @property
-    def part_count(self) -> int:
-        """Number of parts."""
-        return int(self.parts.max()) + 1
-
-    @property
     def simplicial(self) -> bool:
         """Whether cells are triangles or tetrahedra."""
         return self.domain.topology.cell_type.name in ("triangle", "tetrahedron")
 
     def parts_of(self, numbers: Ints) -> Ints:
-        """Connected parts of nodes with the numbers `Nodes.input` (n,)."""
-        total = len(self.parts)
-        return np.asarray(self.parts[np.where(numbers < total, numbers, numbers // total - 1)])
+        """Connected parts of nodes of this rank's cells with the numbers `Nodes.input` (n,)."""
+        total, inputs = self.node_count, np.asarray(self.domain.geometry.input_global_indices, np.int64)
+        order = np.argsort(inputs)
+        of_mesh = np.where(numbers < total, numbers, numbers // total - 1)
+        return np.asarray(self.parts[order[np.searchsorted(inputs, of_mesh, sorter=order)]])
 
     def facets(self, side: str) -> Ints:
         """Local numbers of the facets of a side that this rank owns."""
@@ -123,14 +123,20 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
     shares = comm.allgather(domain.topology.index_map(request.dim).size_local)
     if min(shares) == 0:
         raise GeometryError(f"the mesh has {sum(shares)} cells, too few for {comm.size} ranks; use fewer")
-    names, found, unit = comm.bcast((names, found, unit))
+    joints = found[1] if found else None
+    sizes = (len(found[0]), int(found[0].max()) + 1, int(np.count_nonzero(found[0] >= 0))) if found else None
+    names, joints, sizes, unit = comm.bcast((names, joints, sizes, unit))
     assert names is not None
-    assert found is not None
-    if domain.geometry.index_map().size_global > np.count_nonzero(found[0] >= 0):  # dolfinx looks for shared facets
+    assert joints is not None
+    assert sizes is not None
+    node_count, part_count, used = sizes
+    if domain.geometry.index_map().size_global > used:  # dolfinx looks for shared facets
         raise GeometryError(
             f"cells hang together by points or edges only, where {comm.size} ranks would take them apart; use one "
             "rank, or join them by whole facets"
         )
+    numbers = np.asarray(domain.geometry.input_global_indices, np.int64)
+    parts = from_rank_0(comm, numbers, found[0] if found else None) if part_count > 1 else np.zeros_like(numbers)
     domain.geometry.x[:] *= unit
     if shape.degree > 1:
         refuse_inverted_cells(domain, shape.degree)
@@ -143,8 +149,10 @@ def _build(shape: Shape, request: Request, comm: Comm) -> Mesh:
         sides=names[request.dim - 1],
         degree=shape.degree,
         axisymmetric=request.model == "axisymmetric",
-        parts=found[0],
-        joints=found[1],
+        node_count=node_count,
+        part_count=part_count,
+        parts=parts,
+        joints=joints,
     )
 
 

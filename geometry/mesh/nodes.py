@@ -24,7 +24,7 @@ class Nodes:
     number: Ints  # (k,) global
     input: Ints  # (k,) number in the gmsh model, see `of`: the same on any number of ranks
     points: Array  # (k, d) [m]
-    part: Ints  # (k,) part of the mesh, as in `Mesh.parts`
+    part: Ints  # (k,) part of the mesh, see `find_parts`
 
     @staticmethod
     def of(mesh: Mesh, space: FunctionSpace) -> Nodes:
@@ -38,7 +38,7 @@ class Nodes:
         x, dofs = domain.geometry.x[:, : domain.geometry.dim], dx.cell_dofs(space)
         number, points = np.empty(count, np.int64), np.empty((count, x.shape[1]))
         of_cells, inputs = dx.cell_nodes(domain), np.asarray(domain.geometry.input_global_indices, np.int64)
-        of_mesh, total = inputs[of_cells], len(mesh.parts)
+        of_mesh, total = inputs[of_cells], mesh.node_count
         shape = domain.topology.cell_type.name
         at = dx.reference_nodes(shape, dx.degree(space))
         for k, weights in enumerate(dx.reference_basis(shape, mesh.degree, at)[0]):

@@ -5,8 +5,8 @@ The volume mesh is distributed; the surface has O(N^(2/3)) data.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from scipy import sparse
@@ -16,6 +16,7 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
+from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import FunctionSpace, Sparse
 
 CREASE = 40.0  # [degrees] neighbouring facets of a smooth side differ by less, those at an intended edge by more
@@ -80,10 +81,16 @@ class Surface:
     facets: Ints  # (f, k) rows of `nodes`, in dolfinx's order on a facet
     outward: Array  # (f,) 1 if the cross product of the facet's tangents points outward, else -1
     axisymmetric: bool
+    parts: Ints | None = None  # (n,) of the mesh, see `find_parts`; None: all nodes are of part 0
 
     @property
     def dim(self) -> int:
         return int(self.points.shape[1])
+
+    @property
+    def part(self) -> Ints:
+        """Part of the mesh of each node (n,)."""
+        return np.zeros(len(self.nodes), np.int64) if self.parts is None else self.parts
 
     def quadrature(self, degree: int) -> tuple[Array, Array]:
         """Quadrature weights (f, q) [m^(d-1)], 2 pi r included if axisymmetric, and values of the basis (q, k)."""
@@ -148,6 +155,11 @@ class Surface:
         Args:
             crease: [degrees]; where the facets at a node differ by more, only their largest smooth part counts.
         """
+        total = self._sums_of_normals(crease)
+        return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
+
+    def _sums_of_normals(self, crease: float = 180.0) -> Array:
+        """Sums (n, d) over the facets of the side at each node, before they are made unit; see `node_normals`."""
         local = dx.reference_nodes(self.shape, self.degree)
         normals = _normals(self.points[self.facets], dx.reference_basis(self.shape, self.degree, local)[1])
         normals *= self.outward[:, None, None]  # their length is the Jacobian of the facet there
@@ -155,7 +167,7 @@ class Surface:
             normals *= largest_smooth_part(self.facets, normals, crease)[:, :, None]
         total = np.zeros_like(self.points)
         np.add.at(total, self.facets, normals)
-        return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
+        return total
 
     def neighbours(self) -> Sparse:
         """Adjacency (n, n): 1 for different nodes that share a facet."""
@@ -174,30 +186,58 @@ class Surface:
 
 def gather_surface(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) -> Surface:
     """Gather a side (named body.side) from all ranks on every rank; collective."""
-    shape = FACET_OF[mesh.domain.topology.cell_type.name]
+    (_, own), every = _own_facets(mesh, space, nodes, side), partial(of_all_ranks, mesh.comm)
+    unique, first = np.unique(every(own.input), return_index=True)
+    facets = np.searchsorted(unique, every(own.input[own.facets]))
+    order = np.lexsort(np.sort(facets, axis=1).T[::-1])
+    return replace(
+        own,
+        nodes=every(own.nodes)[first],
+        input=unique,
+        points=every(own.points)[first],
+        facets=facets[order],
+        outward=every(own.outward)[order],
+        parts=None if own.parts is None else every(own.parts)[first],
+    )
+
+
+@dataclass(frozen=True)
+class OwnNodes:
+    """The n nodes of a side that this rank owns, in the order of the gmsh model's numbers."""
+
+    local: Ints  # (n,) local numbers
+    normals: Array  # (n, d) unit outward, see `Surface.node_normals`
+
+
+def own_nodes(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) -> OwnNodes:
+    """The nodes of a side (named body.side) by their owners, whoever owns the facets there; collective."""
+    local, facets = _own_facets(mesh, space, nodes, side)
+    total, count = np.zeros(nodes.points.shape), np.zeros(nodes.points.shape)
+    total[local], count[local] = facets._sums_of_normals(), 1.0
+    total, count = dx.sums_on_owners(space, total), dx.sums_on_owners(space, count)
+    found = np.flatnonzero(count[:, 0])
+    found = found[np.argsort(nodes.input[found])]
+    return OwnNodes(found, total[found] / np.linalg.norm(total[found], axis=1, keepdims=True))
+
+
+def _own_facets(mesh: Mesh, space: FunctionSpace, nodes: Nodes, side: str) -> tuple[Ints, Surface]:
+    """The facets of a side that this rank owns; local numbers (n,) of their nodes first."""
+    shape, degree = FACET_OF[mesh.domain.topology.cell_type.name], dx.degree(space)
     cells = dx.facet_cells(mesh.domain, mesh.facets(side))
     dofs = dx.cell_dofs(space)
-    local = np.array([dx.facet_dofs(space, i) for i in range(mesh.dim + 1 if mesh.simplicial else 2 * mesh.dim)])
-    found = dofs[cells[:, :1], local[cells[:, 1]]]  # (own facets, k)
-    degree = dx.degree(space)
-    outward = _outward(nodes.points[found], nodes.points[dofs[cells[:, 0]]].mean(axis=1), shape, degree)
-    comm = mesh.comm
-    numbers = np.concatenate(comm.allgather(nodes.number[found]))
-    inputs = np.concatenate(comm.allgather(nodes.input[found]))
-    points = np.concatenate(comm.allgather(nodes.points[found]))
-    signs = np.concatenate(comm.allgather(outward))
-    unique, first, rows = np.unique(inputs, return_index=True, return_inverse=True)
-    facets = rows.reshape(inputs.shape)
-    order = np.lexsort(np.sort(facets, axis=1).T[::-1])
-    return Surface(
+    of_facet = np.array([dx.facet_dofs(space, i) for i in range(mesh.dim + 1 if mesh.simplicial else 2 * mesh.dim)])
+    found = dofs[cells[:, :1], of_facet[cells[:, 1]]]  # (own facets, k)
+    local, facets = np.unique(found, return_inverse=True)
+    return local, Surface(
         shape=shape,
         degree=degree,
-        nodes=numbers.ravel()[first],
-        input=unique,
-        points=points.reshape(-1, mesh.dim)[first],
-        facets=facets[order],
-        outward=signs[order],
+        nodes=nodes.number[local],
+        input=nodes.input[local],
+        points=nodes.points[local],
+        facets=facets.reshape(found.shape),
+        outward=_outward(nodes.points[found], nodes.points[dofs[cells[:, 0]]].mean(axis=1), shape, degree),
         axisymmetric=mesh.axisymmetric,
+        parts=nodes.part[local] if mesh.part_count > 1 else None,
     )
 
 

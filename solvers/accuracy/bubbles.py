@@ -21,10 +21,8 @@ from stickslip.geometry.protocols import CompiledForm, Function, Sparse, UflForm
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.fem.supports import find_constraints
-from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.results.recovered_stress import InCell
 from stickslip.solvers.scene.problem import Problem
-from stickslip.solvers.system.contact_interface import components
 from stickslip.solvers.system.system import System, applied_loads
 
 
@@ -44,7 +42,7 @@ class Bubbles:
         weak = WeakForms(problem, mesh, self.space, system.counters, exact)
         coarse = WeakForms(problem, mesh, system.space, system.counters, exact)
         self.constraints = find_constraints(problem, mesh, self.space, self.nodes)
-        self._T = self.constraints.transformation(mesh.comm)
+        self._T = self.constraints.transformation()
         self._whole, self._alone = dx.fem.Function(self.space), dx.fem.Function(self.space)
         self._linear = dx.fem.Function(system.space)
         self._inner = [weak.compile(form) for form in _inner_forces(problem, weak, self._whole)]
@@ -133,7 +131,7 @@ class Bubbles:
         free.array[:] /= self._copies
         left = self.displacement(free)
         held = forces - left + self._at_corners(left)
-        return self.constraints.reactions(self._prescribed.read(held).reshape(-1, self.system.mesh.dim))
+        return self.constraints.reactions(held.array_r.reshape(-1, self.system.mesh.dim))
 
     def _at_corners(self, forces: Vec) -> Vec:
         """Forces on bubbles of order 2, at the nodes of the mesh between which they are; collective."""
@@ -185,10 +183,6 @@ class Bubbles:
         columns = np.repeat(np.arange(own), corners)
         shares: Sparse = sparse.csr_matrix((share[:own].ravel(), (ends[:own].ravel(), columns)), shape=(every, own))
         return shares
-
-    @cached_property
-    def _prescribed(self) -> Replicated:
-        return Replicated(self.zero(), components(self.constraints.prescribed_nodes, self.system.mesh.dim))
 
     @cached_property
     def _flexibility(self) -> Array:

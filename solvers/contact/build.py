@@ -21,6 +21,7 @@ from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.scene.contact import Contact
 
 SMALL = 1e-6  # sine of the angle below which directions count as parallel
+ACROSS = 1e-12  # likewise, below which they count as orthogonal
 DIGITS = 9  # to which components are rounded, so that among equal ones the first is the least
 
 
@@ -62,6 +63,7 @@ def along(relative: Sparse, directions: Array) -> Sparse:
     values = entries.data[:, None, None] * components
     shape = (m * c, entries.shape[1] * d)
     found: Sparse = sparse.coo_matrix((values.ravel(), (i.ravel(), j.ravel())), shape=shape).tocsr()
+    found.eliminate_zeros()  # of directions along axes
     return found
 
 
@@ -80,8 +82,28 @@ def frames_of(normals: Array) -> Array:
     return np.stack([normals, first, np.cross(normals, first)], axis=1)
 
 
+class HeldMotions:
+    """Motions of nodes that multipliers against rigid obstacles hold already."""
+
+    def __init__(self, dim: int) -> None:
+        self._nodes, self._projectors = np.zeros(0, np.int64), np.zeros((0, dim, dim))
+
+    def of(self, nodes: Ints) -> Array:
+        """Projectors (n, d, d) onto the held motions of nodes (n,)."""
+        found = np.zeros((len(nodes), *self._projectors.shape[1:]))
+        at = np.searchsorted(self._nodes, nodes)
+        known = np.isin(nodes, self._nodes)
+        found[known] = self._projectors[at[known]]
+        return found
+
+    def hold(self, nodes: Ints, projectors: Array) -> None:
+        """From now on these (n, d, d) are held at the nodes (n,), each once."""
+        every, first = np.unique(np.concatenate([nodes, self._nodes]), return_index=True)
+        self._nodes, self._projectors = every, np.concatenate([projectors, self._projectors])[first]
+
+
 def place_multipliers(
-    coupling: Coupling, directions: Array, constraints: Constraints, used: dict[int, Array]
+    coupling: Coupling, directions: Array, constraints: Constraints, used: HeldMotions
 ) -> MultiplierNodes:
     """Give each node a multiplier in the directions in which its motion is free and not yet held by another one.
 
@@ -89,22 +111,20 @@ def place_multipliers(
         coupling: the surface and what it may touch.
         directions: (n, c, d) unit directions at the nodes.
         constraints: supports and periodicity.
-        used: by root node, the projector (d, d) onto the motions that multipliers against rigid obstacles hold already;
-            those placed here are added.
+        used: of root nodes; what is held by those placed here is added.
     """
     surface, facing = coupling.surface, coupling.weights != 0
     tried = np.flatnonzero(coupling.carries)
     roots, bases = constraints.roots(surface.nodes[tried]), constraints.bases(surface.nodes[tried])[0]
-    rigid, nothing = coupling.master is None, np.zeros((surface.dim, surface.dim))
-    held = np.array([used.get(root, nothing) if rigid else nothing for root in roots.tolist()])
-    turned, free, held = _independent(directions[tried], bases, held.reshape(-1, *nothing.shape))
+    before = used if coupling.master is None else HeldMotions(surface.dim)
+    turned, free, held = _independent(directions[tried], bases, before.of(roots))
     able = np.flatnonzero(free.any(axis=1))
     first = able[np.sort(np.unique(roots[able], return_index=True)[1])]  # periodic images share one multiplier
-    number = {root: k for k, root in enumerate(roots[first].tolist())}
+    order = np.argsort(roots[first])
+    able = np.flatnonzero(np.isin(roots, roots[first]))
     owner = np.full(len(surface.nodes), -1)
-    owner[tried] = [number.get(root, -1) for root in roots.tolist()]
-    if rigid:
-        used |= dict(zip(number, held[first], strict=True))
+    owner[tried[able]] = order[np.searchsorted(roots[first], roots[able], sorter=order)]
+    before.hold(roots[first], held[first])
     share = distribute_to_neighbours(surface, owner, facing, len(first))
     return MultiplierNodes(share=share, directions=turned[first], free=free[first])
 
@@ -120,6 +140,16 @@ def _independent(directions: Array, bases: Array, held: Array) -> tuple[Array, B
     Returns:
         Directions (n, c, d), which of them are free (n, c), and the projectors onto all that is held then (n, d, d).
     """
+    turned, free = directions.copy(), np.ones(directions.shape[:2], bool)
+    across = held + np.swapaxes(directions, 1, 2) @ directions
+    plain = (bases == np.eye(bases.shape[1])).all(axis=(1, 2)) & (np.abs(directions @ held) < ACROSS).all(axis=(1, 2))
+    at = np.flatnonzero(~plain)
+    turned[at], free[at], across[at] = _turned(directions[at], bases[at], held[at])
+    return turned, free, across
+
+
+def _turned(directions: Array, bases: Array, held: Array) -> tuple[Array, Bools, Array]:
+    """The same where supports or other multipliers hold something of the directions."""
     motion = directions @ bases  # (n, c, d): free motion seen in each direction
     left, size, _ = np.linalg.svd(motion - motion @ held)
     free = size > SMALL
@@ -173,7 +203,7 @@ def build_rows(
     Raises:
         SceneError: supports leave a contact no node that can carry a pressure.
     """
-    used: dict[int, Array] = {}
+    used = HeldMotions(constraints.dim)
     frames = {
         name: frames_of(_normals_in_symmetry_planes(coupling, constraints)) for name, (_, coupling) in contacts.items()
     }

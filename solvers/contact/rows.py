@@ -58,6 +58,11 @@ class ContactRows:
         """Their numbers in the gmsh model (n_all,)."""
         return np.concatenate([self.surface.input, self.master.input]) if self.master else self.surface.input
 
+    @property
+    def part(self) -> Ints:
+        """Their parts of the mesh (n_all,)."""
+        return np.concatenate([self.surface.part, self.master.part]) if self.master else self.surface.part
+
     @cached_property
     def points(self) -> Array:
         """Their coordinates (n_all, d) [m]."""

@@ -1,18 +1,20 @@
 """Supports, periodic and rigid sides: u = T q + u_s(t), with q the free displacements.
 
-Every rank stores all prescribed nodes (O(N^(2/3)) data), so the numbering of q needs no communication. Each node has d
-entries of q, also where displacements are prescribed: multigrid then sees the blocks of elasticity. Entries that are
-not free are eliminated: their columns of T are zero. If all supports act along axes, T only selects displacements.
-The free motions of a rigid side take the first entries of q of its nodes; the others are eliminated.
+Each rank knows what is prescribed at its own nodes, and at those of contact, periodic and rigid sides; so the numbering
+of q needs no communication. Each node has d entries of q, also where displacements are prescribed: multigrid then sees
+the blocks of elasticity. Entries that are not free are eliminated: their columns of T are zero. If all supports act
+along axes, T only selects displacements. The free motions of a rigid side take the first entries of q of its nodes; the
+others are eliminated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import null_space
@@ -31,14 +33,25 @@ ROUNDED = 1e-14  # of the largest value of an expression: smaller ones are zero,
 SMALL = 1e-10  # sine of the angle below which two directions count as parallel
 
 
-@dataclass(frozen=True)
-class Row:
-    """One prescribed component: direction . u = value of the drive at time t."""
+@dataclass(frozen=True, kw_only=True)
+class Components:
+    """The k prescribed components that a rank knows: direction . u = value of a drive at time t."""
 
-    direction: Array  # (d,) unit
-    drive: Drive
-    support: str
-    point: Array | None = None  # (d,) where the drive is an expression [m]
+    node: Ints  # (k,) global numbers, increasing; of a periodic node that of its root
+    directions: Array  # (k, d) unit
+    drive: Ints  # (k,) index in `Constraints.drives`
+    support: Ints  # (k,) index in `Constraints.supports`
+    points: Array  # (k, d) where an expression has its value [m]
+
+    def at(self, chosen: Bools | Ints) -> Components:
+        """Those of the components that are chosen."""
+        return Components(
+            node=self.node[chosen],
+            directions=self.directions[chosen],
+            drive=self.drive[chosen],
+            support=self.support[chosen],
+            points=self.points[chosen],
+        )
 
 
 @dataclass(frozen=True)
@@ -46,15 +59,27 @@ class Alike:
     """The k nodes with the same number r of prescribed components."""
 
     at: Ints  # (k,) indices in `Constraints.held`
+    rows: Ints  # (k, r) indices of the components
     directions: Array  # (k, r, d)
     inverse: Array  # (k, d, r) pseudo-inverse of the directions
-    drives: Ints  # (k, r) index of the drive
-    supports: Ints  # (k, r) index of the support
+    own: Bools  # (k,) nodes of this rank
+
+
+@dataclass(frozen=True, kw_only=True)
+class Periodic:
+    """The f eliminated nodes of periodic sides, and the nodes whose displacement they have; the same on every rank."""
+
+    followers: Ints  # (f,) global numbers, increasing
+    roots: Ints  # (f,)
+    points: Array  # (f, d) of the followers [m]
+    root_points: Array  # (f, d) [m]
+    part: Ints  # (f,) of the mesh
+    root_part: Ints  # (f,)
 
 
 @dataclass(frozen=True)
 class Sprung:
-    """Directions at nodes in which springs resist motion, m of them."""
+    """Directions at this rank's nodes in which springs resist motion, m of them."""
 
     points: Array  # (m, d) [m]
     directions: Array  # (m, d)
@@ -63,55 +88,68 @@ class Sprung:
 
 @dataclass(frozen=True)
 class Constraints:
-    """Which displacements are prescribed, periodic or free; the same on every rank."""
+    """Which displacements are prescribed, periodic or free. To make one is collective."""
 
+    comm: Comm
     nodes: Nodes
     dim: int
     course: Course
-    rows: Mapping[int, tuple[Row, ...]]  # prescribed components by global node; of a periodic node under its root
-    root: Mapping[int, int]  # eliminated periodic node -> the node whose displacement it has
-    points: Mapping[int, Array]  # coordinates (d,) [m] of the nodes above
-    part: Mapping[int, int]  # part of the mesh that each of them belongs to
+    drives: tuple[Drive, ...]
+    supports: tuple[str, ...]
+    components: Components
+    periodic: Periodic
     sprung: Sprung
     links: Links
     remote: RemotePoints
     parts: int  # number of parts
     axisymmetric: bool
+    free_total: int = field(init=False)  # number of free entries of q
+    selects: bool = field(init=False)  # whether T is diagonal with entries 0 and 1: it only selects displacements
+
+    def __post_init__(self) -> None:
+        """Count over all ranks."""
+        gone = self.comm.allreduce(len(self.eliminated()))
+        object.__setattr__(self, "free_total", int(self.dim * self.nodes.total - gone))
+        along_axes = bool(np.all(self._bases[0] == self._bases[1][:, None] * np.eye(self.dim)))
+        selects = along_axes and not len(self.followers) and not self.remote.rigid
+        object.__setattr__(self, "selects", self.comm.allreduce(selects, op=MPI.LAND))
 
     @cached_property
     def held(self) -> Ints:
-        """Nodes with prescribed components, increasing."""
-        return np.array(sorted(self.rows), np.int64)
+        """Nodes with prescribed components that this rank knows, increasing."""
+        return np.unique(self.components.node)
 
-    @cached_property
+    @property
     def followers(self) -> Ints:
         """Eliminated periodic nodes, increasing."""
-        return np.array(sorted(self.root), np.int64)
+        return self.periodic.followers
+
+    def is_own(self, nodes: Ints) -> Bools:
+        """Which of the nodes (n,) are of this rank."""
+        return np.asarray((nodes >= self.nodes.offset) & (nodes < self.nodes.offset + self.nodes.owned))
 
     def roots(self, nodes: Ints) -> Ints:
         """The nodes (n,), with each eliminated periodic node replaced by its root."""
         found = np.array(nodes, np.int64)
         follows, at = _places(self.followers, found)
-        leaders = np.array([self.root[int(n)] for n in self.followers], np.int64)
-        found[follows] = leaders[at]
+        found[follows] = self.periodic.roots[at]
         return found
 
     @cached_property
     def _bases(self) -> tuple[Array, Bools]:
         """Free directions of the nodes `held`, see `bases`."""
-        known: dict[bytes, tuple[Array, Bools]] = {}
         shape = (len(self.held), self.dim, self.dim)
         columns, free = np.zeros(shape), np.zeros(shape[:2], bool)
         for alike in self.alike:
-            for place, matrix in zip(alike.at, alike.directions, strict=True):
-                key = matrix.tobytes()
-                if key not in known:
-                    known[key] = _free_basis(matrix)
-                columns[place], free[place] = known[key]
+            flat = alike.directions.reshape(len(alike.at), -1)
+            _, first, same = np.unique(flat, axis=0, return_index=True, return_inverse=True)
+            bases = [_free_basis(matrix) for matrix in alike.directions[first]]
+            columns[alike.at] = np.array([basis for basis, _ in bases])[same.ravel()]
+            free[alike.at] = np.array([which for _, which in bases])[same.ravel()]
         return columns, free
 
     def bases(self, nodes: Ints) -> tuple[Array, Bools]:
-        """Free directions of nodes (n,); of eliminated periodic nodes those of their roots.
+        """Free directions of nodes (n,) that this rank knows; of eliminated periodic nodes those of their roots.
 
         Returns:
             Directions (n, d, d), one column for each of the node's d entries of q, zero if the entry is eliminated; and
@@ -125,34 +163,21 @@ class Constraints:
         return columns, free
 
     def eliminated(self) -> Ints:
-        """Indices in q of the eliminated entries, increasing."""
+        """Indices in q of this rank's eliminated entries, increasing."""
         numbers = self.dim * self.held[:, None] + np.arange(self.dim)
         followers = self.dim * self.followers[:, None] + np.arange(self.dim)
         own = self.dim * self._rigid_nodes[:, None] + np.arange(self.dim)
         taken = np.concatenate([np.zeros(0, np.int64), *(self._motions(point) for point in self.remote.rigid)])
         rigid = np.setdiff1d(own.ravel(), taken)
-        return np.sort(np.concatenate([numbers[~self._bases[1]], followers.ravel(), rigid]))
-
-    @cached_property
-    def selects(self) -> bool:
-        """Whether T is diagonal with entries 0 and 1: it only selects displacements."""
-        return (
-            not self.root
-            and not self.remote.rigid
-            and bool(np.all(self._bases[0] == self._bases[1][:, None] * np.eye(self.dim)))
-        )
+        found = np.sort(np.concatenate([numbers[~self._bases[1]], followers.ravel(), rigid]))
+        return np.asarray(found[self.is_own(found // self.dim)])
 
     def numbers(self, nodes: Ints) -> Ints:
         """Indices in q (n, d) of the d entries of each node, or of its root; some may be eliminated."""
         return np.asarray(self.dim * self.roots(nodes)[:, None] + np.arange(self.dim))
 
-    @cached_property
-    def free_total(self) -> int:
-        """Number of free entries of q."""
-        return int(self.dim * self.nodes.total - len(self.eliminated()))
-
-    def transformation(self, comm: Comm) -> Mat:
-        """T as a PETSc matrix, (d n, d n)."""
+    def transformation(self) -> Mat:
+        """T as a PETSc matrix, (d n, d n); collective."""
         d, low = self.dim, self.nodes.offset
         own = np.arange(low, low + self.nodes.owned)
         bases, numbers = self.bases(own)[0], self.numbers(own)
@@ -167,24 +192,26 @@ class Constraints:
         size = (d * len(own), d * self.nodes.total)
         entries = sparse.csr_matrix((np.concatenate(value), (np.concatenate(row), np.concatenate(column))), shape=size)
         csr = (entries.indptr.astype(PETSc.IntType), entries.indices.astype(PETSc.IntType), entries.data)
-        matrix = PETSc.Mat().createAIJ((size, size), bsize=d, csr=csr, comm=comm)
+        matrix = PETSc.Mat().createAIJ((size, size), bsize=d, csr=csr, comm=self.comm)
         matrix.assemble()
         found: Mat = matrix
         return found
 
     @cached_property
     def prescribed_nodes(self) -> Ints:
-        """Global numbers of all nodes with a prescribed component, also of periodic nodes whose root has one.
+        """Global numbers of this rank's nodes with a prescribed component, also of periodic ones whose root has one.
 
         The nodes of rigid sides follow, see `RemotePoints.rigid`.
         """
-        return np.concatenate([self._alone_prescribed, self._rigid_nodes])
+        rigid = self._rigid_nodes
+        return np.concatenate([self._alone_prescribed, rigid[self.is_own(rigid)]])
 
     @cached_property
     def _alone_prescribed(self) -> Ints:
         """Those but for the nodes of rigid sides."""
         follow = _places(self.held, self.roots(self.followers))[0]
-        return np.sort(np.concatenate([np.setdiff1d(self.held, self.followers), self.followers[follow]]))
+        found = np.sort(np.concatenate([np.setdiff1d(self.held, self.followers), self.followers[follow]]))
+        return np.asarray(found[self.is_own(found)])
 
     @cached_property
     def _rigid_nodes(self) -> Ints:
@@ -200,68 +227,57 @@ class Constraints:
         """Index in `held` of each of the `prescribed_nodes` that are not of rigid sides."""
         return _places(self.held, self.roots(self._alone_prescribed))[1]
 
-    @cached_property
-    def _drives(self) -> dict[Drive, int]:
-        """Index of each drive."""
-        return {drive: i for i, drive in enumerate(dict.fromkeys(r.drive for n in self.rows.values() for r in n))}
-
-    @cached_property
-    def _supports(self) -> dict[str, int]:
-        """Index of each support."""
-        of_rigid = [row.support for point in self.remote.rigid for row in point.rows]
-        names = [r.support for n in self.rows.values() for r in n] + of_rigid
-        return {name: i for i, name in enumerate(dict.fromkeys(names))}
-
     @property
     def apart(self) -> bool:
         """Whether all nodes are held by one support each, and by none that moves with others, on this rank."""
-        return not len(self.followers) and all(len({row.support for row in rows}) == 1 for rows in self.rows.values())
+        return not len(self.followers) and all(
+            bool((of == of[:, :1]).all()) for of in (self.components.support[alike.rows] for alike in self.alike)
+        )
 
     @cached_property
     def alike(self) -> tuple[Alike, ...]:
         """The nodes `held`, grouped by their number of prescribed components."""
-        by_count: dict[int, list[int]] = {}
-        for place, node in enumerate(self.held.tolist()):
-            by_count.setdefault(len(self.rows[node]), []).append(place)
+        _, first, counts = np.unique(self.components.node, return_index=True, return_counts=True)
         found = []
-        for count, places in by_count.items():
-            rows = [row for place in places for row in self.rows[int(self.held[place])]]
-            directions = np.array([row.direction for row in rows]).reshape(-1, count, self.dim)
+        for count in np.unique(counts):
+            at = np.flatnonzero(counts == count)
+            rows = first[at, None] + np.arange(count)
+            directions = self.components.directions[rows]
             found.append(
                 Alike(
-                    at=np.array(places),
+                    at=at,
+                    rows=rows,
                     directions=directions,
                     inverse=np.linalg.pinv(directions, rcond=SMALL) if count > 1 else np.swapaxes(directions, 1, 2),
-                    drives=np.array([self._drives[r.drive] for r in rows]).reshape(-1, count),
-                    supports=np.array([self._supports[r.support] for r in rows]).reshape(-1, count),
+                    own=self.is_own(self.held[at]),
                 )
             )
         return tuple(found)
 
     def wanted(self, time: float) -> list[Array]:
-        """Prescribed values (k, r) [m] at a time [s], for each group of `alike`."""
-        values = np.array([self.course.value(drive, time) for drive in self._drives])
-        found = [values[alike.drives] for alike in self.alike]
-        for place, points in self._points.items():
-            exact = self.course.timeline.values(place, points, time)
-            exact = np.where(np.abs(exact) > ROUNDED * np.abs(exact).max(), exact, 0.0)
-            for group, alike in zip(found, self.alike, strict=True):
-                at = alike.drives == self._drives[place]
-                group[at], exact = exact[: at.sum()], exact[at.sum() :]
-        return found
+        """Prescribed values (k, r) [m] at a time [s], for each group of `alike`; collective.
 
-    @cached_property
-    def _points(self) -> dict[Place, Array]:
-        """Points (n, d) [m] at which each expression prescribes a displacement, in the order of `alike`."""
-        ordered = [row for alike in self.alike for place in alike.at for row in self.rows[int(self.held[place])]]
-        found: dict[Place, list[Array]] = {}
-        for row in ordered:
-            if row.point is not None and isinstance(row.drive, Place):
-                found.setdefault(row.drive, []).append(row.point)
-        return {place: np.array(points) for place, points in found.items()}
+        Raises:
+            SceneError: an expression has no finite value at a node.
+        """
+        of, failure = self.components, None
+        values = np.array([self.course.value(drive, time) for drive in self.drives], float)[of.drive]
+        for index, drive in enumerate(self.drives):
+            if not isinstance(drive, Place) or drive not in self.course.timeline.expressions:
+                continue
+            at = np.flatnonzero(of.drive == index)
+            exact = np.zeros(len(at))
+            try:
+                exact = self.course.timeline.values(drive, of.points[at], time) if len(at) else exact
+            except SceneError as error:
+                failure = failure or error
+            largest = self.comm.allreduce(float(np.abs(exact).max(initial=0.0)), op=MPI.MAX)
+            values[at] = np.where(np.abs(exact) > ROUNDED * largest, exact, 0.0)
+        self._raise_together(failure)
+        return [values[alike.rows] for alike in self.alike]
 
     def prescribed(self, time: float) -> Array:
-        """u_s (k, d) [m] at `prescribed_nodes` at a time [s].
+        """u_s (k, d) [m] at `prescribed_nodes` at a time [s]; collective.
 
         Raises:
             SceneError: two supports prescribe different displacements at one node.
@@ -271,57 +287,78 @@ class Constraints:
             found[alike.at] = np.einsum("kdr,kr->kd", alike.inverse, wanted)
             off = np.abs(np.einsum("krd,kd->kr", alike.directions, found[alike.at]) - wanted)
             wrong.append(alike.at[np.any(off > 1e-9 * np.abs(wanted).max(axis=1, keepdims=True), axis=1)])
-        if np.concatenate(wrong).size:
-            self._refuse(int(self.held[np.concatenate(wrong).min()]), time)
-        rigid = [point.prescribed(self.course, time) for point in self.remote.rigid]
+        own = self.held[np.concatenate(wrong)]
+        first = int(own[self.is_own(own)].min(initial=self.nodes.total))
+        least = self.comm.allreduce(first, op=MPI.MIN)
+        if least < self.nodes.total:
+            self._raise_together(self._contradiction(first, time) if first == least else None)
+        rigid = [point.prescribed(self.course, time)[self.is_own(point.nodes)] for point in self.remote.rigid]
         return np.concatenate([found[self._of_prescribed], *rigid])
 
-    def _refuse(self, node: int, time: float) -> None:
-        names = {row.support if row.support == AXIS else f"supports.{row.support}" for row in self.rows[node]}
-        point = ", ".join(f"{x:.6g}" for x in self.points[node])
-        raise SceneError(f"{' and '.join(sorted(names))}: contradict each other at the point ({point}) at t = {time:g}")
+    def _contradiction(self, node: int, time: float) -> SceneError:
+        """What is wrong at a node of this rank."""
+        of = {self.supports[index] for index in self.components.support[self.components.node == node]}
+        names = sorted(name if name == AXIS else f"supports.{name}" for name in of)
+        point = ", ".join(f"{x:.6g}" for x in self.nodes.points[node - self.nodes.offset])
+        return SceneError(f"{' and '.join(names)}: contradict each other at the point ({point}) at t = {time:g}")
+
+    def _raise_together(self, failure: SceneError | None) -> None:
+        """Raise the first failure of any rank on every rank; collective."""
+        for each in self.comm.allgather(failure):
+            if each is not None:
+                raise each
 
     def reactions(self, forces: Array) -> dict[str, tuple[Array, Array]]:
-        """Distribute nodal forces among the supports.
+        """Distribute nodal forces among the supports; collective.
 
         A force is split along the prescribed directions; supports that overlap share it in the least-squares sense.
 
         Args:
-            forces: (k, d) [N] at `prescribed_nodes`.
+            forces: (owned, d) [N] at this rank's nodes; those at nodes without a prescribed component are left out.
 
         Returns:
             For each support its force (d,) [N] and moment about the origin [N m], (1,) in 2D and (3,) in 3D; for each
             remote point whose motion is prescribed, as `RemotePoint.key`, with the moment about the point.
         """
-        at = np.zeros((len(self.held), self.dim))
-        np.add.at(at, self._of_prescribed, forces[: len(self._of_prescribed)])
-        points = self.points_of(self.held)
-        force = np.zeros((len(self._supports), self.dim))
-        moment = np.zeros((len(self._supports), 1 if self.dim == 2 else 3))
+        at, points = np.zeros((len(self.held), self.dim)), self._held_points
+        np.add.at(at, self._of_prescribed, forces[self._alone_prescribed - self.nodes.offset])
+        force = np.zeros((len(self.supports), self.dim))
+        moment = np.zeros((len(self.supports), 1 if self.dim == 2 else 3))
         for alike in self.alike:
             share = np.einsum("kdr,kd->kr", alike.inverse, at[alike.at])
             pull = share[:, :, None] * alike.directions
             turn = cross(points[alike.at][:, None], pull).reshape(*share.shape, moment.shape[1])
-            np.add.at(force, alike.supports, pull)
-            np.add.at(moment, alike.supports, turn)
+            np.add.at(force, self.components.support[alike.rows], pull)
+            np.add.at(moment, self.components.support[alike.rows], turn)
         for point, own in self._on_rigid(forces):
             for row, size in zip(point.rows, point.multipliers(own), strict=True):
-                force[self._supports[row.support]] += size * row.pull
-                moment[self._supports[row.support]] += size * row.turn
+                index = self.supports.index(row.support)
+                force[index] += size * row.pull
+                moment[index] += size * row.turn
+        force, moment = self.comm.allreduce(force), self.comm.allreduce(moment)
         if self.axisymmetric:  # over the full circle the radial parts balance
             force, moment = force * [0, 1], 0 * moment
-        return {name: (force[i], moment[i]) for name, i in self._supports.items() if name != AXIS}
+        return {name: (force[i], moment[i]) for i, name in enumerate(self.supports) if name != AXIS}
+
+    @property
+    def _held_points(self) -> Array:
+        """Coordinates (k, d) [m] of the nodes `held` that are this rank's, or roots of periodic nodes; else 0."""
+        found, own = np.zeros((len(self.held), self.dim)), self.is_own(self.held)
+        root, at = _places(self.held, self.periodic.roots)
+        found[at] = self.periodic.root_points[root]
+        found[own] = self.nodes.points[self.held[own] - self.nodes.offset]
+        return found
 
     def _on_rigid(self, forces: Array) -> Iterator[tuple[RemotePoint, Array]]:
-        """Each remote point with a rigid side, and the forces (n, d) [N] at its nodes."""
-        first = len(self._of_prescribed)
-        for point in self.remote.rigid:
-            yield point, forces[first : first + len(point.nodes)]
-            first += len(point.nodes)
+        """Each remote point with a rigid side, and this rank's forces (n, d) [N] at its nodes, zero at those of others.
 
-    def points_of(self, nodes: Ints) -> Array:
-        """Coordinates (n, d) [m] of nodes that are prescribed, periodic or the root of a periodic node."""
-        return np.array([self.points[int(n)] for n in nodes]).reshape(-1, self.dim)
+        Args:
+            forces: (owned, d) [N] at this rank's nodes.
+        """
+        for point in self.remote.rigid:
+            found, own = np.zeros(point.points.shape), self.is_own(point.nodes)
+            found[own] = forces[point.nodes[own] - self.nodes.offset]
+            yield point, found
 
 
 def _free_basis(directions: Array) -> tuple[Array, Bools]:

@@ -174,7 +174,7 @@ def _spot(mesh: Mesh, space: FunctionSpace, nodes: Nodes, end: End, key: str) ->
         )
     areas, basis = side.quadrature(2 * side.degree + side.axisymmetric)
     integrals = side.scatter(areas @ basis)
-    return Spot(side.nodes, side.points, mesh.parts_of(side.input), integrals / integrals.sum())
+    return Spot(side.nodes, side.points, side.part, integrals / integrals.sum())
 
 
 def vertex_at(mesh: Mesh, nodes: Nodes, point: Array, key: str) -> tuple[Ints, Array, Ints]:

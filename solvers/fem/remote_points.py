@@ -185,7 +185,7 @@ def find_remote_points(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes
                 coupling=coupling,
                 nodes=side.nodes,
                 points=side.points,
-                part=mesh.parts_of(side.input),
+                part=side.part,
                 fields=fields,
                 weights=mean_motion(side, about),
                 rows=tuple(rows),

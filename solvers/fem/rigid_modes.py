@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from mpi4py import MPI
 from scipy.linalg import null_space
 
 from stickslip.geometry.arrays import Array, Ints
@@ -24,7 +25,8 @@ class RigidModes:
     """
 
     def __init__(self, constraints: Constraints, joints: Joints, low: Array, high: Array) -> None:
-        """
+        """Factorise what resists them, rank by rank; collective.
+
         Args:
             constraints: supports and periodicity.
             joints: nodes that several parts share.
@@ -32,38 +34,52 @@ class RigidModes:
         """
         self.joints = joints
         self.constraints, self.centre, self.size = constraints, (low + high) / 2, float(np.max(high - low))
+        comm = constraints.comm
+        self._Q, self._R = np.linalg.qr(self._resisted())  # Q R are the rows that resist
+        if comm.size > 1:
+            every = comm.allgather(self._R)
+            whole, self._R = np.linalg.qr(np.concatenate(every))
+            first = sum(len(each) for each in every[: comm.rank])
+            self._Q = self._Q @ whole[first : first + len(every[comm.rank])]  # of this rank
 
     def fields(self, points: Array) -> Array:
         """Rigid modes (m, d, k) at points (m, d) [m]; see `rigid_fields`."""
         return rigid_fields(points, self.centre, self.size, self.constraints.axisymmetric)
 
-    @cached_property
-    def resisted(self) -> Array:
-        """(rows, parts k): motion of each mode along supports and springs, between periodic sides, and in joints."""
+    def _resisted(self) -> Array:
+        """(rows, parts k) of this rank: motion of each mode along supports and springs, and in joints.
+
+        So they are between periodic sides. Rows that every rank knows are those of rank 0.
+        """
         of, kinds = self.constraints, len(rigid_names(self.constraints.dim, self.constraints.axisymmetric))
-        held = self._of_nodes(of.held)
-        blocks = [np.einsum("krd,kdc->krc", alike.directions, held[alike.at]) for alike in of.alike]
-        for point in of.remote.rigid:
-            moved = self._of_parts(point.points, point.part)
-            blocks.append(point.motion_of(moved))
-        blocks.append(self._of_nodes(of.followers) - self._of_nodes(of.roots(of.followers)))
-        one, other = self.joints.parts.T
-        blocks.append(self._of_parts(self.joints.points, one) - self._of_parts(self.joints.points, other))
+        nothing = np.zeros((1, of.parts * kinds))
+        blocks = []
+        for alike in of.alike:
+            at = of.held[alike.at[alike.own]] - of.nodes.offset
+            held = self._of_parts(of.nodes.points[at], of.nodes.part[at])
+            blocks.append(np.einsum("krd,kdc->krc", alike.directions[alike.own], held))
+        if of.comm.rank == 0:
+            blocks += self._shared()
         fields = self._of_parts(of.sprung.points, of.sprung.part)
         blocks.append(np.einsum("md,mdc->mc", of.sprung.directions, fields))
+        return np.concatenate([nothing, *(block.reshape(-1, of.parts * kinds) for block in blocks)])
+
+    def _shared(self) -> list[Array]:
+        """Rows that every rank knows, those of rigid sides first."""
+        of, periodic = self.constraints, self.constraints.periodic
+        blocks = [point.motion_of(self._of_parts(point.points, point.part)) for point in of.remote.rigid]
+        blocks.append(
+            self._of_parts(periodic.points, periodic.part) - self._of_parts(periodic.root_points, periodic.root_part)
+        )
+        one, other = self.joints.parts.T
+        blocks.append(self._of_parts(self.joints.points, one) - self._of_parts(self.joints.points, other))
         linked = np.einsum("wd,wdc->wc", of.links.weights, self._of_parts(of.links.points, of.links.part))
         blocks.append(np.zeros((len(of.links.stiffness), linked.shape[1])))
         np.add.at(blocks[-1], of.links.of, linked)
         for point in of.remote.rigid:
             if len(np.unique(point.part)) > 1:
                 blocks.append(point.left(self._of_parts(point.points, point.part)))
-        nothing = np.zeros((1, of.parts * kinds))
-        return np.concatenate([nothing, *(block.reshape(-1, of.parts * kinds) for block in blocks)])
-
-    def _of_nodes(self, nodes: Ints) -> Array:
-        """Rigid modes (n, d, parts k) at nodes (n,); zero for the other parts than a node's own."""
-        part = np.array([self.constraints.part[int(n)] for n in nodes], np.int64)
-        return self._of_parts(self.constraints.points_of(nodes), part)
+        return blocks
 
     def _of_parts(self, points: Array, part: Ints) -> Array:
         """Rigid modes (n, d, parts k) at points (n, d) of parts (n,); zero for all other parts."""
@@ -74,12 +90,12 @@ class RigidModes:
 
     @cached_property
     def unresisted(self) -> Array:
-        """Coefficients (parts k, r) of the rigid modes that supports leave free: the null space of `resisted`."""
-        return np.asarray(null_space(np.linalg.qr(self.resisted, mode="r"), rcond=1e-9))
+        """Coefficients (parts k, r) of the rigid modes that supports leave free: the null space of `_resisted`."""
+        return np.asarray(null_space(self._R, rcond=1e-9))
 
     @cached_property
     def _inverse(self) -> Array:
-        return np.asarray(np.linalg.pinv(self.resisted, rcond=1e-9))
+        return np.asarray(np.linalg.pinv(self._R, rcond=1e-9))
 
     def hinge(self, modes: Array) -> Array | None:
         """Where (d,) [m] parts turn against each other most in motions (parts k, s); None if they do so nowhere."""
@@ -89,16 +105,22 @@ class RigidModes:
         return self.joints.points[np.argmax(apart)] if turning else None
 
     def followed(self, time: float) -> Array | None:
-        """Coefficients (parts, k) [m] of a rigid motion that satisfies all that is prescribed at a time, or None."""
-        of = self.constraints
-        of_rigid = [point.wanted(of.course, time) for point in of.remote.rigid]
-        wanted = np.concatenate([np.zeros(1), *(rows.ravel() for rows in of.wanted(time)), *of_rigid])
-        wanted = np.pad(wanted, (0, len(self.resisted) - len(wanted)))
-        found, rounding = self._inverse @ wanted, ROUNDING * np.abs(wanted).max()
+        """Coefficients (parts, k) [m] of a rigid motion that satisfies all that is prescribed at a time, or None.
+
+        Collective.
+        """
+        of, comm = self.constraints, self.constraints.comm
+        rows = [values[alike.own].ravel() for alike, values in zip(of.alike, of.wanted(time), strict=True)]
+        of_rigid = [point.wanted(of.course, time) for point in of.remote.rigid]  # all ranks raise, or none
+        wanted = np.concatenate([np.zeros(1), *rows, *(of_rigid if comm.rank == 0 else [])])
+        wanted = np.pad(wanted, (0, len(self._Q) - len(wanted)))
+        rounding = ROUNDING * comm.allreduce(float(np.abs(wanted).max()), op=MPI.MAX)
+        found = self._inverse @ comm.allreduce(self._Q.T @ wanted)
         found[np.abs(found) <= rounding] = 0.0  # periodic sides must move alike to the last digit
-        if np.any(np.abs(self.resisted @ found - wanted) > rounding):
+        off = float(np.abs(self._Q @ (self._R @ found) - wanted).max())
+        if comm.allreduce(off, op=MPI.MAX) > rounding:
             return None
-        return np.asarray(found.reshape(self.constraints.parts, -1))
+        return np.asarray(found.reshape(of.parts, -1))
 
     def displacement(self, coefficients: Array, points: Array, part: Ints) -> Array:
         """Displacement (m, d) [m] of a rigid motion.

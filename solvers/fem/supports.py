@@ -1,70 +1,59 @@
-"""The scene's supports and periodic sides on its mesh, collected from all ranks."""
+"""The scene's supports and periodic sides on its mesh: each rank finds those of its own nodes."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
+from itertools import chain
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from stickslip.geometry.arrays import Array, cross
+from stickslip.geometry.arrays import Array, Bools, Ints, cross
 from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
+from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import FunctionSpace
-from stickslip.geometry.surfaces.surface import gather_surface
-from stickslip.solvers.fem.constraints import AXES, AXIS, Constraints, Row, Sprung
+from stickslip.geometry.surfaces.surface import gather_surface, own_nodes
+from stickslip.solvers.fem.constraints import AXES, AXIS, Components, Constraints, Periodic, Sprung
 from stickslip.solvers.fem.links import find_links, vertex_at
 from stickslip.solvers.fem.remote_points import RemotePoints, RigidRow, find_remote_points
 from stickslip.solvers.scene.problem import Problem
-from stickslip.solvers.scene.timeline import Course, Place
+from stickslip.solvers.scene.timeline import Course, Drive, Place
 
 
 def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) -> Constraints:
-    """Collect supports and periodic sides from all ranks; collective.
+    """Find supports and periodic sides on all ranks; collective.
 
     Raises:
         SceneError: no mesh vertex lies at the point of a support.
         GeometryError: periodic sides whose meshes do not match, or an axisymmetric model that reaches to x < 0.
     """
-    rows: dict[int, list[Row]] = {}
-    points: dict[int, Array] = {}
-    part: dict[int, int] = {}
-    root = _periodic_roots(problem, mesh, space, nodes, points, part)
-    for name, support in problem.supports.items():
-        if support.boundary is not None:
-            side = gather_surface(mesh, space, nodes, support.boundary)
-            where, x, of = side.nodes, side.points, mesh.parts_of(side.input)
-            normals = side.node_normals() if "normal" in support.displacement else np.zeros_like(x)
-            normals[np.abs(normals) < 1e-12] = 0.0
-        else:
-            where, x, of = vertex_at(mesh, nodes, np.array(support.point), f"supports.{name}.point")
-            normals = np.zeros_like(x)
-        points |= dict(zip(where.tolist(), x, strict=True))
-        part |= dict(zip(where.tolist(), of.tolist(), strict=True))
-        for axis in support.displacement:
-            directions = normals if axis == "normal" else np.eye(mesh.dim)[[AXES[axis]]]
-            drive = Place("supports", name, "displacement", axis)
-            if drive in problem.timeline.expressions:
-                alike = [Row(directions[i % len(directions)], drive, name, point) for i, point in enumerate(x)]
-            else:
-                alike = [Row(direction, drive, name) for direction in directions]
-            for i, node in enumerate(where.tolist()):
-                rows.setdefault(root.get(node, node), []).append(alike[i % len(alike)])
-    if mesh.axisymmetric:
-        for node, x, its_part in _on_axis(mesh, nodes):
-            rows.setdefault(root.get(node, node), []).append(Row(np.array([1.0, 0.0]), 0.0, AXIS))
-            points[node], part[node] = x, its_part
-    remote = _with_supports(problem, mesh, space, nodes, find_remote_points(problem, mesh, space, nodes), rows, root)
-    ordered = {n: tuple(r) for n, r in sorted(rows.items())}
+    periodic = _periodic(problem, mesh, space, nodes)
+    axes = [(name, axis) for name, support in problem.supports.items() for axis in support.displacement]
+    drives = [Place("supports", name, "displacement", axis) for name, axis in axes]
+    values: list[Drive] = [*drives, 0.0] if mesh.axisymmetric else [*drives]
+    names = list(dict.fromkeys([*(name for name, _ in axes), *([AXIS] if mesh.axisymmetric else [])]))
+    found = _own_components(problem, mesh, space, nodes, drives, names)
+    shared = np.zeros(nodes.owned, bool)
+    rigid = [coupling.boundary for coupling in problem.couplings if coupling.rigid]
+    of_periodic = chain.from_iterable(problem.request.periodic)
+    for side in dict.fromkeys([*problem.request.contact_sides, *of_periodic, *rigid]):
+        shared[own_nodes(mesh, space, nodes, side).local] = True
+    found = _with_shared(mesh, nodes, found, shared, periodic)
+    points = find_remote_points(problem, mesh, space, nodes)
+    remote, found = _with_supports(problem, mesh, space, nodes, points, found, periodic, values, names)
+    of_rigid = [row.support for point in remote.rigid for row in point.rows]
     return Constraints(
+        comm=mesh.comm,
         nodes=nodes,
         dim=mesh.dim,
         course=Course(problem.timeline),
-        rows=ordered,
-        root=root,
-        points=points,
-        part=part,
+        drives=tuple(values),
+        supports=tuple(dict.fromkeys([*names, *of_rigid])),
+        components=found,
+        periodic=periodic,
         sprung=_sprung(problem, mesh, space, nodes),
         links=find_links(problem, mesh, space, nodes),
         remote=remote,
@@ -73,24 +62,96 @@ def find_constraints(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: 
     )
 
 
+def _own_components(
+    problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes, drives: list[Place], names: list[str]
+) -> Components:
+    """What is prescribed at this rank's nodes, support by support; collective."""
+    found = [_components(nodes, np.zeros(0, np.int64), np.zeros((0, mesh.dim)), 0, 0)]
+    for name, support in problem.supports.items():
+        if support.boundary is not None:
+            side = own_nodes(mesh, space, nodes, support.boundary)
+            local, normals = side.local, side.normals
+            normals[np.abs(normals) < 1e-12] = 0.0
+        else:
+            number, _, _ = vertex_at(mesh, nodes, np.array(support.point), f"supports.{name}.point")
+            local = number[(number >= nodes.offset) & (number < nodes.offset + nodes.owned)] - nodes.offset
+            normals = np.zeros((len(local), mesh.dim))
+        for axis in support.displacement:
+            along = normals if axis == "normal" else np.tile(np.eye(mesh.dim)[AXES[axis]], (len(local), 1))
+            drive = drives.index(Place("supports", name, "displacement", axis))
+            found.append(_components(nodes, local, along, drive, names.index(name)))
+    if mesh.axisymmetric:
+        local = _on_axis(mesh, nodes)
+        radial = np.tile([1.0, 0.0], (len(local), 1))
+        found.append(_components(nodes, local, radial, len(drives), names.index(AXIS)))
+    return _together(found)
+
+
+def _components(nodes: Nodes, local: Ints, directions: Array, drive: int, support: int) -> Components:
+    """One component at each of the local nodes (k,) that this rank owns."""
+    return Components(
+        node=nodes.number[local],
+        directions=directions,
+        drive=np.full(len(local), drive),
+        support=np.full(len(local), support),
+        points=nodes.points[local],
+    )
+
+
+def _together(parts: list[Components]) -> Components:
+    return Components(
+        node=np.concatenate([part.node for part in parts]),
+        directions=np.concatenate([part.directions for part in parts]),
+        drive=np.concatenate([part.drive for part in parts]),
+        support=np.concatenate([part.support for part in parts]),
+        points=np.concatenate([part.points for part in parts]),
+    )
+
+
+def _with_shared(mesh: Mesh, nodes: Nodes, own: Components, shared: Bools, periodic: Periodic) -> Components:
+    """Those of this rank's nodes, and of all ranks' shared nodes (owned,), by root node; collective."""
+    every, known = partial(of_all_ranks, mesh.comm), shared[own.node - nodes.offset]
+    of_all = own.at(known)
+    found = _together(
+        [
+            own.at(~known),
+            Components(
+                node=every(of_all.node),
+                directions=every(of_all.directions),
+                drive=every(of_all.drive),
+                support=every(of_all.support),
+                points=every(of_all.points),
+            ),
+        ]
+    )
+    at = np.searchsorted(periodic.followers, found.node)
+    follows = np.isin(found.node, periodic.followers)
+    roots = found.node.copy()
+    roots[follows] = periodic.roots[at[follows]]
+    order = np.lexsort((found.drive, roots))  # supports in the order of the scene at each node
+    return replace(found, node=roots).at(order)
+
+
 def _with_supports(
     problem: Problem,
     mesh: Mesh,
     space: FunctionSpace,
     nodes: Nodes,
     remote: RemotePoints,
-    rows: dict[int, list[Row]],
-    root: dict[int, int],
-) -> RemotePoints:
-    """The remote points, with the rows of supports at nodes of rigid sides, which are taken out of `rows`; collective.
+    components: Components,
+    periodic: Periodic,
+    drives: list[Drive],
+    names: list[str],
+) -> tuple[RemotePoints, Components]:
+    """The remote points with the components of supports at nodes of rigid sides, and all other components; collective.
 
     Raises:
         SceneError: a rigid side shares nodes with a contact, a periodic or another rigid side.
     """
-    taken = {node: "a periodic side" for pair in root.items() for node in pair}
+    taken = dict.fromkeys([*periodic.followers.tolist(), *periodic.roots.tolist()], "a periodic side")
     for side in problem.request.contact_sides if remote.rigid else ():
         taken |= dict.fromkeys(gather_surface(mesh, space, nodes, side).nodes.tolist(), f"{side}, a contact side")
-    found = []
+    found, left = [], np.ones(len(components.node), bool)
     for point in remote.every:
         own = list[RigidRow]()
         each = zip(point.nodes.tolist(), point.points, point.fields, strict=True)
@@ -100,28 +161,31 @@ def _with_supports(
                     f"{point.coupling.key}.boundary = {point.coupling.boundary}: has nodes in common with "
                     f"{taken[node]}, at ({', '.join(f'{c:.6g}' for c in x)}); set coupling = distributing"
                 )
-            for row in rows.pop(node, []):
-                turn = np.atleast_1d(cross(x, row.direction))
-                own.append(RigidRow(row.direction @ field, row.drive, row.support, row.direction, turn, row.point))
+            for k in range(*np.searchsorted(components.node, (node, node + 1)).tolist()):
+                drive, direction, left[k] = drives[components.drive[k]], components.directions[k], False
+                turn = np.atleast_1d(cross(x, direction))
+                at = components.points[k] if drive in problem.timeline.expressions else None
+                support = names[components.support[k]]
+                own.append(RigidRow(direction @ field, drive, support, direction, turn, at))
             taken[node] = point.coupling.key
         found.append(replace(point, rows=(*point.rows, *own)))
-    return replace(remote, every=tuple(found))
+    return replace(remote, every=tuple(found)), components.at(left)
 
 
 def _sprung(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) -> Sprung:
-    """What springs to the ground resist, collected from all ranks."""
+    """What springs to the ground resist at this rank's nodes; collective."""
     points, directions, part = [np.zeros((0, mesh.dim))], [np.zeros((0, mesh.dim))], [np.zeros(0, np.int64)]
     for springs in problem.springs:
-        side = gather_surface(mesh, space, nodes, springs.boundary)
-        for along in springs.directions(side.node_normals()):
-            points.append(side.points)
+        side = own_nodes(mesh, space, nodes, springs.boundary)
+        for along in springs.directions(side.normals):
+            points.append(nodes.points[side.local])
             directions.append(along)
-            part.append(mesh.parts_of(side.input))
+            part.append(nodes.part[side.local])
     return Sprung(np.concatenate(points), np.concatenate(directions), np.concatenate(part))
 
 
-def _on_axis(mesh: Mesh, nodes: Nodes) -> list[tuple[int, Array, int]]:
-    """Number, coordinates and part of each node on the axis of symmetry, where u_r = 0 always.
+def _on_axis(mesh: Mesh, nodes: Nodes) -> Ints:
+    """Local numbers of this rank's nodes on the axis of symmetry, where u_r = 0 always; collective.
 
     Raises:
         GeometryError: the mesh reaches to x < 0.
@@ -130,16 +194,13 @@ def _on_axis(mesh: Mesh, nodes: Nodes) -> list[tuple[int, Array, int]]:
     slack = 1e-9 * float(np.max(high - low))
     if low[0] < -slack:
         raise GeometryError(f"geometry: reaches to x = {low[0]:g}; an axisymmetric model lies in x >= 0")
-    own = np.flatnonzero(nodes.points[: nodes.owned, 0] <= slack)
-    found = mesh.comm.allgather([(int(nodes.number[i]), nodes.points[i], int(nodes.part[i])) for i in own])
-    return [pair for part in found for pair in part]
+    return np.flatnonzero(nodes.points[: nodes.owned, 0] <= slack)
 
 
-def _periodic_roots(
-    problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes, points: dict[int, Array], part: dict[int, int]
-) -> dict[int, int]:
-    """Node whose displacement each eliminated periodic node has; fills in `points` and `part`."""
+def _periodic(problem: Problem, mesh: Mesh, space: FunctionSpace, nodes: Nodes) -> Periodic:
+    """The nodes that each eliminated periodic node follows; collective."""
     follows: dict[int, int] = {}
+    known: dict[int, tuple[Array, int]] = {}  # coordinates and part of both sides' nodes
     for slave_side, master_side in problem.request.periodic:
         slave, master = (gather_surface(mesh, space, nodes, side) for side in (slave_side, master_side))
         shift = master.points.mean(axis=0) - slave.points.mean(axis=0)
@@ -147,15 +208,22 @@ def _periodic_roots(
         size = float(np.ptp(master.points, axis=0).max())
         if len(slave.nodes) != len(master.nodes) or distance.max() > 1e-6 * size:
             raise GeometryError(f"periodic sides {slave_side} and {master_side}: their meshes do not match")
-        of, of_other = mesh.parts_of(slave.input), mesh.parts_of(master.input[match])
-        part |= dict(zip(slave.nodes.tolist(), of.tolist(), strict=True))
-        part |= dict(zip(master.nodes[match].tolist(), of_other.tolist(), strict=True))
-        for node, other, x, y in zip(slave.nodes, master.nodes[match], slave.points, master.points[match], strict=True):
-            points[int(node)], points[int(other)] = x, y
-            own, others = _end_of(follows, int(node)), _end_of(follows, int(other))
+        for side in (slave, master):
+            known |= zip(side.nodes.tolist(), zip(side.points, side.part.tolist(), strict=True), strict=True)
+        for node, other in zip(slave.nodes.tolist(), master.nodes[match].tolist(), strict=True):
+            own, others = _end_of(follows, node), _end_of(follows, other)
             if own != others:  # an edge that two periodic pairs share in 3D appears twice; the second is redundant
                 follows[own] = others
-    return {node: _end_of(follows, node) for node in follows}
+    followers = sorted(follows)
+    roots = [_end_of(follows, node) for node in followers]
+    return Periodic(
+        followers=np.array(followers, np.int64),
+        roots=np.array(roots, np.int64),
+        points=np.array([known[node][0] for node in followers]).reshape(-1, mesh.dim),
+        root_points=np.array([known[node][0] for node in roots]).reshape(-1, mesh.dim),
+        part=np.array([known[node][1] for node in followers], np.int64),
+        root_part=np.array([known[node][1] for node in roots], np.int64),
+    )
 
 
 def _end_of(follows: dict[int, int], node: int) -> int:

@@ -20,7 +20,7 @@ from stickslip.solvers.linear.conjugate_gradients import (
     StoppingCriterion,
 )
 from stickslip.solvers.linear.multigrid import multigrid
-from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.parallel.replicated import Replicated, on_all_ranks
 from stickslip.solvers.parallel.serialise import Own, Plain
 from stickslip.solvers.system.floating_modes import FloatingMotions, near_nullspace
 from stickslip.solvers.system.system import System
@@ -228,8 +228,7 @@ class MatrixFreeSurface(DelassusOperator):
 
     def agreed(self, value: T) -> T:
         """The value of rank 0: solves are collective, so if ranks stopped at different iterations they would hang."""
-        agreed: T = self.volume.K.comm.tompi4py().bcast(value)
-        return agreed
+        return on_all_ranks(self.volume.K.comm.tompi4py(), value)
 
     def snapshot(self) -> dict[str, Plain]:
         return super().snapshot() | {"last": Own(self._last.array_r)}

@@ -14,7 +14,7 @@ from stickslip.geometry.protocols import Mat, Sparse, Vec
 from stickslip.solvers.interface.flexibility import DelassusOperator, Load, T
 from stickslip.solvers.linear.inner_solver import InnerSolver
 from stickslip.solvers.linear.petsc_options import PetscOptions
-from stickslip.solvers.parallel.replicated import Replicated
+from stickslip.solvers.parallel.replicated import Replicated, on_all_ranks
 from stickslip.solvers.parallel.serialise import Plain
 from stickslip.solvers.system.floating_modes import FloatingMotions, near_nullspace
 from stickslip.solvers.system.system import System
@@ -101,8 +101,7 @@ class SparseSurface(DelassusOperator):
 
     def agreed(self, value: T) -> T:
         """The value of rank 0: solves are collective, so if ranks stopped at different iterations they would hang."""
-        agreed: T = self.volume.K.comm.tompi4py().bcast(value)
-        return agreed
+        return on_all_ranks(self.volume.K.comm.tompi4py(), value)
 
     def adopt(self, other: DelassusOperator) -> None:
         assert isinstance(other, SparseSurface)

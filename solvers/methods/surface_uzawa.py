@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -52,7 +53,7 @@ class SurfaceUzawa(Method):
         surface, coarse = setup.surface, setup.coarse
         return LearningIteration(
             metric=surface_metric(setup.system),
-            smooth=coarse.smooth_responses(setup.system, surface.R, surface.rho) if coarse else None,
+            smooth=partial(coarse.smooth_responses, setup.system, surface.R, surface.rho) if coarse else None,
             rtol=self.rtol,
             max_it=self.max_it,
             safety=setup.safety,
@@ -78,7 +79,7 @@ class LearningIteration(SameEveryStep):
     drop: float = 0.0  # of the first residual: that is enough, too
     safety: float = 1.0  # factor on F: shorter steps; if it is not 1, earlier updates are not used
     hurried: bool = False  # whether another form of the bodies can take over: a slow step is given up earlier
-    smooth: tuple[Array, Array] | None = None  # forces (c, k) [N], and about the displacements (c, k) [m] they cause
+    smooth: Callable[[], tuple[Array, Array]] | None = None  # see `CoarseMesh.smooth_responses`; called once
     learnt: dict[str, Secants] = field(default_factory=dict, repr=False)
 
     def __call__(self, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
@@ -152,7 +153,7 @@ class LearningIteration(SameEveryStep):
             def whole(force: Array) -> Array:
                 return np.concatenate([guess(force[:own]), force[own:] / surface.rho])
 
-            return Secants(whole, surface.R, surface.R / surface.rho)
+            return Secants(whole, surface.R, surface.R / surface.rho, self.metric.comm)
 
         if self.safety != 1:
             return with_driven(lambda force: np.asarray(self.safety * self.metric(force)))
@@ -164,8 +165,8 @@ class LearningIteration(SameEveryStep):
         """The metric, updated with the responses to smooth forces from the coarse mesh."""
         if self.smooth is None:
             return self.metric
-        forces, displacements = self.smooth
-        primed = Secants(self.metric, forces[:, :0], displacements[:, :0])
+        forces, displacements = self.smooth()
+        primed = Secants(self.metric, forces[:, :0], displacements[:, :0], self.metric.comm)
         for force, displacement in zip(forces.T, displacements.T, strict=True):
             primed.learn(force, displacement)
         return primed

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from mpi4py import MPI
 from scipy.linalg import cholesky, solve_triangular
 
 from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.protocols import Comm
 from stickslip.solvers.parallel.serialise import Plain
+from stickslip.solvers.parallel.shares import Shares
 
 KEPT = 100  # pairs
 EXACT = 1e-12  # least part of a pair's work that must be independent of the others, if volume solves are exact
@@ -23,18 +26,25 @@ class Secants:
     positive definite with F+ S = Y (the secant equations), for every positive definite F. Pairs that depend on the
     others are left out. Inexact volume solves make S^T Y asymmetric; the independent part must exceed that asymmetry.
 
+    Each rank stores its share of the rows of all pairs, see `Shares`: all calls are collective, with the same arguments
+    on every rank.
+
     Source: Schnabel, Quasi-Newton methods using multiple secant equations, Univ. Colorado CU-CS-247-83 (1983).
     """
 
-    def __init__(self, guess: Callable[[Array], Array], forces: Array, displacements: Array) -> None:
+    def __init__(
+        self, guess: Callable[[Array], Array], forces: Array, displacements: Array, comm: Comm = MPI.COMM_SELF
+    ) -> None:
         """
         Args:
             guess: F, symmetric and positive definite; takes forces (c,) or (c, k) [N] to displacements [m].
             forces, displacements: independent pairs (c, s) [N], [m] that are known from the start and never dropped.
+            comm: the ranks that share the pairs.
         """
-        self.guess, self._sure = guess, forces.shape[1]
-        self._S, self._Y = np.ascontiguousarray(forces), np.ascontiguousarray(displacements)
-        self._guessed = np.ascontiguousarray(guess(forces))
+        self.guess, self._sure, self._shares = guess, forces.shape[1], Shares(comm, len(forces))
+        own = self._shares.own
+        self._S, self._Y = np.ascontiguousarray(forces[own]), np.ascontiguousarray(displacements[own])
+        self._guessed = np.ascontiguousarray(guess(forces)[own])
         self._prepare()
 
     @property
@@ -61,10 +71,11 @@ class Secants:
         """
         if self.count == self._sure + KEPT:
             self._keep(np.delete(np.arange(self.count), self._sure))
-        self._S = np.column_stack([self._S, force])
-        self._Y = np.column_stack([self._Y, displacement])
-        self._guessed = np.column_stack([self._guessed, self.guess(force)])
-        work = self._S.T @ self._Y
+        own = self._shares.own
+        self._S = np.column_stack([self._S, force[own]])
+        self._Y = np.column_stack([self._Y, displacement[own]])
+        self._guessed = np.column_stack([self._guessed, self.guess(force)[own]])
+        work = self._shares.sum(self._S.T @ self._Y)
         noise = float(np.abs(work - work.T)[self._sure :, self._sure :].max(initial=0.0))
         self._keep(_independent((work + work.T) / 2, self._sure, max(EXACT, NOISE * noise)))
         self._prepare()
@@ -76,7 +87,7 @@ class Secants:
         )
 
     def snapshot(self) -> dict[str, Plain]:
-        """All pairs; see `restore`."""
+        """All pairs, this rank's share of their rows; see `restore`."""
         return {"forces": self._S, "displacements": self._Y, "guessed": self._guessed}
 
     def restore(self, snapshot: dict[str, Plain]) -> None:
@@ -85,12 +96,14 @@ class Secants:
         self._prepare()
 
     def _prepare(self) -> None:
-        more, less = _root(self._Y, self._S.T @ self._Y), _root(self._guessed, self._S.T @ self._guessed)
-        self.more, self.less = more, less
+        measured, guessed = self._shares.sum(np.array([self._S.T @ self._Y, self._S.T @ self._guessed]))
+        self.more, self.less = _root(self._Y, measured), _root(self._guessed, guessed)
 
     def __call__(self, force: Array) -> Array:
         """Displacement F+ f [m] of forces f (c,) or (c, k) [N], with F+ = F + more more^T - less less^T."""
-        return np.asarray(self.guess(force) + self.more @ (self.more.T @ force) - self.less @ (self.less.T @ force))
+        own = self._shares.own
+        amounts = self._shares.sum(np.array([self.more.T @ force[own], self.less.T @ force[own]]))
+        return self._shares.whole(self.guess(force)[own] + self.more @ amounts[0] - self.less @ amounts[1])
 
 
 def _root(Z: Array, work: Array) -> Array:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 from scipy import sparse
 
 from stickslip.geometry.arrays import Array
-from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.protocols import Comm, Sparse
 from stickslip.geometry.surfaces.forms import lumped_mass, surface_stiffness
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.linear.cholesky import SparseCholesky
@@ -79,6 +80,7 @@ class SurfaceMetric:
         compliance: Array,
         layer: ContactLayer | None = None,
         cut: Array = EMPTY,
+        comm: Comm = MPI.COMM_SELF,
     ) -> None:
         """
         Args:
@@ -89,7 +91,9 @@ class SurfaceMetric:
             layer: flexibility of the bodies down to the depth `cut`; the formula for the depth H minus that for `cut`
                 adds the part below. Without a layer the formula stands alone.
             cut: (c,) [m], depth of the layer.
+            comm: the ranks of the bodies, which share what is learnt of them.
         """
+        self.comm = comm
         scale = sparse.diags(1 / np.sqrt(mass))
         self.compliance, self._outer = compliance, np.sqrt(compliance / mass)
         inner = sparse.csr_matrix(scale @ L @ scale)
@@ -133,10 +137,18 @@ def surface_metric(system: System) -> SurfaceMetric:
         sums += np.array([1.0, depth, compliance])[:, None] * (onto.multiply(onto).T @ np.repeat(mass, d))
     mass, depth, compliance = sums  # where sides of different bodies share nodes: sums, then their mean
     if d == 2:  # the formula alone is as good there
-        return SurfaceMetric(L=L, mass=mass, depth=depth / mass, compliance=compliance / mass)
+        return SurfaceMetric(L=L, mass=mass, depth=depth / mass, compliance=compliance / mass, comm=system.mesh.comm)
     cut = CELLS * system.mesh.degree * mass ** (1 / (d - 1))
     layer = ContactLayer(system, CELLS)
-    return SurfaceMetric(L=L, mass=mass, depth=depth / mass, compliance=compliance / mass, layer=layer, cut=cut)
+    return SurfaceMetric(
+        L=L,
+        mass=mass,
+        depth=depth / mass,
+        compliance=compliance / mass,
+        layer=layer,
+        cut=cut,
+        comm=system.mesh.comm,
+    )
 
 
 def _depth_and_compliance(system: System, side: str, surface: Surface) -> tuple[float, float]:

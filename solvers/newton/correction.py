@@ -113,7 +113,7 @@ def by_flexibility(problem: SurfaceProblem, known: Flexibility, p: Array, w: Arr
     if residual <= ROUNDING:
         return Correction.none(len(p))
     nothing = surface.R[:, :0]
-    learning = Secants(known.F, nothing, nothing)
+    learning = Secants(known.F, nothing, nothing, known.metric.comm)
     at, w_at, motion, size = p, w, np.zeros(surface.size), 0.0
     for k in range(most + 1):
         flexibility = Flexibility(surface=surface, F=learning, metric=known.metric)

@@ -60,7 +60,8 @@ class SurfaceModel:
         if self.p.any():
             scale = min(scale, problem.scale(self.p))
         system = SurfaceSystem(laws, problem.gamma, self.flexibility, known)
-        return system.solve(p, u, INEXACT * self.enough * scale)
+        found = system.solve(p, u, INEXACT * self.enough * scale)
+        return problem.surface.agreed(found[0]), problem.surface.agreed(found[1])  # what is learnt is shared by ranks
 
 
 def nearest_in_cone(

@@ -1,1 +1,1 @@
-"""MPI ranks together: gather and scatter, replicated entries, serialisation, counters of work, and the clock."""
+"""MPI ranks together: gather, scatter, replicated entries, shared rows, serialisation, counters of work, the clock"""

@@ -1,6 +1,11 @@
-"""Gather values of all ranks on rank 0, in the order of the gmsh model, and scatter them back to their owners."""
+"""Gather values of all ranks on rank 0, in the order of the gmsh model, and scatter them back to their owners.
+
+Values pass rank by rank: beside the result, rank 0 needs memory for the share of one rank only.
+"""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,11 +27,15 @@ class Gather:
             comm: mpi4py communicator.
             numbers: (own,) numbers in the gmsh model of the rows that this rank owns.
         """
-        self._comm = comm
-        self._counts = np.array(comm.allgather(len(numbers)))
-        every = self._gathered(np.asarray(numbers, np.int64))
-        self._order = np.argsort(every)
+        self._comm, self._own = comm, len(numbers)
+        ends = np.cumsum([0, *comm.allgather(len(numbers))])
+        self._shares = [slice(*pair) for pair in pairwise(ends.tolist())]
+        self._places = np.arange(ends[-1])  # of rows in the order of the ranks, in the order of the gmsh model
+        every = self(np.asarray(numbers, np.int64))
+        self._places[np.argsort(every)] = np.arange(len(every))
         self.numbers = every  # on rank 0 (all,), in the order of the ranks; elsewhere (0,)
+        if comm.rank:
+            self._places = self._places[:0]
 
     def __call__(self, values: AnyArray) -> AnyArray:
         """Gather.
@@ -37,7 +46,17 @@ class Gather:
         Returns:
             (all, ...) in the order of the gmsh model on rank 0; (0, ...) elsewhere.
         """
-        return np.asarray(self._gathered(values)[self._order])
+        own = np.ascontiguousarray(values)
+        if self._comm.rank:
+            self._comm.Send(own, 0)
+            return np.empty((0, *own.shape[1:]), own.dtype)
+        every = np.empty((self._shares[-1].stop, *own.shape[1:]), own.dtype)
+        for rank, share in enumerate(self._shares):
+            if rank:
+                own = np.empty((share.stop - share.start, *own.shape[1:]), own.dtype)
+                self._comm.Recv(own, rank)
+            every[self._places[share]] = own
+        return every
 
     def scatter(self, values: AnyArray) -> AnyArray:
         """Scatter: the inverse of the gather.
@@ -48,23 +67,13 @@ class Gather:
         Returns:
             (own, ...) of this rank.
         """
-        every = np.empty_like(values)
-        every[self._order] = values
-        if self._comm.size == 1:
-            return every
-        width = int(np.prod(values.shape[1:], initial=1))
-        own = np.empty((self._counts[self._comm.rank], *values.shape[1:]), values.dtype)
-        self._comm.Scatterv((every, self._counts * width), own)
-        return own
-
-    def _gathered(self, values: AnyArray) -> AnyArray:
-        if self._comm.size == 1:
-            return values
-        own = np.ascontiguousarray(values)
-        width = int(np.prod(own.shape[1:], initial=1))
-        every = np.empty((self._counts.sum() if self._comm.rank == 0 else 0, *own.shape[1:]), own.dtype)
-        self._comm.Gatherv(own, (every, self._counts * width))
-        return every
+        if self._comm.rank:
+            found = np.empty((self._own, *values.shape[1:]), values.dtype)
+            self._comm.Recv(found, 0)
+            return found
+        for rank, share in enumerate(self._shares[1:], 1):
+            self._comm.Send(values[self._places[share]], rank)
+        return np.asarray(values[self._places[self._shares[0]]])
 
 
 def nodes_of(mesh: Mesh, nodes: Nodes) -> Gather:

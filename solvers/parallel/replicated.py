@@ -1,12 +1,27 @@
-"""Chosen entries of a distributed vector, replicated on every rank (a PETSc scatter)."""
+"""What every rank has: chosen entries of a distributed vector (a PETSc scatter), and values that all agree on."""
 
 from __future__ import annotations
+
+from typing import TypeVar
 
 import numpy as np
 from petsc4py import PETSc
 
 from stickslip.geometry.arrays import Array, Ints
-from stickslip.geometry.protocols import Vec
+from stickslip.geometry.protocols import Comm, Vec
+
+T = TypeVar("T")
+
+
+def on_all_ranks(comm: Comm, value: T) -> T:
+    """The value of rank 0 on every rank, an array as a buffer; its shape is the same on all; collective."""
+    if comm.size == 1:
+        return value
+    if isinstance(value, np.ndarray):
+        comm.Bcast(found := value.copy())
+        return found
+    agreed: T = comm.bcast(value)
+    return agreed
 
 
 class Replicated:

@@ -292,7 +292,7 @@ class Auditor:
                 along = directions if axis == "normal" else np.eye(problem.dim)["xyz".index(axis)]
                 found = np.sum(record.displacement[nodes] * along, axis=1)
                 largest, off = max(largest, _largest(np.abs(wanted))), max(off, _largest(np.abs(found - wanted)))
-        if system.constraints.root or system.constraints.remote.rigid or system.mesh.axisymmetric:
+        if len(system.constraints.followers) or system.constraints.remote.rigid or system.mesh.axisymmetric:
             alike = system.T * system.free_part(u, record.time) + system.prescribed(record.time)
             off = max(off, float((u - alike).norm(PETSc.NormType.INFINITY)))
         return float(off / largest) if largest else 0.0

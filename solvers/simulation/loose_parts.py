@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 import numpy as np
 
 from stickslip.geometry.errors import SceneError
@@ -49,10 +51,12 @@ def _refuse_dangling(system: System) -> None:
     """
     mesh, joints = system.mesh, system.mesh.joints
     of = system.constraints
-    of = system.constraints
-    touched = {*of.part.values(), *of.sprung.part.tolist(), *of.links.parts}
+    own, periodic = of.held[of.is_own(of.held)] - of.nodes.offset, of.periodic
+    held = np.unique(np.concatenate([of.nodes.part[own], of.sprung.part])).tolist()
+    touched = {*chain.from_iterable(mesh.comm.allgather(held)), *of.links.parts}
+    touched.update(np.unique([*periodic.part, *periodic.root_part]).tolist())
     touched.update(*(point.part.tolist() for point in of.remote.rigid if point.rows))
-    touched.update(*(np.unique(mesh.parts[rows.input]).tolist() for rows in system.contacts))
+    touched.update(*(np.unique(rows.part).tolist() for rows in system.contacts))
     for part in range(mesh.part_count) if mesh.part_count > 1 else ():
         points = joints.points[(joints.parts == part).any(axis=1)]
         held = len(points) > 0 if mesh.axisymmetric else is_rigid(points)

@@ -119,9 +119,10 @@ class Size:
 
 def _parts(mesh: Mesh, dofs: int, contacts: tuple[ContactRows, ...]) -> tuple[tuple[float, float], ...]:
     """About how many dofs, and how many contact dofs, each part of the mesh has, see `Size.parts`."""
-    nodes = np.bincount(mesh.parts, minlength=mesh.part_count)
-    touching = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.input for c in contacts)]))
-    on_sides = mesh.dim * np.bincount(mesh.parts[touching], minlength=mesh.part_count)
+    nodes = np.bincount(mesh.parts, minlength=mesh.part_count)  # on one rank these are all
+    _, first = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.input for c in contacts)]), return_index=True)
+    part = np.concatenate([np.zeros(0, np.int64), *(c.part for c in contacts)])[first]
+    on_sides = mesh.dim * np.bincount(part, minlength=mesh.part_count)
     return tuple(zip((dofs * nodes / nodes.sum()).tolist(), on_sides.tolist(), strict=True))
 
 

@@ -77,7 +77,7 @@ class ContactInterface:
         of_part = modes.reshape(count, len(modes) // count, modes.shape[1])
         values = np.zeros((len(self.dofs), modes.shape[1]))
         for c in self.contacts if modes.shape[1] else ():
-            fields = self.motions.fields(c.points) @ of_part[self.mesh.parts[c.input]]
+            fields = self.motions.fields(c.points) @ of_part[c.part]
             bases, free = self.constraints.bases(c.nodes)
             at = np.searchsorted(self.dofs, self.constraints.numbers(c.nodes)[free])
             values[at] = (np.swapaxes(bases, 1, 2) @ fields)[free]

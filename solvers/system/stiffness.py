@@ -48,10 +48,9 @@ class Stiffness:
     def of(K: Mat, T: Mat, constraints: Constraints) -> Stiffness:
         """Both from K, which becomes the free one where T selects; collective."""
         low, high = T.getOwnershipRange()
-        gone = constraints.eliminated()
-        own = gone[(gone >= low) & (gone < high)].astype(PETSc.IntType)
+        own = constraints.eliminated().astype(PETSc.IntType)
         if constraints.selects:
-            return _selected(K, own, len(gone), constraints.free_total)
+            return _selected(K, own, constraints.free_total)
         free = K.PtAP(T)
         mean = free.getDiagonal().sum() / constraints.free_total
         diagonal = PETSc.Mat().createAIJ(free.getSizes(), bsize=constraints.dim, nnz=(1, 0), comm=free.comm)
@@ -62,16 +61,15 @@ class Stiffness:
         return Stiffness(K, free)
 
 
-def _selected(K: Mat, own: Ints, count: int, free_total: int) -> Stiffness:
+def _selected(K: Mat, own: Ints, free_total: int) -> Stiffness:
     """K without its eliminated rows and columns, in place; and K as their sum, the columns stored.
 
     Args:
         K: stiffness of all displacements.
         own: eliminated numbers of this rank.
-        count: eliminated numbers of all ranks.
         free_total: free displacements of all ranks.
     """
-    if not count:
+    if free_total == K.getSize()[0]:
         return Stiffness(K, K)
     (low, high), diagonal = K.getOwnershipRange(), K.getDiagonal()
     diagonal.array[own - low] = 0.0

@@ -29,11 +29,10 @@ from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.fem.terms import InitialStrain
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.released import watch
-from stickslip.solvers.parallel.replicated import Replicated
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.timeline import Course, Place
 from stickslip.solvers.system.applied_loads import AppliedLoads
-from stickslip.solvers.system.contact_interface import ContactInterface, components
+from stickslip.solvers.system.contact_interface import ContactInterface
 from stickslip.solvers.system.initial_strain import InitialStrains
 from stickslip.solvers.system.obstacles import Obstacles
 from stickslip.solvers.system.stiffness import Restored, Stiffness
@@ -85,13 +84,14 @@ class System:
         return total
 
     def prescribed(self, time: float) -> Vec:
-        """u_s(t) over all displacements [m]: zero at nodes that are not prescribed.
+        """u_s(t) over all displacements [m]: zero at nodes that are not prescribed; collective.
 
         If the supports prescribe a rigid motion, u_s is that rigid motion at all nodes.
         """
         total, motion = self.vector(), self.rigid_motion(time)
         if motion is None:
-            self._prescribed.write(total, self.constraints.prescribed(time).ravel())
+            at = self.constraints.prescribed_nodes - self.nodes.offset
+            total.array.reshape(-1, self.mesh.dim)[at] = self.constraints.prescribed(time)
         else:
             nodes, own = self.nodes, slice(self.nodes.owned)
             total.array[:] = self.lifting.displacement(motion, nodes.points[own], nodes.part[own]).ravel()
@@ -117,7 +117,7 @@ class System:
         return found
 
     def rigid_motion(self, time: float) -> Array | None:
-        """Coefficients of a rigid motion that is all that is prescribed and that nothing resists, or None.
+        """Coefficients of a rigid motion that is all that is prescribed and that nothing resists, or None; collective.
 
         See `RigidModes.followed`; where an effect adds other stiffness than springs, every motion is resisted.
         """
@@ -165,19 +165,18 @@ class System:
         )
 
     def reactions(self, residual: Vec) -> dict[str, tuple[Array, Array]]:
-        """Force (d,) [N] and moment about the origin [N m] that each support exerts; residual: see `State` [N]."""
-        return self.constraints.reactions(self._prescribed.read(residual).reshape(-1, self.mesh.dim))
+        """Force (d,) [N] and moment about the origin [N m] that each support exerts; collective.
+
+        Args:
+            residual: see `State` [N].
+        """
+        return self.constraints.reactions(residual.array_r.reshape(-1, self.mesh.dim))
 
     @cached_property
     def extent(self) -> float:
         """L, the largest side of the bodies' bounding box [m]."""
         low, high = self.mesh.box()
         return float(np.max(high - low))
-
-    @cached_property
-    def _prescribed(self) -> Replicated:
-        nodes = self.constraints.prescribed_nodes
-        return Replicated(self.vector(), components(nodes, self.mesh.dim))
 
 
 def contact_rows(
@@ -275,7 +274,7 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
     contacts = contact_rows(problem, mesh, space, nodes, constraints)
     dilatation = MeanDilatation(weak)
     counters.searches += sum(1 for c in contacts if c.master)
-    T = constraints.transformation(mesh.comm)
+    T = constraints.transformation()
     return System(
         problem=problem,
         mesh=mesh,

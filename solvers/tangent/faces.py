@@ -36,10 +36,11 @@ class CompliantFaces:
         """Take the faces of a step; collective."""
         self.problem, self.operator = problem, operator
         self.places = [block for block in problem.cone.places if block.rows.normal.at_quadrature]
-        compliant = np.zeros(len(problem.gap))
-        for block in self.places:
-            compliant[block.normal] = 1.0
-        self.N: Sparse = (sparse.diags(compliant) @ coordinates.rows).tocsr()
+        if self.places:
+            compliant = np.zeros(len(problem.gap))
+            for block in self.places:
+                compliant[block.normal] = 1.0
+            self.N: Sparse = (sparse.diags(compliant) @ coordinates.rows).tocsr()
         self.scatter = Replicated(operator.K_B.createVecRight(), coordinates.numbers)
         self._vector = operator.K_B.createVecRight()
         low = operator.K_B.getOwnershipRange()[0]

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.contact.rows import ContactRows
@@ -106,8 +107,7 @@ class ContactPoints:
         """Row values of all rows on every rank, from those of each rank's own ones; collective."""
         found = np.zeros(self.size)
         found[self.of] = x  # compliant rows are everywhere
-        for of, values in self.comm.allgather((self.of[self.own], x[self.own])) if self.comm.size > 1 else ():
-            found[of] = values
+        found[of_all_ranks(self.comm, self.of[self.own])] = of_all_ranks(self.comm, x[self.own])
         return found
 
     def relax(self, v: Array, g: Array, pressed: Pressed) -> tuple[Array, Array]:

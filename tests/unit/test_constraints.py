@@ -14,7 +14,7 @@ from shared.matrices import dense, whole
 from stickslip.geometry.arrays import cross
 from stickslip.geometry.errors import SceneError
 from stickslip.geometry.surfaces.surface import Surface, gather_surface
-from stickslip.solvers.fem.constraints import Row
+from stickslip.solvers.fem.constraints import Components, Constraints
 from stickslip.solvers.fem.rigid_fields import rigid_fields
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
@@ -50,6 +50,21 @@ def any_displacement(system: System, time: float) -> Array:
     q = np.random.default_rng(3).normal(size=T.shape[1])
     u = T @ q + system.prescribed(time).array
     return np.asarray(u.reshape(-1, system.mesh.dim))
+
+
+def holding(of: Constraints, held: Mapping[int, str], rows: Mapping[str, tuple[Any, float]]) -> Constraints:
+    """The same mesh with other supports, each one letter with a direction and a value, at some nodes."""
+    at = [(node, name) for node, names in held.items() for name in names]
+    nodes, index = np.array([node for node, _ in at]), np.array([[*rows].index(name) for _, name in at])
+    components = Components(
+        node=nodes,
+        directions=np.array([rows[name][0] for _, name in at]),
+        drive=index,
+        support=index,
+        points=of.nodes.points[nodes],
+    )
+    drives = tuple(value for _, value in rows.values())
+    return replace(of, drives=drives, supports=tuple(rows), components=components)
 
 
 CASES: dict[str, tuple[int, dict[str, Any]]] = {
@@ -103,10 +118,9 @@ def test_stiffness_of_the_free_displacements_is_selected_or_transformed_alike(
     scene_of: SceneOf, system_of: SystemOf
 ) -> None:
     selecting = {case: system_of(scene_of(dim, **tables)) for case, (dim, tables) in CASES.items()}
-    ends = (Row(np.array([0.6, 0.8]), 0.3, "a"),)
     free = selecting["free"]
-    inclined = replace(free.constraints, rows={4: ends, 9: ends})
-    T = inclined.transformation(free.mesh.comm)
+    inclined = holding(free.constraints, {4: "a", 9: "a"}, {"a": ([0.6, 0.8], 0.3)})
+    T = inclined.transformation()
     both = Stiffness.of(whole(free), T, inclined)
     selecting["inclined"] = replace(free, constraints=inclined, T=T, assembled=lambda: both)
     for case, system in selecting.items():
@@ -134,18 +148,17 @@ def test_nothing_more_than_what_is_prescribed_is_held(scene_of: SceneOf, system_
 def test_an_inclined_direction_is_held_and_the_other_is_free(scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(scene_of(3))
     directions = np.array([[1.0, 2.0, 2.0], [0.0, 3.0, 4.0]]) / np.array([[3.0], [5.0]])
-    points = {4: system.nodes.points[4], 9: system.nodes.points[9]}
-    one, other = Row(directions[0], 0.3, "a"), Row(directions[1], -0.1, "b")
-    rows = {4: (one,), 9: (one, other)}
-    inclined = replace(system.constraints, rows=rows, points=points, part={4: 0, 9: 0})
-    T = free_columns(inclined.transformation(system.mesh.comm))
+    rows = {"a": (directions[0], 0.3), "b": (directions[1], -0.1)}
+    inclined = holding(system.constraints, {4: "a", 9: "ab"}, rows)
+    T = free_columns(inclined.transformation())
     assert inclined.free_total == 3 * system.nodes.total - 3 == T.shape[1]
     assert_allclose(T.T @ T, np.eye(T.shape[1]), atol=1e-14)
     u = (T @ np.random.default_rng(5).normal(size=T.shape[1])).reshape(-1, 3)
     u[inclined.prescribed_nodes] += inclined.prescribed(1.0)
     assert_allclose([u[4] @ directions[0], u[9] @ directions[0], u[9] @ directions[1]], [0.3, 0.3, -0.1], atol=1e-14)
     # a force along what holds is shared among those that hold, with nothing left over
-    force = np.array([0.7 * directions[0], -0.2 * directions[0] + 1.1 * directions[1]])
+    force = np.zeros((system.nodes.owned, 3))
+    force[[4, 9]] = 0.7 * directions[0], -0.2 * directions[0] + 1.1 * directions[1]
     shares = inclined.reactions(force)
     assert_allclose(shares["a"][0], 0.5 * directions[0], atol=1e-14)
     assert_allclose(shares["b"][0], 1.1 * directions[1], atol=1e-14)

@@ -69,7 +69,8 @@ def both(request: pytest.FixtureRequest, scene_of: SceneOf, system_of: SystemOf)
 
 def load_of(surface: Any, system: System, error: float = 0.0) -> Any:
     u_s, f = system.vector(), system.T.createVecRight()
-    system._prescribed.write(u_s, system.constraints.prescribed(1.0).ravel())  # a rigid motion would leave no load
+    held = system.constraints.prescribed_nodes
+    u_s.array.reshape(-1, system.mesh.dim)[held] = system.constraints.prescribed(1.0)  # a rigid motion leaves no load
     system.T.multTranspose(system.load(1.0) - system.K * u_s, f)
     return surface.load(f, system.obstacles.driving_force(1.0), error)
 

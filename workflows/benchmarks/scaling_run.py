@@ -64,6 +64,7 @@ class Case:
     layers: int = 0  # 0: as many as n
     steps: int = 2
     tolerance: float = 1e-8
+    method: str = "tangent-cg"
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -93,7 +94,7 @@ class Case:
                 "supports.top.displacement={ "
                 f"x = [[0, 0], [1, 0], [2, {0.02 * height!r}]], y = [[0, 0], [1, 0], [2, {0.01 * height!r}]], "
                 f"z = [[0, 0], [1, {-0.05 * height!r}]] }}",
-                f'solver={{ method = "tangent-cg", surface = "matrix-free", tolerance = {self.tolerance!r} }}',
+                f'solver={{ method = "{self.method}", surface = "matrix-free", tolerance = {self.tolerance!r} }}',
                 "output.error=false",
             ],
         )
@@ -214,9 +215,14 @@ def statistics(profile: cProfile.Profile) -> dict[tuple[str, str], tuple[int, fl
     return found
 
 
-def size_of(*roots: object) -> int:
-    """Bytes of all Python objects and numpy arrays that can be reached; what PETSc holds is not among them."""
-    seen, waiting, total = set[int](), list(roots), 0
+def size_of(*roots: object, seen: set[int] | None = None) -> int:
+    """Bytes of all Python objects and numpy arrays that can be reached; what PETSc holds is not among them.
+
+    Args:
+        seen: identities of objects that are not counted; those that are counted are added.
+    """
+    waiting, total = list(roots), 0
+    seen = set() if seen is None else seen
     while waiting:
         one = waiting.pop()
         if id(one) in seen or isinstance(one, type | ModuleType | FunctionType):

@@ -1,0 +1,91 @@
+"""What is on the contact surface is shared out among ranks, and the answer is that of one rank."""
+
+from pathlib import Path
+
+import pytest
+from numpy.testing import assert_allclose
+
+from shared.ranks import told
+
+TANGENT = """
+import json
+import numpy as np
+from mpi4py import MPI
+import stickslip
+from stickslip.solvers.interface.prepare import prepare_surface
+from stickslip.solvers.tangent.coordinates import ContactCoordinates
+simulation = stickslip.prepare(stickslip.read(SCENE, WORDS))
+steps = [*simulation.steps()]
+found = []
+for step in steps:
+    found += [step.energy.stored, *(c.normal_force for c in step.contacts.values())]
+    found += [value for force, moment in step.supports.values() for value in (*force, *moment)]
+system = simulation.system
+surface = prepare_surface(system, simulation.stepper.chain.volume)
+coordinates = ContactCoordinates.of(system, surface)
+u, v, again = (system.K_B.createVecRight() for _ in range(3))
+low, high = u.getOwnershipRange()
+u.array[:] = np.sin(np.arange(low, high))
+coordinates.inverse.mult(u, v)
+coordinates.T.mult(v, again)
+own = np.flatnonzero((coordinates.at >= low) & (coordinates.at < high))
+w = (surface.N @ surface.volume.contact.read(u))[own]
+wrong = float(max(abs((again - u).array).max(), abs(w - v.array[coordinates.at[own] - low]).max(initial=0.0)))
+comm = MPI.COMM_WORLD
+rows = comm.allreduce(len(own))
+assert rows == np.count_nonzero(coordinates.at >= 0), "a row belongs to no rank, or to several"
+everywhere = comm.gather(found), comm.gather(wrong), comm.gather(len(own)), rows
+if comm.rank == 0:
+    print(json.dumps(everywhere))
+"""
+ALWAYS = ["solver.tolerance=1e-11", "output.error=false", 'solver.method="tangent-cg"']
+SLAB = ["geometry.mesh_size=0.125", "geometry.height=0.25"]
+BALLS = ["geometry.order=1", "geometry.contact_mesh_size=0.1"]
+SOFT = ['contacts.base.normal={ law = "compliance", c_n = 20.0, m_n = 1.0 }']
+CASES = {"rigid": ("cube", SLAB), "compliant": ("cube", [*SLAB, *SOFT]), "mortar": ("spheres", BALLS)}
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("case", CASES)
+def test_contact_coordinates_are_shared_by_slave_node(case: str, ranks: int, tmp_path: Path) -> None:
+    scene, words = CASES[case]
+    script = TANGENT.replace("SCENE", repr(scene)).replace("WORDS", repr([*ALWAYS, *words]))
+    (alone,), _, _, count = told(script, 1, tmp_path)
+    found, wrong, shares, rows = told(script, ranks, tmp_path)
+    assert rows == count == sum(shares) > 50
+    assert max(wrong) < 1e-12
+    assert all(one == found[0] for one in found)
+    assert_allclose(found[0], alone, rtol=1e-8, atol=1e-9 * max(map(abs, alone)))
+
+
+LEARNT = """
+import json
+import numpy as np
+from mpi4py import MPI
+import stickslip
+from stickslip.solvers.parallel import shares
+shares.LEAST = 0
+simulation = stickslip.prepare(stickslip.read("cube", WORDS))
+steps = [*simulation.steps()]
+found = [value for step in steps for value in (step.energy.stored, step.contacts["base"].tangential_force)]
+(ready,) = simulation.stepper.chain._ready.values()
+pairs = ready.learnt["F"]._S
+comm = MPI.COMM_WORLD
+everywhere = comm.gather(found), comm.gather(pairs.shape), steps[-1].volume_solves
+if comm.rank == 0:
+    print(json.dumps(everywhere))
+"""
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_secants_are_shared_by_rows(ranks: int, tmp_path: Path) -> None:
+    words = ["geometry.mesh_size=0.25", 'solver.method="surface-uzawa"', 'solver.surface="matrix-free"']
+    script = LEARNT.replace("WORDS", repr([*words, "solver.tolerance=1e-10", "output.error=false"]))
+    (alone,), ((rows, pairs),), _ = told(script, 1, tmp_path)
+    found, shapes, _ = told(script, ranks, tmp_path)
+    assert sum(share for share, _ in shapes) == rows
+    assert max(share for share, _ in shapes) <= rows / ranks + 1
+    assert all(count == shapes[0][1] > 0 for _, count in shapes)
+    assert abs(shapes[0][1] - pairs) <= 2  # which pairs are independent may be decided by rounding
+    assert all(one == found[0] for one in found)
+    assert_allclose(found[0], alone, rtol=1e-7, atol=1e-9 * max(alone))  # the shear of the first step is zero
