@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time as clock
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -16,8 +17,9 @@ from shared.command import COARSE, LIMIT, Call, Start, assert_one_line, result
 from shared.disks import make_read_only
 from shared.drawn import write_long
 from shared.histories import RUN_FOUR, Stop, assert_same, names_in
-from shared.processes import gmsh_child, is_there
+from shared.processes import catches, gmsh_child, is_there, running, wait_for
 from stickslip.solvers.results.step_result import StepResult
+from stickslip.workflows.formats.steps import step_name
 
 SPEAKS = ["run", "block", "-o", "out", *COARSE]
 
@@ -155,16 +157,24 @@ def test_names_that_no_disk_has_are_refused(name: str, call: Call) -> None:
 # signals
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1])
-@pytest.mark.parametrize("part", [0.1, 0.3, 0.8, 1.5])
+STOPPING = [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1]
+
+
+@pytest.mark.parametrize(
+    ("number", "part"),
+    [  # each with each when there is time
+        pytest.param(number, part, marks=[] if i == j % len(STOPPING) else pytest.mark.slow)
+        for i, number in enumerate(STOPPING)
+        for j, part in enumerate([0.0, 0.2, 0.7, 1.4])
+    ],
+)
 def test_signal_while_it_starts_ends_with_130(
     number: signal.Signals, part: float, folder: Path, command: list[str], environment: dict[str, str]
 ) -> None:
-    """From the first line of our own on; Python itself needs some hundredths of a second to get there."""
+    """From the first lines of our own on: that SIGUSR1 is caught shows that they were reached."""
     words = [*RUN_FOUR, "--set=steps.count=4000"]
-    with subprocess.Popen(
-        [*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
-    ) as process:
+    with running([*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE) as process:
+        wait_for(lambda: catches(process.pid, signal.SIGUSR1), "the first lines")
         clock.sleep(part)
         process.send_signal(number)
         _, err = process.communicate(timeout=LIMIT)
@@ -173,16 +183,42 @@ def test_signal_while_it_starts_ends_with_130(
     assert "interrupted" in err
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("doing", ["reading", "meshing"])
+def test_ctrl_c_that_is_ignored_is_not_heard_but_other_signals_are(
+    folder: Path, command: list[str], environment: dict[str, str]
+) -> None:
+    """As after nohup, and in a script's background: there Ctrl-C is for what the script waits for."""
+    ignore = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
+    words = [*RUN_FOUR, "--set=steps.count=4000"]
+    with running(
+        [*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, preexec_fn=ignore
+    ) as process:
+        for _ in range(5):  # while it starts, and within iterations
+            process.send_signal(signal.SIGINT)
+            clock.sleep(0.1)
+        wait_for((folder / ".out.running" / step_name(1)).exists, "a step")
+        process.send_signal(signal.SIGINT)
+        wait_for((folder / ".out.running" / step_name(4)).exists, "a step after it")
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=LIMIT)
+    assert process.returncode == 130, err
+    assert "stopped by SIGTERM" in err
+
+
+@pytest.mark.parametrize(
+    ("doing", "number"),
+    [
+        ("reading", signal.SIGINT),
+        ("meshing", signal.SIGTERM),
+        pytest.param("reading", signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param("meshing", signal.SIGINT, marks=pytest.mark.slow),
+    ],
+)
 def test_signal_while_gmsh_works_ends_both_at_once(
     doing: str, number: signal.Signals, folder: Path, command: list[str], environment: dict[str, str]
 ) -> None:
     """gmsh's own process does not end by itself for minutes."""
     words = ["run", str(write_long(folder, doing)), "-q", "-o", "out"]
-    with subprocess.Popen(
-        [*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
-    ) as process:
+    with running([*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE) as process:
         child = gmsh_child(process.pid, doing)
         clock.sleep(1.0)  # for gmsh to be at work
         process.send_signal(number)
