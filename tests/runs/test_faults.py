@@ -189,9 +189,7 @@ def test_ctrl_c_that_is_ignored_is_not_heard_but_other_signals_are(
     """As after nohup, and in a script's background: there Ctrl-C is for what the script waits for."""
     ignore = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
     words = [*RUN_FOUR, "--set=steps.count=4000"]
-    with running(
-        [*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, preexec_fn=ignore
-    ) as process:
+    with running([*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, preexec_fn=ignore) as process:
         for _ in range(5):  # while it starts, and within iterations
             process.send_signal(signal.SIGINT)
             clock.sleep(0.1)
