@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from shared.cases import every_nth, slow
 from shared.command import COARSE, LIMIT, Call, Start, assert_one_line, result
 from shared.disks import make_read_only
 from shared.drawn import write_long
@@ -22,6 +23,7 @@ from stickslip.solvers.results.step_result import StepResult
 from stickslip.workflows.formats.steps import step_name
 
 SPEAKS = ["run", "block", "-o", "out", *COARSE]
+ODD = ["ü ²", "a\nb", os.fsdecode(b"\xff"), "-v", "%s{}", "'\""]
 
 
 # where nothing can be written
@@ -33,7 +35,7 @@ SPEAKS = ["run", "block", "-o", "out", *COARSE]
         {"HOME": "/proc/1/nohome"},
         pytest.param({"HOME": "/dev/null"}, marks=pytest.mark.slow),
         pytest.param({"HOME": ""}, marks=pytest.mark.slow),
-        {"XDG_CACHE_HOME": "/dev/null"},
+        pytest.param({"XDG_CACHE_HOME": "/dev/null"}, marks=pytest.mark.slow),
         pytest.param({"XDG_CONFIG_HOME": "/dev/null"}, marks=pytest.mark.slow),
         pytest.param({"HOME": "/dev/null", "XDG_CACHE_HOME": "relative"}, marks=pytest.mark.slow),
     ],
@@ -77,7 +79,7 @@ def test_settings_of_other_programs_in_the_working_folder_are_not_read(start: St
     assert start(*SPEAKS).returncode == 0
 
 
-@pytest.mark.parametrize("words", [SPEAKS, ["scenes"], ["plan", "block"]])
+@pytest.mark.parametrize("words", [SPEAKS, *slow(["scenes"], ["plan", "block"])])
 def test_working_folder_that_is_gone_is_said(words: list[str], start: Start, folder: Path, tmp_path: Path) -> None:
     gone = folder / "gone"
     gone.mkdir()
@@ -91,12 +93,7 @@ def test_working_folder_that_is_gone_is_said(words: list[str], start: Start, fol
 
 
 @pytest.mark.parametrize(
-    ("words", "closed"),
-    [  # each with each when there is time
-        pytest.param(words, closed, marks=[] if i == j else pytest.mark.slow)
-        for i, words in enumerate([SPEAKS, ["scenes"], ["mesh", "block", *COARSE[:2]]])
-        for j, closed in enumerate([(1,), (2,), (0, 1, 2)])
-    ],
+    ("words", "closed"), every_nth(3, [SPEAKS, ["scenes"], ["mesh", "block", *COARSE[:2]]], [(0, 1, 2), (2,), (1,)])
 )
 def test_closed_streams_change_nothing(words: list[str], closed: tuple[int, ...], start: Start, folder: Path) -> None:
     done = start(*words, preexec_fn=lambda: [os.close(number) for number in closed])
@@ -105,7 +102,7 @@ def test_closed_streams_change_nothing(words: list[str], closed: tuple[int, ...]
         assert result(folder / "out")["status"] == "converged"
 
 
-@pytest.mark.parametrize("words", [SPEAKS, ["scenes"], ["mesh", "block", *COARSE[:2]]])
+@pytest.mark.parametrize("words", [SPEAKS, *slow(["scenes"], ["mesh", "block", *COARSE[:2]])])
 def test_full_disk_behind_stdout_ends_with_4(words: list[str], start: Start, folder: Path) -> None:
     with open("/dev/full", "w") as full:
         done = start(*words, stdout=full)
@@ -122,7 +119,7 @@ def test_full_disk_behind_stderr_does_not_change_the_exit_code(start: Start) -> 
         assert start(*SPEAKS, stderr=full).returncode in (0, 4)
 
 
-@pytest.mark.parametrize("words", [SPEAKS, ["scenes"], ["mesh", "block", *COARSE[:2]], ["--help"]])
+@pytest.mark.parametrize("words", [SPEAKS, ["--help"], *slow(["scenes"], ["mesh", "block", *COARSE[:2]])])
 def test_reader_that_goes_ends_without_a_word(words: list[str], start: Start, folder: Path) -> None:
     reader, writer = os.pipe()
     os.close(reader)
@@ -138,7 +135,7 @@ def test_reader_that_goes_ends_without_a_word(words: list[str], start: Start, fo
 
 
 @pytest.mark.parametrize("locale", [{"LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}])
-@pytest.mark.parametrize("name", ["ü ²", "a\nb", os.fsdecode(b"\xff"), "-v", "%s{}", "'\""])
+@pytest.mark.parametrize("name", ["-ü ²\n%s{}'\"" + os.fsdecode(b"\xff"), *slow(*ODD)])
 def test_odd_names_and_plain_terminals(locale: dict[str, str | None], name: str, start: Start, folder: Path) -> None:
     done = start("run", "block", f"-o{name}", *COARSE, variables=locale)
     assert done.returncode == 0, done.stderr
@@ -157,16 +154,9 @@ def test_names_that_no_disk_has_are_refused(name: str, call: Call) -> None:
 # signals
 
 
-STOPPING = [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1]
-
-
 @pytest.mark.parametrize(
     ("number", "part"),
-    [  # each with each when there is time
-        pytest.param(number, part, marks=[] if i == j % len(STOPPING) else pytest.mark.slow)
-        for i, number in enumerate(STOPPING)
-        for j, part in enumerate([0.0, 0.2, 0.7, 1.4])
-    ],
+    every_nth(3, [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1], [0.0, 0.2, 0.7, 1.4]),
 )
 def test_signal_while_it_starts_ends_with_130(
     number: signal.Signals, part: float, folder: Path, command: list[str], environment: dict[str, str]

@@ -18,11 +18,14 @@ SIZES = ("mesh_size", "contact_mesh_size", "lower_mesh_size", "inner_mesh_size")
 FEWER = {  # steps, of scenes that have many for the accuracy of their dissipation
     "axisymmetric": 4,
     "dam": 12,
+    "fretting": 11,
     "half_ball": 2,
     "half_disc": 8,
     "half_space": 4,
     "ring": 5,
     "spheres": 2,
+    "spruce": 8,
+    "stick_slip": 12,
 }
 ZERO = 1e-8  # the tolerance of the ready scenes: balances hold to it, relative to their largest term
 ROUNDING = 1e-12
