@@ -18,7 +18,6 @@ SIZES = ("mesh_size", "contact_mesh_size", "lower_mesh_size", "inner_mesh_size")
 FEWER = {  # steps, of scenes that have many for the accuracy of their dissipation
     "axisymmetric": 4,
     "dam": 12,
-    "fretting": 11,
     "half_ball": 2,
     "half_disc": 8,
     "half_space": 4,
