@@ -2,21 +2,32 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from shared.ranks import mpirun
+from stickslip.workflows.commands.cli import app, guarded
 
 WORDS = ["run", "block", "--set=geometry.mesh_size=0.5", "--set=geometry.contact_mesh_size=0.5"]
 WORDS += ["--set=output.pictures=false", "--accuracy=base.normal_force=0.3%", "-q"]
 
 
+def done(ranks: int, words: list[str], folder: Path) -> Any:
+    """The result of a command on several ranks, or in this process, which is one."""
+    where = folder / f"on_{ranks}"
+    if ranks == 1:
+        assert guarded(lambda: app([*words, "-o", str(where)], standalone_mode=False)) == 0
+    else:
+        ended = mpirun(ranks, [*words, "-o", str(where)], folder)
+        assert ended.returncode == 0, ended.stderr
+    return json.loads((where / "result.json").read_text())
+
+
 def test_ranks_take_the_same_rounds(tmp_path: Path) -> None:
     rounds = []
     for ranks in (1, 2):
-        ended = mpirun(ranks, [*WORDS, "-o", f"on_{ranks}"], tmp_path)
-        assert ended.returncode == 0, ended.stderr
-        rounds.append(json.loads((tmp_path / f"on_{ranks}" / "result.json").read_text())["accuracy"]["rounds"])
+        rounds.append(done(ranks, WORDS, tmp_path)["accuracy"]["rounds"])
     assert len(rounds[0]) > 1
     assert [one["unknowns"] for one in rounds[0]] == [one["unknowns"] for one in rounds[1]]
 
@@ -32,9 +43,7 @@ def test_ranks_state_the_same_errors_of_order_2_in_3d(tmp_path: Path) -> None:
         "-q",
     ]
     for ranks in (1, 2):
-        ended = mpirun(ranks, [*words, "-o", f"on_{ranks}"], tmp_path)
-        assert ended.returncode == 0, ended.stderr
-        step = json.loads((tmp_path / f"on_{ranks}" / "result.json").read_text())["steps"][-1]
+        step = done(ranks, words, tmp_path)["steps"][-1]
         stated.append(step["contacts"]["base"]["error"]["normal_force"]["mesh"])
     assert stated[0] > 0
     assert stated[1] == pytest.approx(stated[0], rel=1e-6)

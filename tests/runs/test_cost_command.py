@@ -14,6 +14,7 @@ import pytest
 import stickslip.workflows.cost.command
 import stickslip.workflows.cost.kept
 from shared.command import Call, table
+from shared.processes import running
 from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.cost.run_record import Run
 from stickslip.workflows.cost.rung import Rung
@@ -79,9 +80,8 @@ def test_ctrl_c_keeps_the_finished_runs_and_resume_makes_none_of_them_again(
     folder: Path, command: list[str], environment: dict[str, str], call: Call
 ) -> None:
     words = [*SMALL, "--budget", "600", "--set=output.pictures=false"]
-    with subprocess.Popen(
-        [*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
+    pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with running([*command, *words], cwd=folder, env=environment, **pipes) as process:
         assert process.stderr is not None
         for line in process.stderr:
             if "unknowns" in line:
@@ -273,9 +273,8 @@ def test_a_run_that_fails_is_a_row_and_not_the_end(call: Call, folder: Path) -> 
 def test_the_child_dies_with_its_parent(folder: Path, command: list[str], environment: dict[str, str]) -> None:
     """A study that is killed leaves no process behind that goes on computing."""
     words = [*command, *SCENE, "--set=geometry.contact_mesh_size=0.02", "--set=steps.count=100000"]
-    with subprocess.Popen(
-        words, cwd=folder, env=environment, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL
-    ) as process:
+    pipes = {"stderr": subprocess.DEVNULL, "stdout": subprocess.DEVNULL}
+    with running(words, cwd=folder, env=environment, **pipes) as process:
         children: list[int] = []
         while not children:  # the test's own time limit ends it
             children = [pid for pid in _children(process.pid) if "stickslip.workflows.cost.child" in _words(pid)]

@@ -12,6 +12,7 @@ import pytest
 
 import stickslip.workflows.run.run
 from shared.command import COARSE, Call, result, table
+from shared.processes import running
 from stickslip.geometry.errors import SolverError, StickslipError
 from stickslip.geometry.user_files.child import child_environment
 from stickslip.solvers.simulation.simulation import Simulation, prepare
@@ -96,9 +97,8 @@ def test_ctrl_c_ends_with_130_and_keeps_the_steps_so_far(
     folder: Path, command: list[str], environment: dict[str, str]
 ) -> None:
     words = ["run", "block", "-o", "out", *COARSE, "--set=steps.count=4000"]
-    with subprocess.Popen(
-        [*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as process:
+    pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with running([*command, *words], cwd=folder, env=environment, **pipes) as process:
         assert process.stderr is not None
         for line in process.stderr:
             if line.startswith("t = "):
@@ -118,10 +118,10 @@ def test_whoever_stops_listening_ends_the_run_and_the_steps_so_far_are_kept(
 ) -> None:
     """As `2>&1 | head` does; it must not end in PETSc's handler of the signal, which knows nothing of other ranks."""
     words = ["run", "block", "-o", "out", *COARSE, "--set=steps.count=4000"]
-    with subprocess.Popen([*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE) as process:
+    with running([*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
         for line in process.stderr:
-            if line.startswith(b"t = "):
+            if line.startswith("t = "):
                 break
         process.stderr.close()
         assert process.wait(timeout=100) == 1

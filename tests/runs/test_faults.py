@@ -8,18 +8,22 @@ import signal
 import subprocess
 import sys
 import time as clock
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from shared.cases import every_nth, slow
 from shared.command import COARSE, LIMIT, Call, Start, assert_one_line, result
 from shared.disks import make_read_only
 from shared.drawn import write_long
 from shared.histories import RUN_FOUR, Stop, assert_same, names_in
-from shared.processes import gmsh_child, is_there
+from shared.processes import catches, gmsh_child, is_there, running, wait_for
 from stickslip.solvers.results.step_result import StepResult
+from stickslip.workflows.formats.steps import step_name
 
 SPEAKS = ["run", "block", "-o", "out", *COARSE]
+ODD = ["ü ²", "a\nb", os.fsdecode(b"\xff"), "-v", "%s{}", "'\""]
 
 
 # where nothing can be written
@@ -31,7 +35,7 @@ SPEAKS = ["run", "block", "-o", "out", *COARSE]
         {"HOME": "/proc/1/nohome"},
         pytest.param({"HOME": "/dev/null"}, marks=pytest.mark.slow),
         pytest.param({"HOME": ""}, marks=pytest.mark.slow),
-        {"XDG_CACHE_HOME": "/dev/null"},
+        pytest.param({"XDG_CACHE_HOME": "/dev/null"}, marks=pytest.mark.slow),
         pytest.param({"XDG_CONFIG_HOME": "/dev/null"}, marks=pytest.mark.slow),
         pytest.param({"HOME": "/dev/null", "XDG_CACHE_HOME": "relative"}, marks=pytest.mark.slow),
     ],
@@ -75,7 +79,7 @@ def test_settings_of_other_programs_in_the_working_folder_are_not_read(start: St
     assert start(*SPEAKS).returncode == 0
 
 
-@pytest.mark.parametrize("words", [SPEAKS, ["scenes"], ["plan", "block"]])
+@pytest.mark.parametrize("words", [SPEAKS, *slow(["scenes"], ["plan", "block"])])
 def test_working_folder_that_is_gone_is_said(words: list[str], start: Start, folder: Path, tmp_path: Path) -> None:
     gone = folder / "gone"
     gone.mkdir()
@@ -89,12 +93,7 @@ def test_working_folder_that_is_gone_is_said(words: list[str], start: Start, fol
 
 
 @pytest.mark.parametrize(
-    ("words", "closed"),
-    [  # each with each when there is time
-        pytest.param(words, closed, marks=[] if i == j else pytest.mark.slow)
-        for i, words in enumerate([SPEAKS, ["scenes"], ["mesh", "block", *COARSE[:2]]])
-        for j, closed in enumerate([(1,), (2,), (0, 1, 2)])
-    ],
+    ("words", "closed"), every_nth(3, [SPEAKS, ["scenes"], ["mesh", "block", *COARSE[:2]]], [(0, 1, 2), (2,), (1,)])
 )
 def test_closed_streams_change_nothing(words: list[str], closed: tuple[int, ...], start: Start, folder: Path) -> None:
     done = start(*words, preexec_fn=lambda: [os.close(number) for number in closed])
@@ -103,7 +102,7 @@ def test_closed_streams_change_nothing(words: list[str], closed: tuple[int, ...]
         assert result(folder / "out")["status"] == "converged"
 
 
-@pytest.mark.parametrize("words", [SPEAKS, ["scenes"], ["mesh", "block", *COARSE[:2]]])
+@pytest.mark.parametrize("words", [SPEAKS, *slow(["scenes"], ["mesh", "block", *COARSE[:2]])])
 def test_full_disk_behind_stdout_ends_with_4(words: list[str], start: Start, folder: Path) -> None:
     with open("/dev/full", "w") as full:
         done = start(*words, stdout=full)
@@ -120,7 +119,7 @@ def test_full_disk_behind_stderr_does_not_change_the_exit_code(start: Start) -> 
         assert start(*SPEAKS, stderr=full).returncode in (0, 4)
 
 
-@pytest.mark.parametrize("words", [SPEAKS, ["scenes"], ["mesh", "block", *COARSE[:2]], ["--help"]])
+@pytest.mark.parametrize("words", [SPEAKS, ["--help"], *slow(["scenes"], ["mesh", "block", *COARSE[:2]])])
 def test_reader_that_goes_ends_without_a_word(words: list[str], start: Start, folder: Path) -> None:
     reader, writer = os.pipe()
     os.close(reader)
@@ -136,7 +135,7 @@ def test_reader_that_goes_ends_without_a_word(words: list[str], start: Start, fo
 
 
 @pytest.mark.parametrize("locale", [{"LANG": "C", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}])
-@pytest.mark.parametrize("name", ["ü ²", "a\nb", os.fsdecode(b"\xff"), "-v", "%s{}", "'\""])
+@pytest.mark.parametrize("name", ["-ü ²\n%s{}'\"" + os.fsdecode(b"\xff"), *slow(*ODD)])
 def test_odd_names_and_plain_terminals(locale: dict[str, str | None], name: str, start: Start, folder: Path) -> None:
     done = start("run", "block", f"-o{name}", *COARSE, variables=locale)
     assert done.returncode == 0, done.stderr
@@ -155,16 +154,17 @@ def test_names_that_no_disk_has_are_refused(name: str, call: Call) -> None:
 # signals
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1])
-@pytest.mark.parametrize("part", [0.1, 0.3, 0.8, 1.5])
+@pytest.mark.parametrize(
+    ("number", "part"),
+    every_nth(3, [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1], [0.0, 0.2, 0.7, 1.4]),
+)
 def test_signal_while_it_starts_ends_with_130(
     number: signal.Signals, part: float, folder: Path, command: list[str], environment: dict[str, str]
 ) -> None:
-    """From the first line of our own on; Python itself needs some hundredths of a second to get there."""
+    """From the first lines of our own on: that SIGUSR1 is caught shows that they were reached."""
     words = [*RUN_FOUR, "--set=steps.count=4000"]
-    with subprocess.Popen(
-        [*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
-    ) as process:
+    with running([*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE) as process:
+        wait_for(lambda: catches(process.pid, signal.SIGUSR1), "the first lines")
         clock.sleep(part)
         process.send_signal(number)
         _, err = process.communicate(timeout=LIMIT)
@@ -173,16 +173,40 @@ def test_signal_while_it_starts_ends_with_130(
     assert "interrupted" in err
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("doing", ["reading", "meshing"])
+def test_ctrl_c_that_is_ignored_is_not_heard_but_other_signals_are(
+    folder: Path, command: list[str], environment: dict[str, str]
+) -> None:
+    """As after nohup, and in a script's background: there Ctrl-C is for what the script waits for."""
+    ignore = partial(signal.signal, signal.SIGINT, signal.SIG_IGN)
+    words = [*RUN_FOUR, "--set=steps.count=4000"]
+    with running([*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, preexec_fn=ignore) as process:
+        for _ in range(5):  # while it starts, and within iterations
+            process.send_signal(signal.SIGINT)
+            clock.sleep(0.1)
+        wait_for((folder / ".out.running" / step_name(1)).exists, "a step")
+        process.send_signal(signal.SIGINT)
+        wait_for((folder / ".out.running" / step_name(4)).exists, "a step after it")
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=LIMIT)
+    assert process.returncode == 130, err
+    assert "stopped by SIGTERM" in err
+
+
+@pytest.mark.parametrize(
+    ("doing", "number"),
+    [
+        ("reading", signal.SIGINT),
+        ("meshing", signal.SIGTERM),
+        pytest.param("reading", signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param("meshing", signal.SIGINT, marks=pytest.mark.slow),
+    ],
+)
 def test_signal_while_gmsh_works_ends_both_at_once(
     doing: str, number: signal.Signals, folder: Path, command: list[str], environment: dict[str, str]
 ) -> None:
     """gmsh's own process does not end by itself for minutes."""
     words = ["run", str(write_long(folder, doing)), "-q", "-o", "out"]
-    with subprocess.Popen(
-        [*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
-    ) as process:
+    with running([*command, *words], cwd=folder, env=environment, stderr=subprocess.PIPE) as process:
         child = gmsh_child(process.pid, doing)
         clock.sleep(1.0)  # for gmsh to be at work
         process.send_signal(number)

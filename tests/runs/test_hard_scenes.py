@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.cases import often
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
 from stickslip.workflows.scene_file.read import read, to_dict
@@ -101,7 +102,13 @@ SOLVABLE = {
 }
 
 
-@pytest.mark.parametrize("case", SOLVABLE)
+OTHERS = {  # of their kind
+    *("nearly incompressible blocks", "friction 400 on compliance", "just held on a slope, finer"),
+    *("stiffer left springer", "stiff right springer"),
+}
+
+
+@pytest.mark.parametrize("case", often(SOLVABLE, SOLVABLE.keys() - OTHERS))
 def test_scene_that_has_a_solution_is_solved(case: str) -> None:
     verdict = next(judge(read(*SOLVABLE[case])))
     assert verdict.outcome in (Outcome.SOLVED, Outcome.BRANCH), verdict.reason
@@ -144,7 +151,7 @@ def test_blocks_with_next_to_no_friction_rest_until_they_are_tilted() -> None:
 def test_points_that_stick_and_lift_may_have_no_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     """With Coulomb's law and mu = 1e4, 1e6 a point slips whose pressure falls as 1/mu while its friction stays."""
     monkeypatch.setattr("stickslip.solvers.stepping.stepper.HALVINGS", 1)
-    words = ["geometry.mesh_size=0.07", "contacts.base.friction={law='stick'}", "steps.end=6.0", "steps.count=6"]
+    words = ["geometry.mesh_size=0.1", "contacts.base.friction={law='stick'}", "steps.end=6.0", "steps.count=6"]
     with pytest.raises(StepError, match=r"jumps where the surfaces part: there may be no solution; coulomb has one"):
         solved("hysteresis", words)
 

@@ -29,6 +29,7 @@ LONGER = [*SMALL, *LEARNS, f"steps.count={BY_TIME}"]
 WORDS = ["run", "block", "-q", "-o", "out", *(f"--set={word}" for word in LONGER)]
 SEED = "STICKSLIP_SEED"  # in the environment: the moments of an earlier test again
 DISK = ("fsync", "replace", "rename", "unlink", "mkdir")  # of the module os: what outlives a process
+LONG = 3600  # s, for hundreds of runs on a busy machine
 TORN = 5  # bytes of a last row that a crash keeps from the disk
 
 
@@ -113,16 +114,18 @@ def _moments(count: int) -> list[float]:
 
 
 def test_killed_at_moments_of_writing_it_goes_on(tmp_path: Path, whole: Path) -> None:
+    """The last one too, when all is solved and the files of what was learnt are gone."""
     last = operations(tmp_path / "counted")
-    for part in _moments(2):
-        folder = tmp_path / f"{part}" / "out"
-        assert killed_at(1 + int(part * last), folder, resume=False)
+    for operation in {*(1 + int(part * last) for part in _moments(2)), last}:
+        folder = tmp_path / f"{operation}" / "out"
+        assert killed_at(operation, folder, resume=False)
         run(read("block", SCENE), folder, resume=True)
         assert_same(folder, whole)
         assert names_in(folder.parent) == {f"out/{name}" for name in names_in(whole)}
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(LONG)
 def test_killed_at_every_moment_of_writing_it_goes_on(tmp_path: Path, whole: Path) -> None:
     """And killed again while it resumes, at a moment as early."""
     for operation in range(1, operations(tmp_path / "counted") + 1):
@@ -194,6 +197,7 @@ def test_killed_at_any_time_it_goes_on(tmp_path: Path, longer: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(LONG)
 def test_command_killed_at_twenty_random_times_goes_on(
     folder: Path, command: list[str], environment: dict[str, str], longer: Path
 ) -> None:

@@ -64,7 +64,7 @@ HISTORIES = {
     "floating": ("stack", ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"]),
 }
 QUICK = (
-    *("springs of one way", "substeps", "friction by slip", "orthotropic"),
+    *("springs of one way", "substeps", "friction by slip"),
     *("surface-uzawa", "sliding", "block-uzawa, compliance"),
 )
 EACH = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in HISTORIES]

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
 import time as clock
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 LIMIT = 60  # s
+
+
+@contextmanager
+def running(words: Sequence[str], **options: Any) -> Iterator[subprocess.Popen[str]]:
+    """A process that lives no longer than this block, also where the test fails: nothing waits for it then."""
+    with subprocess.Popen(words, text=True, **options) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def children(process: int) -> list[int]:
@@ -24,6 +36,12 @@ def is_there(process: int) -> bool:
         with suppress(OSError):
             states.append(thread.read_text().rpartition(")")[2].split()[0])
     return any(state not in "ZX" for state in states)
+
+
+def catches(process: int, number: int) -> bool:
+    """Whether it has a handler for this signal."""
+    (mask,) = re.findall(r"^SigCgt:\s*(\w+)$", Path(f"/proc/{process}/status").read_text(), re.MULTILINE)
+    return bool(int(mask, 16) >> (number - 1) & 1)
 
 
 def words_of(process: int) -> list[bytes]:

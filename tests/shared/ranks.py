@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +56,11 @@ def options(overrides: Sequence[str]) -> list[str]:
 
 
 def told(script: str, ranks: int, folder: Path) -> Any:
-    """What a script prints in JSON, in its last line, on several ranks."""
+    """What a script prints in JSON, in its last line: on several ranks, or in this process, which is one."""
+    if ranks == 1:
+        with redirect_stdout(io.StringIO()) as printed:
+            exec(script, {"__name__": "__main__"})
+        return json.loads(printed.getvalue().splitlines()[-1])
     (folder / "script.py").write_text(script, encoding="utf-8")
     done = mpirun(ranks, [], folder, ("script.py",))
     assert done.returncode == 0, done.stderr[-2000:]

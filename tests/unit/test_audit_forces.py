@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from shared.audited import record_of
+from shared.cases import every_nth
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.build import MultiplierNodes
@@ -84,9 +85,7 @@ def compared(system: System, moved: Array | None = None, forces: MultiplierForce
     return found, system.interface.force_of(rows, of_rows, t).array
 
 
-@pytest.mark.parametrize("edge", EDGES)
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(("model", "law", "edge"), every_nth(4, MODELS, LAWS, EDGES))
 def test_forms_of_the_tractions_are_the_forces_of_the_rows(
     model: str, law: str, edge: str, scene_of: SceneOf, system_of: SystemOf
 ) -> None:

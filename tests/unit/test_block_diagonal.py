@@ -38,7 +38,9 @@ def test_products_are_those_of_the_dense_matrix() -> None:
     assert_allclose(np.asarray(matrix.of_blocks(lambda index, block: 2 * block)), 2 * dense)
 
 
-@pytest.mark.parametrize("scene", [("stack",), ("spheres",), ("two_blocks", "geometry.order=2")])
+@pytest.mark.parametrize(
+    "scene", [("stack", "geometry.mesh_size=0.25"), ("spheres",), ("two_blocks", "geometry.order=2")]
+)
 def test_parts_are_condensed_as_the_whole_is(scene: tuple[str, ...]) -> None:
     """Floating and held bodies; some have no node inside."""
     system = prepare(read(scene[0], scene[1:])).system

@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
+from shared.cases import every_nth
 from shared.cells import Cell
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.blocks.block_system import BlockSystem
@@ -153,7 +154,8 @@ def test_alpha_below_two_over_lambda_1_converges() -> None:
     assert first.substeps == 1
 
 
-def test_alpha_above_two_over_lambda_1_diverges() -> None:
+def test_alpha_above_two_over_lambda_1_diverges(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stickslip.solvers.stepping.stepper.HALVINGS", 0)
     with pytest.raises(StepError) as failed:
         next(iter(prepare(glued(1.01 * 2 / exact_lambda_1())).steps()))
     residuals = [row.step.residual for row in failed.value.history if row.time == 1.0]
@@ -201,8 +203,9 @@ VARIANTS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("cell", [Cell("block-uzawa"), Cell("block-uzawa", normal="compliance")], ids=str)
+@pytest.mark.parametrize(
+    ("cell", "variant"), every_nth(2, [Cell("block-uzawa"), Cell("block-uzawa", normal="compliance")], VARIANTS)
+)
 def test_every_variant_finds_the_answer(cell: Cell, variant: str) -> None:
     expected = answers(replace(cell, method="condensed-newton").scene(TOLERANCE))
     found = answers(with_solver(cell.scene(TOLERANCE), **VARIANTS[variant]))

@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from shared.audited import audit
+from shared.cases import every_nth
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.results.quantities import values
 from stickslip.solvers.scene.scene import Scene
@@ -52,8 +53,7 @@ def joint(
     return from_dict(data | tables)
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("model", [*AREA])
+@pytest.mark.parametrize(("model", "order"), every_nth(2, AREA, [1, 2]))
 def test_bolt_and_plates_share_a_load_until_the_joint_opens(model: str, order: int) -> None:
     """F0 = k s c / (k + c); a load A adds A k / (k + c) to the bolt up to A = F0 (1 + k / c), from there all."""
     plates = E * AREA[model] / 2

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy import sparse
 
+from shared.cases import every_nth
 from shared.overlays import above, ball, below, both, flat, scattered
 from stickslip.geometry.surfaces.facet_map import place
 from stickslip.geometry.surfaces.overlap import Overlap, overlap
@@ -56,10 +57,9 @@ def check(slave: Surface, master: Surface) -> None:
     assert np.all(np.isinf(gap) == ~covered)
 
 
-@pytest.mark.parametrize("box", BOXES)
-@pytest.mark.parametrize("counts", COUNTS, ids=str)
-@pytest.mark.parametrize(("shape", "degree"), KINDS)
-def test_forces_and_linear_displacements_go_over_exactly(shape: str, degree: int, counts: Any, box: str) -> None:
+@pytest.mark.parametrize(("kind", "counts", "box"), every_nth(2, KINDS, COUNTS, BOXES))
+def test_forces_and_linear_displacements_go_over_exactly(kind: tuple[str, int], counts: Any, box: str) -> None:
+    shape, degree = kind
     check(below(shape, degree, counts[0]), above(shape, degree, counts[1], box=BOXES[box]))
 
 

@@ -12,6 +12,7 @@ import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
 
+from shared.cases import every_nth
 from shared.drawn import FACES, GEO, PY, draw, scene_data
 from stickslip.geometry.errors import GeometryError, SceneError
 from stickslip.geometry.mesh.gmsh_session import gmsh_session
@@ -75,8 +76,7 @@ Physical Curve("block.top") = {10};
 KINDS = ["msh", "msh3", "geo", "py", "step", "brep"]
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("kind", "order"), every_nth(2, KINDS, [1, 2]))
 def test_every_kind_gives_the_block_it_describes(kind: str, order: int, made: dict[str, dict[str, Any]]) -> None:
     made[kind]["geometry"]["order"] = order
     scene = from_dict(made[kind])

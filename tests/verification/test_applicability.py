@@ -18,7 +18,7 @@ TOLERANCE = 1e-9
 SAME = 1e-6  # that, times the condition of friction, and digits to spare
 COARSE = 0.01  # regularised, compliance with friction: the bound is that of nodes, which costs with the mesh size
 ENOUGH = 400  # iterations of a step; none of these cells takes more
-EVERY = 83  # a prime: the sample takes each method through laws, operators, models and more by turns
+EVERY = 131  # a prime: the sample takes each method through laws, operators, models and more by turns
 CELLS = [cell for method in METHODS for model in MODELS for cell in whole(method, model)]
 OPEN = {
     "normal": None,

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from shared.cases import often
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.plan import make_plan
@@ -47,7 +48,7 @@ def test_ready_scenes_have_the_answer_of_the_condensed_methods(name: str) -> Non
     assert max(off(name)) < AGREEMENT
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in SOLVED])
+@pytest.mark.parametrize("name", often(SOLVED, sorted(QUICK)[::2]))
 def test_newton_on_the_nest_has_it_too(name: str) -> None:
     assert max(off(name, outer="ksp")) < AGREEMENT
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.cases import every_nth
 from stickslip.workflows.verification.cases.circular_drive import (
     FRAME_TOLERANCE,
     first_order,
@@ -16,8 +17,7 @@ from stickslip.workflows.verification.check import failures
 METHODS = ("condensed-newton", "uzawa")
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("n", [16, 32])
+@pytest.mark.parametrize(("method", "n"), every_nth(2, METHODS, [16, 32]))
 def test_third_turn_runs_on_the_polygon_of_implicit_euler(method: str, n: int) -> None:
     # 1e-9 of the polygon: the transient is down to 1e-11; and the tabulated -8.5, -4.2 % against the circle
     assert not failures(steady(method, n))

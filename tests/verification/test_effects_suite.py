@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from shared.cases import slow
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers import effects as registry
 from stickslip.solvers.laws import FrictionLaw
@@ -61,7 +62,7 @@ def test_every_effect_and_every_law_has_a_scene_that_calls_for_it() -> None:
     assert all((ROOT / file).is_file() for file in files)
 
 
-@pytest.mark.parametrize("scene", ["held, 2D", "rubbing, 2D"])
+@pytest.mark.parametrize("scene", ["rubbing, 2D", *slow("held, 2D")])
 def test_a_scene_that_does_not_call_for_an_effect_pays_nothing_for_it(scene: str) -> None:
     prepared = from_dict(SCENES[scene])
     (whole, _), every = work(prepared), names()

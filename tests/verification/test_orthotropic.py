@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.cases import slow
 from stickslip.solvers.metrics.half_plane import mean_compliance, surface_compliance
 from stickslip.solvers.scene.orthotropic import Orthotropic
 from stickslip.workflows.verification.cases import orthotropic as case
@@ -11,7 +12,7 @@ from stickslip.workflows.verification.check import failures
 from stickslip.workflows.verification.closed_forms import orthotropic as exact
 
 
-@pytest.mark.parametrize("method", ["condensed-newton", "uzawa"])
+@pytest.mark.parametrize("method", ["condensed-newton", *slow("uzawa")])
 def test_orthotropic_bodies_are_as_the_closed_forms_say(method: str) -> None:
     assert not failures(case.checks(method))
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.cases import every_nth
 from stickslip.workflows.scene_file.read import from_dict
 from stickslip.workflows.verification.prepared import prepare
 
@@ -35,9 +36,7 @@ def build(model, parameters):
 P = 1e5  # [Pa]
 
 
-@pytest.mark.parametrize("slave", ["upper", "lower"])
-@pytest.mark.parametrize("size", [0.2, 0.05])
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(("slave", "size", "order"), every_nth(2, ["upper", "lower"], [0.2, 0.05], [1, 2]))
 def test_pressure_goes_over_to_a_wider_block(tmp_path: Path, slave: str, size: float, order: int) -> None:
     (tmp_path / "blocks.py").write_text(BLOCKS)
     sides = ["upper.bottom", "lower.top"]

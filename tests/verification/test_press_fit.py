@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.cases import slow
 from stickslip.workflows.verification.cases import press_fit as case
 from stickslip.workflows.verification.cases.press_fit import HUB, SECTION, SHAFT, SOLID, Fit, figures, solve
 from stickslip.workflows.verification.check import failures
@@ -37,12 +38,12 @@ def test_both_together_give_way_by_the_interference_that_heat_leaves() -> None:
 # --- the scene
 
 
-@pytest.mark.parametrize("method", ["condensed-newton", "uzawa", "surface-uzawa"])
+@pytest.mark.parametrize("method", ["condensed-newton", "surface-uzawa", *slow("uzawa")])
 def test_section_of_a_press_fit_has_the_pressure_of_lame(method: str) -> None:
     assert not failures(figures(Fit(model="axisymmetric", method=method), SECTION))
 
 
-@pytest.mark.parametrize("fit", [Fit(), Fit(drawn=True), Fit(gap="of the meshes")], ids=str)
+@pytest.mark.parametrize("fit", [Fit(drawn=True), Fit(gap="of the meshes"), *slow(Fit())], ids=str)
 def test_quarter_of_a_press_fit_has_the_pressure_and_stresses_of_lame(fit: Fit) -> None:
     assert not failures(figures(fit, SOLID))
 

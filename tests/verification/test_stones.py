@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.cases import slow
 from stickslip.solvers.results.step_result import StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.stepper import NoEquilibriumError
@@ -116,7 +117,7 @@ def test_thrust_of_an_arch_is_in_equilibrium() -> None:
     assert_allclose(-np.diff(forces[:, 1]), weight / 9, rtol=1e-8)
 
 
-@pytest.mark.parametrize("share", [1.02, 1.2])
+@pytest.mark.parametrize("share", [1.02, *slow(1.2)])
 def test_an_arch_thicker_than_milankovitchs_stands(share: float) -> None:
     step = solved(arch(20, share * MILANKOVITCH, 0.5))
     assert_allclose(step.contacts["joint_0"].force, [-1, 1] * step.contacts["joint_20"].force, rtol=1e-3)

@@ -131,7 +131,7 @@ def remove_own(folder: Path, below: str = "", but: str = "") -> None:
     """
     if not is_marked(folder):
         return
-    names = listed(folder)
+    names, _, checksums = _content(folder)
     gone = [name for name in names if name.startswith(below) and name != but]
     for name in gone:
         for path in (folder / name, folder / _part(name)):
@@ -139,7 +139,8 @@ def remove_own(folder: Path, below: str = "", but: str = "") -> None:
                 path.unlink()
     _remove_empty(folder, gone)
     if below or but:
-        _write(folder, [name for name in names if name not in gone], None)
+        stay = [name for name in names if name not in gone]
+        _write(folder, stay, None, {name: total for name, total in checksums.items() if name in stay})
     else:
         _end(folder)
 

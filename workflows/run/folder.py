@@ -188,6 +188,11 @@ class ResultsFolder:
             self._held()
             self._held = None
 
+    def certify(self) -> None:
+        """Note that result.json is complete: what is left of the run is to move the results to their place."""
+        with disk_errors(self.target):
+            certify(self.work / RESULT)
+
     def finish(self) -> Path:
         """Move the results to their place, and release the lock; earlier ones are kept as `TARGET.1`.
 
@@ -195,7 +200,6 @@ class ResultsFolder:
             FolderError: a file of the user is in the way; nothing is moved.
         """
         with disk_errors(self.target):
-            certify(self.work / RESULT)
             if is_marked(self.place):
                 remove_own(self._old)
                 move_own(self.place, self._old)

@@ -15,7 +15,10 @@ IMPATIENT = 3  # presses of Ctrl-C after which the program stops at once
 
 
 class Interrupt:
-    """Context in which signals are only noted; `check` raises where the run can stop."""
+    """Context in which signals are only noted; `check` raises where the run can stop.
+
+    What the process ignores stays ignored: Ctrl-C is not for a program in the background of a script.
+    """
 
     def __init__(self) -> None:
         self._presses = 0
@@ -24,7 +27,8 @@ class Interrupt:
 
     def __enter__(self) -> Interrupt:
         if threading.current_thread() is threading.main_thread():  # signals reach the main thread only
-            self._former = {number: signal.signal(number, self._note) for number in NOTED}
+            heard = [number for number in NOTED if signal.getsignal(number) is not signal.SIG_IGN]  # nohup ignores some
+            self._former = {number: signal.signal(number, self._note) for number in heard}
         return self
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:

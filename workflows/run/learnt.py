@@ -67,10 +67,15 @@ class LearntFiles:
                 if path.name.partition(".")[0] not in numbers and path in own:
                     path.unlink()
 
-    def remove(self) -> None:
-        """The run is done: nothing will go on from here; rank 0."""
-        with disk_errors(self._folder):
-            remove_own(self._folder.parent, f"{FOLDER}/")
+
+def remove_learnt(folder: Path) -> None:
+    """Of a run that is done and certified: nothing will go on from here, nor be estimated again.
+
+    Raises:
+        MachineError: no permission.
+    """
+    with disk_errors(folder):
+        remove_own(folder, f"{FOLDER}/")
 
 
 def is_kept(folder: Path, reference: str) -> bool:

@@ -23,7 +23,7 @@ from stickslip.workflows.formats.regular import parse_json, read_json, read_regu
 from stickslip.workflows.formats.steps import light_files, light_name, read_checkpoint, step_files, step_name
 from stickslip.workflows.run.doubts import Seen
 from stickslip.workflows.run.folder import BEGUN, RESULT, ResultsFolder
-from stickslip.workflows.run.learnt import is_kept
+from stickslip.workflows.run.learnt import is_kept, remove_learnt
 from stickslip.workflows.scene_file.identity import DECIDES_NOTHING, identity, refuse_changes
 
 VERSIONS = {"stickslip": VERSION, "dolfinx": DOLFINX}
@@ -96,12 +96,17 @@ def find_earlier_run(results: ResultsFolder, scene: Scene) -> EarlierRun:
     if not isinstance(begun.get("scene"), dict) or not isinstance(begun.get("mesh"), str):
         raise MachineError(f"{folder / BEGUN}: damaged: names no scene or no mesh; {UNTOUCHED}")
     refuse_changes(begun["scene"], identity(scene, DECIDES_NOTHING), results.target)
-    ended = read_json(folder / RESULT) if folder == results.place else {}
+    ended = read_json(folder / RESULT)
     if ended.get("status") in FINISHED and is_certified(folder / RESULT):
-        return EarlierRun(finished=ended, notes=(f"{results.target}: the run is finished; nothing was changed",))
+        done = "nothing was changed"
+        if folder == results.work:  # killed when there was nothing left to do but this
+            remove_learnt(folder)
+            results.finish()
+            done = "its results are in their place now"
+        return EarlierRun(finished=ended, notes=(f"{results.target}: the run is finished; {done}",))
     _refuse_versions(begun, results.target)
     found = _read(folder, scene.requested_times(), run_of(begun))
-    if ended and not is_certified(folder / RESULT):
+    if folder == results.place and ended and not is_certified(folder / RESULT):
         if not found.steps:
             raise MachineError(f"{folder / RESULT}: was changed after the run, and its steps are gone; {UNTOUCHED}")
         found = replace(found, notes=(f"{folder / RESULT}: was changed after the run; the steps decide", *found.notes))

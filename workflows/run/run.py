@@ -35,7 +35,7 @@ from stickslip.workflows.run.collective import raise_together
 from stickslip.workflows.run.doubts import Fields, Seen, doubts
 from stickslip.workflows.run.folder import BEGUN, LOG, ResultsFolder, work_of
 from stickslip.workflows.run.interrupt import Interrupt
-from stickslip.workflows.run.learnt import LearntFiles
+from stickslip.workflows.run.learnt import LearntFiles, remove_learnt
 from stickslip.workflows.run.mesh_report import report_mesh
 from stickslip.workflows.run.outputs import AFTER, BEFORE, Outputs
 from stickslip.workflows.run.result import Outcome, summary, write_json, write_result
@@ -216,8 +216,6 @@ class Run:
         final = content()
         self._on_rank_0(lambda: write_result(self._folder, final))
         log.info("profile of %.3f s\n%s", final["seconds"]["total"], "\n".join(profile_lines(final["profile"])))
-        if status in FINISHED:
-            self._on_rank_0(self._learnt.remove)
         return outcome, final
 
     def _warnings(self) -> tuple[str, ...]:
@@ -347,8 +345,16 @@ def _solve(
         if status == "abandoned":
             raise_together(comm, lambda: results[0].abandon())
             return Outcome(status, sentence, place), {}
-        raise_together(comm, lambda: results[0].finish())
+        raise_together(comm, lambda: _close(results[0], outcome.status))
     return outcome, content
+
+
+def _close(results: ResultsFolder, status: str) -> None:
+    """Certify the results, then put them in their place: a run that is killed in between is not solved again."""
+    results.certify()
+    if status in FINISHED:
+        remove_learnt(results.work)
+    results.finish()
 
 
 def begun_with(simulation: Simulation) -> dict[str, Any]:
