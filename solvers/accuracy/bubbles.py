@@ -21,9 +21,12 @@ from stickslip.geometry.protocols import CompiledForm, Function, Sparse, UflForm
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.fem.supports import find_constraints
+from stickslip.solvers.parallel.released import destroy_released
 from stickslip.solvers.results.recovered_stress import InCell
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.system.system import System, applied_loads
+
+CHUNK = 20_000  # nodes at a time: memory
 
 
 class Bubbles:
@@ -79,7 +82,11 @@ class Bubbles:
         return total
 
     def inner(self, u: Vec, x: Vec) -> Vec:
-        """Inner forces a(u + x, .) [N] of a displacement u of the mesh and bubbles x; collective."""
+        """Inner forces a(u + x, .) [N] of a displacement u of the mesh and bubbles x; collective.
+
+        It destroys what Python has released: vectors of the next order are up to eight times as long as others.
+        """
+        destroy_released(self.system.mesh.comm)
         self._add_up(u, x)
         elongation = self.system.constraints.links.elongation(u) + self.elongation(x)
         return self.constraints.links.added(_assembled(self._inner), elongation)
@@ -187,11 +194,14 @@ class Bubbles:
     @cached_property
     def _flexibility(self) -> Array:
         """Inverse of the stiffness of each own node in its free directions (n, d, d) [m/N], zero in others."""
-        stiffness = self._stiffness()
-        bases = self.constraints.bases(self.nodes.number[: self.nodes.owned])[0]
-        inside = np.swapaxes(bases, 1, 2) @ stiffness @ bases
-        inside[~self._between[: self.nodes.owned]] = 0.0
-        return np.linalg.pinv(inside, rcond=1e-9, hermitian=True)
+        found = self._stiffness()
+        for start in range(0, len(found), CHUNK):
+            some = slice(start, min(start + CHUNK, len(found)))
+            bases = self.constraints.bases(self.nodes.number[some])[0]
+            inside = np.swapaxes(bases, 1, 2) @ found[some] @ bases
+            inside[~self._between[some]] = 0.0
+            found[some] = np.linalg.pinv(inside, rcond=1e-9, hermitian=True)
+        return found
 
     def _stiffness(self) -> Array:
         """Diagonal blocks (n, d, d) [N/m] of the stiffness at the own nodes; exact on straight simplices.
@@ -220,11 +230,10 @@ class Bubbles:
             for members, material in ((mesh.cells_of(b), m) for b, m in system.problem.orthotropic.items())
         ]
         lame[owned:] = 0.0  # ghosts belong to others
-        total = dx.fem.Function(self.space)
         blocks = np.zeros((self.nodes.owned, d, d))
         dofs = dx.cell_dofs(self.space)
         between = [n for n in range(dofs.shape[1]) if self._between[dofs[:, n]].any()]
-        by_node = {}
+        rows = [dx.fem.Function(self.space) for _ in range(d)]  # of the blocks
         for n in between:
             G = np.einsum("cai,ab,cbj->cij", inverse, products[n], inverse) * volume[:, None, None]
             trace = np.trace(G, axis1=1, axis2=2)
@@ -237,14 +246,11 @@ class Bubbles:
                 block[members] = np.einsum("ijkl,cjl->cik", C[:d, :d, :d, :d], G[members])
                 if mesh.axisymmetric:
                     block[members, 0, 0] += C[2, 2, 2, 2] * squares[n] * (volume / radius**2)[members]
-            by_node[n] = block
-        for i in range(d):
-            values = np.zeros((len(self.nodes.number), d))
-            for n, block in by_node.items():
-                np.add.at(values, dofs[:, n], block[:, i])
-            total.x.array[:] = values.ravel()
-            dx.add_to_owners(total)
-            blocks[:, i] = total.x.array.reshape(-1, d)[: self.nodes.owned]
+            for i, row in enumerate(rows):
+                np.add.at(row.x.array.reshape(-1, d), dofs[:, n], block[:, i])
+        for i, row in enumerate(rows):
+            dx.add_to_owners(row)
+            blocks[:, i] = row.x.array.reshape(-1, d)[: self.nodes.owned]
         return blocks
 
 

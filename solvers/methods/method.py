@@ -87,6 +87,9 @@ class Ready(ABC):
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:  # noqa: B027  most learn nothing
         """Take over what a `snapshot` holds, made with the same bodies."""
 
+    def release(self) -> None:  # noqa: B027  most hold little
+        """Free the memory; no step can be solved after that; collective."""
+
 
 class SameEveryStep(Ready):
     """A prepared method that solves every step in the same way; it is itself the solver of a step."""

@@ -87,6 +87,10 @@ class OnTangent(Ready):
         if snapshot["coarse"]:
             self.make_coarse()
 
+    def release(self) -> None:
+        self.coarse = None
+        self.operator.release()
+
     def renewed(self, setup: Setup) -> Ready:
         return OnTangent(self.method, setup)
 

@@ -10,7 +10,7 @@ Source: Zienkiewicz & Zhu, Int. J. Numer. Methods Engrg. 24 (1987).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -25,6 +25,7 @@ from stickslip.solvers.scene.orthotropic import DOUBLED, Orthotropic
 from stickslip.solvers.scene.problem import Problem
 
 CHUNK = 20_000  # cells at a time: memory
+KEPT = 50_000  # most cells whose Jacobians are kept from step to step
 TWICE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # shear counts twice in products of stresses
 RAISED = {1: 1.0, 2: 1.5}  # by order; stated over true without it: .96 to 1.00, and .59 to .74
 
@@ -57,13 +58,14 @@ class RecoveredStress:
         soft = {name: problem.isotropic[name] for name in problem.averaged}
         bodies |= {name: replace(body, E=2.5 * body.lame_mu, nu=0.25) for name, body in soft.items()}
         self._bodies = [bodies[name] for name in mesh.bodies]
+        self._kept = dict[int, _Part]()  # by the first of its cells
 
     def __call__(self, displacement: Array) -> MeshError:
         """The estimate for a displacement of the nodes (nodes, d) [m]."""
         size, error = 0.0, np.zeros(len(self.mesh.cells))
-        for body, parts in zip(self._bodies, self._parts, strict=True):
-            smooth = self._smooth(body, parts, displacement)
-            for part in parts:
+        for body, members in zip(self._bodies, self._members, strict=True):
+            smooth = self._smooth(body, members, displacement)
+            for part in self._parts(members):
                 off = np.tensordot(self._basis, smooth[:, part.nodes], (1, 1)).swapaxes(0, 1)
                 off -= self._stress(body, part.inside, part.nodes, displacement)
                 energy = _energy(body, off, part.inside.volume, RAISED[self._degree])
@@ -77,7 +79,7 @@ class RecoveredStress:
         for name, point in points.items():
             index = int(self.mesh.body[point.cell])
             if index not in smooth:
-                smooth[index] = self._smooth(self._bodies[index], self._parts[index], displacement)
+                smooth[index] = self._smooth(self._bodies[index], self._members[index], displacement)
             basis = dx.reference_basis(self.mesh.shape, self._degree, point.local[None])[0][0]
             found[name] = smooth[index][:, self.mesh.cells[point.cell]] @ basis
         return found
@@ -104,10 +106,10 @@ class RecoveredStress:
         places = replace(own, basis=basis, slope=slope)
         return self._stress(body, places, np.arange(len(displacement))[:, None], displacement)[:, 0, 0]
 
-    def _smooth(self, body: Elastic, parts: Sequence[_Part], displacement: Array) -> Array:
+    def _smooth(self, body: Elastic, members: Sequence[Ints], displacement: Array) -> Array:
         """sigma* (6, nodes) [Pa] of one body: means at its nodes, weighted by volume."""
         total, size = np.zeros((6, len(self.mesh.points))), np.zeros(len(self.mesh.points))
-        for part in parts:
+        for part in self._parts(members):
             stress = self._stress(body, part.mean, part.nodes, displacement)
             weight = np.broadcast_to(part.inside.volume.sum(axis=0), part.nodes.shape)
             size += np.bincount(part.nodes.ravel(), weight.ravel(), len(size))
@@ -161,28 +163,30 @@ class RecoveredStress:
         return dx.reference_basis(self.mesh.shape, self._degree, self._rule[0])[0]
 
     @cached_property
-    def _parts(self) -> list[list[_Part]]:
+    def _members(self) -> list[list[Ints]]:
         """The cells of each body, some at a time."""
+        bodies = (np.flatnonzero(self.mesh.body == index) for index in range(len(self.mesh.bodies)))
+        return [[body[start : start + CHUNK] for start in range(0, len(body), CHUNK)] for body in bodies]
+
+    def _parts(self, members: Sequence[Ints]) -> Iterator[_Part]:
+        """Some cells of a body after the other; of a large mesh each is forgotten when the next one comes."""
+        for cells in members:
+            part = self._kept.get(int(cells[0])) or self._part(cells)
+            if len(self.mesh.cells) <= KEPT:
+                self._kept[int(cells[0])] = part
+            yield part
+
+    def _part(self, cells: Ints) -> _Part:
         mesh, (points, weights) = self.mesh, self._rule
         at = dx.reference_nodes(mesh.shape, self._degree)
         # of linear cells the stress is best at their midpoint, of others it is taken at each node
         at = at.mean(axis=0, keepdims=True) if self._degree == 1 else at
-        found = []
-        for index in range(len(mesh.bodies)):
-            members = np.flatnonzero(mesh.body == index)
-            parts = (members[start : start + CHUNK] for start in range(0, len(members), CHUNK))
-            found.append(
-                [
-                    _Part(
-                        cells,
-                        np.ascontiguousarray(mesh.cells[cells].T),
-                        self._places(mesh.cells[cells], at, np.ones(len(at))),
-                        self._places(mesh.cells[cells], points, weights),
-                    )
-                    for cells in parts
-                ]
-            )
-        return found
+        return _Part(
+            cells,
+            np.ascontiguousarray(mesh.cells[cells].T),
+            self._places(mesh.cells[cells], at, np.ones(len(at))),
+            self._places(mesh.cells[cells], points, weights),
+        )
 
     def _places(self, nodes: Ints, points: Array, weights: Array) -> _Places:
         basis, slope = dx.reference_basis(self.mesh.shape, self._degree, points)

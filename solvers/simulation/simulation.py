@@ -196,6 +196,15 @@ class Simulation:
         with self.clock.phase("error", "other mesh"):
             return way(self.stepper, self.data, on_iteration)(steps)
 
+    def release(self) -> None:
+        """Free what solving steps needs beside the stiffness; no step can be solved after that; collective.
+
+        A factor stays, which another simulation may have from `bodies`.
+        """
+        self.stepper.companion = None
+        self.stepper.chain.release()
+        destroy_released(self.mesh.comm)
+
     def script(self) -> Script:
         """A history whose steps are decided one by one, from rest at t = 0; nothing is prepared again.
 

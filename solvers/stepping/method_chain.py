@@ -104,6 +104,14 @@ class MethodChain:
         """Begin a substep: with the first method that has the present form of the bodies."""
         self.at = self.first
 
+    def release(self) -> None:
+        """Free what the methods hold, and multigrid of the bodies; no step can be solved after that; collective."""
+        for ready in self._ready.values():
+            ready.release()
+        self._ready.clear()
+        self.coarse = None
+        self.volume.release()
+
     def advance(self, system: System, time: float, solution: Solution) -> bool:
         """Switch to the next method of the chain; collective.
 

@@ -120,6 +120,11 @@ class TangentOperator:
         self._multigrid = multigrid(matrix, motions, PREFIX, alone=True)
         self.counters.factorisations += 1
 
+    def release(self) -> None:
+        """Free the memory of multigrid and columns; collective."""
+        self._multigrid.destroy()
+        self._columns.destroy()
+
     def cycle(self, r: Array) -> Array:
         """A multigrid cycle for K v = r with v = 0 where nodes are held."""
         self._in.array[:] = r

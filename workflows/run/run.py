@@ -189,6 +189,7 @@ class Run:
             told: warnings of before the first step.
         """
         simulation, audited = self._simulation, Audited()
+        simulation.release()  # audit and pictures come when nothing more is solved
         if simulation.scene.output.audit and status != "interrupted":
             with simulation.clock.phase("audit"):
                 audited = audit_steps(simulation, self._folder, self.steps)
