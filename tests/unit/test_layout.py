@@ -27,7 +27,10 @@ FLOORS = {  # from the ground up
     "": "public __main__",  # the public face; what stands on it is a script that a user might have written
     "workflows above": "reference benchmarks studies demos",
 }
-DEMOS = "workflows/demos/"  # programs for readers, who are to see the calls of gmsh, UFL, dolfinx, PETSc and pyvista
+DEMOS = (  # programs for readers, who are to see the calls of gmsh, UFL, dolfinx, PETSc and pyvista
+    "workflows/demos/",
+    "workflows/benchmarks/peers/dolfinx_by_hand.py",  # what one writes without us
+)
 VERSIONS = "geometry/dolfinx_versions.py"
 UFL = ("elastic_energy", "smoothed_laws", "contact_forms", "point_laws", "mean_dilatation", "forms", "own_axes")
 FORMS = tuple(f"solvers/fem/{name}.py" for name in UFL)  # where UFL is written

@@ -1,1 +1,1 @@
-"""Timed runs: search, histories, prices of all methods, adaptive rounds, scaling, problems beside Siconos."""
+"""Timed runs: search, histories, prices of methods and of other programs, adaptive rounds, scaling, Siconos."""

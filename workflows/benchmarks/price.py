@@ -1,7 +1,9 @@
 """Cost of friction in units of one linear solve: `python -m stickslip.workflows.benchmarks.price` writes price.html.
 
 One core, threads fixed. Every measurement is a process of its own, which also measures the linear reference: prices
-are ratios within one process. A measurement that exists is not repeated; remove DIR to begin anew.
+are ratios within one process. A measurement that exists is not repeated; remove DIR to begin anew. Other programs on
+the same meshes (`peers/`) stand beside our default, and are named if they are not installed; `--only-peers` measures
+them alone.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from typing import Annotated, Any
 import typer
 from rich.progress import Progress
 
+from stickslip.workflows.benchmarks.peers.programs import measured
 from stickslip.workflows.benchmarks.price_page import write_page
 from stickslip.workflows.benchmarks.price_run import REFERENCE, Case
 from stickslip.workflows.formats.aside import write_aside
@@ -94,12 +97,13 @@ def main(
     limit: Annotated[float, typer.Option(help="seconds that a single run may be expected to take")] = 300.0,
     plane: Annotated[str, typer.Option(help="cells over the height of the block")] = ",".join(map(str, PLANE)),
     space: Annotated[str, typer.Option(help="cells over the height of the cube")] = ",".join(map(str, SPACE)),
+    only_peers: Annotated[bool, typer.Option("--only-peers", help="other programs alone")] = False,
 ) -> None:
     """Measure what is missing, then write the page."""
     folder, known = output / "runs", list[dict[str, Any]]()
     folder.mkdir(parents=True, exist_ok=True)
     sizes = [tuple(int(n) for n in text.split(",") if n) for text in (plane, space)]
-    todo = list(cases(sizes[0], sizes[1]))
+    todo = [] if only_peers else list(cases(sizes[0], sizes[1]))
     with Progress() as progress:
         task = progress.add_task("measuring", total=len(todo))
         for case in todo:
@@ -114,7 +118,8 @@ def main(
                 write_aside(path, json.dumps(found, indent=1).encode())
             known.append(found)
             progress.advance(task)
-    print(write_page(output, known))
+    peers = [run for dim, ns in zip((2, 3), sizes, strict=True) for run in measured(output, dim, ns, limit)]
+    print(write_page(output, known, peers))
 
 
 if __name__ == "__main__":

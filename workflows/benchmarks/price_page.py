@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
+from stickslip.workflows.benchmarks.peers.page import section
 from stickslip.workflows.benchmarks.price_run import REFERENCE
 from stickslip.workflows.formats.aside import write_aside
 
@@ -44,13 +45,15 @@ COLUMNS = {
 }  # fmt: skip
 
 
-def write_page(folder: Path, runs: list[Run]) -> Path:
-    """Write DIR/price.html and DIR/price.png; the path of the page."""
+def write_page(folder: Path, runs: list[Run], peers: Sequence[Run] = ()) -> Path:
+    """Write DIR/price.html and DIR/price.png, with the rows of other programs; the path of the page."""
     rows = [_row(run, runs) for run in runs if run["case"]["method"] != REFERENCE]
     png = io.BytesIO()
     picture(rows).savefig(png, dpi=110)
     write_aside(folder / "price.png", png.getvalue())
-    tables = "".join(f"<h2>{dim}D</h2>{_section([row for row in rows if row['dim'] == dim])}" for dim in (2, 3))
+    tables = "".join(
+        f"<h2>{dim}D</h2>{_section([row for row in rows if row['dim'] == dim])}{section(dim, peers)}" for dim in (2, 3)
+    )
     shown = f'<img alt="prices against n" src="data:image/png;base64,{base64.b64encode(png.getvalue()).decode()}">'
     title = "The price of friction"
     head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
