@@ -262,7 +262,7 @@ def test_regularised_finds_on_two_ranks_what_it_finds_on_one(tmp_path: Path) -> 
     ("name", "more"),
     [
         ("block", ["solver.rates=true"]),
-        ("foundation", []),
+        pytest.param("foundation", [], marks=pytest.mark.slow),
         pytest.param("block", ["solver.inner_solves=inexact"], marks=pytest.mark.slow),
         pytest.param("cube", ["solver.outer=ksp"], marks=pytest.mark.slow),
         *(pytest.param(name, [], marks=pytest.mark.slow) for name in ("cube", "half_ball", "axisymmetric")),

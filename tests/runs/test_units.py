@@ -217,7 +217,7 @@ def test_a_bolted_step_file_in_metres_and_in_millimetres(call: Call, folder: Pat
     for name, words, size in (("si", (), 1e-3), ("mm", ("--units", "mm-N-MPa"), 1.0)):
         code, _, err = call("new", f"{name}.toml", "--from", "joint.step", *words)
         assert (code, err) == (0, "")
-        sizes = (f"--set=geometry.mesh_size={8 * size}", f"--set=geometry.contact_mesh_size={4 * size}")
+        sizes = (f"--set=geometry.mesh_size={16 * size}", f"--set=geometry.contact_mesh_size={8 * size}")
         still = ("--set=output.pictures=false", "--set=output.error=false")
         code, _, err = call("run", f"{name}.toml", "-q", "-o", name, *sizes, *still)
         assert code == 0, err
