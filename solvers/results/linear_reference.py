@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """Wall time of one solver; its numbers are None if it was not tried or failed, and `note` says why."""
+    """Time of one solver; its numbers are None if it was not tried or failed, and `note` says why."""
 
     setup: float | None = None  # [s]
     solve: float | None = None  # [s]
@@ -46,10 +46,10 @@ class Timing:
 
 @dataclass(frozen=True, kw_only=True)
 class LinearReference:
-    """Wall times by solver, and the shortest of them."""
+    """Times by solver, and the shortest of them."""
 
     fastest: str  # name of the solver
-    seconds: float  # its wall time [s]
+    seconds: float  # its time [s]
     solvers: dict[str, Timing]  # by name: cg+boomeramg, cg+gamg, mumps
 
     @staticmethod
@@ -59,19 +59,22 @@ class LinearReference:
         return LinearReference(fastest=fastest, seconds=solvers[fastest].seconds, solvers=solvers)
 
 
-def linear_reference(system: System, only: str = "", rtol: float = RTOL) -> LinearReference:
+def linear_reference(
+    system: System, only: str = "", rtol: float = RTOL, now: Callable[[], float] = clock.perf_counter
+) -> LinearReference:
     """Time one linear solve of the bodies under the last step's loads and supports; collective.
 
     Args:
         system: the bodies; its contact dofs are fixed.
         only: name of the one solver to try; empty: all that can be the fastest.
         rtol: true residual, relative to the load, at which conjugate gradients stop.
+        now: the time [s], where another one than wall time is asked for.
     """
     with system.counters.clock.phase("linear_reference"):
-        return _linear_reference(system, only, rtol)
+        return _linear_reference(system, only, rtol, now)
 
 
-def _linear_reference(system: System, only: str, rtol: float) -> LinearReference:
+def _linear_reference(system: System, only: str, rtol: float, now: Callable[[], float]) -> LinearReference:
     K, f = _fixed(system)
     motions = near_nullspace(system)
     solvers: dict[str, Callable[[KSP], None]] = {
@@ -80,15 +83,15 @@ def _linear_reference(system: System, only: str, rtol: float) -> LinearReference
         "mumps": _cholesky,
     }
     if only:
-        return LinearReference.of({only: _timed(K, f, solvers[only], rtol)})
-    found = {name: _timed(K, f, solvers[name], rtol) for name in ("cg+boomeramg", "cg+gamg")[not HYPRE :]}
+        return LinearReference.of({only: _timed(K, f, solvers[only], rtol, now)})
+    found = {name: _timed(K, f, solvers[name], rtol, now) for name in ("cg+boomeramg", "cg+gamg")[not HYPRE :]}
     best = min(timing.seconds for timing in found.values())
     predicted = QUADRATIC * K.size[0] ** 2 / K.comm.size if system.mesh.dim == 3 else 0.0
     if predicted > HOPELESS * best:
         note = f"not tried: about {predicted:.0f} s are expected for {K.size[0]} unknowns in 3D"
         found["mumps"] = Timing(note=note)
     else:
-        found["mumps"] = _timed(K, f, solvers["mumps"], rtol)
+        found["mumps"] = _timed(K, f, solvers["mumps"], rtol, now)
     for name, timing in found.items():
         log.info("linear reference: %s %.3f s %s", name, timing.seconds, timing.note)
     return LinearReference.of(found)
@@ -107,7 +110,7 @@ def _fixed(system: System) -> tuple[Mat, Vec]:
     return K, f
 
 
-def _timed(K: Mat, f: Vec, prepare: Callable[[KSP], None], rtol: float) -> Timing:
+def _timed(K: Mat, f: Vec, prepare: Callable[[KSP], None], rtol: float, now: Callable[[], float]) -> Timing:
     """Time conjugate gradients to the tolerance, or one direct solve; times are those of the slowest rank; collective.
 
     Args:
@@ -115,8 +118,9 @@ def _timed(K: Mat, f: Vec, prepare: Callable[[KSP], None], rtol: float) -> Timin
         f: load [N].
         prepare: sets the preconditioner, or makes it a direct solver.
         rtol: true residual, relative to the load.
+        now: the time [s].
     """
-    u, began = f.duplicate(), clock.perf_counter()
+    u, began = f.duplicate(), now()
     ksp = PETSc.KSP().create(K.comm)
     try:
         ksp.setOptionsPrefix(PREFIX)
@@ -126,9 +130,9 @@ def _timed(K: Mat, f: Vec, prepare: Callable[[KSP], None], rtol: float) -> Timin
         ksp.setTolerances(rtol=rtol, atol=0.0, max_it=MOST_ITERATIONS)
         prepare(ksp)
         ksp.setUp()
-        ready = clock.perf_counter()
+        ready = now()
         ksp.solve(f, u)
-        solved = clock.perf_counter()
+        solved = now()
     except PETSc.Error as error:
         return Timing(note=f"failed: PETSc error {error.ierr}")
     residual = float((f - K * u).norm() / f.norm())
