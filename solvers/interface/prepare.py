@@ -43,7 +43,8 @@ def prepare_volume(system: System, form: Form, pressed: bool = False) -> Volume:
     if form == "matrix-free":
         return IterativeVolume(system)
     dofs = condensed_dofs(system, pressed)
-    return FactorisedVolume(system.K_B, dofs, system.counters, several=system.mesh.part_count > 1)
+    several, plane = system.mesh.part_count > 1, system.mesh.dim == 2
+    return FactorisedVolume(system.K_B, dofs, system.counters, several=several, low_rank=plane)
 
 
 def condensed_dofs(system: System, pressed: bool) -> Ints:

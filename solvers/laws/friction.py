@@ -34,7 +34,9 @@ class Coulomb(FrictionLaw):
         return np.asarray(self.mu * np.maximum(average @ p, 0.0))
 
     def limit_slope(self, p: Array, average: Sparse, normal: NormalLaw) -> Sparse:
-        return average.multiply(np.where(average @ p > 0, self.mu, 0.0)[:, None]).tocsr()
+        slope = average.copy()
+        slope.data *= np.repeat(np.where(average @ p > 0, self.mu, 0.0), np.diff(average.indptr))
+        return slope
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
         return np.inf, self.mu, self.mu

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from functools import cache
 
 from stickslip.geometry.errors import MachineError
 
 
+@cache
 def petsc_library() -> ctypes.CDLL:
     """The PETSc library that petsc4py has loaded."""
     with open("/proc/self/maps") as maps:

@@ -112,7 +112,12 @@ class _Rows:
         """(rows, rows) with that diagonal and further entries (values, rows, columns)."""
         own = np.flatnonzero(diagonal)
         data, i, j = (np.concatenate(x) for x in zip((diagonal[own], own, own), *entries, strict=True))
-        matrix: Sparse = sparse.csr_matrix((data, (i, j)), shape=(self.rows, self.rows))
+        order, first = (
+            np.argsort(i, kind="stable"),
+            np.concatenate([[0], np.cumsum(np.bincount(i, minlength=self.rows))]),
+        )
+        matrix: Sparse = sparse.csr_matrix((data[order], j[order], first), shape=(self.rows, self.rows))
+        matrix.sum_duplicates()  # of the diagonal and J
         return matrix
 
     def active_set(self, problem: SurfaceProblem) -> ActiveSet:

@@ -55,20 +55,25 @@ def by_motion(laws: ActiveSet, bodies: RowStiffness) -> tuple[Array, Array]:
     Returns:
         Tractions (rows,) [Pa] and displacement of the contact dofs (c,) [m].
     """
-    problem, index = laws.problem, bodies.index
+    problem, index, given = laws.problem, bodies.index, laws.given
     W, offset = problem.surface.W[index], problem.offset[index]
     held = laws.fixed[index]
     moving = np.flatnonzero(~held)
+    rows = index[moving]
     w = np.where(held, problem.gap[index], 0.0)
     force = bodies.forces(problem.load.f_c) - bodies.H @ (w - offset)
-    A_p, A_w = laws.A_p[index[moving]][:, index], laws.A_w[index[moving]][:, index[moving]]
-    per_force = A_p @ sparse.diags(1 / W)
+    per_force = laws.A_p[rows]
+    per_force.data /= problem.surface.W[per_force.indices]
+    if len(index) < len(laws.rhs):
+        per_force = per_force[:, index]
     H = bodies.H[:, moving]
-    right = laws.rhs[index[moving]] - per_force @ force  # no law of a moving row involves w of held rows
-    w[moving] = np.linalg.solve(A_w.toarray() - per_force @ H, right)
+    right = laws.rhs[rows] - per_force @ force  # no law of a moving row involves w of held rows
+    matrix = -(per_force @ H)
+    if not given[rows].all():
+        matrix += laws.A_w[rows][:, rows].toarray()
+    w[moving] = np.linalg.solve(matrix, right)
     p = np.zeros(len(laws.rhs))
     p[index] = (force - H @ w[moving]) / W
-    given = laws.given
     p[given] = 0.0  # exact zeros: the diagonal of A_p is 1 there
     p[given] = (laws.rhs - laws.A_p @ p)[given]
     return p, bodies.displacement(w - offset)

@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class Timing:
-    """Wall time of one solver; its numbers are None if it was not tried or failed, and `note` says why."""
+    """Time of one solver; its numbers are None if it was not tried or failed, and `note` says why."""
 
     setup: float | None = None  # [s]
     solve: float | None = None  # [s]
@@ -46,10 +46,10 @@ class Timing:
 
 @dataclass(frozen=True, kw_only=True)
 class LinearReference:
-    """Wall times by solver, and the shortest of them."""
+    """Times by solver, and the shortest of them."""
 
     fastest: str  # name of the solver
-    seconds: float  # its wall time [s]
+    seconds: float  # its time [s]
     solvers: dict[str, Timing]  # by name: cg+boomeramg, cg+gamg, mumps
 
     @staticmethod

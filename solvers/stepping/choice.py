@@ -23,7 +23,8 @@ ENTRIES = {  # non-zero entries of a row of K_B, inside a regular mesh
     ("tetrahedron", 1): 44, ("tetrahedron", 2): 84, ("hexahedron", 1): 81, ("hexahedron", 2): 192,
 }  # fmt: skip
 # CPU seconds on one core, one thread, fitted to the table of `stickslip.workflows.benchmarks.auto`
-FACTOR_TIME = {2: 1.7e-8, 3: 2.7e-9}  # of a factorisation with its Schur complement, times N^1.5 and N^2
+POWER = {2: 1.1, 3: 2.0}  # of N, free dofs, that the time of a factorisation grows with
+FACTOR_TIME = {2: 1.1e-6, 3: 2.7e-9}  # of a factorisation with its Schur complement, times that power of N
 BACK = {2: 8e-7, 3: 2e-6}  # of a step's solves with the factor, times N
 INVERSE = 6e-11  # of the inverse of the dense stiffness, times the cube of the number of contact dofs
 NEWTON = 6e-12  # of a step's Newton iterations, times the same
@@ -91,8 +92,7 @@ class Size:
     def condensed_seconds(self) -> float:
         """Predicted time [s] on one core of preparation and all steps, with the bodies in condensed form."""
         N, cube = self.dofs, float(self.contact_dofs) ** 3
-        power = 1.5 if self.dim == 2 else 2.0
-        prepared = sum(FACTOR_TIME[self.dim] * n**power + INVERSE * c**3 for n, c in self._each)
+        prepared = sum(FACTOR_TIME[self.dim] * n ** POWER[self.dim] + INVERSE * c**3 for n, c in self._each)
         return float(prepared + self.steps * (BACK[self.dim] * N + NEWTON * cube))
 
     def matrix_free_seconds(self, method: str) -> float:

@@ -1,7 +1,7 @@
 """Cost of friction in units of one linear solve: `python -m stickslip.workflows.benchmarks.price` writes price.html.
 
-One core, threads fixed. Every measurement is a process of its own, which also measures the linear reference: prices
-are ratios within one process. A measurement that exists is not repeated; remove DIR to begin anew. Other programs on
+One core, threads fixed, CPU seconds. Every measurement is a process of its own, which also measures the linear reference:
+prices are ratios within one process. A measurement that exists is not repeated; remove DIR to begin anew. Other programs on
 the same meshes (`peers/`) stand beside our default, and are named if they are not installed; `--only-peers` measures
 them alone.
 """
