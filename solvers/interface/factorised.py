@@ -45,8 +45,8 @@ class FactorisedVolume:
             contact_dofs: global numbers (c,), increasing, the same on all ranks.
             counters: counts factorisations and volume solves.
             several: whether parts that share no node may be looked for.
-            low_rank: whether MUMPS compresses blocks of its fronts. In 2D a third of the time on 1e6 dofs, nothing on
-                7e4 and less; in 3D a tenth more, because their ranks are larger.
+            low_rank: whether MUMPS compresses blocks of its fronts. In 2D that saves three tenths of the time on 1e6
+                dofs, nothing on 7e4 and less; in 3D it costs a tenth more.
 
         Raises:
             MachineError: the factorisation failed.

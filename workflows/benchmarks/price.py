@@ -1,9 +1,9 @@
 """Cost of friction in units of one linear solve: `python -m stickslip.workflows.benchmarks.price` writes price.html.
 
-One core, threads fixed, CPU seconds. Every measurement is a process of its own, which also measures the linear reference:
-prices are ratios within one process. A measurement that exists is not repeated; remove DIR to begin anew. Other programs on
-the same meshes (`peers/`) stand beside our default, and are named if they are not installed; `--only-peers` measures
-them alone.
+One core, threads fixed, CPU seconds. Every measurement is a process of its own, which also measures the linear
+reference: prices are ratios within one process. A measurement that exists is not repeated; remove DIR to begin anew.
+Other programs on the same meshes (`peers/`) stand beside our default, and are named if they are not installed;
+`--methods peers` measures them alone.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from stickslip.workflows.formats.aside import write_aside
 PLANE = (16, 32, 64, 128, 256, 512)
 SPACE = (8, 12, 16, 24, 32, 48, 64)
 TOLERANCES = (1e-4, 1e-8)
+KINDS = (("tensor", 1), ("simplex", 1), ("tensor", 2), ("simplex", 2))  # cells, and number of bodies
 METHODS = (  # last column: growth of the time with n in 2D and 3D, to predict what does not fit
     ("auto", "auto", 2.5, 4.0),
     ("condensed-newton", "condensed", 2.5, 6.0),
@@ -35,16 +36,20 @@ METHODS = (  # last column: growth of the time with n in 2D and 3D, to predict w
     ("uzawa", "auto", 3.0, 4.5),
     ("regularised", "auto", 3.0, 6.0),
 )
+PEERS = "peers"
+ALL = ",".join([name for name, *_ in METHODS] + [PEERS])
 
 
-def cases(plane: tuple[int, ...], space: tuple[int, ...]) -> Iterator[Case]:
-    """Cheapest first."""
+def cases(plane: tuple[int, ...], space: tuple[int, ...], methods: tuple[str, ...]) -> Iterator[Case]:
+    """Cheapest first; `auto` in 3D on tetrahedra, and on two bodies whose meshes do not match, too."""
     for dim, sizes in ((2, plane), (3, space)):
         for n in sizes:
             yield Case(dim, n, REFERENCE)
             for method, surface, *_ in METHODS:
                 for tolerance in TOLERANCES if method != "regularised" else TOLERANCES[1:]:
-                    yield Case(dim, n, method, surface, tolerance)
+                    for kind in KINDS if (dim, method) == (3, "auto") else KINDS[:1]:
+                        if method in methods:
+                            yield Case(dim, n, method, surface, tolerance, *kind)
 
 
 def expected(case: Case, known: list[dict[str, Any]]) -> float:
@@ -56,11 +61,11 @@ def expected(case: Case, known: list[dict[str, Any]]) -> float:
     """
     if case.method == REFERENCE:  # one linear solve is the least of all
         return 0.0
-    kind = (case.dim, case.method, case.surface, case.tolerance, case.cells)
+    kind = (case.dim, case.method, case.surface, case.tolerance, case.cells, case.bodies)
     growth = {method: (plane, space) for method, _, plane, space in METHODS}.get(case.method, (0.0, 0.0))
     for run in reversed(known):
         other = Case(**run["case"])
-        if (other.dim, other.method, other.surface, other.tolerance, other.cells) == kind:
+        if (other.dim, other.method, other.surface, other.tolerance, other.cells, other.bodies) == kind:
             if run["status"] != "converged" or run["two_steps"] is None:
                 return float("inf")
             return float(run["two_steps"] + run["further"]) * float((case.n / other.n) ** growth[case.dim - 2])
@@ -97,13 +102,14 @@ def main(
     limit: Annotated[float, typer.Option(help="seconds that a single run may be expected to take")] = 300.0,
     plane: Annotated[str, typer.Option(help="cells over the height of the block")] = ",".join(map(str, PLANE)),
     space: Annotated[str, typer.Option(help="cells over the height of the cube")] = ",".join(map(str, SPACE)),
-    only_peers: Annotated[bool, typer.Option("--only-peers", help="other programs alone")] = False,
+    methods: Annotated[str, typer.Option(help=f"of {ALL}; {PEERS}: other programs")] = ALL,
 ) -> None:
     """Measure what is missing, then write the page."""
     folder, known = output / "runs", list[dict[str, Any]]()
     folder.mkdir(parents=True, exist_ok=True)
     sizes = [tuple(int(n) for n in text.split(",") if n) for text in (plane, space)]
-    todo = [] if only_peers else list(cases(sizes[0], sizes[1]))
+    chosen = tuple(methods.split(","))
+    todo = list(cases(sizes[0], sizes[1], chosen))
     with Progress() as progress:
         task = progress.add_task("measuring", total=len(todo))
         for case in todo:
@@ -118,7 +124,8 @@ def main(
                 write_aside(path, json.dumps(found, indent=1).encode())
             known.append(found)
             progress.advance(task)
-    peers = [run for dim, ns in zip((2, 3), sizes, strict=True) for run in measured(output, dim, ns, limit)]
+    asked = zip((2, 3), sizes, strict=True) if PEERS in chosen else ()
+    peers = [run for dim, ns in asked for run in measured(output, dim, ns, limit)]
     print(write_page(output, known, peers))
 
 

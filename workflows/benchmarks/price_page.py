@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from stickslip.workflows.benchmarks.peers.page import section
-from stickslip.workflows.benchmarks.price_run import REFERENCE
+from stickslip.workflows.benchmarks.price_run import COUNTED, REFERENCE
 from stickslip.workflows.formats.aside import write_aside
 
 matplotlib.use("Agg")
@@ -28,6 +28,7 @@ COLOURS = {
 }  # fmt: skip
 LINES = {1e-4: "--", 1e-8: "-"}
 BARS = {(2, 1e-8): ((64, 512), 1.5), (3, 1e-4): ((24, 64), 2.0), (3, 1e-8): ((24, 64), 2.5)}  # targets
+LIKE = ("dim", "n", "cells", "bodies")  # what a case must have in common with its linear reference
 STYLE = "body{font:15px sans-serif;max-width:75em;margin:2em auto} img{max-width:100%} table{border-collapse:collapse} "
 STYLE += "td,th{border:1px solid #bbb;padding:.2em .6em;text-align:right}"
 INTRODUCTION = """
@@ -36,11 +37,15 @@ Price: CPU seconds of preparation and of both steps over those of one linear ela
 contact surface fixed, set-up and solution by the fastest of MUMPS, CG + BoomerAMG and CG + GAMG to 1e-8, in the same
 process. Medians of the ratios where short runs are repeated. One core. Memory: the process's peak over that of a
 process that assembles and solves the linear problem alone, by the fastest of the three.
-Grey: what is aimed at. Growth: the slope of log(volume solves) against log(n), 0 where the mesh does not matter.
+Solves: iterations of conjugate gradients, each with a multigrid cycle, in both steps over those of one linear solve to
+1e-8 by CG + BoomerAMG; own solves: over those of one to the case's own tolerance. Grey: what is aimed at.
+Growth: the slope of log(solves) against log(n), of volume solves where no iterations are counted, 0 where the mesh does
+not matter; of one body of quadrilaterals or hexahedra.
 """
 COLUMNS = {
-    "n": "d", "dofs": "", "method": "", "surface": "", "tolerance": "g", "price": ".2f", "further": ".2f",
-    "seconds": ".3g", "reference": ".3g", "iterations": "d", "volume_solves": "d", "linear_iterations": "d",
+    "n": "d", "dofs": "", "cells": "", "bodies": "d", "method": "", "surface": "", "tolerance": "g", "price": ".2f",
+    "further": ".2f", "seconds": ".3g", "reference": ".3g", "iterations": "d", "volume_solves": "d",
+    "linear_iterations": "d", "solves": ".2f", "own_solves": ".2f",
     "memory": ".2f", "residual": ".1e",
 }  # fmt: skip
 
@@ -63,11 +68,15 @@ def write_page(folder: Path, runs: list[Run], peers: Sequence[Run] = ()) -> Path
 
 
 def growth(rows: list[Run]) -> dict[tuple[str, str, float], float]:
-    """Slope of log(volume solves) against log(n), by method, form of the bodies and tolerance; of one dimension."""
+    """Slope of log(solves) against log(n), by method, form of the bodies and tolerance; of one dimension.
+
+    Volume solves stand for them where no iterations are counted.
+    """
     counts: dict[tuple[str, str, float], dict[int, float]] = {}
     for row in rows:
-        if row["price"] and row["volume_solves"]:
-            counts.setdefault((row["method"], row["surface"], row["tolerance"]), {})[row["n"]] = row["volume_solves"]
+        count = row["price"] and (row.get("solves") or row["volume_solves"])
+        if count:
+            counts.setdefault((row["method"], row["surface"], row["tolerance"]), {})[row["n"]] = count
     return {
         kind: float(np.polyfit(np.log(list(known)), np.log(list(known.values())), 1)[0])
         for kind, known in counts.items()
@@ -75,11 +84,16 @@ def growth(rows: list[Run]) -> dict[tuple[str, str, float], float]:
     }
 
 
+def _plain(row: Run) -> bool:
+    """Whether it is of one body of quadrilaterals or hexahedra: what curves and growth are made of."""
+    return bool(row["cells"] == "tensor" and row["bodies"] == 1)
+
+
 def _section(rows: list[Run]) -> str:
     """How the counts grow, then every run."""
     lines = [
         f"<tr><td>{method}<td>{surface}<td>{tolerance:g}<td>{slope:.2f}"
-        for (method, surface, tolerance), slope in growth(rows).items()
+        for (method, surface, tolerance), slope in growth([row for row in rows if _plain(row)]).items()
     ]
     head = "<tr><th>method<th>surface<th>tolerance<th>growth"
     return f"<table>{head}{''.join(lines)}</table><br>{_table(rows)}"
@@ -106,9 +120,17 @@ def _row(run: Run, runs: list[Run]) -> Run:
     alone = [
         r["memory"]
         for r in runs
-        if r["case"]["method"] == REFERENCE and "memory" in r and all(r["case"][k] == case[k] for k in ("dim", "n"))
+        if r["case"]["method"] == REFERENCE and "memory" in r and all(r["case"][k] == case[k] for k in LIKE)
     ]
+    cycles = sum(step["linear_iterations"] for step in steps)
+
+    def solves(reference: Run | None) -> float | None:
+        count = reference and (reference.get("solvers", {}).get(COUNTED) or {}).get("iterations")
+        return cycles / count if cycles and count else None
+
     return row | {
+        "solves": solves(run["reference"]),
+        "own_solves": solves(run.get("own")),
         "price": run["price"],
         "further": run["further_price"],
         "seconds": run["two_steps"],
@@ -136,7 +158,7 @@ def picture(rows: list[Run]) -> Figure:
                 for tolerance, style in LINES.items():
                     chosen = [
                         (r["n"], value(r))
-                        for r in rows
+                        for r in filter(_plain, rows)
                         if (r["dim"], r["method"], r["tolerance"]) == (dim, method, tolerance) and r["price"]
                     ]
                     chosen = [(n, v) for n, v in chosen if v]
