@@ -26,6 +26,12 @@ def peak() -> float:
     return 1024.0 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 
 
+def resident() -> float:
+    """What this process has now [bytes]; 0 on systems without /proc."""
+    taken = _text(Path("/proc/self/statm")).split()
+    return float(taken[1]) * resource.getpagesize() if taken else 0.0
+
+
 def is_full(process: int) -> bool:
     """Whether a process has ever taken nearly all the address space that its limit lets it have."""
     try:

@@ -150,7 +150,8 @@ class Bubbles:
         return found
 
     def pull(self, x: Vec) -> Vec:
-        """Inner forces a(x, .) [N] of bubbles on the dofs of the mesh; collective."""
+        """Inner forces a(x, .) [N] of bubbles on the dofs of the mesh; releases as `inner`; collective."""
+        destroy_released(self.system.mesh.comm)
         dx.fill(self._alone, x.array_r)
         return self.system.constraints.links.added(_assembled(self._pull), self.elongation(x))
 

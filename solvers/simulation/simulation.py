@@ -23,8 +23,10 @@ from stickslip.solvers.scene.problem import PlanRow, Problem
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.bodies import Bodies
 from stickslip.solvers.simulation.loose_parts import refuse_loose_parts
+from stickslip.solvers.simulation.memory import Counts, Demand, affordable, memory_of, spare
 from stickslip.solvers.simulation.plan import planned
 from stickslip.solvers.simulation.script import Script
+from stickslip.solvers.stepping.choice import Size, choose
 from stickslip.solvers.stepping.history import HistoryRow
 from stickslip.solvers.stepping.method_chain import MethodChain, Reached
 from stickslip.solvers.stepping.state import State
@@ -63,7 +65,7 @@ class Simulation:
             print(step.time, step.contacts["base"].normal_force)
 
     Attributes:
-        scene: what is solved, as it was given to `prepare`.
+        scene: what is solved, as it was given to `prepare`; where memory is short without `output.error`.
         problem: the scene, resolved: sides, contact pairs, values in time, active effects.
         data: the mesh as plain arrays, on rank 0.
         counters: work done so far: volume solves, factorisations, linear iterations.
@@ -73,6 +75,8 @@ class Simulation:
         system: stiffness, loads, constraints and contact rows.
         stepper: solves one step.
         observer: makes the `StepResult` of a solved step.
+        demand: the memory that a run was foretold to take.
+        short: a warning if that is more than there is, else empty; errors may be left out for it, see `affordable`.
         reported: the step that the last result of `steps` was read from.
     """
 
@@ -84,6 +88,8 @@ class Simulation:
     observer: Observer
     counters: Counters
     data: MeshData = field(repr=False)
+    demand: Demand
+    short: str = ""
     reported: Accepted | None = None
 
     @property
@@ -238,7 +244,7 @@ def prepare(
     Raises:
         SceneError: the scene cannot be solved, for example because nothing holds a body.
         GeometryError: the shape cannot be meshed.
-        MachineError: the method that the scene asks for does not fit in memory.
+        MachineError: the scene does not fit in memory, or not by the method that it asks for.
     """
     from mpi4py import MPI
 
@@ -252,10 +258,15 @@ def prepare(
     with counters.clock.phase("assemble"):
         system = assemble(problem, mesh, counters)
         refuse_loose_parts(system)
+        choice = reached.choice if reached else choose(system)
+        counts = Counts.of(mesh, system.nodes.total)
+        demand = memory_of(scene, counts, Size.of(problem, mesh, system.constraints, system.contacts), choice)
+        with_error, short = affordable(scene, demand, spare(system.mesh.comm), bool(scene.accuracy.goals))
+        scene = replace(scene, output=replace(scene.output, error=with_error))
         _ = system.K_B  # assembled too
     with counters.clock.phase("prepare"):
         factor = bodies.factor_for(system) if bodies else None
-        stepper = Stepper(system, MethodChain(system, reached, factor))
+        stepper = Stepper(system, MethodChain(system, reached or Reached(choice, 0, ()), factor))
     with counters.clock.phase("output", "results"):
         data = mesh_data(system)
         observer = Observer.of(stepper, data, with_errors) if scene.output.error else Observer.of(stepper)
@@ -271,4 +282,6 @@ def prepare(
         observer=observer,
         counters=counters,
         data=data,
+        demand=demand,
+        short=short,
     )

@@ -152,6 +152,7 @@ def plan_command(
     as_json: Annotated[bool, typer.Option("--json", help="for scripts")] = False,
 ) -> None:
     """Say which effects a scene switches on, and why, without solving; with --cost from coarse versions of it."""
+    from stickslip.solvers.simulation.memory import foretold
     from stickslip.solvers.simulation.plan import make_plan, warnings
     from stickslip.workflows.run.terminal import print_plan
     from stickslip.workflows.scene_file.read import named, read
@@ -167,6 +168,7 @@ def plan_command(
         "times": list(loaded.requested_times()),
         "effects": [asdict(row) for row in rows],
         "warnings": list(warnings(loaded)),
+        "memory": None if mesh else foretold(loaded),
     }
     if mesh:
         from stickslip.workflows.commands.mesh import announce
@@ -176,6 +178,7 @@ def plan_command(
             announce(loaded)
         with named(scene, override or ()):
             content["mesh"] = count(loaded)
+        content["memory"] = content["mesh"].pop("memory")
     if speaks() and not as_json:
         print_plan(content)
     if cost:

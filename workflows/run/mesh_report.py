@@ -24,6 +24,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.effects import EFFECTS
 from stickslip.solvers.fem.supports import find_constraints
 from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.memory import Counts, Demand, memory_of, spare
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.stepping.choice import Choice, Size, chosen
 from stickslip.solvers.system.system import contact_rows, displacement_space
@@ -203,8 +204,8 @@ def _edge_nodes(pairs: Any, facets: Any) -> Any:
     return ends if len(ends) else facets[:1, 0]
 
 
-def look(scene: Scene) -> tuple[MeshReport, Choice, int]:
-    """The mesh report, the choice of methods, and the number of unknown displacements; assembles nothing."""
+def look(scene: Scene) -> tuple[MeshReport, Choice, Demand]:
+    """The mesh report, the choice of methods, and the memory that a run will take; assembles nothing; collective."""
     problem = resolve(scene)
     mesh = build_mesh(problem.shape, problem.request, MPI.COMM_WORLD)
     space = displacement_space(mesh)
@@ -213,16 +214,18 @@ def look(scene: Scene) -> tuple[MeshReport, Choice, int]:
     contacts = contact_rows(problem, mesh, space, nodes, constraints)
     report = report_mesh(scene, mesh, nodes.total, contacts)
     size = Size.of(problem, mesh, constraints, contacts)
-    return report, chosen(size, scene.solver, available()), constraints.free_total
+    choice = chosen(size, scene.solver, available())
+    return report, choice, memory_of(scene, Counts.of(mesh, nodes.total), size, choice)
 
 
 def count(scene: Scene) -> dict[str, Any]:
     """The mesh report and the choice of methods as plain data, for `stickslip plan --mesh`."""
-    report, choice, unknown = look(scene)
+    report, choice, demand = look(scene)
     return {
         **asdict(report),
-        "displacement_unknowns": unknown,
+        "displacement_unknowns": demand.unknowns,
         "method": choice.stages[0].method,
         "choice": {**asdict(choice.stages[0]), "because": choice.because},
+        "memory": demand.plain(spare(MPI.COMM_WORLD)),
         "warnings": list(report.warnings()),
     }

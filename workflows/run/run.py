@@ -313,6 +313,7 @@ def _solve(
     with Interrupt() as interrupt:
         reached = earlier.last.checkpoint.reached if earlier.last else None
         simulation = prepare(scene, comm, reached, sizes, bodies, counters)
+        scene = simulation.scene  # without estimates of errors where they do not fit
         interrupt.check(comm)
         system = simulation.system
         report = report_mesh(scene, simulation.mesh, system.nodes.total, system.contacts)

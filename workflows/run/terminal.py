@@ -273,6 +273,25 @@ def print_plan(content: Content) -> None:
         keys = ("cells", "nodes", "worst_quality", "plane", "units")
         report = MeshReport(**{key: mesh[key] for key in keys}, contacts=contacts)
         print_mesh(report, out)
+        print_memory(content["memory"], out)
+    elif content["memory"]:
+        peak = content["memory"]["peak"]
+        out.print(f"about {peak / 1e9:.2g} GB of memory, by the expected number of cells")
+
+
+def print_memory(memory: Content, out: Console) -> None:
+    """The memory that a run will take, by part, beside what is free; memory: see `Demand.plain`."""
+    table = Table()
+    for name in ("memory of", "bytes an unknown", "rank 0 [GB]", "machine [GB]", "while"):
+        table.add_column(name, justify="left" if name in ("memory of", "while") else "right")
+    for part in memory["parts"]:
+        sizes = (f"{part[key] / 1e9:.3f}" for key in ("rank", "machine"))
+        table.add_row(part["part"], f"{part['per_unknown']:.0f}", *sizes, ", ".join(part["stages"]))
+    print_table(table, out)
+    stage, free = max(memory["stages"], key=memory["stages"].get), memory["free"]
+    known = "no limit is known" if free >= 2.0**62 else f"{free / 1e9:.3g} GB are free"
+    peak = f"{memory['peak'] / 1e9:.2g} GB of rank 0, {memory['machine'] / 1e9:.2g} GB of the machine"
+    out.print(f"peak while {stage}: {peak}; {known}")
 
 
 def print_mesh(report: MeshReport, out: Console) -> None:

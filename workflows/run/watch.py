@@ -39,6 +39,7 @@ def tell(simulation: Simulation, report: MeshReport, earlier: EarlierRun, watch:
     log.info("%s", at_work())
     for line in report.lines():
         log.info("%s", line)
+    log.info("memory: about %.2g GB at the most, of rank 0", simulation.demand.peak / 1e9)
     for line in foreseen(simulation, report):
         log.warning("%s", line)
     watch.on_mesh(report)
@@ -54,7 +55,7 @@ def tell(simulation: Simulation, report: MeshReport, earlier: EarlierRun, watch:
 
 def foreseen(simulation: Simulation, report: MeshReport) -> tuple[str, ...]:
     """Warnings of before the first step."""
-    return (*warnings(simulation.scene), *report.warnings())
+    return (*warnings(simulation.scene), *report.warnings(), *filter(None, [simulation.short]))
 
 
 class Onward(logging.Handler):

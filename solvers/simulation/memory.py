@@ -1,0 +1,222 @@
+"""How much memory a run takes, by part, foretold before it is taken; and what is left out or refused where it is short.
+
+Each part is there in some stages of a run, and the peak is that of the stage in which most is there. What grows with
+the mesh has a price by cell or unknown for each kind of cell, K and multigrid one by entry of K; the condensed form is
+foretold by `Size.dense_bytes`. Fitted to the table of `stickslip.workflows.benchmarks.memory`.
+
+On several ranks the bodies are shared out; the program, contact and the part of each node are on every rank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from mpi4py import MPI
+
+from stickslip.geometry.errors import MachineError
+from stickslip.geometry.memory import available, resident
+from stickslip.geometry.mesh.mesh import Mesh
+from stickslip.geometry.protocols import Comm
+from stickslip.geometry.shape import MOST_CELLS
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.resolve import resolve
+from stickslip.solvers.stepping.choice import ENTRIES, Choice, Size, chosen
+
+# of a run; at the end, of audit and pictures, multigrid is freed
+STAGES = ("meshing", "assembling", "solving", "end")
+PROGRAM = 1.5e8  # Python and libraries, on each rank
+GMSH = 6e7  # its library, on rank 0, which keeps it
+ENTRY = 12.5  # of K, by entry
+MULTIGRID = 29.0  # with its copy of K, by entry of K
+POINT = 7000.0  # of contact, on each rank
+NODE = 8.0  # the part of the mesh that it belongs to, on each rank
+VIEWERS = {2: 1.7e8, 3: 3.1e8}  # VTK and matplotlib, on rank 0, by dimension
+SURE = 1.25  # the prediction is not refused before it is so many times what is free
+
+
+@dataclass(frozen=True)
+class Price:
+    """Bytes by cell and by unknown of one kind of cell."""
+
+    meshing: float  # by cell, in gmsh and dolfinx while the mesh is made, on rank 0
+    mesh: float  # by cell, that stay
+    steps: float  # by unknown: vectors of the step, of the state and of results
+    errors: float  # by unknown: estimates of errors, beside the steps
+    end: float  # by unknown: vectors and fields that the audit reads back
+    nodes: float  # of a large mesh, by cell
+
+
+PRICES = {
+    ("triangle", 1): Price(1100, 960, 2100, 300, 2200, 0.5),
+    ("triangle", 2): Price(1300, 1500, 1900, 2300, 1800, 2.0),
+    ("quadrilateral", 1): Price(590, 620, 2000, 580, 1900, 1.0),
+    ("quadrilateral", 2): Price(1900, 2400, 1600, 3200, 1300, 4.0),
+    ("tetrahedron", 1): Price(610, 480, 1500, 3000, 1900, 0.18),
+    ("tetrahedron", 2): Price(1500, 1600, 410, 2200, 1400, 1.4),
+    ("hexahedron", 1): Price(1100, 1000, 260, 2700, 1200, 1.0),
+    ("hexahedron", 2): Price(4100, 6100, 0, 1600, 1200, 8.0),
+}
+
+
+SHAPES = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron", "hexahedron")}  # by dimension: simplex, tensor
+
+
+@dataclass(frozen=True)
+class Part:
+    """What takes memory."""
+
+    name: str
+    rank: float  # on each rank [bytes]
+    first: float  # on rank 0, beside that [bytes]
+    stages: tuple[str, ...]  # in which it is there
+
+
+@dataclass(frozen=True)
+class Demand:
+    """The memory that a run is foretold to take."""
+
+    parts: tuple[Part, ...]
+    unknowns: int
+    ranks: int  # of one machine
+
+    @property
+    def stages(self) -> dict[str, float]:
+        """Of rank 0, which takes most, by stage [bytes]."""
+        return {s: sum(p.rank + p.first for p in self.parts if s in p.stages) for s in STAGES}
+
+    @property
+    def peak(self) -> float:
+        """Of rank 0 [bytes]."""
+        return max(self.stages.values())
+
+    @property
+    def machine(self) -> float:
+        """Of all ranks of the machine that rank 0 is on [bytes]."""
+        return max(sum(self.ranks * p.rank + p.first for p in self.parts if s in p.stages) for s in STAGES)
+
+    @property
+    def without_errors(self) -> Demand:
+        """The same if errors are not estimated."""
+        return replace(self, parts=tuple(part for part in self.parts if part.name != "error estimate"))
+
+    def plain(self, free: float) -> dict[str, object]:
+        """As plain data, for `stickslip plan`; free: see `spare` [bytes]."""
+        return {
+            "parts": [
+                {
+                    "part": part.name,
+                    "per_unknown": (part.rank + part.first) / self.unknowns,
+                    "rank": part.rank + part.first,
+                    "machine": self.ranks * part.rank + part.first,
+                    "stages": list(part.stages),
+                }
+                for part in self.parts
+            ],
+            "stages": self.stages,
+            "peak": self.peak,
+            "machine": self.machine,
+            "ranks": self.ranks,
+            "free": free,
+        }
+
+
+@dataclass(frozen=True)
+class Counts:
+    """The mesh, as far as its memory goes."""
+
+    shape: str  # of cells
+    order: int
+    cells: float
+    nodes: float
+
+    @staticmethod
+    def of(mesh: Mesh, nodes: int) -> Counts:
+        """Of a mesh; nodes: of all ranks."""
+        topology = mesh.domain.topology
+        return Counts(topology.cell_type.name, mesh.degree, topology.index_map(mesh.dim).size_global, nodes)
+
+
+def memory_of(scene: Scene, counts: Counts, size: Size, choice: Choice) -> Demand:
+    """What a run of a scene takes with this mesh and method."""
+    price, share, output = PRICES[counts.shape, counts.order], 1 / size.processes, scene.output
+    form, cells, unknowns = choice.stages[0].surface, counts.cells, size.dofs
+    multigrid = MULTIGRID * size.entries * share
+    condensed = size.dense_bytes / size.ranks
+    solver = {"matrix-free": ("multigrid", multigrid), "condensed": ("factor, dense stiffness", condensed)}
+    after = ("assembling", "solving", "end")
+    solving, until = ("solving",), ("solving", "end")  # a factor may serve another run: it stays
+    parts = [
+        Part("program", PROGRAM, GMSH, STAGES),
+        Part("mesh while gmsh makes it", 0.0, price.meshing * cells, ("meshing",)),
+        Part("mesh", price.mesh * cells * share + NODE * counts.nodes, 0.0, after),
+        Part("stiffness", ENTRY * size.entries * share, 0.0, after),
+        Part(*solver.get(form, solver["condensed"]), 0.0, solving if form == "matrix-free" else until),
+        Part("contact", POINT * size.contact_dofs / size.dim, 0.0, until),
+        Part("steps and results", price.steps * unknowns * share, 0.0, solving),
+    ]
+    if output.error:
+        parts.append(Part("error estimate", price.errors * unknowns * share, 0.0, solving))
+    parts.append(Part("results and audit", price.end * unknowns * share, 0.0, ("end",)))
+    if output.pictures:
+        parts.append(Part("pictures", 0.0, VIEWERS[size.dim], ("end",)))
+    return Demand(tuple(parts), unknowns, size.ranks)
+
+
+def foretold(scene: Scene) -> dict[str, object] | None:
+    """What a run will take by the number of cells that its geometry expects, before any mesh, see `Demand.plain`.
+
+    A body is taken for a cube with contact on one side. None where the number is not known; collective.
+    """
+    problem = resolve(scene)
+    cells, order, dim = float(problem.shape.cell_count(problem.request)), problem.shape.degree, problem.dim
+    if not 0 < cells < MOST_CELLS:
+        return None
+    kind = SHAPES[dim][getattr(scene.geometry, "cells", "simplex") == "tensor"], order
+    nodes, comm = cells * PRICES[kind].nodes, MPI.COMM_WORLD
+    dofs, touching = max(1, round(dim * nodes)), round(dim * nodes ** (1 - 1 / dim))
+    machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    ranks = comm.allreduce(machine.size, op=MPI.MAX)
+    machine.Free()
+    size = Size(dim, dofs, dofs * ENTRIES[kind], touching, len(problem.timeline.times), ranks=ranks)
+    size = replace(size, processes=comm.size)
+    choice = chosen(size, scene.solver, available())
+    return memory_of(scene, Counts(*kind, cells, nodes), size, choice).plain(spare(comm))
+
+
+def spare(comm: Comm) -> float:
+    """What the ranks of a machine have and may still take together [bytes], the least of all machines; collective."""
+    machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    total = float(machine.allreduce(resident())) + float(machine.allreduce(available(), op=MPI.MIN))
+    machine.Free()
+    return float(comm.allreduce(total, op=MPI.MIN))
+
+
+def affordable(scene: Scene, demand: Demand, free: float, steered: bool) -> tuple[bool, str]:
+    """Whether errors of a run are estimated, and a warning where memory is short.
+
+    Args:
+        demand: of the run.
+        free: see `spare` [bytes].
+        steered: whether the errors decide how the run goes on.
+
+    Raises:
+        MachineError: it does not fit without them either.
+    """
+    most = {True: demand, False: demand.without_errors}
+    if demand.machine <= free:
+        return scene.output.error, ""
+    needs = f"about {demand.machine / 1e9:.2g} GB of memory are needed, and {free / 1e9:.2g} GB are free"
+    if scene.output.error and not steered and most[False].machine <= SURE * free:
+        return False, f"{needs}: errors are not estimated; to estimate them take more memory or a larger mesh_size"
+    if demand.machine <= SURE * free:
+        return scene.output.error, f"{needs}: the run may be ended by the system"
+    raise MachineError(f"{needs}; use {_ways(scene, demand)}")
+
+
+def _ways(scene: Scene, demand: Demand) -> str:
+    """What to set."""
+    stages: Mapping[str, float] = demand.stages
+    ways = ["output.error = false"] * scene.output.error
+    ways += ["output.pictures = false"] * (scene.output.pictures and demand.peak == stages["end"])
+    return ", ".join([*ways, "a larger mesh_size"]) + ", or more machines"

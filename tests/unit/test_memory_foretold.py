@@ -1,0 +1,139 @@
+"""The memory that a run is foretold to take: its parts, what is left out or refused, and the measured peak."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+from stickslip.geometry.errors import MachineError
+from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.simulation.memory import (
+    PRICES,
+    SURE,
+    Counts,
+    Demand,
+    Part,
+    affordable,
+    foretold,
+    memory_of,
+)
+from stickslip.solvers.stepping.choice import ENTRIES, Choice, Size, Stage
+from stickslip.workflows.scene_file.read import read
+
+FACTOR = 1.4  # the peak that is foretold is that of the process within this factor, either way
+GB = 1e9
+
+
+@pytest.fixture
+def scene() -> Scene:
+    return read("cube")
+
+
+def demand_of(scene: Scene, size: Size, form: str = "matrix-free") -> Demand:
+    stage = Stage("tangent-cg" if form == "matrix-free" else "condensed-newton", form)  # type: ignore[arg-type]
+    return memory_of(scene, Counts("hexahedron", 1, size.dofs / 3, size.dofs / 3), size, Choice((stage,), ""))
+
+
+def cube(unknowns: int, ranks: int = 1) -> Size:
+    side = round((unknowns / 3) ** (2 / 3))
+    return Size(3, unknowns, 81.0 * unknowns, 3 * side, ranks=ranks, processes=ranks)
+
+
+def test_every_kind_of_cell_has_its_prices() -> None:
+    assert set(PRICES) == set(ENTRIES)
+    assert all(min(vars(price).values()) >= 0 for price in PRICES.values())
+
+
+def test_the_peak_is_that_of_the_stage_with_most_in_it() -> None:
+    parts = (Part("a", 2.0, 1.0, ("solving", "end")), Part("b", 4.0, 0.0, ("solving",)), Part("c", 0.0, 5.0, ("end",)))
+    found = Demand(parts, 1, 2)
+    assert found.stages == {"meshing": 0.0, "assembling": 0.0, "solving": 7.0, "end": 8.0}
+    assert found.peak == 8.0
+    assert found.machine == 13.0  # two ranks in solving, 2 (2 + 4) + 1, take more than at the end, 2 * 2 + 1 + 5
+
+
+def test_ranks_share_the_bodies_and_not_the_contact(scene: Scene) -> None:
+    one, four = ({p.name: p for p in demand_of(scene, cube(3_000_000, n)).parts} for n in (1, 4))
+    assert four["stiffness"].rank == pytest.approx(one["stiffness"].rank / 4)
+    assert four["multigrid"].rank == pytest.approx(one["multigrid"].rank / 4)
+    assert four["contact"].rank == one["contact"].rank > 0
+
+
+def test_what_a_scene_leaves_out_takes_nothing(scene: Scene) -> None:
+    quiet = replace(scene, output=replace(scene.output, error=False, pictures=False, audit=False))
+    every, few = ({part.name for part in demand_of(each, cube(10**6)).parts} for each in (scene, quiet))
+    assert every - few == {"error estimate", "pictures"}
+    assert few < every
+
+
+def test_the_condensed_form_takes_what_its_choice_foretells(scene: Scene) -> None:
+    size = cube(30_000)
+    parts = {part.name: part for part in demand_of(scene, size, "condensed").parts}
+    assert parts["factor, dense stiffness"].rank == size.dense_bytes
+    assert "multigrid" not in parts
+
+
+def test_what_fits_is_left_as_it_is(scene: Scene) -> None:
+    demand = demand_of(scene, cube(10**6))
+    assert affordable(scene, demand, demand.machine, steered=False) == (True, "")
+
+
+def test_errors_that_do_not_fit_are_left_out_and_it_is_said(scene: Scene) -> None:
+    demand = demand_of(scene, cube(10**6))
+    free = (demand.machine + demand.without_errors.machine) / 2
+    wanted, said = affordable(scene, demand, free, steered=False)
+    assert not wanted
+    assert "errors are not estimated" in said
+    assert f"{free / GB:.2g} GB are free" in said
+
+
+def test_errors_that_decide_how_a_run_goes_on_are_not_left_out(scene: Scene) -> None:
+    demand = demand_of(scene, cube(10**6))
+    wanted, said = affordable(scene, demand, demand.machine / (1 + SURE) * 2, steered=True)
+    assert wanted
+    assert "may be ended by the system" in said
+
+
+def test_a_run_that_does_not_fit_is_refused_with_what_to_set(scene: Scene) -> None:
+    demand = demand_of(scene, cube(10**7))
+    with pytest.raises(MachineError, match=r"GB are free; use output.error = false, a larger mesh_size"):
+        affordable(scene, demand, 1 * GB, steered=False)
+    plain = replace(scene, output=replace(scene.output, error=False))
+    with pytest.raises(MachineError, match=r"GB are free; use a larger mesh_size, or more machines"):
+        affordable(plain, demand_of(plain, cube(10**7)), 1 * GB, steered=False)
+
+
+def test_without_a_mesh_the_expected_number_of_cells_counts() -> None:
+    coarse, fine = (foretold(read("cube", [f"geometry.mesh_size={size}"])) for size in (0.05, 0.025))
+    assert coarse is not None
+    assert fine is not None
+    assert 5 < part(fine, "stiffness") / part(coarse, "stiffness") < 9  # eight times as many cells
+
+
+def part(memory: dict[str, object], name: str) -> float:
+    parts = memory["parts"]
+    assert isinstance(parts, list)
+    return float(next(each["rank"] for each in parts if each["part"] == name))
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        ("cube", "geometry.mesh_size=0.0625", 'solver={ method = "tangent-cg", surface = "matrix-free" }'),
+        ("cube", "geometry.mesh_size=0.04", "output.error=false", 'solver={ method = "tangent-cg" }'),
+        ("block", "geometry.mesh_size=0.02", "geometry.contact_mesh_size=0.02", "output.error=false"),
+    ],
+    ids=["cube with errors", "finer cube without", "block"],
+)
+def test_the_peak_of_a_run_is_the_one_that_was_foretold(case: tuple[str, ...]) -> None:
+    """In a process of its own: its peak is counted from the beginning."""
+    command = [sys.executable, "-m", "stickslip.workflows.benchmarks.memory_run", *case]
+    done = subprocess.run(
+        command, check=True, capture_output=True, text=True, env=os.environ | {"OMP_NUM_THREADS": "1"}
+    )
+    found = json.loads(done.stdout.splitlines()[-1])
+    measured, expected = max(found["stages"].values()), max(found["predicted"].values())
+    assert 1 / FACTOR < expected / measured < FACTOR
