@@ -1,1 +1,1 @@
-"""MPI ranks together: gather, scatter, replicated entries, shared rows, serialisation, counters of work, the clock"""
+"""MPI ranks together: gather, scatter, replicated entries, shared rows, serialisation, counters of work, the clock."""

@@ -4,7 +4,7 @@ Each part is there in some stages of a run, and the peak is that of the stage in
 the mesh has a price by cell or unknown for each kind of cell, K and multigrid one by entry of K; the condensed form is
 foretold by `Size.dense_bytes`. Fitted to the table of `stickslip.workflows.benchmarks.memory`.
 
-On several ranks the bodies are shared out; the program, contact and the part of each node are on every rank.
+On several ranks the bodies are shared out; the program and contact are on every rank.
 """
 
 from __future__ import annotations
@@ -30,7 +30,6 @@ GMSH = 6e7  # its library, on rank 0, which keeps it
 ENTRY = 12.5  # of K, by entry
 MULTIGRID = 29.0  # with its copy of K, by entry of K
 POINT = 7000.0  # of contact, on each rank
-NODE = 8.0  # the part of the mesh that it belongs to, on each rank
 VIEWERS = {2: 1.7e8, 3: 3.1e8}  # VTK and matplotlib, on rank 0, by dimension
 SURE = 1.25  # the prediction is not refused before it is so many times what is free
 
@@ -128,13 +127,12 @@ class Counts:
     shape: str  # of cells
     order: int
     cells: float
-    nodes: float
 
     @staticmethod
-    def of(mesh: Mesh, nodes: int) -> Counts:
-        """Of a mesh; nodes: of all ranks."""
+    def of(mesh: Mesh) -> Counts:
+        """Of a mesh, on all ranks."""
         topology = mesh.domain.topology
-        return Counts(topology.cell_type.name, mesh.degree, topology.index_map(mesh.dim).size_global, nodes)
+        return Counts(topology.cell_type.name, mesh.degree, topology.index_map(mesh.dim).size_global)
 
 
 def memory_of(scene: Scene, counts: Counts, size: Size, choice: Choice) -> Demand:
@@ -149,7 +147,7 @@ def memory_of(scene: Scene, counts: Counts, size: Size, choice: Choice) -> Deman
     parts = [
         Part("program", PROGRAM, GMSH, STAGES),
         Part("mesh while gmsh makes it", 0.0, price.meshing * cells, ("meshing",)),
-        Part("mesh", price.mesh * cells * share + NODE * counts.nodes, 0.0, after),
+        Part("mesh", price.mesh * cells * share, 0.0, after),
         Part("stiffness", ENTRY * size.entries * share, 0.0, after),
         Part(*solver.get(form, solver["condensed"]), 0.0, solving if form == "matrix-free" else until),
         Part("contact", POINT * size.contact_dofs / size.dim, 0.0, until),
@@ -181,7 +179,7 @@ def foretold(scene: Scene) -> dict[str, object] | None:
     size = Size(dim, dofs, dofs * ENTRIES[kind], touching, len(problem.timeline.times), ranks=ranks)
     size = replace(size, processes=comm.size)
     choice = chosen(size, scene.solver, available())
-    return memory_of(scene, Counts(*kind, cells, nodes), size, choice).plain(spare(comm))
+    return memory_of(scene, Counts(*kind, cells), size, choice).plain(spare(comm))
 
 
 def spare(comm: Comm) -> float:

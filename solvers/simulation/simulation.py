@@ -259,7 +259,7 @@ def prepare(
         system = assemble(problem, mesh, counters)
         refuse_loose_parts(system)
         choice = reached.choice if reached else choose(system)
-        counts = Counts.of(mesh, system.nodes.total)
+        counts = Counts.of(mesh)
         demand = memory_of(scene, counts, Size.of(problem, mesh, system.constraints, system.contacts), choice)
         with_error, short = affordable(scene, demand, spare(system.mesh.comm), bool(scene.accuracy.goals))
         scene = replace(scene, output=replace(scene.output, error=with_error))

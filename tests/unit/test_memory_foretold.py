@@ -34,7 +34,7 @@ def scene() -> Scene:
 
 def demand_of(scene: Scene, size: Size, form: str = "matrix-free") -> Demand:
     stage = Stage("tangent-cg" if form == "matrix-free" else "condensed-newton", form)  # type: ignore[arg-type]
-    return memory_of(scene, Counts("hexahedron", 1, size.dofs / 3, size.dofs / 3), size, Choice((stage,), ""))
+    return memory_of(scene, Counts("hexahedron", 1, size.dofs / 3), size, Choice((stage,), ""))
 
 
 def cube(unknowns: int, ranks: int = 1) -> Size:

@@ -19,7 +19,6 @@ from stickslip.solvers.simulation.memory import (
     ENTRY,
     GMSH,
     MULTIGRID,
-    NODE,
     POINT,
     PRICES,
     PROGRAM,
@@ -88,7 +87,7 @@ def price(plain: Run, with_errors: Run) -> tuple[int, ...]:
     """Bytes by cell while meshing and of the mesh, by unknown in steps, of errors, and at the end."""
     cells, unknowns, entries, stages = (plain[key] for key in ("cells", "unknowns", "entries", "stages"))
     meshing = (stages["meshing"] - PROGRAM - GMSH) / cells
-    always = PROGRAM + GMSH + ENTRY * entries + NODE * plain["nodes"]
+    always = PROGRAM + GMSH + ENTRY * entries
     mesh = (stages["assembling"] - always) / cells
     free = plain["form"] == "matrix-free"
     solver = MULTIGRID * entries if free else plain["dense_bytes"]
@@ -119,7 +118,7 @@ def foretold(run: Run) -> float:
     steps, dim = len(scene.requested_times()), scene.dim
     size = Size(dim, run["unknowns"], run["entries"], run["contact_dofs"], steps)
     choice = Choice((Stage(run["method"], run["form"]),), "")
-    return memory_of(scene, Counts(*kind, run["cells"], run["nodes"]), size, choice).peak
+    return memory_of(scene, Counts(*kind, run["cells"]), size, choice).peak
 
 
 def main() -> None:
