@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 from mpi4py import MPI
 
@@ -101,7 +100,7 @@ class Demand:
         """The same if errors are not estimated."""
         return replace(self, parts=tuple(part for part in self.parts if part.name != "error estimate"))
 
-    def plain(self, free: float) -> dict[str, Any]:
+    def plain(self, free: float) -> dict[str, object]:
         """As plain data, for `stickslip plan`; free: see `spare` [bytes]."""
         return {
             "parts": [
@@ -164,7 +163,7 @@ def memory_of(scene: Scene, counts: Counts, size: Size, choice: Choice) -> Deman
     return Demand(tuple(parts), unknowns, size.ranks)
 
 
-def foretold(scene: Scene) -> dict[str, Any] | None:
+def foretold(scene: Scene) -> dict[str, object] | None:
     """What a run will take by the number of cells that its geometry expects, before any mesh, see `Demand.plain`.
 
     A body is taken for a cube with contact on one side. None where the number is not known; collective.
