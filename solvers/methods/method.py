@@ -63,7 +63,6 @@ class Turn:
     place: int  # order among the turns of that form, ascending
     safe: bool = False  # with a metric that overestimates the bodies' flexibility: shorter steps
     dims: tuple[int, ...] = (2, 3)  # dimensions in which the method has this place
-    on_ranks: bool = True  # whether it has it where several processes share the bodies, too
 
 
 class Ready(ABC):

@@ -59,9 +59,7 @@ class TangentCG(Method):
     )
     WORKS_WITH: ClassVar = Applicability(floating=True, driven=False, condensed=False)
     ROW: ClassVar = 2
-    TURNS: ClassVar = (
-        Turn("matrix-free", 0, dims=(3,), on_ranks=False),
-    )  # on ranks PETSc may hang at the end of the process
+    TURNS: ClassVar = (Turn("matrix-free", 0, dims=(3,)),)
 
     def build(self, setup: Setup) -> Ready:
         return OnTangent(self, setup)

@@ -3,10 +3,15 @@
 petsc4py only marks them, because ranks release at different times; PETSc destroys them in a collective call for each
 communicator [PETSc manual, PetscGarbageCleanup]. dolfinx gives every mesh a communicator of its own, which is not known
 to anybody else: without the calls here no matrix and no factor is ever destroyed.
+
+When a process ends, PETSc makes that call for all ranks together, but only on ranks where something is marked. Ranks
+may differ in that: where an array still shows the entries of a vector when Python releases the vector, it is destroyed
+with the array, without being marked, and on other ranks it may have been the other way round.
 """
 
 from __future__ import annotations
 
+import atexit
 import ctypes
 import gc
 import weakref
@@ -31,6 +36,7 @@ class _Watched:
 
 
 _watched: list[_Watched] = []  # in the order in which ranks made the meshes
+_to_the_end: list[PETSc.Vec] = []  # released after what petsc4py destroys at the end of a process
 
 
 def watch(mesh: Mesh) -> None:
@@ -55,6 +61,12 @@ def destroy_released(comm: Comm) -> None:
         _watched.remove(each)
         each.comm.destroy()
     _give_back()
+
+
+@atexit.register
+def _mark_something() -> None:
+    """Have every rank mark an object when the interpreter ends, so that none waits for another in PetscFinalize."""
+    _to_the_end.append(PETSc.Vec().create(PETSc.COMM_WORLD))
 
 
 def _give_back() -> None:

@@ -63,7 +63,6 @@ class Size:
     ranks: int = 1  # that share a machine's memory
     floating: bool = False  # whether contact or forces alone hold a body or an obstacle
     driven: bool = False  # whether a force moves an obstacle
-    processes: int = 1  # that share the bodies
     parts: tuple[tuple[float, float], ...] = ()  # dofs and contact dofs of bodies that share no node; (): of all
 
     @staticmethod
@@ -85,7 +84,6 @@ class Size:
             ranks=ranks,
             floating=bool(problem.rigid_modes.shape[1] or problem.driven),
             driven=bool(problem.driven),
-            processes=mesh.comm.size,
             parts=_parts(mesh, dofs, contacts) if mesh.comm.size == 1 and mesh.part_count > 1 else (),
         )
 
@@ -197,7 +195,7 @@ def chain(form: Form, size: Size) -> tuple[Stage, ...]:
         for name, method in METHODS.items()
         if (method.WORKS_WITH.floating or not size.floating) and (method.WORKS_WITH.driven or not size.driven)
         for turn in method.TURNS
-        if turn.form == form and size.dim in turn.dims and (turn.on_ranks or size.processes == 1)
+        if turn.form == form and size.dim in turn.dims
     ]
     return tuple(Stage(name, form, turn.safe) for turn, name in sorted(turns, key=lambda each: each[0].place))
 

@@ -59,3 +59,32 @@ def test_ranks_give_their_memory_back(tmp_path: Path) -> None:
     script.write_text(RUNS.format(words=FORMS, COARSE=COARSE), encoding="utf-8")
     done = mpirun(2, ["-objects_dump"], tmp_path, (str(script),))
     assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr
+
+
+ENDS = """
+import sys
+
+from petsc4py import PETSc
+
+import stickslip.solvers.parallel.released
+
+
+def end():
+    kept = PETSc.Vec().createMPI(2, comm=PETSc.COMM_WORLD)  # by this frame, until PETSc has ended
+    vector = PETSc.Vec().createMPI(2, comm=PETSc.COMM_WORLD)
+    shown = vector.array_r
+    if kept.comm.rank:
+        del vector, shown  # destroyed here
+    else:
+        del shown, vector  # marked here: PETSc waits for the other rank
+    sys.exit(3)
+
+
+end()
+"""
+
+
+def test_ranks_end_that_have_released_a_vector_in_different_ways(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(ENDS, encoding="utf-8")
+    assert mpirun(2, [], tmp_path, (str(script),)).returncode == 3
