@@ -127,17 +127,18 @@ class Counts:
     shape: str  # of cells
     order: int
     cells: float
+    processes: int = 1  # that share them
 
     @staticmethod
     def of(mesh: Mesh) -> Counts:
         """Of a mesh, on all ranks."""
         topology = mesh.domain.topology
-        return Counts(topology.cell_type.name, mesh.degree, topology.index_map(mesh.dim).size_global)
+        return Counts(topology.cell_type.name, mesh.degree, topology.index_map(mesh.dim).size_global, mesh.comm.size)
 
 
 def memory_of(scene: Scene, counts: Counts, size: Size, choice: Choice) -> Demand:
     """What a run of a scene takes with this mesh and method."""
-    price, share, output = PRICES[counts.shape, counts.order], 1 / size.processes, scene.output
+    price, share, output = PRICES[counts.shape, counts.order], 1 / counts.processes, scene.output
     form, cells, unknowns = choice.stages[0].surface, counts.cells, size.dofs
     multigrid = MULTIGRID * size.entries * share
     condensed = size.dense_bytes / size.ranks
@@ -177,9 +178,8 @@ def foretold(scene: Scene) -> dict[str, object] | None:
     ranks = comm.allreduce(machine.size, op=MPI.MAX)
     machine.Free()
     size = Size(dim, dofs, dofs * ENTRIES[kind], touching, len(problem.timeline.times), ranks=ranks)
-    size = replace(size, processes=comm.size)
     choice = chosen(size, scene.solver, available())
-    return memory_of(scene, Counts(*kind, cells), size, choice).plain(spare(comm))
+    return memory_of(scene, Counts(*kind, cells, comm.size), size, choice).plain(spare(comm))
 
 
 def spare(comm: Comm) -> float:

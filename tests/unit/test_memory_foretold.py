@@ -34,12 +34,12 @@ def scene() -> Scene:
 
 def demand_of(scene: Scene, size: Size, form: str = "matrix-free") -> Demand:
     stage = Stage("tangent-cg" if form == "matrix-free" else "condensed-newton", form)  # type: ignore[arg-type]
-    return memory_of(scene, Counts("hexahedron", 1, size.dofs / 3), size, Choice((stage,), ""))
+    return memory_of(scene, Counts("hexahedron", 1, size.dofs / 3, size.ranks), size, Choice((stage,), ""))
 
 
 def cube(unknowns: int, ranks: int = 1) -> Size:
     side = round((unknowns / 3) ** (2 / 3))
-    return Size(3, unknowns, 81.0 * unknowns, 3 * side, ranks=ranks, processes=ranks)
+    return Size(3, unknowns, 81.0 * unknowns, 3 * side, ranks=ranks)
 
 
 def test_every_kind_of_cell_has_its_prices() -> None:
