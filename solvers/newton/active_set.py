@@ -112,10 +112,8 @@ class _Rows:
         """(rows, rows) with that diagonal and further entries (values, rows, columns)."""
         own = np.flatnonzero(diagonal)
         data, i, j = (np.concatenate(x) for x in zip((diagonal[own], own, own), *entries, strict=True))
-        order, first = (
-            np.argsort(i, kind="stable"),
-            np.concatenate([[0], np.cumsum(np.bincount(i, minlength=self.rows))]),
-        )
+        order = np.argsort(i, kind="stable")
+        first = np.concatenate([[0], np.cumsum(np.bincount(i, minlength=self.rows))])
         matrix: Sparse = sparse.csr_matrix((data[order], j[order], first), shape=(self.rows, self.rows))
         matrix.sum_duplicates()  # of the diagonal and J
         return matrix
