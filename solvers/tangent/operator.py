@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 from petsc4py import PETSc
+from scipy import sparse
 
 from stickslip.geometry.arrays import Array, Ints
-from stickslip.geometry.protocols import Mat, Vec
+from stickslip.geometry.protocols import Mat, Sparse, Vec
 from stickslip.solvers.linear.multigrid import multigrid
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.system.floating_modes import near_nullspace
@@ -39,14 +40,9 @@ class TangentOperator:
         mine = (coordinates.blocks[:, 0] >= low) & (coordinates.blocks[:, 0] < high)
         self.at = (coordinates.blocks[mine] - low).ravel()
         self._slaves = PETSc.IS().createGeneral((self.at + low).astype(PETSc.IntType), comm=self.K_B.comm)
-        every = PETSc.IS().createGeneral(np.arange(low, high, dtype=PETSc.IntType), comm=self.K_B.comm)
-        if coordinates.alone:
-            T_s = self.T.createSubMatrix(self._slaves, self._slaves)
-            self._K = None
-            self._columns = self.T.transposeMatMult(self.K_B.createSubMatrix(every, self._slaves).matMult(T_s))
-        else:
-            self._K = self.K_B.PtAP(self.T)
-            self._columns = self._K.createSubMatrix(every, self._slaves)
+        self._every = PETSc.IS().createGeneral(np.arange(low, high, dtype=PETSc.IntType), comm=self.K_B.comm)
+        T_s = self.T.createSubMatrix(self._slaves, self._slaves)  # all that relative displacements move
+        self._columns = self.T.transposeMatMult(self._of_slaves().matMult(T_s))
         self.dim: int = system.mesh.dim
         self.diagonal = self._diagonal(self.dim)
         self._system = system
@@ -58,12 +54,9 @@ class TangentOperator:
     def product(self, v: Array) -> Array:
         """K v."""
         self._in.array[:] = v
-        if self._K is not None:
-            self._K.mult(self._in, self._out)
-        else:
-            self.T.mult(self._in, self._out)
-            self.K_B.mult(self._out, self._more)
-            self.T.multTranspose(self._more, self._out)
+        self.T.mult(self._in, self._out)
+        self.K_B.mult(self._out, self._more)
+        self.T.multTranspose(self._more, self._out)
         return self._out.array_r.copy()
 
     def of_slaves(self, v_s: Array) -> Array:
@@ -107,8 +100,8 @@ class TangentOperator:
             own = (coordinates.blocks >= low) & (coordinates.blocks < high)
             signs.array[coordinates.blocks[own] - low] = coordinates.signs[own]
             self._change.diagonalScale(R=signs)
-        K = self._K if every and self._K is not None else self.K_B
-        matrix = K.copy() if self._change is None else K.PtAP(self._change)
+        change = self.T if every and not coordinates.alone else self._change
+        matrix = self.K_B.copy() if change is None else self._changed(change)
         held = (self.at[self.held] + low).astype(PETSc.IntType)
         matrix.zeroRowsColumns(held, diag=float(matrix.getDiagonal().sum() / matrix.getSize()[0]))
 
@@ -174,6 +167,34 @@ class TangentOperator:
     def dot(self, a: Array, b: Array) -> float:
         """Scalar product over all ranks; collective."""
         return float(self.comm.allreduce(a @ b))
+
+    def _of_slaves(self) -> Mat:
+        """Columns (owned, m d) of K_B at slave nodes."""
+        return self.K_B.createSubMatrix(self._every, self._slaves)
+
+    def _changed(self, change: Mat) -> Mat:
+        """T^T K_B T of a change T of the coordinates at slave nodes; collective.
+
+        With F = T - 1, which has rows at slave nodes alone, it is K_B + K_B F + (K_B F)^T + F^T K_B F: for two bodies
+        a quarter of the time of the triple product, which multiplies all of K_B.
+        """
+        low, high = self.K_B.getOwnershipRange()
+        F, C = change.createSubMatrix(self._slaves, self._every), self._of_slaves()
+        count = len(self.at)
+        csr = (np.arange(count + 1, dtype=PETSc.IntType), (self.at + low).astype(PETSc.IntType), np.ones(count))
+        F.axpy(-1.0, PETSc.Mat().createAIJ(F.getSizes(), csr=csr, comm=F.comm))
+        C_F = C.matMult(F)
+        parts = C_F, C_F.transpose(PETSc.Mat()), F.transposeMatMult(C.createSubMatrix(self._slaves, None).matMult(F))
+        size = (high - low, self.K_B.getSize()[1])
+
+        def local(A: Mat) -> Sparse:
+            pointer, columns, values = A.getValuesCSR()
+            return sparse.csr_matrix((values, columns, pointer), shape=size)
+
+        found = local(self.K_B) + sum(local(A) for A in parts)
+        csr = tuple(x.astype(PETSc.IntType, copy=False) for x in (found.indptr, found.indices)) + (found.data,)
+        matrix: Mat = PETSc.Mat().createAIJ(self.K_B.getSizes(), bsize=self.dim, csr=csr, comm=self.K_B.comm)
+        return matrix
 
     def _diagonal(self, dim: int) -> Array:
         block = self._columns.createSubMatrix(self._slaves, None)
