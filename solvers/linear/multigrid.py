@@ -28,17 +28,16 @@ STRONG = {2: 0.25, 3: 0.7}  # threshold of strong couplings, by dimension
 GAMG: Mapping[str, str | int] = {"ksp_max_it": 1}  # of the smoother: more, but cheaper, iterations
 
 
-def multigrid(K: Mat, motions: Callable[[], Array], prefix: str, alone: bool = False) -> PC:
+def multigrid(K: Mat, motions: Callable[[], Array], prefix: str, changing: bool = False) -> PC:
     """BoomerAMG where PETSc has hypre, else GAMG; arguments as theirs; collective.
 
     Args:
-        alone: whether nobody else uses K: hypre then keeps the only copy of it.
+        changing: whether K changes later: multigrid then keeps a matrix of its own.
     """
     if not HYPRE:
-        return gamg(K, motions(), prefix)
-    if alone:
-        size = K.block_size
-        K.convert(PETSc.Mat.Type.HYPRE)  # in place, in hypre's own storage, of which multigrid takes no copy
+        return gamg(K.copy() if changing else K, motions(), prefix)
+    if changing:  # in hypre's own storage, of which multigrid takes no copy
+        size, K = K.block_size, K.convert(PETSc.Mat.Type.HYPRE, PETSc.Mat())
         K.setBlockSize(size)
     return boomeramg(K, prefix)
 

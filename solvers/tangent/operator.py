@@ -6,6 +6,11 @@ stored. So an iteration takes one product with K_B and one multigrid cycle, howe
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import reduce
+from operator import add
+
 import numpy as np
 from petsc4py import PETSc
 from scipy import sparse
@@ -100,17 +105,16 @@ class TangentOperator:
             own = (coordinates.blocks >= low) & (coordinates.blocks < high)
             signs.array[coordinates.blocks[own] - low] = coordinates.signs[own]
             self._change.diagonalScale(R=signs)
-        change = self.T if every and not coordinates.alone else self._change
-        matrix = self.K_B.copy() if change is None else self._changed(change)
         held = (self.at[self.held] + low).astype(PETSc.IntType)
-        matrix.zeroRowsColumns(held, diag=float(matrix.getDiagonal().sum() / matrix.getSize()[0]))
 
         def motions() -> Array:
             found = near_nullspace(self._system)
             found[held - low] = 0.0
             return found
 
-        self._multigrid = multigrid(matrix, motions, PREFIX, alone=True)
+        change = self.T if every and not coordinates.alone else self._change
+        with self._without(held) if change is None else self._changed(change, held) as matrix:
+            self._multigrid = multigrid(matrix, motions, PREFIX, changing=True)
         self.counters.factorisations += 1
 
     def release(self) -> None:
@@ -172,15 +176,31 @@ class TangentOperator:
         """Columns (owned, m d) of K_B at slave nodes."""
         return self.K_B.createSubMatrix(self._every, self._slaves)
 
-    def _changed(self, change: Mat) -> Mat:
-        """T^T K_B T of a change T of the coordinates at slave nodes; collective.
+    @contextmanager
+    def _without(self, held: Ints) -> Iterator[Mat]:
+        """K_B without these rows and columns, whose numbers increase; a copy would take the time of some products."""
+        K, low, at = self.K_B, self.K_B.getOwnershipRange()[0], PETSc.IS().createGeneral(held, comm=self.K_B.comm)
+        rows, columns = K.createSubMatrix(at, self._every), K.createSubMatrix(self._every, at)
+        try:
+            yield _cleared(K, held)
+        finally:
+            pointer, column, values = rows.getValuesCSR()
+            every = np.searchsorted(held - low, np.arange(len(self._in.array_r) + 1))
+            K.setValuesCSR(pointer[every], column, values)
+            K.assemble()
+            pointer, column, values = columns.getValuesCSR()
+            K.setValuesCSR(pointer, np.concatenate(self.comm.allgather(held))[column], values)
+            K.assemble()
+
+    @contextmanager
+    def _changed(self, change: Mat, held: Ints) -> Iterator[Mat]:
+        """T^T K_B T of a change T of the coordinates at slave nodes, without held rows and columns.
 
         With F = T - 1, which has rows at slave nodes alone, it is K_B + K_B F + (K_B F)^T + F^T K_B F: for two bodies
         a quarter of the time of the triple product, which multiplies all of K_B.
         """
         low, high = self.K_B.getOwnershipRange()
-        F, C = change.createSubMatrix(self._slaves, self._every), self._of_slaves()
-        count = len(self.at)
+        F, C, count = change.createSubMatrix(self._slaves, self._every), self._of_slaves(), len(self.at)
         csr = (np.arange(count + 1, dtype=PETSc.IntType), (self.at + low).astype(PETSc.IntType), np.ones(count))
         F.axpy(-1.0, PETSc.Mat().createAIJ(F.getSizes(), csr=csr, comm=F.comm))
         C_F = C.matMult(F)
@@ -189,12 +209,15 @@ class TangentOperator:
 
         def local(A: Mat) -> Sparse:
             pointer, columns, values = A.getValuesCSR()
-            return sparse.csr_matrix((values, columns, pointer), shape=size)
+            found: Sparse = sparse.csr_matrix((values, columns, pointer), shape=size)
+            return found
 
-        found = local(self.K_B) + sum(local(A) for A in parts)
-        csr = tuple(x.astype(PETSc.IntType, copy=False) for x in (found.indptr, found.indices)) + (found.data,)
-        matrix: Mat = PETSc.Mat().createAIJ(self.K_B.getSizes(), bsize=self.dim, csr=csr, comm=self.K_B.comm)
-        return matrix
+        found = local(self.K_B) + reduce(add, map(local, parts))
+        at = (x.astype(PETSc.IntType, copy=False) for x in (found.indptr, found.indices))
+        matrix: Mat = PETSc.Mat().createAIJWithArrays(self.K_B.getSizes(), (*at, found.data), comm=self.K_B.comm)
+        matrix.setBlockSize(self.dim)
+        yield _cleared(matrix, held)
+        matrix.destroy()
 
     def _diagonal(self, dim: int) -> Array:
         block = self._columns.createSubMatrix(self._slaves, None)
@@ -205,3 +228,9 @@ class TangentOperator:
         found = np.zeros((len(self.at) // dim, dim, dim))
         found[row[own] // dim, row[own] % dim, (columns[own] - low) % dim] = values[own]
         return found
+
+
+def _cleared(K: Mat, held: Ints) -> Mat:
+    """K with these rows and columns zero but for the diagonal, in place."""
+    K.zeroRowsColumns(held, diag=float(K.getDiagonal().sum() / K.getSize()[0]))
+    return K
