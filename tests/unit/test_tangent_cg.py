@@ -2,18 +2,22 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 from numpy.testing import assert_allclose
+from petsc4py import PETSc
 
 from shared.cells import REFERENCE, Cell, largest, reference, refused, solved
 from stickslip.geometry.errors import SolverError
+from stickslip.geometry.protocols import PC, Mat
 from stickslip.solvers.linear import multigrid
 from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.tangent import operator as operator_module
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
 from stickslip.solvers.tangent.operator import TangentOperator
 from stickslip.workflows.scene_file.read import read
@@ -82,6 +86,32 @@ def test_relative_displacements_are_coordinates(operator: str) -> None:
     alone[at.at] = v[at.at]
     assert_allclose(at.of_slaves(v[at.at]), at.product(alone), atol=1e-12)
     assert coordinates.alone == (operator == "rigid")
+
+
+@pytest.mark.parametrize("operator", ["rigid", "mortar"])
+def test_multigrid_has_the_stiffness_without_held_nodes(operator: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    simulation = prepare(Cell("tangent-cg", operator=operator, model="3d").scene(1e-9), MPI.COMM_SELF)
+    surface, system = simulation.stepper.surface, simulation.system
+    every = ContactCoordinates.of(system, surface)
+    some = every.blocks[::2].ravel()
+    given: list[Mat] = []
+
+    def kept(K: Mat, *others: Any, **options: Any) -> PC:
+        given.append(K.copy())
+        return multigrid.multigrid(K, *others, **options)
+
+    monkeypatch.setattr(operator_module, "multigrid", kept)
+    before = system.K_B.copy()
+    at = TangentOperator(system, every)
+    part = ContactCoordinates.of(system, surface, some[::3] // 3)
+    at.hold(part, some)
+    assert system.K_B.equal(before)
+    for found, coordinates, held in zip(given, (every, part), (every.blocks.ravel(), some), strict=True):
+        expected = before.PtAP(coordinates.T)
+        expected.zeroRowsColumns(held.astype(PETSc.IntType))
+        found.zeroRowsColumns(held.astype(PETSc.IntType))  # their diagonal is a mean
+        expected.axpy(-1.0, found, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        assert expected.norm() < 1e-14 * before.norm()
 
 
 def test_two_steps_cost_two_linear_solves_on_any_mesh() -> None:
