@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import Array, Ints
 from stickslip.solvers.contact.admissible_set import ContactBlock
 from stickslip.solvers.fem.constraints import AXES
 from stickslip.solvers.interface.limit_analysis import decide
@@ -15,23 +15,25 @@ from stickslip.solvers.newton.solution import Solution, Status
 from stickslip.solvers.system.system import System
 
 
-def describe_motion(system: System, motion: Array) -> str:
+def describe_motion(system: System, motion: Array, dofs: Ints) -> str:
     """A rigid motion in words, by the body or driven obstacle that moves farthest: "bodies.block moves along x".
 
     Args:
         system: whose bodies and obstacles move.
-        motion: displacement (c,) [m] of the contact dofs, then of the driven obstacles.
+        motion: displacement (c,) [m] of the contact dofs that the surface problem has, then of the driven obstacles.
+        dofs: numbers of these contact dofs: without friction those of normal motions alone.
     """
-    return max(_motions(system, motion), key=lambda found: found[0])[1]
+    return max(_motions(system, motion, dofs), key=lambda found: found[0])[1]
 
 
-def _motions(system: System, motion: Array) -> Iterator[tuple[float, str]]:
+def _motions(system: System, motion: Array, dofs: Ints) -> Iterator[tuple[float, str]]:
     """Distance [m] that each body and driven obstacle moves, and the sentence about it."""
-    own, driven = np.split(motion, [len(motion) - len(system.obstacles.driven)])
+    own, driven = np.split(motion, [len(dofs)])
+    known = np.isin(system.interface.dofs, dofs)
     for (name, axis), size in zip(system.obstacles.driven, driven, strict=True):
         yield abs(float(size)), f"obstacles.{name} moves along {_sign(size)}{'xyz'[axis]}"
     for c in system.contacts:
-        moved = (system.interface.trace(c) @ own).reshape(c.points.shape)
+        moved = (system.interface.trace(c)[:, known] @ own).reshape(c.points.shape)
         sides = np.split(moved, [len(c.surface.points)])
         for body, u in zip(system.problem.pairs[c.name].bodies, sides, strict=False):
             yield float(np.linalg.norm(u, axis=1).max()), f"bodies.{body} {_verb(u)}"

@@ -224,7 +224,8 @@ class Stepper:
                 state, end, history, on_iteration, can_be_cut=not stuck and size > smallest * (1 + 1e-9)
             )
             if solution.status is Status.NO_EQUILIBRIUM:
-                unbalanced = end, f"{solution.status.value}: {describe_motion(stepper.system, solution.u_c)}"
+                dofs = stepper.chain.volume.contact.rows
+                unbalanced = end, f"{solution.status.value}: {describe_motion(stepper.system, solution.u_c, dofs)}"
             if new is None:
                 # from rest, under loads in proportion to time, a shorter step is the same problem again
                 at_rest = not (state.p.any() or state.w.any() or state.slid)  # slip that changes the law is not scaled

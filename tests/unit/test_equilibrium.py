@@ -14,7 +14,9 @@ from stickslip.solvers.interface.flexibility import Load
 from stickslip.solvers.interface.limit_analysis import Balance, _bounds, balancing_tractions, decide, unbalanced_motion
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.scene.scene import Scene
-from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.simulation.simulation import Simulation, prepare
+from stickslip.solvers.stepping.stepper import NoEquilibriumError
+from stickslip.workflows.scene_file.read import read
 
 SceneOf = Callable[..., Scene]
 SimulationOf = Callable[[Scene], Simulation]
@@ -47,7 +49,7 @@ def problem_of(
         monkeypatch.setattr(
             "stickslip.solvers.stepping.stepper.unbalanced_motion", lambda problem: seen.append(problem) or np.ones(1)
         )
-        monkeypatch.setattr("stickslip.solvers.stepping.stepper.describe_motion", lambda system, motion: "")
+        monkeypatch.setattr("stickslip.solvers.stepping.stepper.describe_motion", lambda system, motion, dofs: "")
         stepper = simulation_of(scene).stepper
         with pytest.raises(Exception, match="cannot balance"):
             stepper.reach(stepper.start(), 1.0, lambda row: None)
@@ -229,3 +231,11 @@ def test_negative_weights_of_an_average_do_not_tighten_the_outer_bound(
     assert (outer[0, 1], inner[0, 1]) == (0.0, pytest.approx(expected))
     inner[0, 1] = 0.0
     assert_allclose(outer, inner)
+
+
+def test_a_body_without_friction_says_where_nothing_holds_it() -> None:
+    """Its surface problem has the normal motions of contact alone."""
+    away = ["obstacles.plane.force.y=[[0, 0], [1, 2e-4], [2, -2e-4]]", "steps={ end = 2.0, count = 2 }"]
+    simulation = prepare(read("sphere", ["geometry.mesh_size=1.4", "geometry.contact_mesh_size=0.01", *away]))
+    with pytest.raises(NoEquilibriumError, match="plane moves along"):
+        list(simulation.steps())

@@ -19,6 +19,8 @@ def mirrored(tables: Tables) -> Tables | None:
     shape = tables["geometry"]
     if shape.get("builder") not in BOXES or shape.get("offset", 0.0) != 0.0:
         return None
+    if "body_force" in tables or any("moment" in point for point in tables.get("remote_points", {}).values()):
+        return None  # may be an expression; turns with the axes
     scene = scene_of(tables)
     ends = np.asarray(scene.geometry.box(scene.dim))[:, 0]
     middle = float(ends.min() + ends.max())
@@ -26,10 +28,11 @@ def mirrored(tables: Tables) -> Tables | None:
     found["geometry"]["cells"] = "tensor"
     for contact in found["contacts"].values():
         contact["surface"], contact["against"] = _other(contact["surface"]), _other(contact["against"])
+        _mirror(contact.get("friction", {}), middle)
     for body in found["bodies"].values():
         for key in {"axis_1", "axis_2"} & body.keys():
             body[key][0] *= -1
-    for table in ("supports", "loads", "probes", "obstacles", "springs", "bolts"):
+    for table in ("supports", "loads", "probes", "obstacles", "springs", "bolts", "remote_points"):
         for entry in found.get(table, {}).values():
             _mirror(entry, middle)
     for pair in found.get("periodic", {}).values():

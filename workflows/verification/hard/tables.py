@@ -122,6 +122,15 @@ def frictions(tables: Tables, key: str = "law") -> Iterator[Tables]:
             yield contact["friction"]
 
 
+def times(mu: float | list[list[float]], factor: float) -> float | list[list[float]]:
+    """A coefficient times a factor; or one by pressure, a table.
+
+    >>> times([[0.0, 0.8], [1.5e5, 0.4]], 0.5)
+    [[0.0, 0.4], [150000.0, 0.2]]
+    """
+    return [[p, value * factor] for p, value in mu] if isinstance(mu, list) else mu * factor
+
+
 def overrides(before: Mapping[str, Any], after: Mapping[str, Any], at: str = "") -> list[str]:
     """What `--set` takes to make one scene of the other; a table that loses a key is written whole.
 

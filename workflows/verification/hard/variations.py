@@ -27,6 +27,7 @@ from stickslip.workflows.verification.hard.tables import (
     sizes,
     softest,
     stiffen,
+    times,
     travel,
 )
 from stickslip.workflows.verification.units import Units, convert
@@ -73,7 +74,7 @@ JUMPS = ("stick", "tresca")  # laws whose bound jumps where surfaces part
 
 def times_mu(factor: float, tables: Tables, random: Random) -> Tables | None:
     for friction in frictions(tables, "mu"):
-        friction["mu"] *= factor
+        friction["mu"] = times(friction["mu"], factor)
     return tables
 
 
@@ -403,7 +404,8 @@ def _mixed(tables: Tables, random: Random) -> Tables | None:
 def _other_numbers(tables: Tables, random: Random) -> Tables:
     """Random mu, moduli, nu and loads."""
     for friction in frictions(tables, "mu"):
-        friction["mu"] = float(np.exp(random.uniform(math.log(0.02), math.log(3.0))))
+        mu, known = float(np.exp(random.uniform(math.log(0.02), math.log(3.0)))), friction["mu"]
+        friction["mu"] = times(known, mu / max(value for _, value in known)) if isinstance(known, list) else mu
     for body in tables["bodies"].values():
         stiffen(body, float(10.0 ** random.uniform(-1.5, 1.5)))
         if "nu" in body:
