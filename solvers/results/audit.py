@@ -65,7 +65,9 @@ class Audit:
     cone: float  # max (|t| - s)_+ / s_top, s the friction bound
     # max of min(p_n / p_top, open gap / u_top), and of |t - P_s(t + (s_top / u_top) du)| / s_top
     complementarity: float
-    dissipation: float  # max(-friction work, 0) / (sum of |friction work| at all points + s_top u_top area)
+    # max(-friction work, 0) / (sum of |friction work| at all points, of tractions not below the smallest s_top,
+    # + s_top u_top area)
+    dissipation: float
     fields: float  # largest difference of a stored field from what displacement and tractions give / its largest value
 
     @staticmethod
@@ -470,14 +472,15 @@ class Auditor:
         du = np.where(np.linalg.norm(du, axis=1, keepdims=True) > scales.rounding, du, 0.0)
         s = self._bound(place, record)
         finite = np.isfinite(s)
-        s_top = max(_largest(s[finite]), FRICTION * scales.p)
+        least = FRICTION * scales.p
+        s_top = max(_largest(s[finite]), least)
         length, slip = np.linalg.norm(t, axis=1), np.linalg.norm(du, axis=1)
         inside = t * np.minimum(1.0, s / np.maximum(length, 1e-300))[:, None]
         trial = inside + s_top / u_top * du
         far = np.linalg.norm(trial, axis=1)
         back = trial * np.minimum(1.0, s / np.maximum(far, 1e-300))[:, None]
         work = np.einsum("mi,mi->m", t, du)
-        some = float(rows.W_t @ (length * slip)) + s_top * u_top * float(rows.W_t.sum())
+        some = float(rows.W_t @ (np.maximum(length, least) * slip)) + s_top * u_top * float(rows.W_t.sum())
         excess = _largest((length - s)[finite]) / s_top
         wasted = max(-float(rows.W_t @ work), 0.0)
         slips = _largest(np.linalg.norm(inside - back, axis=1)) / s_top

@@ -318,12 +318,25 @@ def test_tangential_defects_are_those_of_the_definition(
             excess.append((np.hypot(*t_i) - s) / s_top)
         slip_law.append(np.hypot(*(disc(t_i) - disc(disc(t_i) + s_top / 0.3 * moved))) / s_top)
         work += weight * float(t_i @ moved)
-        some += weight * np.hypot(*t_i) * np.hypot(*moved)
+        some += weight * max(np.hypot(*t_i), module.FRICTION * 0.2) * np.hypot(*moved)
     found = audit._tangential(place, record, w, scales)
     assert_allclose(found, [max(excess), max(slip_law), max(-work, 0.0) / some], rtol=1e-9)
     back = replace(record, reference=2 * w - record.reference)  # slip along the traction where it was against it
     if k_T == np.inf:
         assert_allclose(audit._tangential(place, back, w, scales)[2], max(work, 0.0) / some, rtol=1e-9)
+
+
+def test_rounding_of_tractions_wastes_no_work_however_far_an_unloaded_contact_moves(
+    scene_of: SceneOf, simulation_of: SimulationOf
+) -> None:
+    audit, place, record, w, scales = judged(
+        scene_of(**flat(2, {"law": "unilateral"}, {"law": "coulomb", "mu": 0.4})), simulation_of, seed=1
+    )
+    far = record.reference - 1e6 * scales.u["base"]
+    p = np.where(np.arange(len(w)) < place.normal.stop, 0.0, 1e-9 * scales.p)
+    for traction, wasted in ((p, 1e-6), (1e6 * p, 1.0)):
+        found = audit._tangential(place, replace(record, p=traction), far, scales)[2]
+        assert found == pytest.approx(wasted, rel=0.01)
 
 
 def test_scales_are_those_of_the_largest_tractions(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
