@@ -260,8 +260,8 @@ def _quadrature(mesh: Mesh) -> int | None:
 
     With order 2 it is that of the run's own stiffness on triangles, so that what the run has balanced is in balance.
     """
-    if mesh.degree == 1:
-        return None if mesh.axisymmetric else 2 if mesh.simplicial else 4
+    if mesh.degree == 1 and mesh.simplicial:
+        return None if mesh.axisymmetric else 2
     return 2 * (mesh.degree + (not mesh.simplicial)) + mesh.axisymmetric
 
 

@@ -27,7 +27,7 @@ def forces_of_energy(weak: WeakForms, u: Function, dilatation: Mapping[str, Func
     mesh, problem = weak.mesh, weak.problem
     r = ufl.SpatialCoordinate(mesh.domain)[0]
     around = 2 * np.pi * r if mesh.axisymmetric else 1
-    rule = {"quadrature_degree": 2 * mesh.degree + mesh.axisymmetric} if mesh.degree > 1 else {}
+    rule = {} if mesh.quadrature is None else {"quadrature_degree": mesh.quadrature}
     dx = ufl.Measure("dx", domain=mesh.domain, subdomain_data=mesh.cell_tags, metadata=rule)
     gradient = ufl.grad(u)
     normal = [gradient[i, i] for i in range(mesh.dim)] + ([u[0] / r] if mesh.axisymmetric else [])

@@ -75,7 +75,7 @@ class WeakForms:
     mesh: Mesh
     space: FunctionSpace
     counters: Counters
-    degree: int | None = None  # of the quadrature on cells; None: as UFL estimates it, or what curved cells need
+    degree: int | None = None  # of the quadrature on cells; None: that of the mesh
 
     @cached_property
     def u(self) -> UflExpr:
@@ -91,9 +91,8 @@ class WeakForms:
 
     def volume(self, body: str, degree: int | None = None) -> Measure:
         """Volume measure of a body; `degree`: of the quadrature, None: the default."""
-        degree = self.degree if degree is None else degree
-        if degree is None and self.mesh.degree > 1:
-            degree = 2 * self.mesh.degree + self.mesh.axisymmetric
+        if degree is None:
+            degree = self.mesh.quadrature if self.degree is None else self.degree
         metadata = {} if degree is None else {"quadrature_degree": degree}
         measure = ufl.Measure("dx", domain=self.mesh.domain, subdomain_data=self.mesh.cell_tags, metadata=metadata)
         return self._around(measure(self.mesh.bodies[body]))

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.solvers.accuracy import two_level
-from stickslip.solvers.accuracy.bubbles import Bubbles
+from stickslip.solvers.accuracy.bubbles import Bubbles, _quadrature
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.results.numbers import quantities
 from stickslip.solvers.results.step_result import StepResult
@@ -51,7 +51,7 @@ def pressed(scene_of: SceneOf, model: str, cells: str, **shape: Any) -> Scene:
 def test_forces_of_bubbles_are_those_of_order_2(model: str, cells: str, scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(pressed(scene_of, model, cells, mesh_size=0.5))
     bubbles = Bubbles(system)
-    weak = WeakForms(system.problem, system.mesh, bubbles.space, system.counters)
+    weak = WeakForms(system.problem, system.mesh, bubbles.space, system.counters, _quadrature(system.mesh))
     K = dx.assemble_matrix(weak.compile(weak.elasticity()))
     random = np.random.default_rng(0)
     free = bubbles.free(bubbles.zero())
@@ -76,7 +76,7 @@ def test_jacobi_takes_the_diagonal_blocks_of_the_stiffness(
 ) -> None:
     system = system_of(pressed(scene_of, model, cells, mesh_size=0.5))
     bubbles, d = Bubbles(system), system.mesh.dim
-    weak = WeakForms(system.problem, system.mesh, bubbles.space, system.counters)
+    weak = WeakForms(system.problem, system.mesh, bubbles.space, system.counters, _quadrature(system.mesh))
     K = dx.assemble_matrix(weak.compile(weak.elasticity()))
     rows = np.arange(K.size[0], dtype=np.int32).reshape(-1, d)
     blocks = np.array([K.getValues(row, row) for row in rows])
