@@ -83,7 +83,7 @@ class RemotePoint:
         return np.asarray(np.linalg.qr(moved)[0].reshape(n, d, basis.shape[1]))
 
     def wanted(self, course: Course, time: float) -> Array:
-        """b (r,) [m, rad] at a time [s]."""
+        """b (r,) [m] at a time [s], as of motions of the side: rotations times its size."""
 
         def value(row: RigidRow) -> float:
             if row.point is None:
@@ -91,7 +91,7 @@ class RemotePoint:
             assert isinstance(row.drive, Place)
             return float(course.timeline.values(row.drive, row.point[None], time)[0])
 
-        return np.array([value(row) for row in self.rows], float)
+        return np.array([value(row) for row in self.rows], float) / self._sizes
 
     def prescribed(self, course: Course, time: float) -> Array:
         """Displacement (n, d) [m] of the nodes by z_s at a time [s].
@@ -99,7 +99,7 @@ class RemotePoint:
         Raises:
             SceneError: what is prescribed contradicts itself.
         """
-        wanted = self.wanted(course, time) / self._sizes
+        wanted = self.wanted(course, time)
         z = np.linalg.pinv(self._directions, rcond=SMALL) @ wanted if self.rows else np.zeros(len(self._scale))
         if np.any(np.abs(self._directions @ z - wanted) > SMALL * np.abs(wanted).max(initial=0.0)):
             key = self.coupling.key
@@ -113,8 +113,8 @@ class RemotePoint:
         return np.linalg.pinv(self._directions.T, rcond=SMALL) @ pulled / self._sizes if self.rows else np.zeros(0)
 
     def motion_of(self, modes: Array) -> Array:
-        """D z (r, c) of displacement fields (n, d, c) of the nodes that are rigid."""
-        return self._rows @ np.tensordot(self.weights, modes, 2)
+        """D z (r, c) of displacement fields (n, d, c) of the nodes that are rigid; see `wanted`."""
+        return self._rows / self._sizes[:, None] @ np.tensordot(self.weights, modes, 2)
 
     def left(self, modes: Array) -> Array:
         """(n d, c) what a rigid side lets not move of displacement fields (n, d, c) of its nodes."""

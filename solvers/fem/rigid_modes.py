@@ -130,9 +130,10 @@ class RigidModes:
             points: (m, d) [m].
             part: (m,) part of the mesh that each point belongs to.
         """
-        d = points.shape[1]
-        of_frame = self.fields(np.concatenate([np.zeros((1, d)), np.eye(d)])) @ coefficients.T  # (1 + d, d, parts)
-        shift, turn = of_frame[0].T, (of_frame[1:] - of_frame[0]).transpose(2, 1, 0)
+        d, arms = points.shape[1], points - self.centre
+        frame = self.centre + self.size * np.concatenate([np.zeros((1, d)), np.eye(d)])
+        of_frame = self.fields(frame) @ coefficients.T  # (1 + d, d, parts)
+        shift, turn = of_frame[0].T, (of_frame[1:] - of_frame[0]).transpose(2, 1, 0) / self.size
         if len(coefficients) == 1:
-            return np.asarray(points @ turn[0].T + shift[0])
-        return np.asarray(np.einsum("mij,mj->mi", turn[part], points) + shift[part])
+            return np.asarray(arms @ turn[0].T + shift[0])
+        return np.asarray(np.einsum("mij,mj->mi", turn[part], arms) + shift[part])

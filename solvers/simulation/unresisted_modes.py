@@ -137,10 +137,9 @@ def _mean(scene: Scene, end: End, motions: RigidMotions) -> Array:
 
 def _held(scene: Scene, coupling: Coupling, motions: RigidMotions) -> list[Array]:
     """Rows (1, k): prescribed motion of a remote point; a rigid body has it in all of its points."""
-    about = np.array(coupling.point)
-    corners = about + float(np.ptp(motions.box, axis=0).max()) * np.eye(scene.dim)
-    points = np.concatenate([about[None], corners])
-    of_point = rigid_fields(points, about, 1.0, scene.axisymmetric)
+    about, extent = np.array(coupling.point), float(np.ptp(motions.box, axis=0).max())
+    points = np.concatenate([about[None], about + extent * np.eye(scene.dim)])
+    of_point = rigid_fields(points, about, extent, scene.axisymmetric)
     moved = motions.fields(coupling.boundary.split(".")[0], points)
     found = np.linalg.pinv(of_point.reshape(-1, of_point.shape[2])) @ moved.reshape(-1, moved.shape[2])
     return [found[component : component + 1] for component in coupling.prescribed]

@@ -48,15 +48,21 @@ def test_every_node_of_a_rigid_side_moves_as_prescribed() -> None:
     assert_allclose(point.displacement, [case.PULLED, 0.0], atol=1e-15)
 
 
-def test_rotations_of_bodies_of_any_size_are_prescribed() -> None:
+@pytest.mark.parametrize("length", [1e-12, 1e11])
+@pytest.mark.parametrize("held", [True, False], ids=["strained", "moved"])
+def test_rotations_of_bodies_of_any_size_are_prescribed(held: bool, length: float) -> None:
     """A side's motions have two units, whose ratio grows with the bodies."""
-    length = 1e11
     size = {"builder": "block", "length": length, "height": length, "mesh_size": 0.5 * length}
     given = {"boundary": "block.right", "point": [length, 0.5 * length], "coupling": "rigid"}
     given |= {"displacement": {"x": 0.0, "y": 0.0}, "rotation": {"z": 1e-3}}
-    (step,) = prepare(scene({"p": given}, geometry=size)).steps()
-    assert_allclose(step.remote_points["p"].rotation, 1e-3, rtol=1e-8)
-    assert_allclose(step.remote_points["p"].displacement, 0.0, atol=1e-12 * length)
+    simulation = prepare(scene({"p": given}, geometry=size, **({} if held else {"supports": {}})))
+    (step,) = simulation.steps()
+    assert_allclose(step.remote_points["p"].rotation, 1e-3, rtol=1e-12)
+    assert_allclose(step.remote_points["p"].displacement, 0.0, atol=1e-15 * length)
+    if not held:
+        x, y = simulation.data.points[:, :2].T
+        rigid = 1e-3 * np.stack([0.5 * length - y, x - length], axis=1)
+        assert_allclose(step.displacement[:, :2], rigid, atol=1e-15 * length)
 
 
 def test_what_is_free_of_a_rigid_side_follows_what_is_prescribed() -> None:
