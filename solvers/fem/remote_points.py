@@ -114,7 +114,7 @@ class RemotePoint:
 
     def motion_of(self, modes: Array) -> Array:
         """D z (r, c) of displacement fields (n, d, c) of the nodes that are rigid; see `wanted`."""
-        return self._rows / self._sizes[:, None] @ np.tensordot(self.weights, modes, 2)
+        return np.asarray(self._rows / self._sizes[:, None] @ np.tensordot(self.weights, modes, 2))
 
     def left(self, modes: Array) -> Array:
         """(n d, c) what a rigid side lets not move of displacement fields (n, d, c) of its nodes."""
