@@ -94,7 +94,7 @@ def compared(result: Any) -> dict[tuple[str, ...], Any]:
     return dict(leaves({key: value for key, value in result.items() if key not in EXCEPTED}))
 
 
-ALWAYS_RUN = {2: ("block", "foundation", "two_blocks", "sliding"), 3: ("cube",)}
+ALWAYS_RUN = {2: ("block", "two_blocks", "sliding"), 3: ("cube",)}
 RUNS = [  # the others when there is time
     pytest.param((name, ranks), id=f"{name}-{ranks}", marks=[] if name in ALWAYS_RUN[ranks] else pytest.mark.slow)
     for name in SCENES

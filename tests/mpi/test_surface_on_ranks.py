@@ -1,10 +1,12 @@
 """What is on the contact surface is shared out among ranks, and the answer is that of one rank."""
 
+from itertools import product
 from pathlib import Path
 
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.cases import slow
 from shared.ranks import told
 
 TANGENT = """
@@ -45,8 +47,13 @@ SOFT = ['contacts.base.normal={ law = "compliance", c_n = 20.0, m_n = 1.0 }']
 CASES = {"rigid": ("cube", SLAB), "compliant": ("cube", [*SLAB, *SOFT]), "mortar": ("spheres", BALLS)}
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    ("case", "ranks"),
+    [
+        pytest.param(case, ranks, marks=[] if (case == "rigid") == (ranks == 2) else pytest.mark.slow)
+        for case, ranks in product(CASES, (2, 3))
+    ],
+)
 def test_contact_coordinates_are_shared_by_slave_node(case: str, ranks: int, tmp_path: Path) -> None:
     scene, words = CASES[case]
     script = TANGENT.replace("SCENE", repr(scene)).replace("WORDS", repr([*ALWAYS, *words]))
@@ -77,7 +84,7 @@ if comm.rank == 0:
 """
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [2, *slow(3)])
 def test_secants_are_shared_by_rows(ranks: int, tmp_path: Path) -> None:
     words = ["geometry.mesh_size=0.25", 'solver.method="surface-uzawa"', 'solver.surface="matrix-free"']
     script = LEARNT.replace("WORDS", repr([*words, "solver.tolerance=1e-10", "output.error=false"]))

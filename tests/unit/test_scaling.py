@@ -34,7 +34,7 @@ def made(unknowns: int, points: int, ranks: int = 1) -> dict[str, object]:
     """A run as the model would have it, on a machine where messages cost nothing."""
     size = Size(unknowns, points, ranks)
     foreseen = predicted(COSTS, None, size, Machine())
-    memory = 1e8 + 4e3 * unknowns / ranks + 2e3 * points + (8 * unknowns / 3 if ranks > 1 else 0)
+    memory = 1e8 + 4e3 * unknowns / ranks + 2e3 * points + 3e3 * size.touching
     side = round(points**0.5) - 1
     each = sum(foreseen.iteration.values())
     parts = {name: 20 * foreseen.iteration[name] for name in EACH if name != "vectors"}
@@ -47,7 +47,7 @@ def made(unknowns: int, points: int, ranks: int = 1) -> dict[str, object]:
         "seconds": dict(foreseen.once) | {"iterate": 20 * each + 2 * foreseen.step, "gmsh": 1.0},
         "parts": parts | {"iterations": 20 * each},
         "memory": [{"iterate": memory, "gmsh": 1e8 + 500.0 * unknowns}] * ranks,
-        "objects": [1e3 * points + 100.0 * unknowns / ranks + 8 * unknowns / 3] * ranks,
+        "objects": [1e3 * points + 100.0 * unknowns / ranks] * ranks,
         "sent": {key: [1e3, 1e3] for key in ("messages", "bytes", "collectives", "collective_bytes")},
         "calls": {"allreduce": 160},
         "events": {"VecScatterBegin": {"messages": [100.0, 50.0], "bytes": [1e5, 5e4]}},
@@ -84,7 +84,9 @@ def test_messages_and_neighbours_grow_with_the_ranks() -> None:
     assert TRAFFIC.seconds(sizes[0], Machine()) == {"messages": 0.0, "collectives": 0.0}
     waits = [TRAFFIC.seconds(size, Machine())["collectives"] for size in sizes]
     assert waits == sorted(waits)
-    assert waits[-1] > 100 * 1e6 / Machine().bandwidth  # all points reach every rank
+    gathers = {TRAFFIC.gather(size, Machine()) for size in sizes[1:]}  # all points reach every rank
+    assert gathers == {100 * 1e6 / Machine().bandwidth}
+    assert TRAFFIC.gather(sizes[0], Machine()) == 0
 
 
 def test_more_of_everything_costs_more() -> None:
@@ -108,8 +110,9 @@ def test_costs_are_never_negative() -> None:
 
 
 def test_memory_is_that_of_which_peaks_were_made() -> None:
-    memory = Memory.of(RUNS, TWO, RUNS)
+    memory = Memory.of(RUNS, [*TWO, made(3 * 2500 * 9, 2500, 8)], RUNS)
     assert memory.point == pytest.approx(2e3)
+    assert memory.own == pytest.approx(3e3)
     assert memory.objects == pytest.approx(1e3)
     assert memory.unknown == pytest.approx(4e3)
     assert memory.meshed == pytest.approx(500.0)

@@ -28,8 +28,8 @@ LIMIT = 180.0  # of a run [s]
 FITTED = (Case(24), Case(32), Case(38), Case(48), Case(48, 8), Case(64, 8), Case(96, 2), Case(128, 2))  # on one rank
 CHECKED = {  # ranks: cases
     2: (Case(24), Case(30), Case(32), Case(38), Case(48), Case(48, 8), Case(64, 8), Case(96, 2), Case(128, 2)),
-    4: (Case(24), Case(32, 8)),  # for their counts alone: more ranks than cores
-    8: (Case(24),),
+    4: (Case(24), Case(32, 8), Case(128, 2)),  # for their counts and memory alone: more ranks than cores
+    8: (Case(24), Case(128, 2)),
 }
 DRAWN = tuple(Case(n, steps=0) for n in (48, 64, 96, 128))
 

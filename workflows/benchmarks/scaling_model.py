@@ -121,7 +121,7 @@ EACH = {  # iteration
     "cycle": Phase("shared"),
     "columns": Phase("shared", "shared"),
     "contact": Phase("", "shared", fixed=True),
-    "vectors": Phase("shared", "replicated", fixed=True),
+    "vectors": Phase("shared", "shared", fixed=True),
 }
 STEP = {"step": Phase("shared", "replicated")}
 PHASES = ONCE | EACH | STEP
@@ -169,7 +169,7 @@ class Traffic:
 
     messages: float  # to each neighbour on each level
     halo: float  # bytes by face and (unknowns of a rank)^(2/3)
-    gathered: float  # bytes that each rank receives, by contact point
+    gathered: float  # bytes that each rank receives in a step, by contact point
     collectives: float  # of libraries
     objects: float  # collectives of Python objects
 
@@ -182,13 +182,15 @@ class Traffic:
         """Seconds of an iteration that waits for none: of messages, and of collectives."""
         if size.ranks == 1:
             return {"messages": 0.0, "collectives": 0.0}
-        stages = log2(size.ranks)
-        gathered = self.gathered * size.points / machine.bandwidth
+        each = self.collectives * machine.latency + self.objects * machine.object_latency
         return {
             "messages": self.messages * size.neighbours * machine.latency + self.bytes(size) / machine.bandwidth,
-            "collectives": stages * (self.collectives * machine.latency + self.objects * machine.object_latency)
-            + gathered,
+            "collectives": log2(size.ranks) * each,
         }
+
+    def gather(self, size: Size, machine: Machine) -> float:
+        """Seconds of a step in which tractions and relative displacements of all points reach every rank."""
+        return self.gathered * size.points / machine.bandwidth if size.ranks > 1 else 0.0
 
     def bytes(self, size: Size) -> float:
         """Bytes that a rank sends in an iteration to its neighbours."""
@@ -202,7 +204,7 @@ def _traffic(run: Run) -> tuple[float, ...]:
     return (
         (sent["messages"][1] + scatters["messages"][1]) / count / size.neighbours,
         (sent["bytes"][1] + scatters["bytes"][1]) / count / size.faces / (size.unknowns / size.ranks) ** (2 / 3),
-        sent["collective_bytes"][0] / count / size.points,
+        sent["collective_bytes"][0] / len(run["iterations"]) / size.points,
         sent["collectives"][1] / count,
         objects / count,
     )
@@ -215,24 +217,22 @@ class Memory:
     base: float  # of Python and libraries
     unknown: float  # of the rank's share
     point: float  # of contact, on every rank
-    node: float = 8.0  # of the mesh, on every rank: `Mesh.parts`
-    meshed: float = 0.0  # by unknown, on rank 0 while gmsh runs
-    objects: float = 0.0  # of `point`, what Python holds when the steps are solved
+    own: float  # by contact point of the rank that touches most
+    meshed: float  # by unknown, on rank 0 while gmsh runs
+    objects: float  # of `point`, what Python holds when the steps are solved
 
     @staticmethod
     def of(single: Sequence[Run], several: Sequence[Run], drawn: Sequence[Run]) -> Memory:
         """From the peaks of runs on one rank and on several, and of gmsh alone; `objects` from what Python holds."""
         runs = (*single, *several)
         sizes = [size_of(run) for run in runs]
-        terms = np.array([[s.unknowns / s.ranks, s.points, 1.0] for s in sizes])
-        parts = np.array([8.0 * s.nodes if s.ranks > 1 else 0.0 for s in sizes])
-        unknown, point, base = fitted(terms, np.array([run["memory"][-1]["iterate"] for run in runs]) - parts)
-        every = np.array([8.0 * s.nodes for s in sizes])
-        objects = fitted(terms, np.array([float(max(run["objects"])) for run in runs]) - every)[1]
+        terms = np.array([[s.unknowns / s.ranks, s.points, s.touching, 1.0] for s in sizes])
+        unknown, point, own, base = fitted(terms, np.array([run["memory"][-1]["iterate"] for run in runs]))
+        objects = fitted(terms, np.array([float(max(run["objects"])) for run in runs]))[1]
         gmsh = fitted(
             np.array([[run["unknowns"], 1.0] for run in drawn]), np.array([run["memory"][0]["gmsh"] for run in drawn])
         )
-        return Memory(base, unknown, point, 8.0, gmsh[0], objects)
+        return Memory(base, unknown, point, own, gmsh[0], objects)
 
     def of_rank(self, size: Size) -> dict[str, float]:
         """Bytes of each rank by what they are for; `mesh` is on rank 0 alone."""
@@ -240,7 +240,7 @@ class Memory:
             "programs": self.base,
             "bodies": self.unknown * size.unknowns / size.ranks,
             "contact": self.point * size.points,
-            "parts": self.node * size.nodes if size.ranks > 1 else 0.0,
+            "own": self.own * size.touching,
             "mesh": self.meshed * size.unknowns,
         }
 
@@ -271,7 +271,8 @@ def predicted(costs: Costs, traffic: Traffic | None, size: Size, machine: Machin
     def cost(name: str) -> float:
         return float(costs[name] @ PHASES[name].terms(size))
 
-    each = {name: cost(name) for name in EACH}
+    each, gather = {name: cost(name) for name in EACH}, 0.0
     if traffic is not None:
         each |= traffic.seconds(size, machine)
-    return Prediction({name: cost(name) for name in ONCE}, cost("step"), each)
+        gather = traffic.gather(size, machine)
+    return Prediction({name: cost(name) for name in ONCE}, cost("step") + gather, each)

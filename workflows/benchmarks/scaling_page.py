@@ -42,8 +42,8 @@ which keeps a core busy. Nothing here was measured on more than two cores, nor b
 said of 64 ranks and more is the model's. Errors of the mesh, results and files are not in it.
 """
 STRONG = """
-The same problem on one and on two ranks. `surface` and `coordinates` are what every rank does for all contact
-points: rows of contacts and supports, and the basis in which contact is decided. An iteration: product with the
+The same problem on one and on two ranks. `surface` and `coordinates` are rows of contacts and supports, and the
+basis in which contact is decided; a part of both is the same work on every rank. An iteration: product with the
 stiffness, multigrid cycle, products with the columns of slave nodes, contact points, and the rest (vectors).
 """
 COUNTS = """
@@ -53,25 +53,18 @@ collectives, by contact point. *Neighbours* are the model's, summed over the lev
 more than there are cores, only counts are of use.
 """
 GATHERED = """
-{gathered:.0f} bytes a contact point and iteration reach every rank: `ContactPoints.sticking` gathers numbers and
-values of all rows, twice (2 × 3 rows × 16 bytes), to decide on coarse motions. A sum over own rows would do.
+{gathered:.0f} bytes a contact point reach every rank in a step: the tractions and relative displacements of its end,
+and of each time that the natural residual is looked at. An iteration gathers nothing.
 """
 MEMORY = """
 The model, fitted to peaks on one rank and on several: {base:.0f} MB of program, {unknown:.0f} bytes an unknown of the
-rank's share, and on **every** rank {point:.0f} bytes a contact point, and {node:.0f} bytes a node of the whole mesh
-(`Mesh.parts`, the part that each node belongs to). Python holds {objects:.0f} of these bytes a contact point when the
-steps are solved; the rest is needed on the way there. Replicated at the contact are: the sides
-(`gather_surface`: nodes, coordinates, facets), rows N and weights, prescribed nodes (a dictionary of Python
-objects; as many as contact points here), coordinates T and their inverse before each rank takes its rows, gaps,
-tractions, and the state of the step.
+rank's share, {own:.0f} bytes a contact point of its share, and {point:.0f} bytes a contact point, of all, on **every**
+rank. Python holds {objects:.0f} of the last when the steps are solved; the rest is needed on the way there.
+Replicated at the contact are: the sides (`gather_surface`: nodes, coordinates, facets), rows N and weights, gaps,
+tractions, and the state of the step. Divided are: what supports prescribe and springs resist, the coordinates T and
+their inverse, the points' laws, and everything of an iteration.
 
 gmsh and the search for parts, on rank 0 alone, by unknowns of the mesh: {drawn}: {meshed:.0f} bytes an unknown.
-
-Since these runs supports, parts of the mesh (now of each rank's own nodes alone) and coordinates are divided among the
-ranks. Of the slab of 128 × 128 × 2 cells on four ranks `python -m stickslip.workflows.benchmarks.surface_memory`
-counts, in bytes of Python's objects by contact point and rank, before and after: constraints 690 and 123, interface
-333 and 81, coordinates 152 and 30, rows 362 and 290; at the top of assembly 2510 and 1230. The figures of this page
-are those before.
 """
 MODEL = """
 Costs, fitted to the runs on one rank by least relative errors, none negative; those of bodies alone to bodies at
@@ -87,8 +80,8 @@ ours with all of a node at work. Counted, from the table above: {messages:.0f} m
 BoomerAMG prints (up to 700 where 1900 rows are left): a row there reaches over hundreds of ranks.
 """
 CHECK = """
-The model shares work out evenly and lets no rank wait. `prepare` is mostly hypre's set-up, which gains little from
-the second rank; to distribute a mesh this small (a fixed .2 to .3 s) is most of `mesh`. Tests hold the ratio of an
+The model shares work out evenly and lets no rank wait. `prepare` is mostly hypre's set-up, which gains less from
+the second rank than the rest; in `mesh` SCOTCH partitions what one rank keeps whole. Tests hold the ratio of an
 iteration between {least} and {most}.
 """
 ASKED = """
@@ -97,30 +90,25 @@ whatever the ranks). The last line divides each phase by its mean ratio on two r
 """
 BREAKS = """## What breaks first
 
-1. **Memory at the contact.** Every rank needs {contact:.1f} GB for all contact points, and the part of each node of
-the mesh: {node:.0f} GB on a node of 32 ranks, however many nodes there are, before the bodies take their
-{bodies_node:.0f} GB on 2 nodes or {bodies_last:.0f} on 128.
-A node of 256 GB holds {fit_first} ranks of 64 and {fit_last} of 4096,
-fewer where rank 0 is.
-2. **The mesh.** Rank 0 alone makes it: {mesh:.0f} s whatever the ranks, {share:.0f} % of the run on 64, and
+1. **The mesh.** Rank 0 alone makes it: {mesh:.0f} s whatever the ranks, {share:.0f} % of the run on 64, and
 {gmsh:.0f} GB in one process, where the program's own price for that many cells is 50 GB. Linear growth is assumed; it
 was drawn up to {drawn:.1f} million unknowns. 32-bit numbers do not overflow yet, as far as was read, not run: 10⁸
 unknowns and 2.7·10⁸ corners of cells are below 2³¹, the limit of PETSc's indices as Debian builds it and of the counts
 of MPI, which 8 times as many cells pass.
-3. **An iteration, from 256 ranks on.** {rest:.0f} ms of it do not fall: {vectors:.0f} ms are arrays over all contact
-points, which each rank works through also where no law is compliant (`CompliantFaces`, `sticking`), {gathered:.0f} ms
-are collectives, nearly all of it the gather of `sticking`. Product and cycle are {bodies:.0f} ms on 4096 ranks. From 64
-ranks to 4096 an iteration gets {gain:.1f} times as fast.
-4. **Preparation at the contact.** {surface:.0f} s on every rank: `gather_surface`, Python's dictionary of prescribed
-nodes, and a search for the largest entry of each row that scipy does in a loop of Python (`argmax` in
-`ContactCoordinates`).
-5. Then messages on the coarse levels ({messages:.0f} ms on 4096 ranks), and what numpy's calls cost without any points
-({fixed:.0f} ms).
+2. **Memory at the contact.** Every rank needs {contact:.1f} GB for all contact points: {contact_node:.0f} GB on a node
+of 32 ranks, however many nodes there are, beside {bodies_node:.0f} GB of the bodies on 2 nodes or {bodies_last:.0f} on
+128. A node of 256 GB holds {fit_first} ranks of 64 and {fit_last} of 4096, fewer where rank 0 is.
+3. **Preparation at the contact.** {surface:.0f} s, if every rank does all of it: `gather_surface` and the rows of the
+contact. With most contact points, two ranks take {shared:.2f} of the time of one: a part is shared, of which the model
+knows nothing.
+4. **Collectives and messages, from 1024 ranks on.** {waits:.0f} ms of an iteration on 4096 ranks, {fixed:.0f} ms what
+numpy's calls cost without any points, product and cycle {bodies:.0f} ms. From 64 ranks to 4096 an iteration gets
+{gain:.0f} times as fast.
 
-So today 64 ranks are worth asking for, {fit_first} to a node of 256 GB, and 256 with that much contact
-hardly. In the order of what
-is gained for the work: `sticking` as one sum over own rows; no arrays where no law is compliant; the search for the
-largest entries without a loop; rows and coordinates on the ranks that own them; a mesh that is read in parallel.
+So 256 to 1024 ranks are worth asking for where many steps are solved on one mesh, {fit_first} to a node of 256 GB. In
+the order of what is gained for the work: a mesh that is read in parallel, sides and rows on the ranks that own them,
+one collective in place of several. Scattering the cells before dolfinx partitions them was tried, and is no gain on
+two ranks (4.7 s in place of 2.6 s for 328 509 cells: SCOTCH in parallel is slower than alone).
 """
 
 
@@ -154,7 +142,7 @@ def page(single: Sequence[Run], several: Sequence[Run], drawn: Sequence[Run]) ->
         _memory(single, two, drawn, memory),
         _model(costs, traffic),
         _check(costs, traffic, two),
-        _large(costs, traffic, memory, two, max(run["unknowns"] for run in drawn)),
+        _large(costs, traffic, memory, single, two, max(run["unknowns"] for run in drawn)),
     )
     return "\n".join(line for section in sections for line in section) + "\n"
 
@@ -287,7 +275,7 @@ def _memory(single: Sequence[Run], two: Sequence[Run], drawn: Sequence[Run], mem
         base=memory.base / 1e6,
         unknown=memory.unknown,
         point=memory.point,
-        node=memory.node,
+        own=memory.own,
         objects=memory.objects,
         drawn=", ".join(made),
         meshed=memory.meshed,
@@ -345,7 +333,9 @@ def _mean(values: Sequence[float]) -> float:
     return float(np.exp(np.mean(np.log(values))))
 
 
-def _large(costs: Costs, traffic: Traffic, memory: Memory, two: Sequence[Run], drawn: int) -> Iterator[str]:
+def _large(
+    costs: Costs, traffic: Traffic, memory: Memory, single: Sequence[Run], two: Sequence[Run], drawn: int
+) -> Iterator[str]:
     machine, found = Machine(), ratios(costs, traffic, two)
     yield f"## {_power(LARGE[0])} unknowns, {_power(LARGE[1])} contact points\n"
     counts = [count for run in two if run["unknowns"] >= THICK * run["points"] for count in run["iterations"]]
@@ -375,7 +365,7 @@ def _large(costs: Costs, traffic: Traffic, memory: Memory, two: Sequence[Run], d
         "programs": "program",
         "bodies": "bodies, its share",
         "contact": "contact, all points",
-        "parts": "parts of nodes",
+        "own": "contact, its share",
     }
     rows = [[f"{words} [GB]", *(f"{one[name] / 1e9:.2f}" for one in bytes_)] for name, words in names.items()]
     each = [sum(one[name] for name in names) for one in bytes_]
@@ -388,14 +378,11 @@ def _large(costs: Costs, traffic: Traffic, memory: Memory, two: Sequence[Run], d
     ]
     rows += [["rank 0 while it meshes [GB]", *(f"{one['mesh'] / 1e9:.0f}" for one in bytes_)]]
     rows += [["sent by a rank, an iteration [MB]", *(f"{traffic.bytes(Size(*LARGE, r)) / 1e6:.2f}" for r in RANKS)]]
-    rows += [["gathered on a rank, an iteration [MB]", *(f"{traffic.gathered * LARGE[1] / 1e6:.0f}" for _ in RANKS)]]
+    rows += [["gathered on a rank, a step [MB]", *(f"{traffic.gathered * LARGE[1] / 1e6:.0f}" for _ in RANKS)]]
     yield from _table(("bytes", *(f"{ranks} ranks" for ranks in RANKS)), rows)
     yield ""
     few, many = runs[0], runs[-1]
-    surface = many.once["surface"] + many.once["coordinates"]
-    rest = many.iteration["vectors"] + many.iteration["collectives"]
     gain = sum(few.iteration.values()) / sum(many.iteration.values())
-    bodies = 1e3 * (many.iteration["product"] + many.iteration["cycle"])
     yield words(
         BREAKS,
         mesh=many.once["mesh"],
@@ -403,20 +390,24 @@ def _large(costs: Costs, traffic: Traffic, memory: Memory, two: Sequence[Run], d
         share=100 * few.once["mesh"] / few.total(STEPS, ITERATIONS),
         gmsh=memory.meshed * LARGE[0] / 1e9,
         contact=memory.point * LARGE[1] / 1e9,
-        node=machine.ranks_per_node * (memory.point * LARGE[1] + memory.node * LARGE[0] / 3) / 1e9,
+        contact_node=machine.ranks_per_node * memory.point * LARGE[1] / 1e9,
         bodies_node=machine.ranks_per_node * bytes_[0]["bodies"] / 1e9,
         bodies_last=machine.ranks_per_node * bytes_[-1]["bodies"] / 1e9,
         fit_first=int(256e9 // each[0]),
         fit_last=int(256e9 // each[-1]),
-        rest=1e3 * rest,
-        vectors=1e3 * many.iteration["vectors"],
-        gathered=1e3 * many.iteration["collectives"],
-        gain=gain,
-        bodies=bodies,
-        surface=surface,
-        messages=1e3 * many.iteration["messages"],
+        surface=many.once["surface"] + many.once["coordinates"],
+        shared=_at_the_contact(two) / _at_the_contact(single),
+        waits=1e3 * (many.iteration["messages"] + many.iteration["collectives"]),
         fixed=1e3 * float(costs["contact"][2] + costs["vectors"][2]),
+        bodies=1e3 * (many.iteration["product"] + many.iteration["cycle"]),
+        gain=gain,
     )
+
+
+def _at_the_contact(runs: Sequence[Run]) -> float:
+    """Seconds of preparation at the contact, of the run with most contact points."""
+    seconds = seconds_of(max(runs, key=lambda run: float(run["points"])))
+    return seconds["surface"] + seconds["coordinates"]
 
 
 def _power(value: float) -> str:

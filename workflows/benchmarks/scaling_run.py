@@ -49,7 +49,7 @@ PARTS = {  # of an iteration, by the functions whose time they are, what these c
         for name in ("relax", "tangent", "residual", "apply", "inverse_blocks", "truncated", "project", "friction_work")
     ),
 }
-REPLICATED = {"assemble": "surface", "prepare": "coordinates"}  # phase: what of it every rank does for all points
+AT_CONTACT = {"assemble": "surface", "prepare": "coordinates"}  # phase: what of it is done at the contact
 COLLECTIVES = ("allreduce", "allgather", "bcast")
 
 
@@ -103,7 +103,7 @@ class Case:
 def measure(case: Case) -> dict[str, Any]:
     """Mesh, assemble, prepare and solve; collective. The same on every rank.
 
-    What each rank does for the whole surface is done a second time, to know its share.
+    What is done at the contact is done a second time, to know its share.
     """
     comm = MPI.COMM_WORLD
     seconds: dict[str, float] = {}
@@ -138,7 +138,7 @@ def measure(case: Case) -> dict[str, Any]:
     done("prepare")
     ContactCoordinates.of(system, prepare_surface(system, stepper.chain.volume))
     done("coordinates")
-    for phase, part in REPLICATED.items():
+    for phase, part in AT_CONTACT.items():
         seconds[phase] -= seconds[part]
     profile, sent = cProfile.Profile(clock.process_time), counted()
     before = [logged(name) for name in EVENTS]
