@@ -245,6 +245,7 @@ def test_one_rank_speaks(tmp_path: Path) -> None:
     assert json.loads(plan.stdout)["mesh"]["contacts"]["base"]["normal_points"] == 17  # 4 m, 0.25 m a cell
 
 
+@pytest.mark.slow  # a cell of each method is in test_cells_on_ranks
 def test_regularised_finds_on_two_ranks_what_it_finds_on_one(tmp_path: Path) -> None:
     words = [*SCENES["cube"], *ALWAYS, "solver.method=regularised"]
     run(read("cube", words), tmp_path / "one")
