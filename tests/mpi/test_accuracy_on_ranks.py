@@ -32,6 +32,7 @@ def test_ranks_take_the_same_rounds(tmp_path: Path) -> None:
     assert [one["unknowns"] for one in rounds[0]] == [one["unknowns"] for one in rounds[1]]
 
 
+@pytest.mark.slow  # test_order_2_on_ranks is its sibling in 2D
 def test_ranks_state_the_same_errors_of_order_2_in_3d(tmp_path: Path) -> None:
     stated = []
     words = [
