@@ -84,10 +84,10 @@ lint: install
 	.venv/bin/bandit -q -r -c pyproject.toml geometry solvers workflows stickslip
 
 test: lint
-	.venv/bin/python -m pytest -n $(WORKERS) --dist loadgroup -m 'not slow'
+	.venv/bin/python -m pytest -n $(WORKERS) -m 'not slow'
 
 verify: install browser
-	.venv/bin/python -m pytest -n $(WORKERS) --dist loadgroup
+	.venv/bin/python -m pytest -n $(WORKERS)
 	.venv/bin/stickslip verify
 	tests/platforms/debian13.sh
 

@@ -25,8 +25,6 @@ from stickslip.workflows.studies.block_price.page import NAME, conditions, verdi
 from stickslip.workflows.studies.block_price.verdicts import CLAIMS, SIDE_BY_SIDE
 from stickslip.workflows.studies.published.finding import HOLDS, HOLDS_NOT, UNKNOWN, Finding, Row, Rows, chosen
 
-pytestmark = pytest.mark.xdist_group(__name__)  # on one worker: what is measured once takes seconds
-
 MASS, COMPLETE, DROP, IC0 = EXACTLY
 TINY = Sizes(meshes=((2, 4),), at=(), methods=(REFERENCE, "uzawa", MASS), parts=(1.1,), inner_at=(), bound_at=(2, 4))
 LIMIT = 60.0  # s

@@ -17,8 +17,6 @@ from stickslip.workflows.studies.published.page import CLAIMS, claims, write_pag
 from stickslip.workflows.studies.published.scenes import scene
 from stickslip.workflows.studies.published.spectrum import LEARNING, PLAIN
 
-pytestmark = pytest.mark.xdist_group(__name__)  # on one worker: what is measured once takes seconds
-
 TINY = Sizes(
     meshes=((2, 4), (2, 8)),
     spectra=((2, 4), (2, 8)),
