@@ -78,6 +78,7 @@ class MethodChain:
         known = factor if self.stage.surface == "condensed" and factor and self._suits(system, factor) else None
         self.volume = known or self._prepared(system)
         self.coarse = CoarseMesh.beside(system) if self.choice.coarse else None
+        self.coarse_counters = self.coarse.counters if self.coarse else None  # they outlive it: see `release`
         self._ready: dict[Stage, Ready] = {}
         self._learnt: dict[str, dict[str, Plain]] = {}  # of methods that are not prepared yet, see `restore`
         self._unable: set[Stage] = set()  # that cannot be prepared

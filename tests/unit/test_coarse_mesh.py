@@ -18,6 +18,7 @@ from stickslip.solvers.metrics.surface_metric import surface_metric
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.system.system import System
+from stickslip.workflows.run.run import run
 from stickslip.workflows.scene_file.read import from_dict, read
 
 Array = NDArray[np.float64]
@@ -104,3 +105,12 @@ def test_no_coarse_mesh_where_it_is_hardly_coarser(n: int, there: bool, scene_of
     fine = system_of(block(scene_of, 2, n))
     coarse = CoarseMesh.beside(fine)
     assert (coarse is not None) == there
+
+
+def test_its_work_stands_in_the_result(tmp_path: Path) -> None:
+    words = ["geometry.mesh_size=0.125", "output.error=false", "output.pictures=false"]
+    solver = 'solver={ method = "surface-uzawa", surface = "matrix-free" }'
+    _, result = run(read("cube", [*words, solver]), tmp_path / "out")
+    work = result["counters"]["coarse_mesh"]
+    assert work["factorisations"] == 1
+    assert work["volume_solves"] > 0

@@ -99,7 +99,7 @@ def summary(
             "linear_iterations": counters.linear_iterations,
             "error_solves": counters.error_solves,
             "lanczos_applications": counters.lanczos_applications,
-            "coarse_mesh": chain.coarse and {key: getattr(chain.coarse.counters, key) for key in OF_COARSE},
+            "coarse_mesh": chain.coarse_counters and {key: getattr(chain.coarse_counters, key) for key in OF_COARSE},
         },
         "audit": Audit.worst(audit for audit in audits if audit),
         "verdict": _verdict(simulation, steps, audited) if audits else None,
