@@ -24,6 +24,7 @@ MPI = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",
 }
+OF_A_RANK = ("OMPI_", "PMIX_")  # variables that MPI leaves; a worker of pytest has those of the process that began it
 STICKSLIP = ("-m", "stickslip.workflows.commands.start")
 
 
@@ -44,7 +45,7 @@ def started(
     return subprocess.Popen(
         [*limited, sys.executable, *program, *words],
         cwd=folder,
-        env={**os.environ, **MPI},  # Python's own copy: MPI has left its variables in the C library's
+        env={key: value for key, value in os.environ.items() if not key.startswith(OF_A_RANK)} | MPI,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

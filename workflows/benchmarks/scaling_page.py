@@ -49,12 +49,12 @@ stiffness, multigrid cycle, products with the columns of slave nodes, contact po
 COUNTS = """
 In one iteration, of the rank that sends most; firm. Those of hypre are counted by a library that is loaded before
 MPI (LD_PRELOAD), those of PETSc stand in its log (VecScatterBegin). *Gathered* is what each rank receives by
-collectives, by contact point. *Neighbours* are the model's, summed over the levels of multigrid. On 4 and 8 ranks,
+collectives in a step, by contact point. *Neighbours* are the model's, summed over the levels of multigrid. On 4 and 8 ranks,
 more than there are cores, only counts are of use.
 """
 GATHERED = """
 {gathered:.0f} bytes a contact point reach every rank in a step: the tractions and relative displacements of its end,
-and of each time that the natural residual is looked at. An iteration gathers nothing.
+and of each time that the natural residual is looked at. Other iterations gather numbers alone.
 """
 MEMORY = """
 The model, fitted to peaks on one rank and on several: {base:.0f} MB of program, {unknown:.0f} bytes an unknown of the
@@ -81,7 +81,7 @@ BoomerAMG prints (up to 700 where 1900 rows are left): a row there reaches over 
 """
 CHECK = """
 The model shares work out evenly and lets no rank wait. `prepare` is mostly hypre's set-up, which gains less from
-the second rank than the rest; in `mesh` SCOTCH partitions what one rank keeps whole. Tests hold the ratio of an
+the second rank than the rest; in `mesh` cells are partitioned, which one rank is spared. Tests hold the ratio of an
 iteration between {least} and {most}.
 """
 ASKED = """
@@ -105,10 +105,10 @@ knows nothing.
 numpy's calls cost without any points, product and cycle {bodies:.0f} ms. From 64 ranks to 4096 an iteration gets
 {gain:.0f} times as fast.
 
-So 256 to 1024 ranks are worth asking for where many steps are solved on one mesh, {fit_first} to a node of 256 GB. In
-the order of what is gained for the work: a mesh that is read in parallel, sides and rows on the ranks that own them,
-one collective in place of several. Scattering the cells before dolfinx partitions them was tried, and is no gain on
-two ranks (4.7 s in place of 2.6 s for 328 509 cells: SCOTCH in parallel is slower than alone).
+So 256 to 1024 ranks are worth asking for where many steps are solved on one mesh. In the order of what is gained for the
+work: a mesh that is read in parallel, sides and rows on the ranks that own them, one collective in place of several.
+Scattering the cells before dolfinx partitions them was tried, and is no gain: on two ranks it makes the mesh of 328 509
+cells in 4.7 s in place of 2.6 s.
 """
 
 
@@ -232,7 +232,7 @@ def _counts(several: Sequence[Run], traffic: Traffic) -> Iterator[str]:
                 f"{log['bytes'][1] / count / 1e3:.0f}",
                 f"{sent['collectives'][1] / count:.0f}",
                 f"{sum(run['calls'].values()) / count:.1f}",
-                f"{sent['collective_bytes'][0] / count / size.points:.0f}",
+                f"{sent['collective_bytes'][0] / len(run['iterations']) / size.points:.0f}",
                 f"{size.neighbours:.0f}",
                 f"{messages / size.neighbours:.1f}",
             ]
@@ -247,7 +247,7 @@ def _counts(several: Sequence[Run], traffic: Traffic) -> Iterator[str]:
             "kB",
             "collectives",
             "of Python objects",
-            "gathered [bytes/point]",
+            "gathered in a step [bytes/point]",
             "neighbours",
             "messages each",
         ),
