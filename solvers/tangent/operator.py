@@ -19,6 +19,7 @@ from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.protocols import Mat, Sparse, Vec
 from stickslip.solvers.linear.multigrid import multigrid
 from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.released import destroy_released
 from stickslip.solvers.system.floating_modes import near_nullspace
 from stickslip.solvers.system.system import System
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
@@ -54,7 +55,7 @@ class TangentOperator:
         self._in, self._out = self.K_B.createVecRight(), self.K_B.createVecRight()
         self._more = self.K_B.createVecRight()
         self._slave = self._columns.createVecRight()
-        self.hold(coordinates, coordinates.blocks.ravel())
+        self._set_up(coordinates, coordinates.blocks.ravel())
 
     def product(self, v: Array) -> Array:
         """K v."""
@@ -88,8 +89,9 @@ class TangentOperator:
             coordinates: of the slave nodes that are held, or a part of their coordinates, alone.
             numbers: of the coordinates that are held.
         """
-        with self.counters.clock.part("tangent"):
-            self._set_up(coordinates, numbers)
+        self._multigrid.destroy()
+        destroy_released(self.comm)  # its matrix: there is memory for one
+        self._set_up(coordinates, numbers)
 
     def _set_up(self, coordinates: ContactCoordinates, numbers: Ints) -> None:
         low, high = self.K_B.getOwnershipRange()
@@ -113,7 +115,10 @@ class TangentOperator:
             return found
 
         change = self.T if every and not coordinates.alone else self._change
-        with self._without(held) if change is None else self._changed(change, held) as matrix:
+        with (
+            self.counters.clock.part("tangent"),
+            self._without(held) if change is None else self._changed(change, held) as matrix,
+        ):
             self._multigrid = multigrid(matrix, motions, PREFIX, changing=True)
         self.counters.factorisations += 1
 

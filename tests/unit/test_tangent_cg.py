@@ -95,16 +95,19 @@ def test_multigrid_has_the_stiffness_without_held_nodes(operator: str, monkeypat
     every = ContactCoordinates.of(system, surface)
     some = every.blocks[::2].ravel()
     given: list[Mat] = []
+    made: list[PC] = []
 
     def kept(K: Mat, *others: Any, **options: Any) -> PC:
         given.append(K.copy())
-        return multigrid.multigrid(K, *others, **options)
+        made.append(multigrid.multigrid(K, *others, **options))
+        return made[-1]
 
     monkeypatch.setattr(operator_module, "multigrid", kept)
     before = system.K_B.copy()
     at = TangentOperator(system, every)
     part = ContactCoordinates.of(system, surface, some[::3] // 3)
     at.hold(part, some)
+    assert [bool(each) for each in made] == [False, True]  # the first is destroyed: there is memory for one
     assert system.K_B.equal(before)
     for found, coordinates, held in zip(given, (every, part), (every.blocks.ravel(), some), strict=True):
         expected = before.PtAP(coordinates.T)

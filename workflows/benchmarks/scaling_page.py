@@ -49,8 +49,8 @@ stiffness, multigrid cycle, products with the columns of slave nodes, contact po
 COUNTS = """
 In one iteration, of the rank that sends most; firm. Those of hypre are counted by a library that is loaded before
 MPI (LD_PRELOAD), those of PETSc stand in its log (VecScatterBegin). *Gathered* is what each rank receives by
-collectives in a step, by contact point. *Neighbours* are the model's, summed over the levels of multigrid. On 4 and 8 ranks,
-more than there are cores, only counts are of use.
+collectives in a step, by contact point. *Neighbours* are the model's, summed over the levels of multigrid. On 4 and 8
+ranks, more than there are cores, only counts are of use.
 """
 GATHERED = """
 {gathered:.0f} bytes a contact point reach every rank in a step: the tractions and relative displacements of its end,
@@ -105,10 +105,10 @@ knows nothing.
 numpy's calls cost without any points, product and cycle {bodies:.0f} ms. From 64 ranks to 4096 an iteration gets
 {gain:.0f} times as fast.
 
-So 256 to 1024 ranks are worth asking for where many steps are solved on one mesh. In the order of what is gained for the
-work: a mesh that is read in parallel, sides and rows on the ranks that own them, one collective in place of several.
-Scattering the cells before dolfinx partitions them was tried, and is no gain: on two ranks it makes the mesh of 328 509
-cells in 4.7 s in place of 2.6 s.
+So 256 to 1024 ranks are worth asking for where many steps are solved on one mesh. In the order of what is gained for
+the work: a mesh that is read in parallel, sides and rows on the ranks that own them, one collective in place of
+several. Scattering the cells before dolfinx partitions them was tried, and is no gain: on two ranks it makes the mesh
+of 328 509 cells in 4.7 s in place of 2.6 s.
 """
 
 
