@@ -88,7 +88,7 @@ class Ready(ABC):
         """Take over what a `snapshot` holds, made with the same bodies."""
 
     def release(self) -> None:  # noqa: B027  most hold little
-        """Free the memory; no step can be solved after that; collective."""
+        """Free what takes memory; if another step is solved it is made again; collective."""
 
 
 class SameEveryStep(Ready):

@@ -66,16 +66,30 @@ class TangentCG(Method):
 
 
 class OnTangent(Ready):
-    """The iteration with its operator."""
+    """The iteration with its operator.
 
-    def __init__(self, method: TangentCG, setup: Setup) -> None:
-        """Set up the coordinates and multigrid; collective."""
+    Attributes:
+        held: numbers of the coordinates that multigrid holds; None: of all slave nodes.
+        coarse: motions that are added to the iteration, made when they are needed.
+    """
+
+    held: Ints | None = None
+    coarse: CoarseMotions | None = None
+
+    def __init__(self, method: TangentCG, setup: Setup, before: OnTangent | None = None) -> None:
+        """Set up the coordinates and multigrid; collective.
+
+        Args:
+            before: the same bodies with other contact rows.
+        """
         self.method, self.system, self.surface, self.hurried = method, setup.system, setup.surface, setup.hurried
         self.coordinates = ContactCoordinates.of(setup.system, setup.surface)
-        self.operator = TangentOperator(setup.system, self.coordinates)
+        self.held = before.held_here(self.coordinates) if before else None
+        known = None if self.held is None else self._holding(self.held)
+        self.operator = TangentOperator(setup.system, self.coordinates, known)
         matrix_free(setup.surface).guess = self.operator.guess
-        self.coarse: CoarseMotions | None = None  # made when they are needed
-        self.held: Ints | None = None  # numbers of the coordinates that multigrid holds; None: of all slave nodes
+        if before is not None and before.coarse is not None:
+            self.make_coarse()
 
     def snapshot(self) -> dict[str, Plain]:
         """What multigrid holds, and whether there are coarse motions; see `restore`."""
@@ -88,11 +102,11 @@ class OnTangent(Ready):
             self.make_coarse()
 
     def release(self) -> None:
-        self.coarse = None
         self.operator.release()
 
     def renewed(self, setup: Setup) -> Ready:
-        return OnTangent(self.method, setup)
+        self.release()
+        return OnTangent(self.method, setup, self)
 
     def after(self, state: Before) -> Solve:
         return partial(self.step, state.u)
@@ -116,9 +130,21 @@ class OnTangent(Ready):
 
     def hold(self, numbers: Ints) -> None:
         """Set up multigrid with these coordinates held; collective."""
-        nodes = np.unique(numbers // self.system.mesh.dim)
-        self.operator.hold(ContactCoordinates.of(self.system, self.surface, nodes), numbers)
+        self.operator.hold(*self._holding(numbers))
         self.coarse, self.held = None, numbers
+
+    def _holding(self, numbers: Ints) -> tuple[ContactCoordinates, Ints]:
+        """Arguments of `TangentOperator.hold`; collective."""
+        return ContactCoordinates.of(self.system, self.surface, numbers), numbers
+
+    def held_here(self, coordinates: ContactCoordinates) -> Ints | None:
+        """As `held`, of the same nodes with the contact rows of other coordinates; collective."""
+        if self.held is None:
+            return None
+        dim, comm = self.system.mesh.dim, self.system.mesh.comm
+        slaves = np.concatenate(comm.allgather(coordinates.blocks.ravel()))
+        held = slaves[np.isin(slaves // dim, self.held // dim)]
+        return np.intersect1d(held, coordinates.normal) if self.operator.sliding else held
 
     def make_coarse(self) -> None:
         """Add coarse motions to all later iterations; collective."""

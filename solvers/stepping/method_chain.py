@@ -129,9 +129,12 @@ class MethodChain:
         if not later:
             return False
         after = self.choice.stages[later[0]]
-        if after.surface != before.surface and not fits(system, after.surface):
-            log.warning("t = %g: %s: %s; no memory for %s", time, before, solution.status.value, after)
-            return False
+        if after.surface != before.surface:
+            for ready in self._ready.values():  # another form may take its memory
+                ready.release()
+            if not fits(system, after.surface):
+                log.warning("t = %g: %s: %s; no memory for %s", time, before, solution.status.value, after)
+                return False
         self.at = later[0]
         switch = Switch(time, solution.iterations, str(before), str(self.stage), solution.status.value)
         self.switches.append(switch)
@@ -139,6 +142,7 @@ class MethodChain:
         known = self.stage.surface == before.surface
         self._whole = self._whole or (known and not METHODS[self.stage.method].ROWS_ALONE)
         if not known or not self._suits(system, self.volume):
+            self._ready = {stage: ready for stage, ready in self._ready.items() if stage.surface == after.surface}
             self.volume.release()
             self.volume = self._prepared(system)
         return True

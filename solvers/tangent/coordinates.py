@@ -60,7 +60,8 @@ class ContactCoordinates:
         Args:
             system: the bodies.
             surface: their rows.
-            only: slave nodes (k,), in the numbers of the free displacements by d, that are changed; None: all.
+            only: numbers of the coordinates (k,) that are rows: other motions of their nodes stay the node's own, and
+                other nodes as they are; None: all.
 
         Raises:
             SolverError: the rows of a node depend on each other, or nodes are each other's masters.
@@ -138,7 +139,7 @@ class _Known:
         N = (N @ sparse.csr_matrix(padded, shape=(len(dofs), node.size * dim))).tocsr()
         owner = _owners(N, node, _spans(system, more), rows, sides)
         if only is not None:
-            owner[~np.isin(node[owner], only)] = -1
+            owner[~np.isin(node[owner], only // dim)] = -1
         chosen = np.flatnonzero(owner >= 0)
         chosen = chosen[np.argsort(owner[chosen], kind="stable")]
         own, first, counts = np.unique(owner[chosen], return_index=True, return_counts=True)
@@ -148,6 +149,10 @@ class _Known:
         slot, blocks, coupling, inverse = _measured(N, chosen, slot, own, counts, dim)
         at = np.full(len(owner), -1)
         at[chosen] = node[slot // dim] * dim + slot % dim
+        if only is not None:
+            rows_alone = np.isin((node[:, None] * dim + np.arange(dim)).ravel(), only)
+            coupling = (sparse.diags(rows_alone.astype(float)) @ coupling).tocsr()
+            coupling.eliminate_zeros()
         change = _inverse(inverse, coupling)
         coupled, slave = change.tocoo(), np.isin(np.arange(len(node)), own)
         return _Known(

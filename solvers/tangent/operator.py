@@ -37,8 +37,14 @@ class TangentOperator:
         sliding: whether it holds a part of the motions of a node only.
     """
 
-    def __init__(self, system: System, coordinates: ContactCoordinates) -> None:
-        """Set up multigrid; collective."""
+    def __init__(
+        self, system: System, coordinates: ContactCoordinates, holding: tuple[ContactCoordinates, Ints] | None = None
+    ) -> None:
+        """Set up multigrid; collective.
+
+        Args:
+            holding: arguments of `hold`; None: all coordinates are held.
+        """
         self.K_B, self.T, self._inverse = system.K_B, coordinates.T, coordinates.inverse
         self.counters: Counters = system.counters
         self.comm = self.K_B.comm.tompi4py()
@@ -55,7 +61,7 @@ class TangentOperator:
         self._in, self._out = self.K_B.createVecRight(), self.K_B.createVecRight()
         self._more = self.K_B.createVecRight()
         self._slave = self._columns.createVecRight()
-        self._set_up(coordinates, coordinates.blocks.ravel())
+        self._hold(*(holding or (coordinates, coordinates.blocks.ravel())))
 
     def product(self, v: Array) -> Array:
         """K v."""
@@ -89,11 +95,17 @@ class TangentOperator:
             coordinates: of the slave nodes that are held, or a part of their coordinates, alone.
             numbers: of the coordinates that are held.
         """
-        self._multigrid.destroy()
-        destroy_released(self.comm)  # its matrix: there is memory for one
-        self._set_up(coordinates, numbers)
+        self.release()
+        self._hold(coordinates, numbers)
 
-    def _set_up(self, coordinates: ContactCoordinates, numbers: Ints) -> None:
+    def release(self) -> None:
+        """Free the memory of multigrid, for there is some for one; the next cycle sets it up again; collective."""
+        if self._multigrid is not None:
+            self._multigrid.destroy()
+            self._multigrid = None
+            destroy_released(self.comm)  # its matrix
+
+    def _hold(self, coordinates: ContactCoordinates, numbers: Ints) -> None:
         low, high = self.K_B.getOwnershipRange()
         self.held = np.isin(self.at + low, numbers)
         by_node = self.held.reshape(-1, self.dim)
@@ -107,6 +119,11 @@ class TangentOperator:
             own = (coordinates.blocks >= low) & (coordinates.blocks < high)
             signs.array[coordinates.blocks[own] - low] = coordinates.signs[own]
             self._change.diagonalScale(R=signs)
+        self._basis = self.T if every and not coordinates.alone else self._change  # of multigrid's matrix
+        self._multigrid: PC | None = self._set_up()
+
+    def _set_up(self) -> PC:
+        low = self.K_B.getOwnershipRange()[0]
         held = (self.at[self.held] + low).astype(PETSc.IntType)
 
         def motions() -> Array:
@@ -114,24 +131,20 @@ class TangentOperator:
             found[held - low] = 0.0
             return found
 
-        change = self.T if every and not coordinates.alone else self._change
+        self.counters.factorisations += 1
         with (
             self.counters.clock.part("tangent"),
-            self._without(held) if change is None else self._changed(change, held) as matrix,
+            self._without(held) if self._basis is None else self._changed(self._basis, held) as matrix,
         ):
-            self._multigrid = multigrid(matrix, motions, PREFIX, changing=True)
-        self.counters.factorisations += 1
-
-    def release(self) -> None:
-        """Free the memory of multigrid and columns; collective."""
-        self._multigrid.destroy()
-        self._columns.destroy()
+            return multigrid(matrix, motions, PREFIX, changing=True)
 
     def cycle(self, r: Array) -> Array:
         """A multigrid cycle for K v = r with v = 0 where nodes are held."""
         self._in.array[:] = r
         self._in.array[self.at[self.held]] = 0.0
         self.counters.linear_iterations += 1
+        if self._multigrid is None:
+            self._multigrid = self._set_up()
         if self._plain:
             self._multigrid.apply(self._in, self._out)
         else:  # from these coordinates by way of the displacements

@@ -88,12 +88,16 @@ def test_relative_displacements_are_coordinates(operator: str) -> None:
     assert coordinates.alone == (operator == "rigid")
 
 
+@pytest.mark.parametrize("of_nodes", ["all", "normal"])  # of their motions
 @pytest.mark.parametrize("operator", ["rigid", "mortar"])
-def test_multigrid_has_the_stiffness_without_held_nodes(operator: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_multigrid_has_the_stiffness_without_held_motions(
+    operator: str, of_nodes: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     simulation = prepare(Cell("tangent-cg", operator=operator, model="3d").scene(1e-9), MPI.COMM_SELF)
     surface, system = simulation.stepper.surface, simulation.system
     every = ContactCoordinates.of(system, surface)
     some = every.blocks[::2].ravel()
+    some = some if of_nodes == "all" else np.intersect1d(some, every.normal)
     given: list[Mat] = []
     made: list[PC] = []
 
@@ -105,7 +109,7 @@ def test_multigrid_has_the_stiffness_without_held_nodes(operator: str, monkeypat
     monkeypatch.setattr(operator_module, "multigrid", kept)
     before = system.K_B.copy()
     at = TangentOperator(system, every)
-    part = ContactCoordinates.of(system, surface, some[::3] // 3)
+    part = ContactCoordinates.of(system, surface, some)
     at.hold(part, some)
     assert [bool(each) for each in made] == [False, True]  # the first is destroyed: there is memory for one
     assert system.K_B.equal(before)
