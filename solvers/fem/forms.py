@@ -91,11 +91,14 @@ class WeakForms:
 
     def volume(self, body: str, degree: int | None = None) -> Measure:
         """Volume measure of a body; `degree`: of the quadrature, None: the default."""
-        if degree is None:
-            degree = self.mesh.quadrature if self.degree is None else self.degree
-        metadata = {} if degree is None else {"quadrature_degree": degree}
-        measure = ufl.Measure("dx", domain=self.mesh.domain, subdomain_data=self.mesh.cell_tags, metadata=metadata)
+        domain, tags = self.mesh.domain, self.mesh.cell_tags
+        measure = ufl.Measure("dx", domain=domain, subdomain_data=tags, metadata=self._rule(degree))
         return self._around(measure(self.mesh.bodies[body]))
+
+    def _rule(self, degree: int | None = None) -> dict[str, int]:
+        """Metadata of a measure of cells; `degree`: of the quadrature, None: the default."""
+        found = next((each for each in (degree, self.degree, self.mesh.quadrature) if each is not None), None)
+        return {} if found is None else {"quadrature_degree": found}
 
     def boundary(self, side: str, degree: int | None = None) -> Measure:
         """Surface measure of a side; `degree`: of the quadrature, None: the default."""
@@ -155,8 +158,7 @@ class WeakForms:
     def elasticity_by_cell(self, u: UflExpr) -> UflForm:
         """a(u, v) with Lamé parameters that are read cell by cell: one form for any number of isotropic bodies."""
         domain, tags = self.mesh.domain, self.mesh.cell_tags
-        metadata = {} if self.degree is None else {"quadrature_degree": self.degree}
-        dx_all = self._around(ufl.Measure("dx", domain=domain, metadata=metadata))
+        dx_all = self._around(ufl.Measure("dx", domain=domain, metadata=self._rule()))
         index = domain.topology.index_map(self.mesh.dim)
         values = np.zeros((2, index.size_local + index.num_ghosts))
         for body in self.problem.isotropic:

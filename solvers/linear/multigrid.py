@@ -84,6 +84,7 @@ def _set_up(K: Mat, kind: str, prefix: str, options: Mapping[str, str | int | fl
     pc.setOperators(K)
     pc.setFromOptions()
     pc.setUp()
+    pc.setReusePreconditioner(True)  # also where another multigrid changes K in place, and restores it
     for name in ours:
         del known[name]
     return pc

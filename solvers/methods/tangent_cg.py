@@ -143,7 +143,7 @@ class OnTangent(Ready):
             return None
         dim, comm = self.system.mesh.dim, self.system.mesh.comm
         slaves = np.concatenate(comm.allgather(coordinates.blocks.ravel()))
-        held = slaves[np.isin(slaves // dim, self.held // dim)]
+        held: Ints = slaves[np.isin(slaves // dim, self.held // dim)]
         return np.intersect1d(held, coordinates.normal) if self.operator.sliding else held
 
     def make_coarse(self) -> None:
@@ -336,7 +336,8 @@ class Iteration:
         friction = self.points.friction_work(tangent, v, v + moved[self.operator.at])
         bodies = float(moved @ (K_moved / 2 - self.g))
         faces = self.faces.growth(self.pressed, self.faces.pressed(self.v + moved))
-        return float(self.operator.comm.allreduce(bodies + friction)) + faces
+        comm = self.operator.comm
+        return float(comm.allreduce(bodies + friction + (faces if comm.rank == 0 else 0.0)))  # every rank has the faces
 
     def _size(self) -> float:
         """Energy norm of the displacement [J^(1/2)]."""

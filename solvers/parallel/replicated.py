@@ -34,7 +34,7 @@ class Replicated:
         """
         Args:
             like: a vector of the layout of those to be read and written.
-            rows: (m,) global numbers, in any order, the same on all ranks.
+            rows: (m,) global numbers, in any order; each rank may ask for its own.
         """
         self.rows = np.asarray(rows, PETSc.IntType)
         index = PETSc.IS().createGeneral(self.rows, comm=PETSc.COMM_SELF)
@@ -45,7 +45,7 @@ class Replicated:
         self.local = self.rows[self.mine] - low
 
     def read(self, vector: Vec) -> Array:
-        """Entries (m,) of a distributed vector, the same on all ranks; collective."""
+        """Entries (m,) of a distributed vector; collective."""
         self._scatter.scatter(vector, self._target, addv=PETSc.InsertMode.INSERT_VALUES)
         return np.array(self._target.array)
 

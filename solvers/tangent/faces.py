@@ -36,17 +36,17 @@ class CompliantFaces:
         """Take the faces of a step; collective."""
         self.problem, self.operator = problem, operator
         self.places = [block for block in problem.cone.places if block.rows.normal.at_quadrature]
+        self._vector = operator.K_B.createVecRight()
+        none, size = np.zeros(len(problem.gap)), self._vector.getLocalSize()
+        self._nothing = Pressed(none, none, none, np.zeros(size), np.zeros(len(operator.at)))
         if self.places:
             compliant = np.zeros(len(problem.gap))
             for block in self.places:
                 compliant[block.normal] = 1.0
             self.N: Sparse = (sparse.diags(compliant) @ coordinates.rows).tocsr()
-        self.scatter = Replicated(operator.K_B.createVecRight(), coordinates.numbers)
-        self._vector = operator.K_B.createVecRight()
-        low = operator.K_B.getOwnershipRange()[0]
-        self.slaves = np.searchsorted(coordinates.numbers, operator.at + low)
-        none, size = np.zeros(len(problem.gap)), self._vector.getLocalSize()
-        self._nothing = Pressed(none, none, none, np.zeros(size), np.zeros(len(operator.at)))
+            self.scatter = Replicated(self._vector, coordinates.numbers)
+            low = operator.K_B.getOwnershipRange()[0]
+            self.slaves = np.searchsorted(coordinates.numbers, operator.at + low)
 
     def motion(self, v: Array) -> Array:
         """Closing motion N v (rows,) [m] of coordinates v (owned,); collective."""

@@ -16,7 +16,7 @@ from petsc4py import PETSc
 from scipy import sparse
 
 from stickslip.geometry.arrays import Array, Ints
-from stickslip.geometry.protocols import Mat, Sparse, Vec
+from stickslip.geometry.protocols import PC, Mat, Sparse, Vec
 from stickslip.solvers.linear.multigrid import multigrid
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.released import destroy_released
@@ -100,9 +100,8 @@ class TangentOperator:
 
     def release(self) -> None:
         """Free the memory of multigrid, for there is some for one; the next cycle sets it up again; collective."""
-        if self._multigrid is not None:
+        if self._multigrid:
             self._multigrid.destroy()
-            self._multigrid = None
             destroy_released(self.comm)  # its matrix
 
     def _hold(self, coordinates: ContactCoordinates, numbers: Ints) -> None:
@@ -120,7 +119,7 @@ class TangentOperator:
             signs.array[coordinates.blocks[own] - low] = coordinates.signs[own]
             self._change.diagonalScale(R=signs)
         self._basis = self.T if every and not coordinates.alone else self._change  # of multigrid's matrix
-        self._multigrid: PC | None = self._set_up()
+        self._multigrid = self._set_up()
 
     def _set_up(self) -> PC:
         low = self.K_B.getOwnershipRange()[0]
@@ -143,7 +142,7 @@ class TangentOperator:
         self._in.array[:] = r
         self._in.array[self.at[self.held]] = 0.0
         self.counters.linear_iterations += 1
-        if self._multigrid is None:
+        if not self._multigrid:
             self._multigrid = self._set_up()
         if self._plain:
             self._multigrid.apply(self._in, self._out)

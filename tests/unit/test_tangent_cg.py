@@ -7,16 +7,20 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from petsc4py import PETSc
 
 from shared.cells import REFERENCE, Cell, largest, reference, refused, solved
 from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import PC, Mat
+from stickslip.solvers.interface.prepare import Form
 from stickslip.solvers.linear import multigrid
+from stickslip.solvers.methods.tangent_cg import OnTangent
 from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
+from stickslip.solvers.stepping import method_chain
+from stickslip.solvers.system.system import System
 from stickslip.solvers.tangent import operator as operator_module
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
 from stickslip.solvers.tangent.operator import TangentOperator
@@ -121,6 +125,66 @@ def test_multigrid_has_the_stiffness_without_held_motions(
         assert expected.norm() < 1e-14 * before.norm()
 
 
+def ready_of(simulation: Simulation) -> OnTangent:
+    """What the chain of methods has prepared."""
+    ready = simulation.stepper.method_after.__self__  # type: ignore[attr-defined]
+    assert isinstance(ready, OnTangent)
+    return ready
+
+
+def test_other_contact_rows_take_over_what_multigrid_holds() -> None:
+    simulation = prepare(Cell("tangent-cg", operator="mortar", model="3d").scene(1e-9), MPI.COMM_SELF)
+    stepper, before = simulation.stepper, ready_of(simulation)
+    some = before.coordinates.blocks[::2].ravel()
+    for numbers in (some, np.intersect1d(some, before.coordinates.normal)):
+        before.hold(numbers)
+        before.make_coarse()
+        stepper.method_after = stepper.chain.method(simulation.system, stepper.surface)
+        after = ready_of(simulation)
+        assert after is not before
+        assert after.held is not None
+        assert_array_equal(after.held, np.sort(numbers))
+        assert after.coarse is not None
+        assert after.operator.sliding == (len(numbers) < len(some))
+        before = after
+
+
+def test_multigrid_that_was_released_is_set_up_again() -> None:
+    simulation = prepare(Cell("tangent-cg", operator="mortar", model="3d").scene(1e-9), MPI.COMM_SELF)
+    operator = ready_of(simulation).operator
+    r = np.random.default_rng(1).standard_normal(simulation.system.K_B.getLocalSize()[0])
+    before, count = operator.cycle(r), simulation.counters.factorisations
+    operator.release()
+    assert_array_equal(operator.cycle(r), before)
+    assert simulation.counters.factorisations == count + 1
+
+
+@pytest.mark.parametrize("mu", [1e-6, 0.1])
+def test_bodies_that_slide_on_each_other_cost_two_linear_solves_a_step(mu: float) -> None:
+    """Multigrid cycles; the meshes do not match, all points slip."""
+    shape = "length=1.0, width=1.0, height=1.0, lower_length=2.0, mesh_size=0.17, lower_mesh_size=0.14"
+    scene = read(
+        "two_blocks",
+        [
+            *METHOD,
+            "model=3d",
+            f'geometry={{ builder = "two_blocks", {shape} }}',
+            "supports.base.displacement={ x = 0.0, y = 0.0, z = 0.0 }",
+            "supports.top.displacement={ x = [[0, 0], [1, 0.1]], y = 0.0, z = [[0, 0], [1, -0.02]] }",
+            "steps={ end = 1.0, count = 2 }",
+            f"contacts.joint.friction.mu={mu}",
+        ],
+    )
+    simulation = prepare(scene, MPI.COMM_SELF)
+    for step in simulation.steps():
+        found = step.contacts["joint"]
+        assert found.stick_area < 0.01 * found.contact_area
+    solve = linear_reference(simulation.system, f"cg+{'boomeramg' if multigrid.HYPRE else 'gamg'}")
+    (timing,) = solve.solvers.values()
+    assert timing.iterations is not None
+    assert simulation.counters.linear_iterations <= 2 * 2 * timing.iterations
+
+
 def test_two_steps_cost_two_linear_solves_on_any_mesh() -> None:
     """Multigrid cycles; of a linear solve to 1e-8 as the price table counts them."""
     for n in (6, 12):
@@ -129,6 +193,32 @@ def test_two_steps_cost_two_linear_solves_on_any_mesh() -> None:
         (timing,) = solve.solvers.values()
         assert timing.iterations is not None
         assert simulation.counters.linear_iterations <= 2.5 * timing.iterations
+
+
+def test_another_form_of_the_bodies_may_take_its_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    held: list[bool] = []
+    fits = method_chain.fits
+
+    def asked(system: System, form: Form) -> bool:
+        if form == "condensed" and operators:
+            held.append(bool(operators[-1]._multigrid))
+        return fits(system, form)
+
+    operators: list[TangentOperator] = []
+    hold = TangentOperator._hold
+
+    def made(self: TangentOperator, *arguments: Any) -> None:
+        operators.append(self)
+        hold(self, *arguments)
+
+    monkeypatch.setattr(method_chain, "fits", asked)
+    monkeypatch.setattr(TangentOperator, "_hold", made)
+    monkeypatch.setattr("stickslip.solvers.methods.tangent_cg.PATIENCE", 1)
+    simulation, _ = ran(read("cube", ["output.error=false", "geometry.mesh_size=0.25", 'solver.surface="matrix-free"']))
+    (switch,) = simulation.stepper.chain.switches
+    assert (switch.before, switch.after) == ("tangent-cg (matrix-free)", "condensed-newton (condensed)")
+    assert held == [False]
+    assert not operators[-1]._multigrid
 
 
 def test_gamg_stands_in_for_hypre(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,6 +19,7 @@ from stickslip.solvers.simulation.memory import (
     ENTRY,
     GMSH,
     MULTIGRID,
+    OWN_POINT,
     POINT,
     PRICES,
     PROGRAM,
@@ -92,7 +93,7 @@ def price(plain: Run, with_errors: Run) -> tuple[int, ...]:
     free = plain["form"] == "matrix-free"
     solver = MULTIGRID * entries if free else plain["dense_bytes"]
     dim = 3 if "hedron" in plain["shape"] else 2
-    held = always + max(mesh, 0.0) * cells + POINT * plain["contact_dofs"] / dim
+    held = always + max(mesh, 0.0) * cells + (POINT + OWN_POINT) * plain["contact_dofs"] / dim
     steps = (stages["solving"] - held - solver) / unknowns
     end = (stages["end"] - held - VIEWERS[dim] - (0.0 if free else solver)) / unknowns
     errors = (with_errors["stages"]["solving"] - stages["solving"]) / unknowns

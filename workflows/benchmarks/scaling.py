@@ -44,9 +44,11 @@ def run(case: Case, ranks: int, counter: Path | None) -> dict[str, Any]:
     environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     preloaded = ["-x", f"LD_PRELOAD={counter}"] if counter else []
     words = ["mpirun", "-n", str(ranks), "--oversubscribe", *preloaded, sys.executable, "-m", module]
-    done = subprocess.run(
-        [*words, json.dumps(asdict(case))], capture_output=True, text=True, env=environment, timeout=LIMIT, check=False
-    )
+    words.append(json.dumps(asdict(case)))
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, env=environment, timeout=LIMIT, check=False)
+    except subprocess.TimeoutExpired as late:
+        raise RuntimeError(f"{case} on {ranks} ranks takes more than {LIMIT:g} s") from late
     if done.returncode:
         raise RuntimeError(f"{case} on {ranks} ranks: {done.stderr[-300:]}")
     found: dict[str, Any] = json.loads(done.stdout)
