@@ -8,15 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import reduce
-from operator import add
 
 import numpy as np
 from petsc4py import PETSc
-from scipy import sparse
 
 from stickslip.geometry.arrays import Array, Ints
-from stickslip.geometry.protocols import PC, Mat, Sparse, Vec
+from stickslip.geometry.protocols import PC, Mat, Vec
 from stickslip.solvers.linear.multigrid import multigrid
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.released import destroy_released
@@ -210,29 +207,21 @@ class TangentOperator:
             K.assemble()
 
     @contextmanager
-    def _changed(self, change: Mat, held: Ints) -> Iterator[Mat]:
+    def _changed(self, T: Mat, held: Ints) -> Iterator[Mat]:
         """T^T K_B T of a change T of the coordinates at slave nodes, without held rows and columns.
 
         With F = T - 1, which has rows at slave nodes alone, it is K_B + K_B F + (K_B F)^T + F^T K_B F: for two bodies
         a quarter of the time of the triple product, which multiplies all of K_B.
         """
-        low, high = self.K_B.getOwnershipRange()
-        F, C, count = change.createSubMatrix(self._slaves, self._every), self._of_slaves(), len(self.at)
+        low = self.K_B.getOwnershipRange()[0]
+        F, C, count = T.createSubMatrix(self._slaves, self._every), self._of_slaves(), len(self.at)
         csr = (np.arange(count + 1, dtype=PETSc.IntType), (self.at + low).astype(PETSc.IntType), np.ones(count))
         F.axpy(-1.0, PETSc.Mat().createAIJ(F.getSizes(), csr=csr, comm=F.comm))
-        C_F = C.matMult(F)
-        parts = C_F, C_F.transpose(PETSc.Mat()), F.transposeMatMult(C.createSubMatrix(self._slaves, None).matMult(F))
-        size = (high - low, self.K_B.getSize()[1])
-
-        def local(A: Mat) -> Sparse:
-            pointer, columns, values = A.getValuesCSR()
-            found: Sparse = sparse.csr_matrix((values, columns, pointer), shape=size)
-            return found
-
-        found = local(self.K_B) + reduce(add, map(local, parts))
-        at = (x.astype(PETSc.IntType, copy=False) for x in (found.indptr, found.indices))
-        matrix: Mat = PETSc.Mat().createAIJWithArrays(self.K_B.getSizes(), (*at, found.data), comm=self.K_B.comm)
-        matrix.setBlockSize(self.dim)
+        change, other = C.matMult(F), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+        change.axpy(1.0, change.transpose(PETSc.Mat()), other)
+        change.axpy(1.0, F.transposeMatMult(C.createSubMatrix(self._slaves, None).matMult(F)), other)
+        matrix = self.K_B.copy()
+        matrix.axpy(1.0, change, other)
         yield _cleared(matrix, held)
         matrix.destroy()
 
