@@ -16,7 +16,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.methods.applicability import Applicability
 from stickslip.solvers.methods.method import Before, Method, Ready, Setup, Solve, Turn
 from stickslip.solvers.newton.solution import Correction, OnStep, Solution, Stall, Status, Step, ending, ignore
-from stickslip.solvers.parallel.serialise import Plain
+from stickslip.solvers.parallel.serialise import Own, Plain
 from stickslip.solvers.tangent.coarse import CoarseMotions
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
 from stickslip.solvers.tangent.faces import CompliantFaces
@@ -43,8 +43,9 @@ class TangentCG(Method):
     An iteration: (1) each contact point moves to the solution of its own laws, the others at rest; (2) the laws are
     linearised there: stuck motions are held, slip turns on a spring and grows with the pressure; (3) one multigrid
     cycle of the bodies with their contact nodes held, smoothed at the contact, gives a direction; (4) the step is the
-    best in the span of it and of the last correction, which makes conjugate gradients while contact does not change;
-    (5) it is projected, and halved until the energy with frozen friction bounds does not grow.
+    best in the span of it and of the last correction, which makes conjugate gradients while contact does not change
+    (in the first iteration: of the motion of the time step before, most of this one under loads that grow); (5) it is
+    projected, and halved until the energy with frozen friction bounds does not grow.
 
     What stops it is the natural residual, and the error in the energy norm, (r . z)^(1/2), r the tangent residual and z
     the direction, relative to the displacement.
@@ -71,10 +72,12 @@ class OnTangent(Ready):
     Attributes:
         held: numbers of the coordinates that multigrid holds; None: of all slave nodes.
         coarse: motions that are added to the iteration, made when they are needed.
+        moved: free displacements (owned,) that the last step needed: under loads that grow they are most of the next.
     """
 
     held: Ints | None = None
     coarse: CoarseMotions | None = None
+    moved: Array | None = None
 
     def __init__(self, method: TangentCG, setup: Setup, before: OnTangent | None = None) -> None:
         """Set up the coordinates and multigrid; collective.
@@ -88,18 +91,22 @@ class OnTangent(Ready):
         known = None if self.held is None else self._holding(self.held)
         self.operator = TangentOperator(setup.system, self.coordinates, known)
         matrix_free(setup.surface).guess = self.operator.guess
-        if before is not None and before.coarse is not None:
-            self.make_coarse()
+        if before is not None:
+            self.moved = before.moved
+            if before.coarse is not None:
+                self.make_coarse()
 
     def snapshot(self) -> dict[str, Plain]:
-        """What multigrid holds, and whether there are coarse motions; see `restore`."""
-        return {"held": self.held, "coarse": self.coarse is not None}
+        """What multigrid holds, whether there are coarse motions, and the last step; see `restore`."""
+        moved = None if self.moved is None else Own(self.moved)
+        return {"held": self.held, "coarse": self.coarse is not None, "moved": moved}
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
         if snapshot["held"] is not None:
             self.hold(snapshot["held"])
         if snapshot["coarse"]:
             self.make_coarse()
+        self.moved = snapshot["moved"]
 
     def release(self) -> None:
         self.operator.release()
@@ -113,7 +120,15 @@ class OnTangent(Ready):
 
     def step(self, u: Vec, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         """Solve one step from displacement u [m] of all dofs; see `SameEveryStep`; collective."""
-        return Iteration(self, problem, u).solve(on_step)
+        operator, iteration = self.operator, Iteration(self, problem, u)
+        start = iteration.v
+        if self.moved is not None:
+            again = operator.coordinates_of(self.moved)
+            iteration.last = again, operator.product(again)
+        solution = iteration.solve(on_step)
+        if solution.status is Status.CONVERGED:
+            self.moved = operator.displacement(iteration.v - start).array_r.copy()
+        return solution
 
     def apart(self, u: Vec, drop: float) -> Solve:
         """A solver of problems near that of a displacement u [m] of all dofs, which changes nothing for later steps.

@@ -82,8 +82,7 @@ class TangentOperator:
 
     def jump(self, u: Array) -> Array:
         """Coordinates (m d,) at slave nodes of free displacements u (owned,) [m]."""
-        self._in.array[:] = u
-        return np.asarray(self.coordinates(self._in)[self.at])
+        return np.asarray(self.coordinates_of(u)[self.at])
 
     def hold(self, coordinates: ContactCoordinates, numbers: Ints) -> None:
         """Set up multigrid with these coordinates held, and with all others as they are; collective.
@@ -181,6 +180,11 @@ class TangentOperator:
         """v = T^-1 u of free displacements u [m]."""
         self._inverse.mult(u, self._out)
         return self._out.array_r.copy()
+
+    def coordinates_of(self, u: Array) -> Array:
+        """The same of u (owned,)."""
+        self._in.array[:] = u
+        return self.coordinates(self._in)
 
     def dot(self, a: Array, b: Array) -> float:
         """Scalar product over all ranks; collective."""

@@ -195,6 +195,26 @@ def test_two_steps_cost_two_linear_solves_on_any_mesh() -> None:
         assert simulation.counters.linear_iterations <= 2.5 * timing.iterations
 
 
+def test_a_step_like_the_one_before_begins_with_its_motion() -> None:
+    """Under loads that grow in proportion, where all sticks."""
+    simulation = prepare(
+        cube(
+            "geometry.mesh_size=0.2",
+            "contacts.base.friction.mu=10.0",
+            "supports.top.displacement={ x = [[0, 0], [1, 0.01]], y = 0.0, z = [[0, 0], [1, -0.05]] }",
+            "steps={ end = 1.0, count = 4 }",
+        ),
+        MPI.COMM_SELF,
+    )
+    stepper, state, iterations = simulation.stepper, simulation.stepper.start(), list[int]()
+    for time in simulation.scene.requested_times():
+        accepted = stepper.reach(state, time, lambda row: None)
+        state = accepted.state
+        iterations.append(accepted.iterations)
+    assert iterations[0] > 10
+    assert max(iterations[1:]) <= 2
+
+
 def test_another_form_of_the_bodies_may_take_its_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     held: list[bool] = []
     fits = method_chain.fits
