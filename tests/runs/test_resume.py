@@ -34,6 +34,7 @@ from stickslip.workflows.scene_file.read import READY, from_dict, read
 CUBE = ["geometry.mesh_size=0.34", "output.pictures=false", "steps.count=4"]
 SLIDING = ["geometry.mesh_size=0.25", "geometry.lower_mesh_size=0.2", "output.pictures=false", "steps.end=1.5"]
 CUT = ["geometry.mesh_size=0.25", "geometry.contact_mesh_size=0.04", "output.pictures=false", *PUSHED, "steps.count=5"]
+TANGENT = ["solver={method='tangent-cg',surface='matrix-free',tolerance=1e-6}"]
 HYSTERESIS = ["geometry.mesh_size=0.1", "steps.end=5", "steps.count=5", "output.pictures=false"]
 STOP = "springs.stop={at='block.right',stiffness=0.3,direction=[-1.0,0.0],acts='compression',gap=0.01}"
 HISTORIES = {
@@ -41,6 +42,9 @@ HISTORIES = {
     "condensed-newton": ("block", [*SMALL, "solver.method=condensed-newton"]),
     "uzawa": ("block", [*SMALL, "solver.method=uzawa"]),
     "surface-uzawa": ("cube", [*CUBE, *LEARNS]),
+    "tangent-cg": ("cube", [*CUBE, *TANGENT, "contacts.base.friction.mu=0.05"]),  # multigrid holds less when all slides
+    "tangent-cg, sliding": ("sliding", [*SLIDING, *TANGENT]),
+    "tangent-cg, floating": ("stack", ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4", *TANGENT]),
     "inexact-uzawa": ("block", [*SMALL, "solver.method=inexact-uzawa"]),
     "nonlinear-uzawa": ("raous", ["output.pictures=false", "solver.method=nonlinear-uzawa", "steps.count=4"]),
     "perturbed-lagrangian": ("block", [*SMALL, "solver.method=perturbed-lagrangian"]),
@@ -64,7 +68,7 @@ HISTORIES = {
     "floating": ("stack", ["geometry.mesh_size=0.25", "output.pictures=false", "steps.count=4"]),
 }
 QUICK = (
-    *("springs of one way", "substeps", "friction by slip"),
+    *("springs of one way", "substeps", "friction by slip", "tangent-cg"),
     *("surface-uzawa", "sliding", "block-uzawa, compliance"),
 )
 EACH = [pytest.param(name, marks=[] if name in QUICK else pytest.mark.slow) for name in HISTORIES]
