@@ -205,7 +205,7 @@ def test_a_factor_pays_in_many_steps() -> None:
     """Sizes and fastest forms of the table that `stickslip.workflows.benchmarks.auto` prints."""
     cube, half_ball = Size(3, 50_700, 4.1e6, 2028), Size(3, 22_903, 1.0e6, 3048)
     assert [form(each) for each in (cube, half_ball)] == ["matrix-free"] * 2
-    assert [form(replace(each, steps=32)) for each in (cube, half_ball)] == ["condensed"] * 2
+    assert form(replace(cube, steps=32)) == "condensed"
     assert form(Size(2, 3180, 44_520, 868)) == "condensed"  # bars: many of the dofs are contact dofs
 
 
