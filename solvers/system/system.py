@@ -99,11 +99,16 @@ class System:
 
     def free_part(self, u: Vec, time: float) -> Vec:
         """q with u = T q + u_s(t) at time t [s] over the free displacements; the prescribed part of u is ignored."""
-        q, T = self.T.createVecRight(), self.T  # its columns are orthogonal to each other
-        T.multTranspose(u - self.prescribed(time), q)
-        norms = T.transposeMatMult(T).getDiagonal()
-        norms.array[norms.array_r == 0] = 1.0  # eliminated entries
-        return q / norms
+        q = self.T.createVecRight()
+        self.T.multTranspose(u - self.prescribed(time), q)
+        return q / self._squares
+
+    @cached_property
+    def _squares(self) -> Vec:
+        """Squared norms of the columns of T, which are orthogonal to each other; 1 of eliminated entries."""
+        found: Vec = self.T.transposeMatMult(self.T).getDiagonal()
+        found.array[found.array_r == 0] = 1.0
+        return found
 
     def pull(self, time: float, load: Vec, u_s: Vec) -> Vec:
         """T^T (load + load of initial strains - K u_s) over the free displacements [N].
