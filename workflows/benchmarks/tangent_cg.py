@@ -48,7 +48,7 @@ INTRODUCTION = """# The price of tangent-cg
 `tangent-cg` decides contact while the bodies are solved: an iteration is one product with the stiffness, one
 multigrid cycle and sweeps over the contact points. `surface-uzawa` solves the bodies once in each of its iterations.
 In 3D, where the bodies are too large to condense, `auto` begins with `tangent-cg`: in all rows here, and of
-[choice](choice.md), it takes fewer seconds.
+3D in [choice](choice.md), it takes fewer seconds.
 
 Below, three steps of a cube with n cells a side (pressed, dragged, then dragged by a fifth of that), by friction
 coefficient and tolerance; on a rigid plane, or on another cube whose mesh does not match; then other scenes.
@@ -62,7 +62,7 @@ coefficient and tolerance; on a rigid plane, or on another cube whose mesh does 
 * *Error*: what the method states of the last step, in the energy norm.
 
 One core of a shared machine: counts are firm, seconds are not. Where nearly all slides (μ = 0.05), multigrid is set up
-a second time with normal motions alone held; under bodies that float, cycles include those that make coarse motions.
+again with normal motions alone held, now and then more than once; under bodies that float, cycles include those that make coarse motions.
 
 """
 
