@@ -71,5 +71,4 @@ def test_a_run_that_does_not_fit_ends_with_4_and_says_what_to_set(
     code, out, err = call("run", "block", "-q", "-o", "out", *COARSE)
     assert (code, out, err.count("\n")) == (4, "", 1)
     assert "use a larger mesh_size, or more machines" in err
-    assert "a larger mesh_size" in err
     assert not (folder / "out").exists()
