@@ -166,14 +166,14 @@ class MatrixFreeSurface(DelassusOperator):
         self.rho = volume.stiffness
         self._last: Vec = volume.K.createVecRight()  # deformation under the last load and tractions
         self._known: tuple[Array, Vec] | None = None  # tractions, and the displacement that a method has found for them
-        self.guess: Callable[[Vec], Vec] | None = None  # of a method that needs the displacement without contact
-        #                                                 as a scale only: about the displacement under forces
+        self.guess: Callable[[Vec], Array] | None = None  # of a method that needs the displacement without contact
+        #                                        as a scale only: about that of the contact dofs (c,) under forces
 
     def load(self, f_q: Vec, driving: Array, error: float = 0.0) -> Load:
         resultant = np.concatenate([self.volume.floating.resultant(f_q.array_r), driving])
         if self.guess is not None and not error:
             free = np.zeros(self.size)
-            free[: self.size - self.driven] = self.volume.contact.read(self.guess(f_q))
+            free[: self.size - self.driven] = self.guess(f_q)
             return Load(f_q=f_q, driving=driving, f_c=self.R @ resultant, resultant=resultant, free=free, rough=True)
         deformation = f_q.duplicate()
         free = self._solved(f_q, deformation, resultant, error, EXACT if error else SCALE)

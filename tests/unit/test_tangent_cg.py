@@ -213,6 +213,7 @@ def test_a_step_like_the_one_before_begins_with_its_motion() -> None:
         iterations.append(accepted.iterations)
     assert iterations[0] > 10
     assert max(iterations[1:]) <= 2
+    assert simulation.counters.linear_iterations == sum(iterations) + 1  # and one for the scale of the first load
 
 
 def test_another_form_of_the_bodies_may_take_its_memory(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -62,7 +62,8 @@ coefficient and tolerance; on a rigid plane, or on another cube whose mesh does 
 * *Error*: what the method states of the last step, in the energy norm.
 
 One core of a shared machine: counts are firm, seconds are not. Where nearly all slides (μ = 0.05), multigrid is set up
-again with normal motions alone held, now and then more than once; under bodies that float, cycles include those that make coarse motions.
+again with normal motions alone held, now and then more than once; under bodies that float, cycles include those that
+make coarse motions. Each new direction of the load costs a cycle more, which gives the scale of the tractions.
 
 """
 
