@@ -139,14 +139,14 @@ class OnTangent(Ready):
 
         It costs a multigrid cycle, but for loads that are sums of earlier ones.
         """
-        dot, loads = self.operator.dot, self.loads
+        dot, loads, size = self.operator.dot, self.loads, len(self.system.interface.dofs)
+        share, left = np.zeros(len(loads)), f.array_r
         if loads:
             G = np.array([[dot(a, b) for b, _ in loads] for a, _ in loads])
-            with_f = np.array([dot(a, f.array_r) for a, _ in loads])
-            share = np.linalg.lstsq(G, with_f, rcond=SAME**2)[0]
+            share = np.linalg.lstsq(G, np.array([dot(a, f.array_r) for a, _ in loads]), rcond=SAME**2)[0]
             left = f.array_r - share @ np.array([a for a, _ in loads])
-            if dot(left, left) <= SAME**2 * dot(f.array_r, f.array_r):
-                return np.asarray(share @ np.array([u for _, u in loads]))
+        if dot(left, left) <= SAME**2 * dot(f.array_r, f.array_r):
+            return np.asarray(sum((k * u for k, (_, u) in zip(share, loads, strict=True)), np.zeros(size)))
         u_c = matrix_free(self.surface).volume.contact.read(self.operator.guess(f))
         self.loads = [*loads, (f.array_r.copy(), u_c)][-LOADS:]
         return u_c
