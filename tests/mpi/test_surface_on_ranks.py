@@ -44,13 +44,28 @@ ALWAYS = ["solver.tolerance=1e-11", "output.error=false", 'solver.method="tangen
 SLAB = ["geometry.mesh_size=0.125", "geometry.height=0.25"]
 BALLS = ["geometry.order=1", "geometry.contact_mesh_size=0.1"]
 SOFT = ['contacts.base.normal={ law = "compliance", c_n = 20.0, m_n = 1.0 }']
-CASES = {"rigid": ("cube", SLAB), "compliant": ("cube", [*SLAB, *SOFT]), "mortar": ("spheres", BALLS)}
+BLOCKS = "length=1.0, width=1.0, height=1.0, lower_length=2.0, mesh_size=0.25, lower_mesh_size=0.3"
+SEARCHED = [
+    "model=3d",
+    f'geometry={{ builder = "two_blocks", {BLOCKS} }}',
+    "supports.base.displacement={ x = 0.0, y = 0.0, z = 0.0 }",
+    "supports.top.displacement={ x = [[0, 0], [1, 0], [2, 0.4]], y = 0.0, z = [[0, 0], [1, -0.02]] }",
+    "contacts.joint.sliding=true",
+    "contacts.joint.friction.mu=0.1",
+    "steps.count=2",
+]
+CASES = {
+    "searched": ("two_blocks", SEARCHED),
+    "rigid": ("cube", SLAB),
+    "compliant": ("cube", [*SLAB, *SOFT]),
+    "mortar": ("spheres", BALLS),
+}
 
 
 @pytest.mark.parametrize(
     ("case", "ranks"),
     [
-        pytest.param(case, ranks, marks=[] if (case == "rigid") == (ranks == 2) else pytest.mark.slow)
+        pytest.param(case, ranks, marks=[] if (case in ("rigid", "searched")) == (ranks == 2) else pytest.mark.slow)
         for case, ranks in product(CASES, (2, 3))
     ],
 )
