@@ -30,7 +30,7 @@ STALL_WINDOW = 40  # iterations in which the error must halve; usual are 7 to 20
 ROUNDING = 1e-12  # of the energy: a growth that counts as none
 FASTEST, SLOWEST = 0.3, 0.9  # limits of the contraction of an iteration that is counted on
 SLOW = 0.55  # contraction at which, for the second time, multigrid may be adapted to the state of contact
-OTHERS = 0.1  # of the slave nodes; with fewer changes multigrid stays
+OTHERS, GROWN = 0.1, 0.4  # of the slave nodes, and of those that touch; with fewer changes multigrid stays
 FEW, MANY = 0.05, 0.3  # sticking shares of the closed area below which, and up to which, multigrid lets it slide
 COARSE = 0.25  # the same below which coarse motions are made
 LOADS = 4  # that are kept
@@ -268,8 +268,9 @@ class Iteration:
         touch = self.points.truncated(tangent, np.ones(len(operator.at))) == 0
         touch = (touch | (self.pressed.diagonal > 0)).reshape(-1, operator.dim).any(axis=1)
         was = operator.held.reshape(-1, operator.dim).any(axis=1)
-        changed, count = operator.comm.allreduce(np.array([(touch != was).sum(), len(was)]))
-        if sliding != operator.sliding or changed > OTHERS * count:
+        sums = np.array([(touch != was).sum(), len(was), touch.sum(), was.sum()])
+        changed, count, now, before = operator.comm.allreduce(sums)
+        if sliding != operator.sliding or changed > min(OTHERS * count, GROWN * max(now, before)):
             held = operator.at[touch.repeat(operator.dim)] + operator.K_B.getOwnershipRange()[0]
             held = np.concatenate(operator.comm.allgather(held))
             ready.hold(np.intersect1d(held, ready.coordinates.normal) if sliding else held)

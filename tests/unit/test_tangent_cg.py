@@ -15,7 +15,7 @@ from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import PC, Mat
 from stickslip.solvers.interface.prepare import Form
 from stickslip.solvers.linear import multigrid
-from stickslip.solvers.methods.tangent_cg import OnTangent
+from stickslip.solvers.methods.tangent_cg import GROWN, OnTangent
 from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
@@ -217,6 +217,17 @@ def test_a_step_like_the_one_before_begins_with_its_motion(by: str) -> None:
     assert max(iterations[1:]) <= 2
     scale = by == "force"  # a cycle for the first load finds that of the tractions
     assert simulation.counters.linear_iterations == sum(iterations) + scale
+
+
+def test_multigrid_follows_a_contact_that_grows() -> None:
+    more = ["geometry.contact_mesh_size=0.04", "geometry.order=1", "steps.count=6"]
+    simulation = prepare(read("half_ball", [*METHOD, *more]), MPI.COMM_SELF)
+    (*_, last) = simulation.steps()
+    ready = ready_of(simulation)
+    touching = np.count_nonzero(next(iter(last.contacts.values())).pressure > 0)
+    assert touching > 20
+    assert ready.held is not None
+    assert (1 - GROWN) * touching <= len(np.unique(ready.held // 3)) <= (1 + GROWN) * touching
 
 
 def test_another_form_of_the_bodies_may_take_its_memory(monkeypatch: pytest.MonkeyPatch) -> None:
