@@ -12,6 +12,8 @@ from stickslip.solvers.interface.limit_analysis import balancing_tractions
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.newton.solution import Solution
 
+SLIPPING = 1e-6  # relative distance from the friction bound at which a point of an answer slips
+
 
 @dataclass(frozen=True, kw_only=True)
 class Start:
@@ -31,9 +33,13 @@ class Start:
 
     @staticmethod
     def as_if(problem: SurfaceProblem, p: Array, answer: Array, factor: float = 1.0) -> Start:
-        """Start from p (rows,) [Pa] with the active set of which `answer` (rows,) [Pa] would be the solution."""
+        """Start from p (rows,) [Pa] with the active set of which `answer` (rows,) [Pa] would be the solution.
+
+        What is at its friction bound slips: rounding would decide.
+        """
         nowhere = np.zeros(problem.surface.size)
         p_hat = answer + factor * problem.gamma * problem.cone.give(answer)
+        p_hat[problem.surface.normal_rows :] *= 1 + SLIPPING
         return Start(p=p, u_c=nowhere, p_hat=p_hat, factor=factor, in_equilibrium=False)
 
 

@@ -19,8 +19,8 @@ from stickslip.solvers.newton.active_set import ActiveSet, linearise
 from stickslip.solvers.newton.attempts import ATTEMPT, Attempts
 from stickslip.solvers.newton.line_search import DECREASE, HALVINGS, MEMORY, LineSearch
 from stickslip.solvers.newton.solution import Solution, Status, Step
-from stickslip.solvers.newton.starts import Start, again, closed, first_starts, other_starts
-from stickslip.workflows.scene_file.read import from_dict
+from stickslip.solvers.newton.starts import SLIPPING, Start, again, closed, first_starts, other_starts
+from stickslip.workflows.scene_file.read import from_dict, read
 from stickslip.workflows.verification.prepared import prepare
 
 DRIVEN = {"supports": {"top": {"boundary": "block.top", "displacement": {"x": 0.06, "y": -0.1}}}}
@@ -437,10 +437,10 @@ def test_starts_of_bodies_that_supports_hold(held: SurfaceProblem) -> None:
 def test_starts_of_floating_bodies(floating: SurfaceProblem) -> None:
     p = np.ones(len(floating.gap))
     last, shut, rigid = first_starts(floating, p)
-    assert_allclose(last.p_hat, p)
+    assert_allclose(last.p_hat, p, rtol=2 * SLIPPING)
     assert_allclose(shut.p_hat, closed(floating))
     assert rigid.p.any()
-    assert_allclose(rigid.p_hat, rigid.p)
+    assert_allclose(rigid.p_hat, rigid.p, rtol=2 * SLIPPING)
     assert not any(start.in_equilibrium for start in (last, shut, rigid))
     assert {start.factor for start in (last, shut, rigid)} == {1.0}
     assert last.p is p
@@ -458,8 +458,19 @@ def test_trial_tractions_of_an_answer_are_projected_onto_it(factor: float) -> No
     answer = np.where(np.arange(len(problem.gap)) < problem.surface.normal_rows, 0.3, 0.05)
     answer[problem.surface.normal_rows :] *= problem.cone.carrying[problem.surface.normal_rows :]
     start = Start.as_if(problem, 0 * answer, answer, factor)
-    assert_allclose(problem.project(start.p_hat, factor * problem.gamma), answer, rtol=1e-12)
+    assert_allclose(problem.project(start.p_hat, factor * problem.gamma), answer, rtol=2 * SLIPPING)
     assert Start.as_if(problem, 0 * answer, answer).factor == 1.0
+
+
+def test_what_goes_on_to_slip_is_solved_at_once() -> None:
+    """The tractions of the start are the answer, at the friction bound to rounding, which may not decide."""
+    words = ["steps={ end = 1.0, count = 3 }", "geometry.mesh_size=0.05"]
+    for scale in (1.0, 1 / 3):  # other roundings
+        more = [f"bodies.block.E={scale * 1e9!r}", "output.pictures=false"]
+        simulation = prepare(read("sledge", [*words, *more]))
+        first, *later = [step.iterations for step in simulation.steps()]
+        assert first > 1
+        assert later == [1, 1]
 
 
 def nothing(problem: SurfaceProblem) -> Any:
