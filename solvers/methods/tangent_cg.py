@@ -21,6 +21,7 @@ from stickslip.solvers.tangent.coarse import CoarseMotions
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
 from stickslip.solvers.tangent.faces import CompliantFaces
 from stickslip.solvers.tangent.laws import ContactPoints, Tangent
+from stickslip.solvers.tangent.loads import LoadScale
 from stickslip.solvers.tangent.operator import TangentOperator
 
 SWEEPS = 2  # over the contact points alone, before each iteration
@@ -33,8 +34,6 @@ SLOW = 0.55  # contraction at which, for the second time, multigrid may be adapt
 OTHERS, GROWN = 0.1, 0.4  # of the slave nodes, and of those that touch; with fewer changes multigrid stays
 FEW, MANY = 0.05, 0.3  # sticking shares of the closed area below which, and up to which, multigrid lets it slide
 COARSE = 0.25  # the same below which coarse motions are made
-LOADS = 4  # that are kept
-SAME = 1e-6  # relative difference of loads that counts as none
 MARGIN = 2.2  # of the error that is stated
 
 
@@ -75,7 +74,7 @@ class OnTangent(Ready):
         held: numbers of the coordinates that multigrid holds; None: of all slave nodes.
         coarse: motions that are added to the iteration, made when they are needed.
         moved: free displacements (owned,) that the last step needed: under loads that grow they are most of the next.
-        loads: forces (owned,) and about the displacement (c,) of the contact dofs under them alone, the last few.
+        scale: of the last loads.
     """
 
     held: Ints | None = None
@@ -91,18 +90,19 @@ class OnTangent(Ready):
         self.method, self.system, self.surface, self.hurried = method, setup.system, setup.surface, setup.hurried
         self.coordinates = ContactCoordinates.of(setup.system, setup.surface)
         self.held = before.held_here(self.coordinates) if before else None
-        known = None if self.held is None else self._holding(self.held)
-        self.operator = TangentOperator(setup.system, self.coordinates, known)
-        matrix_free(setup.surface).guess = self.guess
-        self.loads: list[tuple[Array, Array]] = []
+        holding = None if self.held is None else self._holding(self.held)
+        self.operator = TangentOperator(setup.system, self.coordinates, holding)
+        surface, loads = matrix_free(setup.surface), before.scale.loads if before else []
+        self.scale: LoadScale = LoadScale(self.operator, surface.volume.contact, loads)
+        surface.guess = self.scale  # which does not know the surface: in a circle both would outlive their user
         if before is not None:
-            self.moved, self.loads = before.moved, before.loads
+            self.moved = before.moved
             if before.coarse is not None:
                 self.make_coarse()
 
     def snapshot(self) -> dict[str, Plain]:
         """What multigrid holds, whether there are coarse motions, the last step, and loads; see `restore`."""
-        moved, loads = None if self.moved is None else Own(self.moved), [(Own(f), u) for f, u in self.loads]
+        moved, loads = None if self.moved is None else Own(self.moved), [(Own(f), u) for f, u in self.scale.loads]
         return {"held": self.held, "coarse": self.coarse is not None, "moved": moved, "loads": loads}
 
     def restore(self, snapshot: dict[str, Plain], surface: DelassusOperator) -> None:
@@ -110,7 +110,7 @@ class OnTangent(Ready):
             self.hold(snapshot["held"])
         if snapshot["coarse"]:
             self.make_coarse()
-        self.moved, self.loads = snapshot["moved"], [(f, u) for f, u in snapshot["loads"]]
+        self.moved, self.scale.loads = snapshot["moved"], [(f, u) for f, u in snapshot["loads"]]
 
     def release(self) -> None:
         self.operator.release()
@@ -133,23 +133,6 @@ class OnTangent(Ready):
         if solution.status is Status.CONVERGED:
             self.moved = operator.displacement(iteration.v - start).array_r.copy()
         return solution
-
-    def guess(self, f: Vec) -> Array:
-        """About the displacement (c,) [m] of the contact dofs under forces f alone: a scale; collective.
-
-        It costs a multigrid cycle, but for loads that are sums of earlier ones.
-        """
-        dot, loads, size = self.operator.dot, self.loads, len(self.system.interface.dofs)
-        share, left = np.zeros(len(loads)), f.array_r
-        if loads:
-            G = np.array([[dot(a, b) for b, _ in loads] for a, _ in loads])
-            share = np.linalg.lstsq(G, np.array([dot(a, f.array_r) for a, _ in loads]), rcond=SAME**2)[0]
-            left = f.array_r - share @ np.array([a for a, _ in loads])
-        if dot(left, left) <= SAME**2 * dot(f.array_r, f.array_r):
-            return np.asarray(sum((k * u for k, (_, u) in zip(share, loads, strict=True)), np.zeros(size)))
-        u_c = matrix_free(self.surface).volume.contact.read(self.operator.guess(f))
-        self.loads = [*loads, (f.array_r.copy(), u_c)][-LOADS:]
-        return u_c
 
     def apart(self, u: Vec, drop: float) -> Solve:
         """A solver of problems near that of a displacement u [m] of all dofs, which changes nothing for later steps.
