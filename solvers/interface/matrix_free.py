@@ -166,8 +166,8 @@ class MatrixFreeSurface(DelassusOperator):
         self.rho = volume.stiffness
         self._last: Vec = volume.K.createVecRight()  # deformation under the last load and tractions
         self._known: tuple[Array, Vec] | None = None  # tractions, and the displacement that a method has found for them
-        self.guess: Callable[[Vec], Array] | None = None  # of a method that needs the displacement without contact
-        #                                        as a scale only: about that of the contact dofs (c,) under forces
+        # of a method that needs it as a scale only: about the displacement (c,) under forces without contact
+        self.guess: Callable[[Vec], Array] | None = None
 
     def load(self, f_q: Vec, driving: Array, error: float = 0.0) -> Load:
         resultant = np.concatenate([self.volume.floating.resultant(f_q.array_r), driving])

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import matrix_free
@@ -74,12 +75,13 @@ class OnTangent(Ready):
         held: numbers of the coordinates that multigrid holds; None: of all slave nodes.
         coarse: motions that are added to the iteration, made when they are needed.
         moved: free displacements (owned,) that the last step needed: under loads that grow they are most of the next.
-        scale: of the last loads.
+        scale: of the last loads; the surface has it too.
     """
 
-    held: Ints | None = None
-    coarse: CoarseMotions | None = None
-    moved: Array | None = None
+    held: Ints | None
+    coarse: CoarseMotions | None
+    moved: Array | None
+    scale: LoadScale
 
     def __init__(self, method: TangentCG, setup: Setup, before: OnTangent | None = None) -> None:
         """Set up the coordinates and multigrid; collective.
@@ -92,13 +94,12 @@ class OnTangent(Ready):
         self.held = before.held_here(self.coordinates) if before else None
         holding = None if self.held is None else self._holding(self.held)
         self.operator = TangentOperator(setup.system, self.coordinates, holding)
-        surface, loads = matrix_free(setup.surface), before.scale.loads if before else []
-        self.scale: LoadScale = LoadScale(self.operator, surface.volume.contact, loads)
+        surface = matrix_free(setup.surface)
+        self.scale = LoadScale(self.operator, surface.volume.contact, before.scale.loads if before else [])
         surface.guess = self.scale  # which does not know the surface: in a circle both would outlive their user
-        if before is not None:
-            self.moved = before.moved
-            if before.coarse is not None:
-                self.make_coarse()
+        self.moved, self.coarse = before.moved if before else None, None
+        if before is not None and before.coarse is not None:
+            self.make_coarse()
 
     def snapshot(self) -> dict[str, Plain]:
         """What multigrid holds, whether there are coarse motions, the last step, and loads; see `restore`."""
@@ -160,9 +161,8 @@ class OnTangent(Ready):
         """As `held`, of the same nodes with the contact rows of other coordinates; collective."""
         if self.held is None:
             return None
-        dim, comm = self.system.mesh.dim, self.system.mesh.comm
-        slaves = np.concatenate(comm.allgather(coordinates.blocks.ravel()))
-        held: Ints = slaves[np.isin(slaves // dim, self.held // dim)]
+        dim, slaves = self.system.mesh.dim, of_all_ranks(self.system.mesh.comm, coordinates.blocks.ravel())
+        held = slaves[np.isin(slaves // dim, self.held // dim)]
         return np.intersect1d(held, coordinates.normal) if self.operator.sliding else held
 
     def make_coarse(self) -> None:
@@ -255,7 +255,7 @@ class Iteration:
         changed, count, now, before = operator.comm.allreduce(sums)
         if sliding != operator.sliding or changed > min(OTHERS * count, GROWN * max(now, before)):
             held = operator.at[touch.repeat(operator.dim)] + operator.K_B.getOwnershipRange()[0]
-            held = np.concatenate(operator.comm.allgather(held))
+            held = of_all_ranks(operator.comm, held)
             ready.hold(np.intersect1d(held, ready.coordinates.normal) if sliding else held)
         return None
 

@@ -33,15 +33,15 @@ class LoadScale:
 
         It costs a multigrid cycle, but for loads that are sums of earlier ones.
         """
-        dot, loads = self.operator.dot, self.loads
-        share, left = np.zeros(len(loads)), f.array_r
-        if loads:
-            G = np.array([[dot(a, b) for b, _ in loads] for a, _ in loads])
-            share = np.linalg.lstsq(G, np.array([dot(a, f.array_r) for a, _ in loads]), rcond=SAME**2)[0]
-            left = f.array_r - share @ np.array([a for a, _ in loads])
+        dot, share, left = self.operator.dot, np.zeros(len(self.loads)), f.array_r
+        if self.loads:
+            F = np.array([known for known, _ in self.loads])
+            products = self.operator.comm.allreduce(F @ np.vstack([F, f.array_r]).T)
+            share = np.linalg.lstsq(products[:, :-1], products[:, -1], rcond=SAME**2)[0]
+            left = f.array_r - share @ F
         if dot(left, left) <= SAME**2 * dot(f.array_r, f.array_r):
             nothing = np.zeros(len(self.contact.rows))
-            return np.asarray(sum((k * u for k, (_, u) in zip(share, loads, strict=True)), nothing))
+            return np.asarray(sum((k * u for k, (_, u) in zip(share, self.loads, strict=True)), nothing))
         u_c = self.contact.read(self.operator.guess(f))
-        self.loads = [*loads, (f.array_r.copy(), u_c)][-LOADS:]
+        self.loads = [*self.loads, (f.array_r.copy(), u_c)][-LOADS:]
         return u_c

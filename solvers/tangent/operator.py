@@ -13,6 +13,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import PC, Mat, Vec
 from stickslip.solvers.linear.multigrid import multigrid
 from stickslip.solvers.parallel.counters import Counters
@@ -58,7 +59,8 @@ class TangentOperator:
         self._in, self._out = self.K_B.createVecRight(), self.K_B.createVecRight()
         self._more = self.K_B.createVecRight()
         self._slave = self._columns.createVecRight()
-        self._hold(*(holding or (coordinates, coordinates.blocks.ravel())))
+        self._multigrid = PETSc.PC()  # none yet
+        self.hold(*(holding or (coordinates, coordinates.blocks.ravel())))
 
     def product(self, v: Array) -> Array:
         """K v."""
@@ -91,16 +93,7 @@ class TangentOperator:
             coordinates: of the slave nodes that are held, or a part of their coordinates, alone.
             numbers: of the coordinates that are held.
         """
-        self.release()
-        self._hold(coordinates, numbers)
-
-    def release(self) -> None:
-        """Free the memory of multigrid, for there is some for one; the next cycle sets it up again; collective."""
-        if self._multigrid:
-            self._multigrid.destroy()
-            destroy_released(self.comm)  # its matrix
-
-    def _hold(self, coordinates: ContactCoordinates, numbers: Ints) -> None:
+        self.release()  # there is memory for one
         low, high = self.K_B.getOwnershipRange()
         self.held = np.isin(self.at + low, numbers)
         by_node = self.held.reshape(-1, self.dim)
@@ -116,6 +109,12 @@ class TangentOperator:
             self._change.diagonalScale(R=signs)
         self._basis = self.T if every and not coordinates.alone else self._change  # of multigrid's matrix
         self._multigrid = self._set_up()
+
+    def release(self) -> None:
+        """Free the memory of multigrid; the next cycle sets it up again; collective."""
+        if self._multigrid:
+            self._multigrid.destroy()
+            destroy_released(self.comm)  # its matrix
 
     def _set_up(self) -> PC:
         low = self.K_B.getOwnershipRange()[0]
@@ -182,7 +181,7 @@ class TangentOperator:
         return self._out.array_r.copy()
 
     def coordinates_of(self, u: Array) -> Array:
-        """The same of u (owned,)."""
+        """The same of this rank's part (owned,)."""
         self._in.array[:] = u
         return self.coordinates(self._in)
 
@@ -207,7 +206,7 @@ class TangentOperator:
             K.setValuesCSR(pointer[every], column, values)
             K.assemble()
             pointer, column, values = columns.getValuesCSR()
-            K.setValuesCSR(pointer, np.concatenate(self.comm.allgather(held))[column], values)
+            K.setValuesCSR(pointer, of_all_ranks(self.comm, held)[column], values)
             K.assemble()
 
     @contextmanager

@@ -240,14 +240,14 @@ def test_another_form_of_the_bodies_may_take_its_memory(monkeypatch: pytest.Monk
         return fits(system, form)
 
     operators: list[TangentOperator] = []
-    hold = TangentOperator._hold
+    hold = TangentOperator.hold
 
     def made(self: TangentOperator, *arguments: Any) -> None:
         operators.append(self)
         hold(self, *arguments)
 
     monkeypatch.setattr(method_chain, "fits", asked)
-    monkeypatch.setattr(TangentOperator, "_hold", made)
+    monkeypatch.setattr(TangentOperator, "hold", made)
     monkeypatch.setattr("stickslip.solvers.methods.tangent_cg.PATIENCE", 1)
     simulation, _ = ran(read("cube", ["output.error=false", "geometry.mesh_size=0.25", 'solver.surface="matrix-free"']))
     (switch,) = simulation.stepper.chain.switches

@@ -58,6 +58,7 @@ def test_only_what_was_not_solved_is_judged_again(tmp_path: Path) -> None:
     assert '"outcome": "solved"' in now[1]
     assert "--number 3" in (tmp_path / "hard.md").read_text()
     assert "--again`" in (tmp_path / "hard.md").read_text()
+    assert str(tmp_path) not in (tmp_path / "hard.md").read_text()  # where it was made is nobody's business
     with pytest.raises(SceneError, match="needs the folder"):
         hard(again=True)
     (tmp_path / "hard.jsonl").write_text("{}\n")

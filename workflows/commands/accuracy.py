@@ -45,7 +45,7 @@ def accuracy(names: Sequence[str] = (), jobs: int = 1, folder: Path | None = Non
     if folder is not None:
         words = ["stickslip", "verify", "accuracy", *(["--scenes", ",".join(names)] if names else [])]
         with writing(folder):
-            write_page(folder / "accuracy.md", found, shlex.join([*words, "-o", str(folder)]))
+            write_page(folder / "accuracy.md", found, shlex.join([*words, "-o", folder.resolve().name]))
             (folder / "accuracy.jsonl").write_text("".join(map(_text, found)), encoding="utf-8")
     return passed(found)
 

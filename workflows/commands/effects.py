@@ -45,5 +45,5 @@ def effects(names: Sequence[str] = (), folder: Path | None = None) -> bool:
     if folder is not None:
         words = ["stickslip", "verify", "effects", *(["--scenes", ",".join(names)] if names else [])]
         with writing(folder):
-            write_page(folder / "effects.md", found, shlex.join([*words, "-o", str(folder)]))
+            write_page(folder / "effects.md", found, shlex.join([*words, "-o", folder.resolve().name]))
     return not faults(found)

@@ -74,7 +74,7 @@ def hard(
     if folder is not None:
         words = ["stickslip", "verify", "hard", "--number", str(len(rows)), "--seed", str(seed)]
         words += ["--scenes", ",".join(scenes)] if scenes else []
-        words += ["-o", str(folder)]
+        words += ["-o", folder.resolve().name]
         command = shlex.join(words) + (f" && {shlex.join([*words, '--again'])}" if again else "")
         with writing(folder):
             write_page(folder / "hard.md", rows, command)
