@@ -155,6 +155,19 @@ def sums_on_owners(space: FunctionSpace, values: Array) -> Array:
     return np.asarray(function.x.array.reshape(values.shape)[:count])
 
 
+def sums_at_nodes(space: FunctionSpace, values: Array) -> Array:
+    """Values (k, nodes) at local nodes, those of all ranks added, ghosts included (k, nodes); collective."""
+    function: Function = fem.Function(space)
+    found, by_node = np.empty_like(values), function.x.array.reshape(values.shape[1], -1)
+    for start in range(0, len(values), by_node.shape[1]):
+        some = values[start : start + by_node.shape[1]]
+        by_node[:, : len(some)] = some.T
+        add_to_owners(function)
+        function.x.scatter_forward()
+        found[start : start + len(some)] = by_node[:, : len(some)].T
+    return found
+
+
 def _rows(table: Any) -> Ints:
     return np.asarray(table.array.reshape(-1, table.links(0).size) if hasattr(table, "links") else table)
 

@@ -97,27 +97,23 @@ class Bubbles:
         Args:
             places: cell, and basis (k,) of the mesh at the point, on the rank that owns it; None elsewhere.
         """
-        shape = self.system.mesh.domain.topology.cell_type.name
-        return {
-            name: dx.reference_basis(shape, self.system.mesh.degree + 1, point.local[None])[0][0] @ point.displacement
-            for name, point in self.in_cells(u, x, places).items()
-        }
+        mesh, own = self.system.mesh, dict[str, Array]()
+        shape, degree = mesh.domain.topology.cell_type.name, mesh.degree + 1
+        for name, point in self.in_cells(u, x, places).items():
+            own[name] = dx.reference_basis(shape, degree, point.local[None])[0][0] @ point.displacement
+        return {name: value for offers in mesh.comm.allgather(own) for name, value in offers.items()}
 
     def in_cells(self, u: Vec, x: Vec, places: Mapping[str, tuple[int, Array] | None]) -> dict[str, InCell]:
-        """u + x [m] in the cells that points are in, by name, on every rank; collective.
+        """u + x [m] in the cells of this rank that points are in, by name; collective.
 
-        Cells are numbered as in the gmsh model. Arguments as in `displacement_at`.
+        Arguments as in `displacement_at`.
         """
         self._add_up(u, x)
         mesh, dofs = self.system.mesh, dx.cell_dofs(self.space)
-        shape, values = mesh.domain.topology.cell_type.name, self._whole.x.array.reshape(-1, mesh.dim)
-        nodes, own = dx.reference_nodes(shape, mesh.degree), dict[str, InCell]()
-        for name, place in places.items():
-            if place is not None:
-                cell, basis = place
-                number = int(mesh.domain.topology.original_cell_index[cell])
-                own[name] = InCell(number, basis @ nodes, values[dofs[cell]])
-        return {name: point for offers in mesh.comm.allgather(own) for name, point in offers.items()}
+        nodes = dx.reference_nodes(mesh.domain.topology.cell_type.name, mesh.degree)
+        values = self._whole.x.array.reshape(-1, mesh.dim)
+        own = {name: place for name, place in places.items() if place is not None}
+        return {name: InCell(cell, basis @ nodes, values[dofs[cell]]) for name, (cell, basis) in own.items()}
 
     def _add_up(self, u: Vec, x: Vec) -> None:
         """Set `_whole` to u + x, ghosts included; collective."""
@@ -144,7 +140,7 @@ class Bubbles:
         """Forces on bubbles of order 2, at the nodes of the mesh between which they are; collective."""
         own, d = forces.array_r, self.system.mesh.dim
         total, found = dx.fem.Function(self.space), self.zero()
-        total.x.array[:] = (self._shares @ own.reshape(-1, d)).ravel()
+        total.x.array[:] = (self._shares.T @ own.reshape(-1, d)).ravel()
         dx.add_to_owners(total)
         found.array[:] = total.x.array[: len(found.array)]
         return found
@@ -180,28 +176,34 @@ class Bubbles:
 
     @cached_property
     def _shares(self) -> Sparse:
-        """What each node of the mesh (rows, ghosts too) has of the own nodes' forces (columns), as between them."""
-        corners, dofs = self._corners, dx.cell_dofs(self.space)
+        """What each own node (rows) is of the nodes of the mesh (columns, ghosts too) that it is between."""
+        corners, dofs, own = self._corners, dx.cell_dofs(self.space), self.nodes.owned
         shape = self.system.mesh.domain.topology.cell_type.name
         basis = dx.reference_basis(shape, 1, dx.reference_nodes(shape, 2))[0]
-        own, every = len(self.zero().array) // self.system.mesh.dim, len(self.nodes.number)
-        ends, share = (np.zeros((every, corners), kind) for kind in (np.int64, float))
-        for node, values in enumerate(basis):
-            ends[dofs[:, node]], share[dofs[:, node]] = dofs[:, :corners], values
-        columns = np.repeat(np.arange(own), corners)
-        shares: Sparse = sparse.csr_matrix((share[:own].ravel(), (ends[:own].ravel(), columns)), shape=(every, own))
+        ends, share = np.zeros((len(self.nodes.number), corners), np.int32), np.zeros((own, corners))
+        for node in range(corners, len(basis)):
+            at = dofs[:, node]
+            ends[at], share[at[at < own]] = dofs[:, :corners], basis[node]
+        start = np.arange(0, corners * own + 1, corners)
+        shares: Sparse = sparse.csr_matrix(
+            (share.ravel(), ends[:own].ravel(), start), shape=(own, len(self.nodes.number))
+        )
         return shares
 
     @cached_property
     def _flexibility(self) -> Array:
         """Inverse of the stiffness of each own node in its free directions (n, d, d) [m/N], zero in others."""
-        found = self._stiffness()
+        found, axes = self._stiffness(), np.arange(self.system.mesh.dim)
         for start in range(0, len(found), CHUNK):
             some = slice(start, min(start + CHUNK, len(found)))
             bases = self.constraints.bases(self.nodes.number[some])[0]
             inside = np.swapaxes(bases, 1, 2) @ found[some] @ bases
             inside[~self._between[some]] = 0.0
-            found[some] = np.linalg.pinv(inside, rcond=1e-9, hermitian=True)
+            held = inside[:, axes, axes] <= 0
+            inside[:, axes, axes] += held
+            inverse = np.linalg.inv(inside)
+            inverse[:, axes, axes] -= held
+            found[some] = inverse
         return found
 
     def _stiffness(self) -> Array:
@@ -213,7 +215,7 @@ class Bubbles:
         shape, d = mesh.domain.topology.cell_type.name, mesh.dim
         points, weights = dx.reference_rule(shape, 2 * (mesh.degree + 1))
         basis, slope = dx.reference_basis(shape, mesh.degree + 1, points)
-        products = np.einsum("aqn,bqn,q->nab", slope, slope, weights)
+        products = np.einsum("aqn,bqn,q->abn", slope, slope, weights).reshape(d**2, -1)
         squares = np.einsum("qn,qn,q->n", basis, basis, weights)
         x = mesh.domain.geometry.x[:, :d][dx.cell_nodes(mesh.domain)]
         middle, gradient = dx.reference_basis(shape, mesh.degree, dx.midpoint(mesh.domain))
@@ -231,25 +233,29 @@ class Bubbles:
             for members, material in ((mesh.cells_of(b), m) for b, m in system.problem.orthotropic.items())
         ]
         lame[owned:] = 0.0  # ghosts belong to others
-        blocks = np.zeros((self.nodes.owned, d, d))
         dofs = dx.cell_dofs(self.space)
         between = [n for n in range(dofs.shape[1]) if self._between[dofs[:, n]].any()]
-        rows = [dx.fem.Function(self.space) for _ in range(d)]  # of the blocks
-        for n in between:
-            G = np.einsum("cai,ab,cbj->cij", inverse, products[n], inverse) * volume[:, None, None]
-            trace = np.trace(G, axis1=1, axis2=2)
-            block = lame[:, :1, None] * G + lame[:, 1:, None] * (
-                np.swapaxes(G, 1, 2) + trace[:, None, None] * np.eye(d)
-            )
-            if mesh.axisymmetric:
-                block[:, 0, 0] += (lame[:, 0] + 2 * lame[:, 1]) * squares[n] * volume / radius**2
-            for members, C in orthotropic:
-                block[members] = np.einsum("ijkl,cjl->cik", C[:d, :d, :d, :d], G[members])
-                if mesh.axisymmetric:
-                    block[members, 0, 0] += C[2, 2, 2, 2] * squares[n] * (volume / radius**2)[members]
-            for i, row in enumerate(rows):
-                np.add.at(row.x.array.reshape(-1, d), dofs[:, n], block[:, i])
-        for i, row in enumerate(rows):
+        at, blocks = dofs[:, between].ravel(), np.zeros((self.nodes.owned, d, d))
+
+        def slopes(i: int, j: int) -> Array:
+            """Products (c, d^2) of the reference slopes that the global slopes i and j have."""
+            return np.asarray((inverse[:, :, i, None] * inverse[:, None, :, j]).reshape(-1, d**2) * volume[:, None])
+
+        for i in range(d):
+            row = dx.fem.Function(self.space)
+            for j in range(d):
+                by_slope = lame[:, :1] * slopes(i, j) + lame[:, 1:] * slopes(j, i)
+                if i == j:
+                    by_slope += lame[:, 1:] * sum(slopes(k, k) for k in range(d))
+                for members, C in orthotropic:
+                    by_slope[members] = sum(C[i, k, j, m] * slopes(k, m)[members] for k in range(d) for m in range(d))
+                block = by_slope @ products[:, between]
+                if mesh.axisymmetric and i == j == 0:
+                    hoop = lame[:, 0] + 2 * lame[:, 1]
+                    for members, C in orthotropic:
+                        hoop[members] = C[2, 2, 2, 2]
+                    block += (hoop * volume / radius**2)[:, None] * squares[between]
+                row.x.array[j::d] = np.bincount(at, block.ravel(), len(self.nodes.number))
             dx.add_to_owners(row)
             blocks[:, i] = row.x.array.reshape(-1, d)[: self.nodes.owned]
         return blocks

@@ -133,7 +133,7 @@ def _values(observe: Observer, accepted: Accepted, state: State, numbers: Number
     if observe.probes and isinstance(companion, MeshCorrection):
         moved = companion.displacement_at(state, observe.probes)
         values |= {Quantity("probes", name, "displacement"): value for name, value in moved.items()}
-        better = _stress(observe, companion, state, result)
+        better = _stress(observe, companion, accepted, state, result)
         values |= {Quantity("probes", name, "stress"): value for name, value in better.items()}
     for c in accepted.stepper.system.contacts:
         contact = numbers.contacts[c.name]
@@ -145,7 +145,9 @@ def _values(observe: Observer, accepted: Accepted, state: State, numbers: Number
     return values
 
 
-def _stress(observe: Observer, companion: MeshCorrection, state: State, result: StepResult) -> dict[str, Array]:
+def _stress(
+    observe: Observer, companion: MeshCorrection, accepted: Accepted, state: State, result: StepResult
+) -> dict[str, Array]:
     """Stress (6,) [Pa] at the probes of a state with bubbles, on every rank; collective.
 
     The mean of that of the displacement of order 2 and of the recovered one of the nodes alone: where the one is off,
@@ -155,27 +157,25 @@ def _stress(observe: Observer, companion: MeshCorrection, state: State, result: 
         return {}
     system, recovered = observe.stepper.system, observe.recovered
     points = companion.in_cells(state, observe.probes)
-    nodes = observe.by_node(state.u.array.reshape(-1, system.mesh.dim))
-    found = dict[str, Array]()
-    if system.mesh.comm.rank == 0:
-        smooth, order_2 = recovered.smooth_at(nodes, points), recovered.of_order_2(points)
-        for name, cell in recovered.at_midpoints(result.displacement, points).items():
-            reported = np.array([result.probes[name].stress[ij] for ij in STRESSES.values()])
-            found[name] = reported + (smooth[name] + order_2[name]) / 2 - cell
-    return dict(system.mesh.comm.bcast(found))
+    smooth = recovered.smooth_at(state.u, points)
+    order_2, found = recovered.of_order_2(points), dict[str, Array]()
+    for name, cell in recovered.at_midpoints(accepted.state.u, points).items():
+        reported = np.array([result.probes[name].stress[ij] for ij in STRESSES.values()])
+        found[name] = reported + (smooth[name] + order_2[name]) / 2 - cell
+    return {name: stress for offers in system.mesh.comm.allgather(found) for name, stress in offers.items()}
 
 
 def _at_corners(observe: Observer, result: StepResult) -> list[str]:
     """Probes where the stress grows without end, on every rank; collective."""
-    mesh, recovered = observe.stepper.system.mesh, observe.recovered
-    if recovered is None or not observe.probes:
+    mesh = observe.stepper.system.mesh
+    if observe.data is None or not observe.probes:
         return []
     numbers = mesh.domain.topology.original_cell_index
     own = {name: int(numbers[place[0]]) for name, place in observe.probes.items() if place is not None}
     cells = {name: cell for offers in mesh.comm.allgather(own) for name, cell in offers.items()}
     found = list[str]()
     if mesh.comm.rank == 0:
-        found = [name for name, cell in cells.items() if grows_in(recovered.mesh.cells, result.stress, cell)]
+        found = [name for name, cell in cells.items() if grows_in(observe.data.cells, result.stress, cell)]
     return list(mesh.comm.bcast(found))
 
 

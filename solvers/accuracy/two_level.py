@@ -51,6 +51,7 @@ class Answer:
     """What the bodies and the contact answer to bubbles."""
 
     x: Vec  # the bubbles
+    pull: Vec  # their inner forces on the nodes of the mesh [N]
     problem: SurfaceProblem
     solution: Solution
     u: Vec  # displacement of the mesh [m]
@@ -280,7 +281,8 @@ class _Substep:
         """The solved step: what is answered to no bubbles."""
         p, w = self.new.p, self.new.w
         solution = Solution(p=p, w=w, u_c=np.zeros(0), status=Status.CONVERGED, residual=0.0, history=())
-        return Answer(self.bubbles.zero(), self.problem, solution, self.new.u, self.new.u)
+        none = self.stepper.system.vector()
+        return Answer(self.bubbles.zero(), none, self.problem, solution, self.new.u, self.new.u)
 
     def answer(
         self, x: Vec, p: Array, solve: Solve, same_history: bool = False, straight: bool = False
@@ -297,7 +299,8 @@ class _Substep:
         n, forces = stepper.surface.normal_rows, self.problem.load.f_q.duplicate()
         closer = (0.0 if straight else 1.0) * self.rows.closer[:n]
         slip = self.problem.gap if same_history else self.old.w - stepper.cone.give(self.old.p)
-        system.T.multTranspose(-self.bubbles.pull(x), forces)
+        pull = self.bubbles.pull(x)
+        system.T.multTranspose(-pull, forces)
         problem = replace(
             self.problem,
             load=stepper.surface.with_more(self.problem.load, forces),
@@ -309,15 +312,19 @@ class _Substep:
             return None
         q = problem.surface.recover(problem.load, solution.p, solution.u_c)
         u, u_strained = displacement(system, new.time, q, new.u_s)
-        return Answer(x, problem, solution, u, u_strained)
+        return Answer(x, pull, problem, solution, u, u_strained)
 
     def residual(self, answer: Answer) -> Vec:
         """Forces that are out of balance at the free bubbles [N]; collective."""
-        return self.bubbles.free(self._unbalanced(answer))
+        return self.bubbles.free(self._unbalanced(answer, self.bubbles.inner(answer.u, answer.x)))
 
-    def _unbalanced(self, answer: Answer) -> Vec:
-        """Forces out of balance at all nodes of the next order, those that supports hold included [N]; collective."""
-        forces = self.bubbles.load(self.new.time) - self.bubbles.inner(answer.u, answer.x)
+    def _unbalanced(self, answer: Answer, inner: Vec) -> Vec:
+        """Forces out of balance at all nodes of the next order, those that supports hold included [N]; collective.
+
+        Args:
+            inner: forces of the answer [N].
+        """
+        forces = self.bubbles.load(self.new.time) - inner
         self.rows.add(forces, -self._contact(answer.solution.p))
         return forces
 
@@ -334,7 +341,7 @@ class _Substep:
         system, old, new, x = self.stepper.system, self.old, self.new, answer.x
         bubbles, p = self.bubbles, answer.solution.p
         before = old.surplus or bubbles.zero()
-        pull, change, here = bubbles.pull(x), x - before, self.rows.read(x)
+        pull, change, here = answer.pull, x - before, self.rows.read(x)
         there = self.rows.read(before)
         inner = bubbles.inner(answer.u, x)
         work = np.array([force.dot(x) for force in bubbles.initial])
@@ -368,7 +375,7 @@ class _Substep:
             found,
             surplus=x,
             surplus_motion=motion,
-            reactions=bubbles.reactions(-self._unbalanced(answer)) if system.mesh.degree == 1 else None,
+            reactions=bubbles.reactions(-self._unbalanced(answer, inner)) if system.mesh.degree == 1 else None,
             peak=max(old.peak, found.energy.stored),
         )
 

@@ -18,7 +18,7 @@ from stickslip.solvers.effects import active
 from stickslip.solvers.fem.rigid_fields import parts_of_motion
 from stickslip.solvers.newton.correction import FLOOR
 from stickslip.solvers.parallel.gather import Gather, cells_of, nodes_of
-from stickslip.solvers.results.recovered_stress import MeshError, RecoveredStress
+from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.results.step_result import (
     OPEN,
     SLIP,
@@ -139,7 +139,8 @@ class Observer:
     by_node: Gather  # own nodes to all nodes, on rank 0
     by_cell: Gather  # own cells to all cells, on rank 0
     probes: Mapping[str, tuple[int, Array] | None]  # cell, and its basis at the point (k,); None on other ranks
-    recovered: RecoveredStress | None  # estimates the error of the mesh; None: nobody asks for it
+    data: MeshData | None  # whose error is estimated; None: nobody asks for it
+    recovered: RecoveredStress | None  # estimates it
     estimate: Estimate  # adds errors of numbers to a result
 
     @classmethod
@@ -167,13 +168,14 @@ class Observer:
             by_node=nodes_of(system.mesh, system.nodes),
             by_cell=cells_of(system.mesh),
             probes={name: _locate(system.mesh, x, name) for name, x in points.items()},
-            recovered=None if data is None else RecoveredStress(system.problem, data),
+            data=data,
+            recovered=None if data is None else RecoveredStress(system),
             estimate=estimate or _nothing,
         )
 
     def without_errors(self) -> Observer:
         """The same that estimates nothing."""
-        return replace(self, recovered=None, estimate=_nothing)
+        return replace(self, data=None, recovered=None, estimate=_nothing)
 
     def __call__(self, accepted: Accepted) -> StepResult:
         """The result of a step; collective. Displacement and stress are on rank 0 only."""
@@ -181,7 +183,7 @@ class Observer:
         cell_stress, nodal = self.stress(state.u, state.initial), self.stress.displacement.x.array
         numbers = self.numbers(accepted)
         displacement = self.by_node(state.u.array.reshape(-1, system.mesh.dim))
-        mesh_error, stress_error = self._mesh_error(displacement, state.peak)
+        mesh_error, stress_error = self._mesh_error(state.u, state.peak)
         found = StepResult(
             time=state.time,
             substeps=accepted.substeps,
@@ -266,16 +268,13 @@ class Observer:
             found[point.coupling.key.split(".")[1]] = RemoteState(moved, turned, force + held[0], moment + held[1])
         return found
 
-    def _mesh_error(self, displacement: Array, peak: float) -> tuple[float, Array]:
-        """`StepResult.mesh_error` and `stress_error`; collective. They are found on rank 0, which has the fields."""
+    def _mesh_error(self, u: Vec, peak: float) -> tuple[float, Array]:
+        """`StepResult.mesh_error` and `stress_error`, this one on rank 0; collective."""
         if self.recovered is None:
             return np.nan, np.zeros(0)
-        system = self.stepper.system
-        with system.counters.clock.phase("error", "stress"):
-            comm = system.mesh.comm
-            found = self.recovered(displacement) if comm.rank == 0 else MeshError(size=0.0, stress=np.zeros(0))
-            size = float(comm.bcast(found.size))
-        return size / float(np.sqrt(2 * peak)) if peak > 0 else 0.0, found.stress
+        with self.stepper.system.counters.clock.phase("error", "stress"):
+            found = self.recovered(u)
+            return found.size / float(np.sqrt(2 * peak)) if peak > 0 else 0.0, self.by_cell(found.stress)
 
     def _bodies(self, nodal: Array, cell_stress: Array) -> dict[str, BodyState]:
         """The largest values of each body; collective.

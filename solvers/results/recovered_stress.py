@@ -19,13 +19,13 @@ import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
-from stickslip.solvers.results.step_result import MeshData
+from stickslip.geometry.protocols import Vec
 from stickslip.solvers.scene.material import Elastic, Material
 from stickslip.solvers.scene.orthotropic import DOUBLED, Orthotropic
-from stickslip.solvers.scene.problem import Problem
+from stickslip.solvers.system.system import System
 
 CHUNK = 20_000  # cells at a time: memory
-KEPT = 50_000  # most cells whose Jacobians are kept from step to step
+KEPT = 50_000  # most cells of a rank whose Jacobians are kept from step to step
 TWICE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # shear counts twice in products of stresses
 RAISED = {1: 1.0, 2: 1.5}  # by order; stated over true without it: .96 to 1.00, and .59 to .74
 
@@ -35,59 +35,69 @@ class MeshError:
     """The estimate of one step."""
 
     size: float  # of the displacement in the energy norm, its root taken [J^(1/2)], in plane models for a metre
-    stress: Array  # (cells,) error of the stress [Pa]: that of one component which would have the same energy
+    stress: Array  # (own cells,) error of the stress [Pa]: that of one component which would have the same energy
 
 
 class InCell(NamedTuple):
-    """A point in a cell, and a displacement of order 2 there."""
+    """A point in a cell that this rank owns, and a displacement of order 2 there."""
 
-    cell: int
+    cell: int  # local number
     local: Array  # (d,) coordinates on the reference cell
     displacement: Array  # (k, d) of the cell's nodes of order 2 [m]
 
 
 class RecoveredStress:
-    """The estimate for the steps of one mesh, made once; in the order of the gmsh model, on rank 0."""
+    """The estimate for the steps of one mesh, made once; each rank has its own cells."""
 
-    def __init__(self, problem: Problem, mesh: MeshData) -> None:
+    def __init__(self, system: System) -> None:
         """Nothing is computed yet."""
-        self.mesh, self._axisymmetric = mesh, problem.model == "axisymmetric"
-        self._plane_stress = problem.model == "plane stress"
+        problem, mesh = system.problem, system.mesh
+        self._space, self._points, self._degree = system.space, system.nodes.points, mesh.degree
+        self._u = dx.fem.Function(system.space)
+        self._shape = mesh.domain.topology.cell_type.name
+        owned = mesh.domain.topology.index_map(mesh.dim).size_local
+        self._cells = dx.cell_dofs(system.space)[:owned]
+        self._axisymmetric, self._plane_stress = mesh.axisymmetric, problem.model == "plane stress"
         # where the dilatation is averaged, that of a cell is no measure: only shear is judged, by the same modulus
         bodies = dict(problem.bodies)
         soft = {name: problem.isotropic[name] for name in problem.averaged}
         bodies |= {name: replace(body, E=2.5 * body.lame_mu, nu=0.25) for name, body in soft.items()}
-        self._bodies = [bodies[name] for name in mesh.bodies]
+        self._bodies, self._body = list(bodies.values()), np.zeros(owned, np.int64)
+        for index, cells in enumerate(map(mesh.cells_of, bodies)):
+            self._body[cells[cells < owned]] = index
         self._kept = dict[int, _Part]()  # by the first of its cells
 
-    def __call__(self, displacement: Array) -> MeshError:
-        """The estimate for a displacement of the nodes (nodes, d) [m]."""
-        size, error = 0.0, np.zeros(len(self.mesh.cells))
+    def __call__(self, u: Vec) -> MeshError:
+        """The estimate for a displacement of all dofs [m]; collective."""
+        displacement = self._at_nodes(u)
+        energies, error = 0.0, np.zeros(len(self._cells))
         for body, members in zip(self._bodies, self._members, strict=True):
             smooth = self._smooth(body, members, displacement)
             for part in self._parts(members):
                 off = np.tensordot(self._basis, smooth[:, part.nodes], (1, 1)).swapaxes(0, 1)
                 off -= self._stress(body, part.inside, part.nodes, displacement)
                 energy = _energy(body, off, part.inside.volume, RAISED[self._degree])
-                size += float(energy.sum())
+                energies += float(energy.sum())
                 error[part.cells] = np.sqrt(body.modulus * energy / part.inside.volume.sum(axis=0))
-        return MeshError(size=float(np.sqrt(size)), stress=error)
+        return MeshError(size=float(np.sqrt(self._space.mesh.comm.allreduce(energies))), stress=error)
 
-    def smooth_at(self, displacement: Array, points: Mapping[str, InCell]) -> dict[str, Array]:
-        """sigma* (6,) [Pa] without initial strains at points, for a displacement of the nodes (nodes, d) [m]."""
-        smooth, found = dict[int, Array](), dict[str, Array]()
+    def smooth_at(self, u: Vec, points: Mapping[str, InCell]) -> dict[str, Array]:
+        """sigma* (6,) [Pa] without initial strains at points, for a displacement of all dofs [m]; collective."""
+        displacement = self._at_nodes(u)
+        own = {int(self._body[point.cell]) for point in points.values()}
+        asked = sorted(set[int]().union(*self._space.mesh.comm.allgather(own)))
+        smooth = {index: self._smooth(self._bodies[index], self._members[index], displacement) for index in asked}
+        found = dict[str, Array]()
         for name, point in points.items():
-            index = int(self.mesh.body[point.cell])
-            if index not in smooth:
-                smooth[index] = self._smooth(self._bodies[index], self._members[index], displacement)
-            basis = dx.reference_basis(self.mesh.shape, self._degree, point.local[None])[0][0]
-            found[name] = smooth[index][:, self.mesh.cells[point.cell]] @ basis
+            basis = dx.reference_basis(self._shape, self._degree, point.local[None])[0][0]
+            found[name] = smooth[int(self._body[point.cell])][:, self._cells[point.cell]] @ basis
         return found
 
-    def at_midpoints(self, displacement: Array, points: Mapping[str, InCell]) -> dict[str, Array]:
-        """Stress (6,) [Pa] without initial strains at the midpoints of the cells that points are in."""
-        middle = dx.reference_nodes(self.mesh.shape, 1).mean(axis=0)
-        nodes = {name: self.mesh.cells[point.cell] for name, point in points.items()}
+    def at_midpoints(self, u: Vec, points: Mapping[str, InCell]) -> dict[str, Array]:
+        """Stress (6,) [Pa] without initial strains at the midpoints of the cells that points are in; collective."""
+        displacement = self._at_nodes(u)
+        middle = dx.reference_nodes(self._shape, 1).mean(axis=0)
+        nodes = {name: self._cells[point.cell] for name, point in points.items()}
         return {
             name: self._at(point._replace(local=middle), displacement[nodes[name]]) for name, point in points.items()
         }
@@ -96,26 +106,30 @@ class RecoveredStress:
         """Stress (6,) [Pa] without initial strains of the displacements of order 2 at points."""
         return {name: self._at(point, point.displacement) for name, point in points.items()}
 
+    def _at_nodes(self, u: Vec) -> Array:
+        """Values (nodes, d) at the local nodes, ghosts included; collective."""
+        dx.fill(self._u, u.array_r)
+        return np.asarray(self._u.x.array.reshape(len(self._points), -1))
+
     def _at(self, point: InCell, displacement: Array) -> Array:
         """Stress (6,) [Pa] at a point, for a displacement (k, d) of the nodes of its cell, of any order."""
-        shape, nodes = self.mesh.shape, self.mesh.cells[point.cell][None]
-        own = self._places(nodes, point.local[None], np.ones(1))
-        degree = dx.degree_of(shape, len(displacement))
-        basis, slope = dx.reference_basis(shape, degree, point.local[None])
-        body = self._bodies[int(self.mesh.body[point.cell])]
+        own = self._places(self._cells[point.cell][None], point.local[None], np.ones(1))
+        degree = dx.degree_of(self._shape, len(displacement))
+        basis, slope = dx.reference_basis(self._shape, degree, point.local[None])
+        body = self._bodies[int(self._body[point.cell])]
         places = replace(own, basis=basis, slope=slope)
         return self._stress(body, places, np.arange(len(displacement))[:, None], displacement)[:, 0, 0]
 
     def _smooth(self, body: Elastic, members: Sequence[Ints], displacement: Array) -> Array:
-        """sigma* (6, nodes) [Pa] of one body: means at its nodes, weighted by volume."""
-        total, size = np.zeros((6, len(self.mesh.points))), np.zeros(len(self.mesh.points))
+        """sigma* (6, nodes) [Pa] of one body: means at its local nodes, weighted by volume; collective."""
+        total = np.zeros((7, len(self._points)))  # and the weights
         for part in self._parts(members):
             stress = self._stress(body, part.mean, part.nodes, displacement)
             weight = np.broadcast_to(part.inside.volume.sum(axis=0), part.nodes.shape)
-            size += np.bincount(part.nodes.ravel(), weight.ravel(), len(size))
-            for k, component in enumerate(stress):
-                total[k] += np.bincount(part.nodes.ravel(), (weight * component).ravel(), len(size))
-        return np.asarray(total / np.maximum(size, np.finfo(float).tiny))
+            for sums, component in zip(total, (*(weight * stress), weight), strict=True):
+                sums += np.bincount(part.nodes.ravel(), component.ravel(), len(sums))
+        total = dx.sums_at_nodes(self._space, total)
+        return np.asarray(total[:6] / np.maximum(total[6], np.finfo(float).tiny))
 
     def _stress(self, body: Elastic, places: _Places, nodes: Ints, displacement: Array) -> Array:
         """Stress xx, yy, zz, xy, yz, xz (6, q, c) [Pa] without initial strains.
@@ -149,54 +163,60 @@ class RecoveredStress:
         return strain
 
     @cached_property
-    def _degree(self) -> int:
-        """Polynomial degree of the cells."""
-        return dx.degree_of(self.mesh.shape, self.mesh.cells.shape[1])
-
-    @cached_property
     def _rule(self) -> tuple[Array, Array]:
-        return dx.reference_rule(self.mesh.shape, 2 * self._degree)
+        return dx.reference_rule(self._shape, 2 * self._degree)
 
     @cached_property
     def _basis(self) -> Array:
         """At the quadrature points (q, n)."""
-        return dx.reference_basis(self.mesh.shape, self._degree, self._rule[0])[0]
+        return dx.reference_basis(self._shape, self._degree, self._rule[0])[0]
 
     @cached_property
     def _members(self) -> list[list[Ints]]:
-        """The cells of each body, some at a time."""
-        bodies = (np.flatnonzero(self.mesh.body == index) for index in range(len(self.mesh.bodies)))
+        """The own cells of each body, some at a time."""
+        bodies = (np.flatnonzero(self._body == index) for index in range(len(self._bodies)))
         return [[body[start : start + CHUNK] for start in range(0, len(body), CHUNK)] for body in bodies]
 
     def _parts(self, members: Sequence[Ints]) -> Iterator[_Part]:
         """Some cells of a body after the other; of a large mesh each is forgotten when the next one comes."""
         for cells in members:
             part = self._kept.get(int(cells[0])) or self._part(cells)
-            if len(self.mesh.cells) <= KEPT:
+            if len(self._cells) <= KEPT:
                 self._kept[int(cells[0])] = part
             yield part
 
     def _part(self, cells: Ints) -> _Part:
-        mesh, (points, weights) = self.mesh, self._rule
-        at = dx.reference_nodes(mesh.shape, self._degree)
+        points, weights = self._rule
+        at = dx.reference_nodes(self._shape, self._degree)
         # of linear cells the stress is best at their midpoint, of others it is taken at each node
         at = at.mean(axis=0, keepdims=True) if self._degree == 1 else at
+        nodes = self._cells[cells]
         return _Part(
             cells,
-            np.ascontiguousarray(mesh.cells[cells].T),
-            self._places(mesh.cells[cells], at, np.ones(len(at))),
-            self._places(mesh.cells[cells], points, weights),
+            np.ascontiguousarray(nodes.T),
+            self._places(nodes, at, np.ones(len(at))),
+            self._places(nodes, points, weights),
         )
 
     def _places(self, nodes: Ints, points: Array, weights: Array) -> _Places:
-        basis, slope = dx.reference_basis(self.mesh.shape, self._degree, points)
-        x = self.mesh.points[nodes]
-        jacobian = np.tensordot(slope, x, (2, 1)).transpose(1, 2, 3, 0)  # (q, c, i, k)
-        radius = basis @ x[..., 0].T
+        basis, slope = dx.reference_basis(self._shape, self._degree, points)
+        x = [np.ascontiguousarray(component)[nodes.T] for component in self._points.T]  # d times (n, c)
+        inverse, det = _inverse(np.array([np.tensordot(slope, component, 1) for component in x]))
+        radius = basis @ x[0]
         around = 2 * np.pi * radius if self._axisymmetric else 1.0
-        volume = np.abs(np.linalg.det(jacobian)) * weights[:, None] * around
-        inverse = np.ascontiguousarray(np.linalg.inv(jacobian).transpose(2, 3, 0, 1))
-        return _Places(basis, slope, inverse, volume, radius)
+        return _Places(basis, slope, inverse, np.abs(det) * weights[:, None] * around, radius)
+
+
+def _inverse(jacobian: Array) -> tuple[Array, Array]:
+    """Inverse (k, i, q, c) and determinant (q, c) of Jacobians dx_i / dX_k (i, k, q, c), by their cofactors."""
+    if len(jacobian) == 2:
+        (a, b), (c, d) = jacobian
+        cofactors = np.array([[d, -b], [-c, a]])
+    else:
+        edges = jacobian.swapaxes(0, 1)
+        cofactors = np.array([np.cross(edges[k - 2], edges[k - 1], axis=0) for k in range(3)])
+    det = (cofactors[0] * jacobian[:, 0]).sum(axis=0)
+    return cofactors / det, det
 
 
 def _energy(body: Elastic, stress: Array, volume: Array, raised: float) -> Array:

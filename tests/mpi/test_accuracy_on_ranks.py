@@ -32,6 +32,19 @@ def test_ranks_take_the_same_rounds(tmp_path: Path) -> None:
     assert [one["unknowns"] for one in rounds[0]] == [one["unknowns"] for one in rounds[1]]
 
 
+def test_ranks_state_the_same_errors_of_stress(tmp_path: Path) -> None:
+    """Each rank recovers the stress of its own cells, from those of all around its nodes."""
+    points = {f"p{i}": {"point": [0.1 + 0.4 * i, 0.45]} for i in range(5)}
+    table = ", ".join(f"{name} = {{ point = {probe['point']} }}" for name, probe in points.items())
+    words = [*WORDS[:4], "--set=output.pictures=false", f"--set=probes={{ {table} }}", "-q"]
+    one, two = (done(ranks, words, tmp_path) for ranks in (1, 2))
+    for name in points:
+        stated, same = (run["steps"][-1]["probes"][name]["error"]["stress"]["mesh"] for run in (one, two))
+        assert max(stated) > 0
+        assert same == pytest.approx(stated, rel=1e-6)
+    assert two["error"]["discretisation"] == pytest.approx(one["error"]["discretisation"], rel=1e-9)
+
+
 @pytest.mark.slow  # test_order_2_on_ranks is its sibling in 2D
 def test_ranks_state_the_same_errors_of_order_2_in_3d(tmp_path: Path) -> None:
     stated = []

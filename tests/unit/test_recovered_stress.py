@@ -9,8 +9,6 @@ from numpy.testing import assert_allclose
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.dolfinx_versions import ufl
-from stickslip.solvers.parallel.gather import nodes_of
-from stickslip.solvers.results.observe import mesh_data
 from stickslip.solvers.results.recovered_stress import RecoveredStress
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
@@ -34,8 +32,7 @@ def stated_over_true(law: Any, order: int, n: int) -> float:
     points, weights = dx.reference_rule("triangle", case.DEGREE)
     values = dx.CellExpression(off, points, system.mesh.domain)(np.arange(2 * n**2))
     true = np.sqrt(np.einsum("cqi,q->", values, weights) / n**2)
-    by_node = nodes_of(system.mesh, system.nodes)(step.state.u.array.reshape(-1, 2))
-    return float(RecoveredStress(system.problem, mesh_data(system))(by_node).size / true)
+    return float(RecoveredStress(system)(step.state.u).size / true)
 
 
 @pytest.mark.parametrize("law", LAWS)
