@@ -41,12 +41,13 @@ class Nodes:
         of_mesh, total = inputs[of_cells], mesh.node_count
         shape = domain.topology.cell_type.name
         at = dx.reference_nodes(shape, dx.degree(space))
+        around = [x[corner] for corner in of_cells.T]
         for k, weights in enumerate(dx.reference_basis(shape, mesh.degree, at)[0]):
             same = np.flatnonzero(weights > 1 - SMALL)
-            points[dofs[:, k]] = np.einsum("n,cnd->cd", weights, x[of_cells])
             if len(same):
                 number[dofs[:, k]], points[dofs[:, k]] = of_mesh[:, same[0]], x[of_cells[:, same[0]]]
                 continue
+            points[dofs[:, k]] = sum(share * x_n for share, x_n in zip(weights, around, strict=True) if share)
             pair = _pair(shape, mesh.degree, at[k], of_mesh)
             number[dofs[:, k]] = (total * (1 + pair[:, :, 0]) + pair[:, :, 1]).min(axis=1)
         return Nodes(

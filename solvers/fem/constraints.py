@@ -181,16 +181,16 @@ class Constraints:
         d, low = self.dim, self.nodes.offset
         own = np.arange(low, low + self.nodes.owned)
         bases, numbers = self.bases(own)[0], self.numbers(own)
-        node, i, j = np.nonzero(bases)
-        row, column, value = [d * node + i], [numbers[node, j]], [bases[node, i, j]]
+        given = bases != 0
+        start = np.concatenate([[0], np.cumsum(given.sum(axis=2))])
+        columns = np.broadcast_to(numbers[:, None], bases.shape)[given]
+        size = (d * len(own), d * self.nodes.total)
+        entries = sparse.csr_matrix((bases[given], columns, start), shape=size)
         for point in self.remote.rigid:
             mine, at = _places(own, point.nodes)
             node, i, j = np.nonzero(point.free[mine])
-            row.append(d * at[node] + i)
-            column.append(self._motions(point)[j])
-            value.append(point.free[mine][node, i, j])
-        size = (d * len(own), d * self.nodes.total)
-        entries = sparse.csr_matrix((np.concatenate(value), (np.concatenate(row), np.concatenate(column))), shape=size)
+            places = d * at[node] + i, self._motions(point)[j]
+            entries = entries + sparse.csr_matrix((point.free[mine][node, i, j], places), shape=size)
         csr = (entries.indptr.astype(PETSc.IntType), entries.indices.astype(PETSc.IntType), entries.data)
         matrix = PETSc.Mat().createAIJ((size, size), bsize=d, csr=csr, comm=self.comm)
         matrix.assemble()
