@@ -78,7 +78,8 @@ def mesh_errors(observe: Observer, accepted: Accepted, result: StepResult) -> tu
         else:
             whole = STRESS * _of_stress(np.asarray(off)) if key.quantity == "stress" else FACTOR * off
         whole = np.maximum(whole, least.get(key, 0.0))
-        share = bent / np.maximum(bent + flat, np.finfo(float).tiny)
+        parts = np.maximum(bent + flat, EQUAL * whole)  # where less is left than rounding, all is the mesh's
+        share = bent / np.maximum(parts, np.finfo(float).tiny)
         errors[key] = ErrorParts(mesh=whole * (1 - share), geometry=whole * share, converges=True)
     for c in accepted.stepper.system.contacts:
         errors |= without_limit(c, result.contacts[c.name], ROUNDING * accepted.stepper.system.extent)
