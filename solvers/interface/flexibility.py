@@ -17,6 +17,7 @@ from petsc4py import PETSc
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Mat, Sparse, Vec
 from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.parallel.serialise import Plain
 
 T = TypeVar("T")
@@ -36,7 +37,7 @@ class Load:
     @property
     def magnitude(self) -> float:
         """Sum of the magnitudes of all forces [N]; collective."""
-        return float(self.f_q.norm(PETSc.NormType.NORM_1) + np.abs(self.driving).sum())
+        return sum_of_sizes(self.f_q) + float(np.abs(self.driving).sum())
 
 
 class DelassusOperator(ABC):

@@ -24,6 +24,14 @@ def on_all_ranks(comm: Comm, value: T) -> T:
     return agreed
 
 
+def sum_of_sizes(v: Vec) -> float:
+    """Sum of the magnitudes of all entries; collective.
+
+    With the same bits wherever memory lies: in OpenBLAS' sum, which PETSc's norm takes, the first entry decides.
+    """
+    return float(v.comm.tompi4py().allreduce(float(np.abs(v.array_r).sum())))
+
+
 class Replicated:
     """Read and write the m entries `rows` of distributed vectors.
 

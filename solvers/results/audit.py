@@ -27,6 +27,7 @@ from stickslip.solvers.fem.contact_forms import ComplianceForms
 from stickslip.solvers.fem.elastic_energy import forces_of_energy
 from stickslip.solvers.laws.compliance import Compliance
 from stickslip.solvers.parallel.counters import Counters
+from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.results.closed_formulas import bound, gap, penetration, prescribed, pressure
 from stickslip.solvers.results.multiplier_forces import MultiplierForces
 from stickslip.solvers.results.stored_fields import (
@@ -207,7 +208,7 @@ class Auditor:
         system, p_top = self.system, float(np.abs(record.p).max(initial=0.0))
         self._largest = max(self._largest, p_top)
         area = sum(float(c.node_weights.sum()) for c in system.contacts) or 1.0
-        forces = inner.norm(0) + system.load(record.time).norm(0)
+        forces = sum_of_sizes(inner) + sum_of_sizes(system.load(record.time))
         noise = ROUNDED * forces + EPS * self._largest_stiffness * u.norm(PETSc.NormType.INFINITY)
         p_top = max(p_top, PAST * self._largest, noise / area) or 1.0
         lengths, motions = system.extent, [float(np.abs(record.displacement).max())]
@@ -255,18 +256,18 @@ class Auditor:
         out = inner - load + contact
         free, last_digit = system.T.createVecRight(), system.T.createVecRight()
         system.T.multTranspose(out, free)
-        scale = sum(v.norm(0) for v in (inner, load, contact)) + applied
-        rounding = EPS * self._largest_stiffness * u.norm(0)
-        if load.norm(0) == 0 and scale <= ROUNDING * rounding:  # forces of a body that moves as a whole
+        scale = sum(map(sum_of_sizes, (inner, load, contact))) + applied
+        rounding = EPS * self._largest_stiffness * sum_of_sizes(u)
+        if sum_of_sizes(load) == 0 and scale <= ROUNDING * rounding:  # forces of a body that moves as a whole
             return 0.0, 0.0
         shaken = u.copy()
         shaken.array[:] *= 1 + EPS * self._signs.array
         system.T.multTranspose(self._inner(shaken) - inner, last_digit)
-        found = (free.norm(0) + np.abs(obstacles).sum()) / scale
+        found = (sum_of_sizes(free) + np.abs(obstacles).sum()) / scale
         of_laws = EPS * sum(
             self._gap_digits(place, record) * _law_stiffness(place, record.p) for place in self.cone.places
         )
-        return float(found), float((last_digit.norm(0) + of_laws) / scale)
+        return float(found), float((sum_of_sizes(last_digit) + of_laws) / scale)
 
     def _gap_digits(self, place: ContactBlock, record: Record) -> float:
         """Size of the numbers whose last digit decides a gap [m]: coordinates along the normals, and motions.

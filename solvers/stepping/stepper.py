@@ -23,6 +23,7 @@ from stickslip.solvers.newton import several
 from stickslip.solvers.newton.correction import SOLVES, by_flexibility, by_schur_complement, exact_problem
 from stickslip.solvers.newton.solution import Convergence, Correction, OnStep, Solution, Status, Step
 from stickslip.solvers.parallel.released import destroy_released
+from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.solvers.stepping import failure
 from stickslip.solvers.stepping.failure import describe_motion
 from stickslip.solvers.stepping.given_tension import StepsWithBolts
@@ -476,7 +477,7 @@ class Stepper:
             gap=np.concatenate([self.gap, (state.w - self.cone.give(state.p))[n:]]),
             gamma=self.gamma,
             weight=self.weight,
-            force=external.norm(0) + float(np.abs(driving).sum()),
+            force=sum_of_sizes(external) + float(np.abs(driving).sum()),
             stiffness=system.problem.softest / system.extent,
         )
         return problem, u_s, external
