@@ -18,6 +18,7 @@ ROUNDING = 1e-12  # of the largest motion: normal motion below that counts as ze
 PART = 1e-2  # of the distance from a compliant law that counts as defect
 LAST_DIGITS = 16 * float(np.finfo(float).eps)  # of motions
 SCALED = 1e-9  # relative difference up to which problems are the same in another unit
+FAR = 1e10  # times the motions that are given or expected: bodies that move farther have flown away
 LEAST = 1e-6  # of p_ref: tractions below that are measured against it, for they are differences of what is far larger
 
 
@@ -111,7 +112,7 @@ class SurfaceProblem:
 
         It is the traction that each row lacks, as the bodies behind it would answer: k is theirs, E / extent. Where
         bodies are much softer than a compliant law, it is a part of what the pressure differs from that of the law.
-        What the last digits of the motions decide is no defect.
+        What the last digits of the motions decide is no defect, unless bodies have flown away.
 
         Args:
             p: tractions (rows,) [Pa].
@@ -119,7 +120,8 @@ class SurfaceProblem:
         """
         r = w - self.gap
         found: Array = self.cone.natural_residual(p, r, self.weight)
-        rounding = LAST_DIGITS * max(float(np.abs(x).max(initial=0.0)) for x in (w, self.gap))
+        moved, *given = (float(np.abs(x).max(initial=0.0)) for x in (w, self.gap, self.offset))
+        rounding = LAST_DIGITS * max(min(moved, FAR * max(*given, self.u_ref)), given[0])
         found = np.sign(found) * np.maximum(np.abs(found) - self.weight * rounding, 0.0)
         for place in self.cone.places:
             n = place.normal

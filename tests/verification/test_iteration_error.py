@@ -10,7 +10,11 @@ from shared.solved import coarse
 ROUNDING = 1e-12  # what is stated at least
 UZAWA = ("uzawa, condensed", "inexact-uzawa", "nonlinear-uzawa", "nsgs")
 # left out: the method does not converge at 1e-8 on this scene, or takes many minutes
-LEFT_OUT = {"strip": ("surface-uzawa, matrix-free",), "cad_part": (*UZAWA, "block-uzawa", "block-uzawa, ksp")}
+LEFT_OUT = {
+    "strip": ("surface-uzawa, matrix-free",),
+    "cad_part": (*UZAWA, "block-uzawa", "block-uzawa, ksp"),
+    "rubber_mount": ("tangent-cg",),  # multigrid does not see that rubber keeps its volume: not converged
+}
 QUICK = [
     ("block", "surface-uzawa, condensed", 1e-3),
     ("block", "surface-uzawa, matrix-free", 1e-3),
