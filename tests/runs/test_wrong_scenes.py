@@ -183,9 +183,9 @@ WRONG = {
     "law by slip that a method does not know": (
         [
             "contacts.base.friction={law='static_kinetic',mu_s=0.3,mu_k=0.2,slip_length=1.0}",
-            "solver.method=perturbed-lagrangian",
+            "solver.method=regularised",
         ],
-        r"contacts\.base\.friction\.law = static_kinetic: solver\.method = perturbed-lagrangian works with coulomb",
+        r"contacts\.base\.friction\.law = static_kinetic: solver\.method = regularised works with coulomb",
     ),
     "axis of friction along the normal": (
         [
