@@ -199,7 +199,7 @@ class Bubbles:
             bases = self.constraints.bases(self.nodes.number[some])[0]
             inside = np.swapaxes(bases, 1, 2) @ found[some] @ bases
             inside[~self._between[some]] = 0.0
-            held = inside[:, axes, axes] <= 0
+            held = inside[:, axes, axes] <= 0  # their rows and columns are zero, too
             inside[:, axes, axes] += held
             inverse = np.linalg.inv(inside)
             inverse[:, axes, axes] -= held

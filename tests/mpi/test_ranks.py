@@ -34,6 +34,7 @@ SCENES = {
 }
 ALWAYS = ["solver.tolerance=1e-11", "output.pictures=false"]
 SAME = 1e-9  # two decades above the tolerance: the answer's condition comes on top
+CONDITION = {"cylinders": 30}  # at the edge of contact a pressure is off by 2000 times the tolerance
 EXCEPTED = {"seconds", "profile", "ranks", "version", "counters"}
 # Numbers of one kind are compared at the size of the largest: a force that is 0 by symmetry is a rounding error.
 KINDS = {
@@ -282,8 +283,8 @@ def test_the_block_system_gives_on_two_ranks_what_the_condensed_bodies_give_on_o
         one, two = (read_step(tmp_path / folder / step_name(index)) for folder in ("one", "two"))
         for key in ("displacement", "p", "w"):
             mine, other = getattr(one, key), getattr(two, key)
-            # at the edge of contact of `cylinders` a pressure is off by 2000 times the tolerance
-            assert_allclose(other, mine, atol=30 * SAME * np.abs(mine).max(), err_msg=f"step {index}, {key}")
+            allowed = CONDITION.get(name, 10) * SAME * np.abs(mine).max()
+            assert_allclose(other, mine, atol=allowed, err_msg=f"step {index}, {key}")
 
 
 @pytest.mark.parametrize("ranks", [pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(3, marks=pytest.mark.slow)])

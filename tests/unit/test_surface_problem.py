@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from petsc4py import PETSc
 
 from stickslip.solvers.interface.flexibility import Load
 from stickslip.solvers.interface.problem import LAST_DIGITS, LEAST, PART, SurfaceProblem
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.newton.solution import Solution
+from stickslip.solvers.parallel.replicated import sum_of_sizes
 from stickslip.workflows.scene_file.read import from_dict
 from stickslip.workflows.verification.prepared import prepare
 
@@ -62,6 +64,22 @@ def scaled(problem: SurfaceProblem, factor: float) -> SurfaceProblem:
 
 def solved(problem: SurfaceProblem) -> Solution:
     return CondensedNewton(rtol=1e-13)(problem, np.zeros(len(problem.gap)))
+
+
+def test_bodies_that_have_flown_away_pull_at_nothing() -> None:
+    """Whatever the last digits of such a motion are, a pressure below zero is a defect."""
+    problem = problem_of(floating=True)
+    pulling, apart = np.full(len(problem.gap), -problem.p_ref), np.full(len(problem.gap), -1e16 * problem.u_ref)
+    assert problem.natural_residual(pulling, apart) > 0.5
+
+
+@pytest.mark.parametrize("offset", range(8))
+def test_a_sum_of_sizes_does_not_depend_on_where_memory_lies(offset: int) -> None:
+    memory = np.zeros(1008)
+    values = np.random.default_rng(0).standard_normal(1000)
+    memory[offset : offset + 1000] = values
+    vector = PETSc.Vec().createWithArray(memory[offset : offset + 1000], comm=PETSc.COMM_SELF)
+    assert sum_of_sizes(vector) == float(np.abs(values).sum())
 
 
 @pytest.mark.parametrize("floating", [False, True])

@@ -13,7 +13,7 @@ UZAWA = ("uzawa, condensed", "inexact-uzawa", "nonlinear-uzawa", "nsgs")
 LEFT_OUT = {
     "strip": ("surface-uzawa, matrix-free",),
     "cad_part": (*UZAWA, "block-uzawa", "block-uzawa, ksp"),
-    "rubber_mount": ("tangent-cg",),  # multigrid does not see that rubber keeps its volume: not converged
+    "rubber_mount": ("tangent-cg",),  # not converged
 }
 QUICK = [
     ("block", "surface-uzawa, condensed", 1e-3),
