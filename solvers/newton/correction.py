@@ -47,23 +47,26 @@ def exact_problem(problem: SurfaceProblem, before: Correction) -> SurfaceProblem
     return replace(problem, gap=problem.gap + shift) if shift.any() else problem
 
 
-def by_schur_complement(problem: SurfaceProblem, found: Solution) -> Correction:
-    """The correction by semismooth Newton with the Schur complement; no volume solve.
+def by_schur_complement(problem: SurfaceProblem, found: Solution) -> tuple[Solution, float]:
+    """The exact solution by semismooth Newton with the Schur complement; no volume solve.
 
     Args:
         problem: see `exact_problem`.
         found: what the method returned; its u_c is the displacement under its p.
+
+    Returns:
+        The solution, and an upper estimate of its distance from `found` in the energy norm [J^(1/2)]; nan: not found.
     """
     residual = problem.natural_residual(found.p, found.w)
     if residual <= ROUNDING:
-        return Correction.none(len(found.p))
+        return found, 0.0
     goal = max(ENOUGH * residual, ROUNDING)
     exact = _newton(problem, found, goal) or _from_all_starts(problem, found.p, goal)
     if exact is None:
-        return replace(Correction.none(len(found.p)), size=np.nan)
+        return found, np.nan
     p, u_c = exact
-    w = problem.relative_displacement(u_c)
-    return Correction(p - found.p, w - found.w, MARGIN * elastic_norm(problem, u_c - found.u_c))
+    nearer = replace(found, p=p, w=problem.relative_displacement(u_c), u_c=u_c)
+    return nearer, MARGIN * elastic_norm(problem, u_c - found.u_c)
 
 
 def _newton(problem: SurfaceProblem, found: Solution, goal: float) -> tuple[Array, Array] | None:
@@ -98,20 +101,24 @@ def elastic_norm(problem: SurfaceProblem, u_c: Array) -> float:
     return float(np.sqrt(max(float(u_c @ (condensed(problem.surface).S @ u_c)), 0.0)))
 
 
-def by_flexibility(problem: SurfaceProblem, known: Flexibility, p: Array, w: Array, most: int = SOLVES) -> Correction:
-    """The correction by Uzawa's iteration in an approximate flexibility; collective.
+def by_flexibility(
+    problem: SurfaceProblem, known: Flexibility, found: Solution, most: int = SOLVES
+) -> tuple[Solution, float]:
+    """The exact solution by Uzawa's iteration in an approximate flexibility; collective.
 
     Args:
         problem: see `exact_problem`.
         known: the approximate flexibility; what is learnt here is not added to it.
-        p: tractions (rows,) [Pa].
-        w: their relative displacement (rows,) [m].
+        found: what the method returned; its w is the relative displacement under its p, and its u_c is not used.
         most: largest number of volume solves; 0: only the approximate flexibility is used.
+
+    Returns:
+        As `by_schur_complement`; of the solution, p and w.
     """
-    surface = problem.surface
+    surface, p, w = problem.surface, found.p, found.w
     residual = problem.natural_residual(p, w)
     if residual <= ROUNDING:
-        return Correction.none(len(p))
+        return found, 0.0
     nothing = surface.R[:, :0]
     learning = Secants(known.F, nothing, nothing, known.metric.comm)
     at, w_at, motion, size = p, w, np.zeros(surface.size), 0.0
@@ -136,4 +143,4 @@ def by_flexibility(problem: SurfaceProblem, known: Flexibility, p: Array, w: Arr
         at, w_at = nearer.p, w_at + surface.N @ (u + surface.R @ nearer.b)
         size = MARGIN * float(np.sqrt(max(float(forces @ motion), 0.0)))
         residual = problem.natural_residual(at, w_at)
-    return Correction(at - p, w_at - w, size)
+    return replace(found, p=at, w=w_at), size

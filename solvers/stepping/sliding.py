@@ -9,6 +9,7 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.stepping.slip_dependence import Lengths
 from stickslip.solvers.stepping.state import State
 from stickslip.solvers.stepping.update import flat_rows
 from stickslip.solvers.system.system import System
@@ -44,16 +45,25 @@ def carried_over(state: State, system: System) -> State:
     positions = relative_positions(system, state, [c.name for c in system.contacts])
     w = flat_rows(system.contacts, [positions[c.name] for c in system.contacts])
     previous = state.previous and replace(state.previous, p=by_new_rows(state.previous.p))
+
+    def slid_by_new_rows(slid: Lengths) -> dict[str, Array]:
+        pairs = zip(state.rows, system.contacts, strict=True)
+        return {c.name: c.tangential_mean(old.share_t.T @ slid[c.name]) for old, c in pairs if c.name in slid}
+
     left = state.correction and replace(
-        state.correction, p=by_new_rows(state.correction.p), w=by_new_rows(state.correction.w)
+        state.correction,
+        p=by_new_rows(state.correction.p),
+        w=by_new_rows(state.correction.w),
+        slid=slid_by_new_rows(state.correction.slid),
     )
-    slid = {
-        c.name: c.tangential_mean(old.share_t.T @ state.slid[c.name])
-        for old, c in zip(state.rows, system.contacts, strict=True)
-        if c.name in state.slid
-    }
     return replace(
-        state, p=by_new_rows(state.p), w=w, previous=previous, rows=system.contacts, correction=left, slid=slid
+        state,
+        p=by_new_rows(state.p),
+        w=w,
+        previous=previous,
+        rows=system.contacts,
+        correction=left,
+        slid=slid_by_new_rows(state.slid),
     )
 
 

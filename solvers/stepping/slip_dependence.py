@@ -19,6 +19,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.laws.law import touching
+from stickslip.solvers.newton.correction import ENOUGH, FLOOR
 from stickslip.solvers.newton.solution import Solution, Status
 
 TURNS = 200  # of slip and mu; near the edge of stability they are slow
@@ -96,8 +97,7 @@ def solve_by_turns(
             if omega == 1.0 and off > CLEAR * tolerance:
                 worst = max(worst, ratio)
             omega = min(max(1 / (1 - ratio), SHORTEST), LONGEST) if ratio < 1 else 1.0
-        turned = replace(problem, cone=with_slip(cone, found))
-        off = _apart(problem, turned, solution.p) / (problem.scale(solution.p) or 1.0)  # zero: nothing is loaded
+        off = _apart(problem, with_slip(cone, found), solution.p)
         if off <= tolerance:
             return replace(solution, weakening=worst), problem
         known = {name: np.maximum(known[name] + omega * (found[name] - known[name]), slid[name]) for name in slid}
@@ -106,8 +106,46 @@ def solve_by_turns(
     return replace(solution, status=Status.MAX_IT), problem
 
 
-def _apart(one: SurfaceProblem, other: SurfaceProblem, p: Array) -> float:
-    """Largest difference of their friction bounds [Pa] at tractions p (rows,) [Pa]."""
-    pairs = zip(one.cone.with_friction(), other.cone.with_friction(), strict=True)
-    apart = (one.cone.bound(a, p[a.normal]) - other.cone.bound(b, p[b.normal]) for a, b in pairs)
-    return max((float(np.abs(each[np.isfinite(each)]).max(initial=0.0)) for each in apart), default=0.0)
+def exact_by_turns(
+    problem: SurfaceProblem,
+    cone: AdmissibleSet,
+    slid: Lengths,
+    found: Solution,
+    exact: Callable[[SurfaceProblem, Solution], tuple[Solution, float]],
+) -> tuple[Solution, float, dict[str, Array]]:
+    """The exact solution of a substep, with the mu of its own slip, from what a method found.
+
+    Args:
+        problem: of the substep, with the mu that the method ended with.
+        cone: with laws that depend on slip.
+        slid: lengths of slip at the start of the substep, after exact solutions of all before.
+        found: what the method returned.
+        exact: from a solution that is near, the exact one of a problem, and their distance [J^(1/2)]; nan: not found.
+
+    Returns:
+        The solution, an upper estimate of its distance from `found` in the energy norm [J^(1/2)], which is nan where it
+        was not found, and its lengths of slip at the end of the substep.
+    """
+    at, size = exact(problem, found)
+    if not slid or np.isnan(size):
+        return at, size, dict(slid)
+
+    def solve(turned: SurfaceProblem, p: Array) -> Solution:
+        nonlocal at, size
+        if turned is not problem:
+            at, farther = exact(turned, at)
+            size += farther
+        return at if np.isfinite(size) else replace(at, status=Status.BROKEN)
+
+    off = _apart(problem, with_slip(cone, lengthened(slid, problem, at.p, at.w)), at.p)
+    ended, turned = solve_by_turns(problem, cone, slid, at.p, solve, max(ENOUGH * off, FLOOR))
+    return at, size if ended.status is found.status else np.nan, lengthened(slid, turned, at.p, at.w)
+
+
+def _apart(problem: SurfaceProblem, other: AdmissibleSet, p: Array) -> float:
+    """Largest difference of its friction bounds at tractions p (rows,) [Pa] from others, relative to tractions [-]."""
+    own = problem.cone
+    pairs = zip(own.with_friction(), other.with_friction(), strict=True)
+    apart = (own.bound(a, p[a.normal]) - other.bound(b, p[b.normal]) for a, b in pairs)
+    largest = max((float(np.abs(each[np.isfinite(each)]).max(initial=0.0)) for each in apart), default=0.0)
+    return largest / (problem.scale(p) or 1.0)  # zero: nothing is loaded

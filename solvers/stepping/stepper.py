@@ -30,7 +30,7 @@ from stickslip.solvers.stepping.given_tension import StepsWithBolts
 from stickslip.solvers.stepping.history import HistoryRow, count_iterations
 from stickslip.solvers.stepping.method_chain import MethodChain
 from stickslip.solvers.stepping.sliding import carried_over, pairs_hold, relative_positions
-from stickslip.solvers.stepping.slip_dependence import no_slip, solve_by_turns, with_slip
+from stickslip.solvers.stepping.slip_dependence import exact_by_turns, no_slip, solve_by_turns, with_slip
 from stickslip.solvers.stepping.state import HALVINGS, Energy, Previous, State
 from stickslip.solvers.stepping.tightening import Tightening
 from stickslip.solvers.stepping.update import displacement, new_state, relative_displacement, split
@@ -407,40 +407,50 @@ class Stepper:
         law_error = state.law_error + solution.law_error
         if self.chain.repeats:
             return solution, problem, replace(new, previous=previous, law_error=law_error, peak=peak)
-        before = state.correction or Correction.none(len(solution.p))
         try:
             with system.counters.clock.part("certificate"):
-                left = self._correction(problem, solution, before, new.w)
+                left = self._correction(problem, solution, state, new)
         except (SolverError, np.linalg.LinAlgError) as error:  # the step is solved all the same
             log.warning("t = %g: the error of the iteration is unknown: %s", end, error)
-            left = replace(before, size=np.nan)
+            left = replace(state.correction or Correction.none(len(new.w)), size=np.nan)
         return (
             replace(solution, others=tuple(several.others(problem, solution.p))),
             problem,
             replace(new, previous=previous, law_error=law_error, peak=peak, correction=left),
         )
 
-    def _correction(self, problem: SurfaceProblem, found: Solution, before: Correction, w: Array) -> Correction:
+    def _correction(self, problem: SurfaceProblem, found: Solution, old: State, new: State) -> Correction:
         """From what the method found to the exact solution of the same substep and of all before; collective.
 
         Args:
             problem: that the method solved.
             found: its solution.
-            before: the correction of the state that the substep starts from.
-            w: relative displacement (rows,) [m] of the displacement that was recovered.
+            old: the state that the substep starts from.
+            new: the state at its end.
         """
-        if not len(w) or problem.p_ref == 0:
-            return Correction.none(len(w))
-        exact = exact_problem(problem, before)
+        before = old.correction or Correction.none(len(new.w))
+        if not len(new.w) or problem.p_ref == 0:
+            return replace(Correction.none(len(new.w)), slid=before.slid)
         if found.correct is not None:
             left = found.correct(before)
-        elif self.stage.surface == "condensed":
-            left = by_schur_complement(exact, found)
         else:
-            # the uncondensed form solves floating bodies on springs: that is no response of theirs
-            most = 0 if self.stage.surface == "sparse" and self.surface.floating else SOLVES
-            left = by_flexibility(exact, self.chain.flexibility(self.system, self.surface), found.p, w, most)
+            slid = {name: lengths + before.slid.get(name, 0.0) for name, lengths in old.slid.items()}
+            if self.stage.surface != "condensed":
+                found = replace(found, w=new.w)  # of the displacement that was recovered
+            nearer, size, slid = exact_by_turns(
+                exact_problem(problem, before), self.cone.at(new.time), slid, found, self._exact
+            )
+            ahead = {name: lengths - new.slid[name] for name, lengths in slid.items()}
+            left = Correction(nearer.p - found.p, nearer.w - found.w, size, ahead)
         return replace(left, size=left.size + PAIRS * before.size) if self.searched else left
+
+    def _exact(self, problem: SurfaceProblem, found: Solution) -> tuple[Solution, float]:
+        """The exact solution of a surface problem from one that is near, and their distance [J^(1/2)]; collective."""
+        if self.stage.surface == "condensed":
+            return by_schur_complement(problem, found)
+        # the uncondensed form solves floating bodies on springs: that is no response of theirs
+        most = 0 if self.stage.surface == "sparse" and self.surface.floating else SOLVES
+        return by_flexibility(problem, self.chain.flexibility(self.system, self.surface), found, most)
 
     def _first_tractions(self, state: State, end: float) -> Array:
         """Tractions (rows,) [Pa] that the iteration starts from: extrapolated, unless some load or motion turns.

@@ -88,6 +88,17 @@ def step_of(simulation: Simulation, time: float = 0.5) -> tuple[SurfaceProblem, 
     return problem, first.p, first.w
 
 
+def rough_solution(p: Array, w: Array, u_c: Array) -> Solution:
+    return Solution(p, w, u_c, Status.STALLED, 0.1, ())
+
+
+def by_flexibility(
+    problem: SurfaceProblem, known: Flexibility, p: Array, w: Array, most: int = correction.SOLVES
+) -> Correction:
+    exact, size = correction.by_flexibility(problem, known, rough_solution(p, w, np.zeros(0)), most)
+    return Correction(exact.p - p, exact.w - w, size)
+
+
 def perturbed(form: str, simulation: Simulation) -> tuple[SurfaceProblem, Correction, int]:
     """A step whose tractions are changed by up to a fifth, their correction, and its volume solves."""
     problem, p, _ = step_of(simulation)
@@ -96,10 +107,11 @@ def perturbed(form: str, simulation: Simulation) -> tuple[SurfaceProblem, Correc
     w = problem.relative_displacement(u_c)
     before = problem.surface.counters.error_solves
     if form == "condensed":
-        found = correction.by_schur_complement(problem, Solution(p, w, u_c, Status.STALLED, 0.1, ()))
+        exact, size = correction.by_schur_complement(problem, rough_solution(p, w, u_c))
+        found = Correction(exact.p - p, exact.w - w, size)
     else:
         known = simulation.stepper.chain.flexibility(simulation.system, problem.surface)
-        found = correction.by_flexibility(problem, known, p, w)
+        found = by_flexibility(problem, known, p, w)
     return problem, found, problem.surface.counters.error_solves - before
 
 
@@ -144,7 +156,7 @@ def test_without_volume_solves_the_approximate_flexibility_measures_it(
 ) -> None:
     problem, known, p, w = rough
     before = problem.surface.counters.error_solves
-    found = correction.by_flexibility(problem, known, p, w, most=0)
+    found = by_flexibility(problem, known, p, w, most=0)
     assert problem.surface.counters.error_solves == before
     assert np.abs(found.p).max() > 0.01 * np.abs(p).max()
     force = problem.surface.forces(found.p)
@@ -165,7 +177,7 @@ def test_a_rigid_motion_is_taken_back(
     moved = surface.N @ (surface.R @ np.array([0.02, -0.01, 0.015]))
     begun, nearest = list[Array](), correction.nearest_in_cone
     monkeypatch.setattr(correction, "nearest_in_cone", lambda *given: begun.append(given[3]) or nearest(*given))
-    found = correction.by_flexibility(problem, known, p, w + moved, most)
+    found = by_flexibility(problem, known, p, w + moved, most)
     for at in begun[1:]:  # at once, so that what follows begins beside the solution
         assert_allclose(at, w, atol=0.1 * np.abs(moved).max())
     assert len(begun) == 1 or most > 0
@@ -187,7 +199,7 @@ def test_volume_solves_go_on_until_what_they_add_is_small(
         return displacement(self, force, error)
 
     monkeypatch.setattr(MatrixFreeSurface, "displacement", watched)
-    correction.by_flexibility(problem, known, p, w)
+    by_flexibility(problem, known, p, w)
     assert len(asked) == solves
     assert all(error > 0 for _, error in asked)
     force, error = asked[0]  # nothing is learnt before the first
@@ -200,10 +212,10 @@ def test_where_nothing_is_left_or_nothing_holds_the_bodies_there_is_no_correctio
     problem, known, p, w = rough
     with monkeypatch.context() as patch:
         patch.setattr(correction, "nearest_in_cone", lambda *given: None)
-        lost = correction.by_flexibility(problem, known, p, w)
+        lost = by_flexibility(problem, known, p, w)
     assert np.isnan(lost.size)
     monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w: correction.ROUNDING / 2)
-    none = correction.by_flexibility(problem, known, p, w)
+    none = by_flexibility(problem, known, p, w)
     assert none.size == 0.0
     for found in (lost, none):
         assert_array_equal([found.p, found.w], np.zeros((2, len(p))))
@@ -226,7 +238,7 @@ def test_newton_ends_where_it_repeats_itself_and_all_starts_only_where_they_arri
     problem, p, _ = step_of(simulation_of(scene_of(**DRAGGED, solver={"tolerance": 1e-13})))
     off = p * np.random.default_rng(0).uniform(0.8, 1.2, len(p))
     u_c = problem.contact_displacement(off)
-    found = Solution(off, problem.relative_displacement(u_c), u_c, Status.STALLED, 0.1, ())
+    found = rough_solution(off, problem.relative_displacement(u_c), u_c)
     exact = correction._newton(problem, found, goal=-1.0)  # no residual is as small
     assert exact is not None
     assert_allclose(exact[0], p, atol=1e-10 * np.abs(p).max())

@@ -35,6 +35,9 @@ QUICK = [
     ("stack", "surface-uzawa, matrix-free", 1e-3),  # bodies that float
     ("sliding", "surface-uzawa, condensed", 1e-5),  # pairs are searched again
     ("hysteresis", "surface-uzawa, condensed", 1e-5),  # errors of 44 steps
+    ("stick_slip", "surface-uzawa, matrix-free", 1e-3),
+    ("stick_slip", "condensed-newton", 1e-3),  # all of the error is that of mu and slip by turns
+    ("stick_slip", "nsgs", 1e-3),
 ]
 
 
