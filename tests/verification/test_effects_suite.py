@@ -10,11 +10,21 @@ from stickslip.geometry.errors import SceneError
 from stickslip.solvers import effects as registry
 from stickslip.solvers.laws import FrictionLaw
 from stickslip.solvers.simulation.resolve import plan_rows
+from stickslip.solvers.simulation.simulation import prepare
 from stickslip.workflows.commands.effects import effects
 from stickslip.workflows.scene_file.read import from_dict
 from stickslip.workflows.verification.effects.page import Found, faults, write_page
 from stickslip.workflows.verification.effects.parts import EFFECTS, LAWS, SCENES
-from stickslip.workflows.verification.effects.suite import ROOT, Absent, Study, Work, studied, taken_out, work
+from stickslip.workflows.verification.effects.suite import (
+    ROOT,
+    Absent,
+    Study,
+    Work,
+    calls,
+    studied,
+    taken_out,
+    work,
+)  # fmt: skip
 
 WORK = Work(
     forms=2,
@@ -81,6 +91,14 @@ def test_the_whole_suite(name: str) -> None:
     study = studied(name, repeats=0)
     assert name.startswith("friction.") or study.absent
     assert not faults(Found(studies=[study], noise=[1.0]))
+
+
+def test_calls_do_not_depend_on_what_ran_before() -> None:
+    scene = from_dict(SCENES["held, 2D"])
+    first = calls(scene)
+    kept = [prepare(scene) for _ in range(3)]  # meshes that live on
+    assert calls(scene) == first
+    assert len(kept) == 3
 
 
 def test_the_judge_sees_what_an_effect_costs(tmp_path: Path) -> None:
