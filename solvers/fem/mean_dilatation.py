@@ -11,7 +11,8 @@ strain, order 1, 16 cells in a: .9 (.8), axisymmetric .3 (.6), 3D, 8 cells: 4.4 
 (1.4). Displacements alone, order 1: 70, 93, 340; order 2: 4.4, 2.8.
 
 Source: Taylor & Hood, Comput. Fluids 1 (1973); Bonet & Burton, Commun. Numer. Meth. Engng 14 (1998), of averages at the
-nodes of linear tetrahedra; de Souza Neto et al., Int. J. Numer. Meth. Engng 62 (2005), of averages over patches.
+nodes of linear tetrahedra; de Souza Neto et al., Int. J. Numer. Meth. Engng 62 (2005), of averages over patches;
+Vanderbei, SIAM J. Optim. 5 (1995), of quasi-definite matrices.
 """
 
 from __future__ import annotations
@@ -38,6 +39,10 @@ class MeanDilatation:
         """Assemble the averages; collective."""
         self._weak = weak
         self._bodies = {name: self._averages(name) for name in weak.problem.averaged}
+
+    def __bool__(self) -> bool:
+        """Whether any body has them."""
+        return bool(self._bodies)
 
     @cached_property
     def _space(self) -> FunctionSpace:
@@ -81,6 +86,36 @@ class MeanDilatation:
         K.setAttr("form", form)
         return K
 
+    def mixed(self, K: Mat, T: Mat) -> Mat:
+        """The stiffness T^T (K + dilatation) T, with the pressure at each node as one more unknown; collective.
+
+        [[K, B^T], [B, -D]]: the lower rows are B q = D p with a diagonal D, and without the pressures it is that
+        stiffness again. It has few entries: the stiffness couples each node with those around its neighbours.
+
+        Args:
+            K: T^T K T of the bodies' shear [N/m]; eliminated entries have only a diagonal.
+            T: see `Constraints`.
+
+        Returns:
+            Symmetric, quasi-definite [N/m]: pressures are scaled to lengths. Rows of each rank: those of K, then its
+            pressures.
+        """
+        mean = K.getDiagonal().sum() / K.getSize()[0]
+        rows: list[list[Mat | None]] = [[K]]
+        for body, (C, V, _) in self._bodies.items():
+            volume = V.array_r
+            own = (np.flatnonzero(volume > 0) + V.getOwnershipRange()[0]).astype(PETSc.IntType)
+            B = C.matMult(T).createSubMatrix(PETSc.IS().createGeneral(own, comm=K.comm))
+            scale = B.createVecLeft()
+            scale.array[:] = np.sqrt(mean * self._weak.lame(body)[0] / volume[volume > 0])
+            B.diagonalScale(scale)
+            rows[0].append(B.transpose(PETSc.Mat()))
+            rows.append([B, *[None] * (len(rows) - 1), _diagonal(np.full(len(own), -mean), B)])
+        for row in rows:
+            row += [None] * (len(rows) - len(row))
+        whole: Mat = PETSc.Mat().createNest(rows, comm=K.comm).convert("aij")
+        return whole
+
     def functions(self) -> dict[str, Function]:
         """A field for the dilatation of each body [-], for `fill`."""
         return {body: dx.fem.Function(self._space) for body in self._bodies}
@@ -104,9 +139,10 @@ class MeanDilatation:
 
 
 def _diagonal(values: Array, like: Mat) -> Mat:
-    """A diagonal matrix (PETSc) from its own entries, with the layout of another one; collective."""
+    """A diagonal matrix (PETSc) from its own entries, with the rows of another one; collective."""
     own = np.arange(*like.getOwnershipRange(), dtype=PETSc.IntType)
-    found: Mat = PETSc.Mat().createAIJ(like.getSizes(), nnz=(1, 0), comm=like.comm)
+    size = like.getSizes()[0]
+    found: Mat = PETSc.Mat().createAIJ((size, size), nnz=(1, 0), comm=like.comm)
     found.setValuesCSR(np.arange(len(own) + 1, dtype=PETSc.IntType), own, values)
     found.assemble()
     return found

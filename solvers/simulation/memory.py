@@ -20,7 +20,7 @@ from stickslip.geometry.protocols import Comm
 from stickslip.geometry.shape import MOST_CELLS
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
-from stickslip.solvers.stepping.choice import ENTRIES, Choice, Size, chosen
+from stickslip.solvers.stepping.choice import Choice, Size, chosen, entries, mixed, slower
 
 # of a run; at the end, of audit and pictures, multigrid is freed
 STAGES = ("meshing", "assembling", "solving", "end")
@@ -165,7 +165,8 @@ def memory_of(scene: Scene, counts: Counts, size: Size, choice: Choice) -> Deman
 def foretold(scene: Scene) -> dict[str, object] | None:
     """What a run will take by the number of cells that its geometry expects, before any mesh, see `Demand.plain`.
 
-    A body is taken for a cube with contact on one side. None where the number is not known; collective.
+    A body is taken for a cube with contact on one side, and all bodies for equally large. None where the number is not
+    known; collective.
     """
     problem = resolve(scene)
     cells, order, dim = float(problem.shape.cell_count(problem.request)), problem.shape.degree, problem.dim
@@ -177,7 +178,17 @@ def foretold(scene: Scene) -> dict[str, object] | None:
     machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
     ranks = comm.allreduce(machine.size, op=MPI.MAX)
     machine.Free()
-    size = Size(dim, dofs, dofs * ENTRIES[kind], touching, len(problem.timeline.times), ranks=ranks)
+    averaged = len(problem.averaged) / len(problem.bodies)
+    size = Size(
+        dim,
+        dofs,
+        dofs * entries(kind, averaged),
+        touching,
+        len(problem.timeline.times),
+        ranks=ranks,
+        slower=slower(problem),
+        mixed=mixed(kind, averaged),
+    )
     choice = chosen(size, scene.solver, available())
     return memory_of(scene, Counts(*kind, cells, comm.size), size, choice).plain(spare(comm))
 

@@ -14,6 +14,7 @@ from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.constraints import Constraints
 from stickslip.solvers.interface.prepare import Form
 from stickslip.solvers.methods import METHODS
+from stickslip.solvers.scene.material import LEAST
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.scene.settings import Solver
 from stickslip.solvers.system.system import System
@@ -22,6 +23,11 @@ ENTRIES = {  # non-zero entries of a row of K_B, inside a regular mesh
     ("triangle", 1): 14, ("triangle", 2): 23, ("quadrilateral", 1): 18, ("quadrilateral", 2): 32,
     ("tetrahedron", 1): 44, ("tetrahedron", 2): 84, ("hexahedron", 1): 81, ("hexahedron", 2): 192,
 }  # fmt: skip
+AVERAGED = {  # the same where the dilatation is averaged, see `MeanDilatation`
+    ("triangle", 1): 120, ("triangle", 2): 94, ("quadrilateral", 1): 158, ("quadrilateral", 2): 126,
+    ("tetrahedron", 1): 800, ("tetrahedron", 2): 571, ("hexahedron", 1): 1526, ("hexahedron", 2): 1149,
+}  # fmt: skip
+MIXED = {(2, 1): 5.0, (2, 2): 1.5, (3, 1): 3.0, (3, 2): 1.25}  # then, of a factor: times the seconds and the entries
 # CPU seconds on one core, one thread, fitted to the table of `stickslip.workflows.benchmarks.auto`
 POWER = {2: 1.1, 3: 2.0}  # of N, free dofs, that the time of a factorisation grows with
 FACTOR_TIME = {2: 1.1e-6, 3: 2.7e-9}  # of a factorisation with its Schur complement, times that power of N
@@ -32,6 +38,10 @@ SET_UP = 6e-8  # of multigrid, for each entry of K_B
 PER_ENTRY = 1.3e-8  # of one iteration of conjugate gradients, for each entry of K_B: products and a multigrid cycle
 # Of conjugate gradients that a step takes, measured 40 to 75 and 20 to 50, and 9 to 31 with little else beside them
 ITERATIONS = {(2, "surface-uzawa"): 60, (3, "surface-uzawa"): 40, (3, "tangent-cg"): 15}
+GIVE, SLOWER = (
+    0.17,
+    0.6,
+)  # if a body's 1 - 2 nu is below GIVE, they are more by that power of the ratio: 3, 14, 50 times
 COMPACT = 2.0  # a floating body more slender than this takes more, in proportion to the square
 METRIC, PER_DOF = 0.03, 1e-4  # of a step's problems on the surface: the least, and for each contact dof
 SWEEPS, PER_SLAVE = 1.5e-3, 1.5e-6  # of an iteration of tangent-cg at the contact, likewise
@@ -66,6 +76,8 @@ class Size:
     ranks: int = 1  # that share a machine's memory
     floating: bool = False  # whether contact or forces alone hold a body or an obstacle
     driven: bool = False  # whether a force moves an obstacle
+    slower: float = 1.0  # iterations of conjugate gradients, relative to those of bodies that are easy to compress
+    mixed: float = 1.0  # seconds and entries of a factor, likewise
     parts: tuple[tuple[float, float], ...] = ()  # dofs and contact dofs of bodies that share no node; (): of all
 
     @staticmethod
@@ -74,19 +86,22 @@ class Size:
         dofs = constraints.free_total
         nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(c.nodes for c in contacts)]))
         kind = mesh.domain.topology.cell_type.name, mesh.degree
+        averaged = _averaged(problem, mesh)
         machine = mesh.comm.Split_type(MPI.COMM_TYPE_SHARED)
         ranks = mesh.comm.allreduce(machine.size, op=MPI.MAX)
         machine.Free()
         return Size(
             dim=mesh.dim,
             dofs=dofs,
-            entries=dofs * ENTRIES[kind],
+            entries=dofs * entries(kind, averaged),
             contact_dofs=mesh.dim * len(nodes),
             steps=len(problem.timeline.times),
             slender=max([1.0, *(_slenderness(mesh, body) for body in _floating(problem))]),
             ranks=ranks,
             floating=bool(problem.rigid_modes.shape[1] or problem.driven),
             driven=bool(problem.driven),
+            slower=slower(problem),
+            mixed=mixed(kind, averaged),
             parts=_parts(mesh, dofs, contacts) if mesh.comm.size == 1 and mesh.part_count > 1 else (),
         )
 
@@ -94,13 +109,14 @@ class Size:
     def condensed_seconds(self) -> float:
         """Predicted time [s] on one core of preparation and all steps, with the bodies in condensed form."""
         N, cube = self.dofs, float(self.contact_dofs) ** 3
-        prepared = sum(FACTOR_TIME[self.dim] * n ** POWER[self.dim] + INVERSE * c**3 for n, c in self._each)
+        factor = self.mixed * FACTOR_TIME[self.dim]
+        prepared = sum(factor * n ** POWER[self.dim] + INVERSE * c**3 for n, c in self._each)
         return float(prepared + self.steps * (BACK[self.dim] * N + NEWTON * cube))
 
     def matrix_free_seconds(self, method: str) -> float:
         """The same with the bodies in matrix-free form, by a method."""
         usual = ITERATIONS.get((self.dim, method), ITERATIONS[self.dim, "surface-uzawa"])
-        iterations = usual * max(1.0, self.slender / COMPACT) ** 2
+        iterations = usual * self.slower * max(1.0, self.slender / COMPACT) ** 2
         if method == "tangent-cg":
             step = iterations * (TANGENT_ENTRY * self.entries + SWEEPS + PER_SLAVE * self.contact_dofs)
         else:
@@ -115,11 +131,41 @@ class Size:
         """
         factor = sum(n * (n ** (1 / 3) * FACTOR[3] if self.dim == 3 else FACTOR[2]) for n, _ in self._each)
         rows = (self.contact_dofs / 2) ** 2 if len(self.parts) > 1 else 0.0
-        return 8.0 * (self.ranks * COPIES * (sum(c**2 for _, c in self._each) + rows) + factor)
+        return 8.0 * (self.ranks * COPIES * (sum(c**2 for _, c in self._each) + rows) + self.mixed * factor)
 
     @property
     def _each(self) -> tuple[tuple[float, float], ...]:
         return self.parts or ((self.dofs, self.contact_dofs),)
+
+
+def entries(kind: tuple[str, int], averaged: float) -> float:
+    """Approximate number of non-zero entries of a row of K_B, for cells of a shape and order.
+
+    Args:
+        averaged: share of the cells whose dilatation is averaged.
+    """
+    return ENTRIES[kind] + averaged * (AVERAGED[kind] - ENTRIES[kind])
+
+
+def mixed(kind: tuple[str, int], averaged: float) -> float:
+    """See `Size.mixed`; arguments as of `entries`."""
+    dim = 2 if kind[0] in ("triangle", "quadrilateral") else 3
+    return 1 + averaged * (MIXED[dim, kind[1]] - 1)
+
+
+def slower(problem: Problem) -> float:
+    """See `Size.slower`."""
+    if problem.model == "plane stress":
+        return 1.0
+    least = min(max(1 - 2 * body.near_incompressible, LEAST) for body in problem.bodies.values())
+    return float(max(1.0, (GIVE / least) ** SLOWER))
+
+
+def _averaged(problem: Problem, mesh: Mesh) -> float:
+    """Share of the cells whose dilatation is averaged; collective."""
+    cells = [sum(len(mesh.cells_of(body)) for body in bodies) for bodies in (problem.averaged, problem.bodies)]
+    some, every = mesh.comm.allreduce(np.array(cells, float))
+    return float(some / every)
 
 
 def _parts(mesh: Mesh, dofs: int, contacts: tuple[ContactRows, ...]) -> tuple[tuple[float, float], ...]:

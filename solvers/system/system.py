@@ -73,6 +73,16 @@ class System:
         """Stiffness of the free displacements, T^T K T [N/m]; see `Stiffness`."""
         return self.assembled().free
 
+    def mixed(self) -> Mat | None:
+        """K_B with pressures as further unknowns, for a factor; None: nothing is nearly incompressible; collective.
+
+        See `MeanDilatation.mixed`.
+        """
+        if not self.dilatation:
+            return None
+        K = whole_stiffness(self.problem, self.weak, self.constraints.links)
+        return self.dilatation.mixed(Stiffness.of(K, self.T, self.constraints).free, self.T)
+
     def vector(self) -> Vec:
         """A PETSc vector of zeros over all displacements."""
         return self.T.createVecLeft()
@@ -205,9 +215,14 @@ def inner_forces(problem: Problem, weak: WeakForms, u: UflExpr | None = None) ->
     return form
 
 
-def whole_stiffness(problem: Problem, weak: WeakForms, links: Links, dilatation: MeanDilatation) -> Mat:
-    """K of the bodies, of effects and of links, PETSc [N/m]; collective."""
-    K = dilatation.add_to(dx.assemble_matrix(weak.compile(inner_forces(problem, weak))))
+def whole_stiffness(problem: Problem, weak: WeakForms, links: Links, dilatation: MeanDilatation | None = None) -> Mat:
+    """K of the bodies, of effects and of links, PETSc [N/m]; without `dilatation` only of averaged bodies' shear.
+
+    Collective.
+    """
+    K = dx.assemble_matrix(weak.compile(inner_forces(problem, weak)))
+    if dilatation is not None:
+        K = dilatation.add_to(K)
     if links:
         K.axpy(1.0, links.matrix(K), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
     return K
