@@ -17,7 +17,7 @@ Vanderbei, SIAM J. Optim. 5 (1995), of quasi-definite matrices.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 
 import numpy as np
@@ -78,13 +78,23 @@ class MeanDilatation:
     def add_to(self, K: Mat) -> Mat:
         """The stiffness K [N/m] of the bodies' shear, with that of their dilatation; collective."""
         form = K.getAttr("form")
-        for body, (C, V, _) in self._bodies.items():
-            weighted, weight = C.copy(), V.duplicate()
-            weight.array[:] = self._weak.lame(body)[0] * _inverse(V)
+        for C, weight in self.terms():
+            weighted = C.copy()
             weighted.diagonalScale(weight)
             K.axpy(1.0, C.transposeMatMult(weighted), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         K.setAttr("form", form)
         return K
+
+    def terms(self, T: Mat | None = None) -> Iterator[tuple[Mat, Vec]]:
+        """Of each body the matrix C (nodes, dofs) [m²] and the weights λ / V_a [N/m⁵]: its stiffness is C^T λ/V C.
+
+        Args:
+            T: see `Constraints`; C is that of the free displacements then.
+        """
+        for body, (C, V, _) in self._bodies.items():
+            weight = V.duplicate()
+            weight.array[:] = self._weak.lame(body)[0] * _inverse(V)
+            yield C if T is None else C.matMult(T), weight
 
     def mixed(self, K: Mat, T: Mat) -> Mat:
         """The stiffness T^T (K + dilatation) T, with the pressure at each node as one more unknown; collective.
@@ -102,12 +112,12 @@ class MeanDilatation:
         """
         mean = K.getDiagonal().sum() / K.getSize()[0]
         rows: list[list[Mat | None]] = [[K]]
-        for body, (C, V, _) in self._bodies.items():
-            volume = V.array_r
-            own = (np.flatnonzero(volume > 0) + V.getOwnershipRange()[0]).astype(PETSc.IntType)
-            B = C.matMult(T).createSubMatrix(PETSc.IS().createGeneral(own, comm=K.comm))
+        for C, weight in self.terms(T):
+            kept = np.flatnonzero(weight.array_r)
+            own = (kept + weight.getOwnershipRange()[0]).astype(PETSc.IntType)
+            B = C.createSubMatrix(PETSc.IS().createGeneral(own, comm=K.comm))
             scale = B.createVecLeft()
-            scale.array[:] = np.sqrt(mean * self._weak.lame(body)[0] / volume[volume > 0])
+            scale.array[:] = np.sqrt(mean * weight.array_r[kept])
             B.diagonalScale(scale)
             rows[0].append(B.transpose(PETSc.Mat()))
             rows.append([B, *[None] * (len(rows) - 1), _diagonal(np.full(len(own), -mean), B)])

@@ -48,7 +48,8 @@ class FactorisedVolume:
     ) -> None:
         """
         Args:
-            K: K_B [N/m], symmetric, singular only by rigid modes that are not zero on the contact dofs.
+            K: K_B [N/m], symmetric, singular only by rigid modes that are not zero on the contact dofs; for products
+                alone where there is a mixed one.
             contact_dofs: global numbers (c,), increasing, the same on all ranks.
             counters: counts factorisations and volume solves.
             several: whether parts that share no node may be looked for.

@@ -44,8 +44,8 @@ def prepare_volume(system: System, form: Form, pressed: bool = False) -> Volume:
         return IterativeVolume(system)
     dofs = condensed_dofs(system, pressed)
     several, plane = system.mesh.part_count > 1, system.mesh.dim == 2
-    mixed = system.mixed()
-    return FactorisedVolume(system.K_B, dofs, system.counters, several=several, low_rank=plane, mixed=mixed)
+    K = system.assembled()
+    return FactorisedVolume(K.product, dofs, system.counters, several=several, low_rank=plane, mixed=K.mixed())
 
 
 def condensed_dofs(system: System, pressed: bool) -> Ints:

@@ -27,6 +27,8 @@ STAGES = ("meshing", "assembling", "solving", "end")
 PROGRAM = 1.5e8  # Python and libraries, on each rank
 GMSH = 6e7  # its library, on rank 0, which keeps it
 ENTRY = 12.5  # of K, by entry
+MIXED = 4.0  # entries of the stiffness and of the mixed one, by those of a stiffness without averages
+AVERAGING = 4.0  # times the stiffness with averages, while it is assembled
 MULTIGRID = 19.0  # with its copy of K, by entry of K
 POINT = 3900.0  # of contact, on each rank
 OWN_POINT = 5500.0  # of the contact points that are a rank's share, beside that
@@ -141,6 +143,9 @@ def memory_of(scene: Scene, counts: Counts, size: Size, choice: Choice) -> Deman
     price, share, output = PRICES[counts.shape, counts.order], 1 / counts.processes, scene.output
     form, cells, unknowns = choice.stages[0].surface, counts.cells, size.dofs
     multigrid = MULTIGRID * size.entries * share
+    plain = size.dofs * entries((counts.shape, counts.order), 0.0)
+    # condensed, the stiffness of averaged dilatations is never one matrix; but there is the one that is factorised
+    stored = min(size.entries, MIXED * plain) if form == "condensed" else size.entries
     condensed = size.dense_bytes / size.ranks
     solver = {"matrix-free": ("multigrid", multigrid), "condensed": ("factor, dense stiffness", condensed)}
     after = ("assembling", "solving", "end")
@@ -149,11 +154,13 @@ def memory_of(scene: Scene, counts: Counts, size: Size, choice: Choice) -> Deman
         Part("program", PROGRAM, GMSH, STAGES),
         Part("mesh while gmsh makes it", 0.0, price.meshing * cells, ("meshing",)),
         Part("mesh", price.mesh * cells * share, 0.0, after),
-        Part("stiffness", ENTRY * size.entries * share, 0.0, after),
+        Part("stiffness", ENTRY * stored * share, 0.0, after),
         Part(*solver.get(form, solver["condensed"]), 0.0, solving if form == "matrix-free" else until),
         Part("contact", (POINT + OWN_POINT * share) * size.contact_dofs / size.dim, 0.0, until),
         Part("steps and results", price.steps * unknowns * share, 0.0, solving),
     ]
+    if stored > MIXED * plain:
+        parts.append(Part("averages of the dilatation", AVERAGING * ENTRY * stored * share, 0.0, ("assembling",)))
     if output.error:
         parts.append(Part(ERRORS, price.errors * unknowns * share, 0.0, solving))
     parts.append(Part("results and audit", price.end * unknowns * share, 0.0, ("end",)))

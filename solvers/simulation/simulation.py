@@ -263,7 +263,7 @@ def prepare(
         demand = memory_of(scene, counts, Size.of(problem, mesh, system.constraints, system.contacts), choice)
         with_error, short = affordable(scene, demand, spare(system.mesh.comm), bool(scene.accuracy.goals))
         scene = replace(scene, output=replace(scene.output, error=with_error))
-        _ = system.K_B  # assembled too
+        system.assembled()  # too
     with counters.clock.phase("prepare"):
         factor = bodies.factor_for(system) if bodies else None
         stepper = Stepper(system, MethodChain(system, reached or Reached(choice, 0, ()), factor))

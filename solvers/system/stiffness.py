@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from petsc4py import PETSc
@@ -10,6 +13,15 @@ from petsc4py import PETSc
 from stickslip.geometry.arrays import Ints
 from stickslip.geometry.protocols import Mat, Vec
 from stickslip.solvers.fem.constraints import Constraints
+from stickslip.solvers.fem.mean_dilatation import MeanDilatation
+
+
+class Products(Protocol):
+    """A matrix (PETSc), or what stands for one."""
+
+    def __mul__(self, u: Vec) -> Vec:
+        """K u; collective."""
+        ...
 
 
 class Restored:
@@ -41,8 +53,17 @@ class Restored:
 class Stiffness:
     """K and T^T K T, PETSc [N/m]; eliminated entries of the latter have only a diagonal, the mean of the free ones."""
 
-    whole: Mat | Restored  # of all displacements, for products
+    whole: Products  # of all displacements
     free: Mat  # of the free displacements
+
+    @property
+    def product(self) -> Mat:
+        """That of the free displacements, for products alone."""
+        return self.free
+
+    def mixed(self) -> Mat | None:
+        """That of the free displacements with more unknowns, for a factor with fewer entries; None: not needed."""
+        return None
 
     @staticmethod
     def of(K: Mat, T: Mat, constraints: Constraints) -> Stiffness:
@@ -59,6 +80,62 @@ class Stiffness:
         diagonal.assemble()
         free.axpy(1.0, diagonal, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         return Stiffness(K, free)
+
+
+class AveragedStiffness:
+    """The same with mean dilatation: as a matrix, which has very many entries, only where one is asked for."""
+
+    def __init__(self, shear: Stiffness, dilatation: MeanDilatation, T: Mat, matrix: Callable[[], Stiffness]) -> None:
+        """
+        Args:
+            shear: without what the averaged dilatations resist.
+            dilatation: of nearly incompressible bodies.
+            matrix: assembles both as one.
+        """
+        self._shear, self._dilatation, self._T, self._matrix = shear, dilatation, T, matrix
+        self.whole: Products = _Sum(shear.whole, list(dilatation.terms()))
+
+    @cached_property
+    def free(self) -> Mat:
+        """See `Stiffness`; collective."""
+        return self._matrix().free
+
+    @cached_property
+    def product(self) -> Mat:
+        """See `Stiffness`; collective."""
+        free = self._shear.free
+        terms = _Sum(free, list(self._dilatation.terms(self._T)))
+        found: Mat = PETSc.Mat().createPython(free.getSizes(), terms, comm=free.comm)
+        found.setUp()
+        return found
+
+    def mixed(self) -> Mat | None:
+        """See `MeanDilatation.mixed`; collective."""
+        return self._dilatation.mixed(self._shear.free, self._T)
+
+
+class _Sum:
+    """K + sum C^T w C, for products."""
+
+    def __init__(self, K: Products, terms: list[tuple[Mat, Vec]]) -> None:
+        """
+        Args:
+            terms: C and the diagonal w.
+        """
+        self._K, self._terms = K, terms
+
+    def __mul__(self, u: Vec) -> Vec:
+        """The product with u; collective."""
+        found = self._K * u
+        for C, weight in self._terms:
+            change = C * u
+            change.array[:] *= weight.array_r
+            C.multTransposeAdd(change, found, found)
+        return found
+
+    def mult(self, matrix: Mat, u: Vec, found: Vec) -> None:
+        """The product of a PETSc matrix whose context this is."""
+        (self * u).copy(found)
 
 
 def _selected(K: Mat, own: Ints, free_total: int) -> Stiffness:

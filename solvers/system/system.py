@@ -35,7 +35,7 @@ from stickslip.solvers.system.applied_loads import AppliedLoads
 from stickslip.solvers.system.contact_interface import ContactInterface
 from stickslip.solvers.system.initial_strain import InitialStrains
 from stickslip.solvers.system.obstacles import Obstacles
-from stickslip.solvers.system.stiffness import Restored, Stiffness
+from stickslip.solvers.system.stiffness import AveragedStiffness, Products, Stiffness
 
 NOTHING = 1e-20  # stiffness of what shrinks, relative to E: below it is rounding [m]
 
@@ -52,7 +52,7 @@ class System:
     counters: Counters
     constraints: Constraints
     contacts: tuple[ContactRows, ...]
-    assembled: Callable[[], Stiffness]  # assembles K at the first call
+    assembled: Callable[[], Stiffness | AveragedStiffness]  # assembles K at the first call
     T: Mat  # (all, all), columns of eliminated entries are zero
     loads: AppliedLoads
     initial: InitialStrains
@@ -64,7 +64,7 @@ class System:
         return self.constraints.course
 
     @property
-    def K(self) -> Mat | Restored:
+    def K(self) -> Products:
         """Stiffness of all displacements, PETSc [N/m], for products; assembled at the first access."""
         return self.assembled().whole
 
@@ -72,16 +72,6 @@ class System:
     def K_B(self) -> Mat:
         """Stiffness of the free displacements, T^T K T [N/m]; see `Stiffness`."""
         return self.assembled().free
-
-    def mixed(self) -> Mat | None:
-        """K_B with pressures as further unknowns, for a factor; None: nothing is nearly incompressible; collective.
-
-        See `MeanDilatation.mixed`.
-        """
-        if not self.dilatation:
-            return None
-        K = whole_stiffness(self.problem, self.weak, self.constraints.links)
-        return self.dilatation.mixed(Stiffness.of(K, self.T, self.constraints).free, self.T)
 
     def vector(self) -> Vec:
         """A PETSc vector of zeros over all displacements."""
@@ -228,6 +218,17 @@ def whole_stiffness(problem: Problem, weak: WeakForms, links: Links, dilatation:
     return K
 
 
+def _assembled(
+    problem: Problem, weak: WeakForms, constraints: Constraints, dilatation: MeanDilatation, T: Mat
+) -> Stiffness | AveragedStiffness:
+    """The stiffness; collective."""
+
+    def matrix(*averages: MeanDilatation) -> Stiffness:
+        return Stiffness.of(whole_stiffness(problem, weak, constraints.links, *averages), T, constraints)
+
+    return AveragedStiffness(matrix(), dilatation, T, lambda: matrix(dilatation)) if dilatation else matrix()
+
+
 def applied_loads(problem: Problem, weak: WeakForms, constraints: Constraints, like: Vec) -> AppliedLoads:
     """The loads of the scene, of all active effects and of remote points; collective."""
     of_effects = (term for effect in active(problem) for term in effect.loads(problem, weak))
@@ -304,9 +305,7 @@ def assemble(problem: Problem, mesh: Mesh, counters: Counters) -> System:
         counters=counters,
         constraints=constraints,
         contacts=contacts,
-        assembled=cache(
-            lambda: Stiffness.of(whole_stiffness(problem, weak, constraints.links, dilatation), T, constraints)
-        ),
+        assembled=cache(lambda: _assembled(problem, weak, constraints, dilatation, T)),
         dilatation=dilatation,
         T=T,
         loads=applied_loads(problem, weak, constraints, T.createVecLeft()),
