@@ -203,6 +203,8 @@ class _Factor:
         pc.setFactorSolverType("mumps")
         pc.setFactorSetUpSolverType()
         pc.getFactorMatrix().setMumpsIcntl(7, METIS)
+        if self.pressures:
+            pc.getFactorMatrix().setMumpsIcntl(13, 1)  # no ScaLAPACK, which does not count negative pivots
         return ksp
 
     def _factorise(self, K: Mat, schur: Ints) -> Mat:
