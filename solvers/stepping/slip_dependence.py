@@ -128,7 +128,7 @@ def exact_by_turns(
     """
     at, size = exact(problem, found)
     if not slid or np.isnan(size):
-        return at, size, dict(slid)
+        return at, size, lengthened(slid, problem, at.p, at.w)
 
     def solve(turned: SurfaceProblem, p: Array) -> Solution:
         nonlocal at, size
