@@ -120,6 +120,19 @@ def test_without_a_mesh_the_expected_number_of_cells_counts() -> None:
     assert 5 < part(fine, "stiffness") / part(coarse, "stiffness") < 9  # eight times as many cells
 
 
+def test_averaged_dilatations_take_more_where_they_are_one_matrix(scene: Scene) -> None:
+    plain = cube(30_000)
+    rubber = replace(plain, entries=1526.0 * plain.dofs, mixed=3.0)
+    free, condensed, before = (
+        {part.name: part.rank for part in demand_of(scene, size, form).parts}
+        for size, form in ((rubber, "matrix-free"), (rubber, "condensed"), (plain, "condensed"))
+    )
+    assert condensed["stiffness"] < 5 * before["stiffness"]
+    assert condensed["factor, dense stiffness"] > before["factor, dense stiffness"]
+    assert "averages of the dilatation" not in condensed
+    assert free["averages of the dilatation"] > free["stiffness"] > 10 * before["stiffness"]
+
+
 def part(memory: dict[str, object], name: str) -> float:
     parts = memory["parts"]
     assert isinstance(parts, list)
@@ -132,8 +145,9 @@ def part(memory: dict[str, object], name: str) -> float:
         ("cube", "geometry.mesh_size=0.0625", 'solver={ method = "tangent-cg", surface = "matrix-free" }'),
         ("cube", "geometry.mesh_size=0.04", "output.error=false", 'solver={ method = "tangent-cg" }'),
         ("block", "geometry.mesh_size=0.02", "geometry.contact_mesh_size=0.02", "output.error=false"),
+        ("cube", "geometry.mesh_size=0.1", "bodies.block.nu=0.499", "geometry.order=2", "output.error=false"),
     ],
-    ids=["cube with errors", "finer cube without", "block"],
+    ids=["cube with errors", "finer cube without", "block", "rubber"],
 )
 def test_the_peak_of_a_run_is_the_one_that_was_foretold(case: tuple[str, ...]) -> None:
     """In a process of its own: its peak is counted from the beginning."""
