@@ -27,7 +27,12 @@ SCENES = {
     "two_blocks": ["geometry.mesh_size=0.25", "geometry.lower_mesh_size=0.3", "geometry.contact_mesh_size=0.12"],
     "cylinders": ["geometry.mesh_size=2.0", "geometry.lower_mesh_size=2.7", "geometry.contact_mesh_size=0.12"],
     "arch": ["geometry.mesh_size=0.4"],
-    "half_disc": ["bodies.disc.nu=0.4999", "geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.06"],
+    "half_disc": [
+        "bodies.disc.nu=0.4999",
+        "geometry.mesh_size=0.3",
+        "geometry.contact_mesh_size=0.06",
+        "steps.count=14",
+    ],
     "stick_slip": ["geometry.mesh_size=0.0125", "steps.count=12"],
     "sliding": ["geometry.mesh_size=0.25", "geometry.lower_mesh_size=0.2", "output.error=false"],
     "half_space": ["geometry.mesh_size=5.0", "geometry.contact_mesh_size=0.1", "steps.count=4"],
