@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from petsc4py import PETSc
 
+from shared.cases import every_nth
 from shared.matrices import whole
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.fem.mean_dilatation import MeanDilatation
@@ -52,8 +53,7 @@ def test_products_need_no_matrix(name: str, system_of: SystemOf) -> None:
     assert pulled.norm() < 1e-12 * (system.K_B * q).norm()
 
 
-@pytest.mark.parametrize("by_blocks", [False, True])
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(("name", "by_blocks"), every_nth(2, SCENES, (False, True)))
 def test_pressures_as_unknowns_change_nothing_but_rounding(name: str, by_blocks: bool, system_of: SystemOf) -> None:
     system = system_of(read(name, [*SCENES[name]]))
     dofs = system.interface.dofs
@@ -101,9 +101,7 @@ def test_a_mechanism_is_seen_by_the_signs_of_the_pivots() -> None:
                 FactorisedVolume(K, np.zeros(0, np.int32), Counters(), mixed=mixed)
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("cells", ["tensor", "simplex"])
-@pytest.mark.parametrize("name", ["block", "cube"])
+@pytest.mark.parametrize(("name", "cells", "order"), every_nth(2, ("block", "cube"), ("tensor", "simplex"), (1, 2)))
 def test_the_size_is_that_of_what_is_assembled(name: str, cells: str, order: int, system_of: SystemOf) -> None:
     h = (0.05 if name == "block" else 0.1) * order
     words = [f"geometry.mesh_size={h}", f"geometry.order={order}", f'geometry.cells="{cells}"', "bodies.block.nu=0.499"]

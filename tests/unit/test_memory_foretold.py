@@ -145,7 +145,7 @@ def part(memory: dict[str, object], name: str) -> float:
         ("cube", "geometry.mesh_size=0.0625", 'solver={ method = "tangent-cg", surface = "matrix-free" }'),
         ("cube", "geometry.mesh_size=0.04", "output.error=false", 'solver={ method = "tangent-cg" }'),
         ("block", "geometry.mesh_size=0.02", "geometry.contact_mesh_size=0.02", "output.error=false"),
-        ("cube", "geometry.mesh_size=0.1", "bodies.block.nu=0.499", "geometry.order=2", "output.error=false"),
+        ("cube", "geometry.mesh_size=0.125", "bodies.block.nu=0.499", "geometry.order=2", "output.error=false"),
     ],
     ids=["cube with errors", "finer cube without", "block", "rubber"],
 )
