@@ -67,18 +67,18 @@ class FactorisedVolume:
         self.counters.schur_size = len(contact_dofs)
         self._factorised = A = K if mixed is None else mixed
         count, displacements = len(contact_dofs), K.getLocalSize()[0]
-        at = contact_dofs if mixed is None else _renumbered(contact_dofs, K, A)
+        contact = self.contact if mixed is None else Replicated(A.createVecRight(), _renumbered(contact_dofs, K, A))
         if K.comm.size > 1 or not several:
             pressures = A.getSize()[0] - K.getSize()[0]
-            self._parts = [_Factor(A, Replicated(A.createVecRight(), at), low_rank, pressures=pressures)]
+            self._parts = [_Factor(A, contact, low_rank, pressures=pressures)]
             self.S = BlockDiagonal.whole(self._parts[0].S)
         else:
             number = _connected(A)
             self._parts = [
-                _part(A, np.flatnonzero(number == k), at, low_rank, displacements)
+                _part(A, np.flatnonzero(number == k), contact.rows, low_rank, displacements)
                 for k in range(number.max(initial=-1) + 1)
             ]
-            belongs = number[at]
+            belongs = number[contact.rows]
             self.S = joined(count, [(np.flatnonzero(belongs == k), part.S) for k, part in enumerate(self._parts)])
         self.counters.factorisations += 1
 

@@ -27,7 +27,7 @@ STAGES = ("meshing", "assembling", "solving", "end")
 PROGRAM = 1.5e8  # Python and libraries, on each rank
 GMSH = 6e7  # its library, on rank 0, which keeps it
 ENTRY = 12.5  # of K, by entry
-MIXED = 4.0  # entries of the stiffness and of the mixed one, by those of a stiffness without averages
+WITH_PRESSURES = 4.0  # entries of the stiffness and of the mixed one, by those of a stiffness without averages
 AVERAGING = 2.0  # times the stiffness with averages, while it is assembled
 MULTIGRID = 19.0  # with its copy of K, by entry of K
 POINT = 3900.0  # of contact, on each rank
@@ -145,7 +145,7 @@ def memory_of(scene: Scene, counts: Counts, size: Size, choice: Choice) -> Deman
     multigrid = MULTIGRID * size.entries * share
     plain = size.dofs * entries((counts.shape, counts.order), 0.0)
     # condensed, the stiffness of averaged dilatations is never one matrix; but there is the one that is factorised
-    stored = min(size.entries, MIXED * plain) if form == "condensed" else size.entries
+    stored = min(size.entries, WITH_PRESSURES * plain) if form == "condensed" else size.entries
     condensed = size.dense_bytes / size.ranks
     solver = {"matrix-free": ("multigrid", multigrid), "condensed": ("factor, dense stiffness", condensed)}
     after = ("assembling", "solving", "end")
@@ -159,7 +159,7 @@ def memory_of(scene: Scene, counts: Counts, size: Size, choice: Choice) -> Deman
         Part("contact", (POINT + OWN_POINT * share) * size.contact_dofs / size.dim, 0.0, until),
         Part("steps and results", price.steps * unknowns * share, 0.0, solving),
     ]
-    if stored > MIXED * plain:
+    if stored > WITH_PRESSURES * plain:
         parts.append(Part("averages of the dilatation", AVERAGING * ENTRY * stored * share, 0.0, ("assembling",)))
     if output.error:
         parts.append(Part(ERRORS, price.errors * unknowns * share, 0.0, solving))

@@ -38,7 +38,8 @@ SET_UP = 6e-8  # of multigrid, for each entry of K_B
 PER_ENTRY = 1.3e-8  # of one iteration of conjugate gradients, for each entry of K_B: products and a multigrid cycle
 # Of conjugate gradients that a step takes, measured 40 to 75 and 20 to 50, and 9 to 31 with little else beside them
 ITERATIONS = {(2, "surface-uzawa"): 60, (3, "surface-uzawa"): 40, (3, "tangent-cg"): 15}
-# more by the power SLOWER where a body's 1 - 2 nu is below GIVE: 3.6, 14 and 57 times for nu = .49, .499, .4999
+# more by the power SLOWER where 1 - 2 nu of a body is below GIVE: 3.6, 14, 57 times for nu = .49, .499, .4999, where
+# 3.8, 14, 47 were measured (order 1, 3D)
 GIVE, SLOWER = 0.17, 0.6
 COMPACT = 2.0  # a floating body more slender than this takes more, in proportion to the square
 METRIC, PER_DOF = 0.03, 1e-4  # of a step's problems on the surface: the least, and for each contact dof

@@ -431,7 +431,7 @@ class Stepper:
         before = old.correction or Correction.none(len(new.w))
         if not len(new.w) or problem.p_ref == 0:
             return replace(Correction.none(len(new.w)), slid=before.slid)
-        if found.correct is not None:
+        if found.correct is not None:  # an estimate of the method's own, with mu as it ended
             left = found.correct(before)
         else:
             slid = {name: lengths + before.slid.get(name, 0.0) for name, lengths in old.slid.items()}

@@ -24,7 +24,7 @@ from stickslip.workflows.verification.effects.suite import (
     studied,
     taken_out,
     work,
-)  # fmt: skip
+)
 
 WORK = Work(
     forms=2,
