@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import os
 import sys
-from functools import reduce
+from collections.abc import Callable
+from functools import partial, reduce
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from stickslip.geometry.form_cache import TURN, find_cache, patient
+from stickslip.geometry.mesh.bisection import bisection, sets_beside
 
 CACHE, CACHE_NOTE = find_cache()  # the note is empty where all is as usual
 try:
@@ -81,15 +83,50 @@ def with_compiled_coordinate_element(domain: Any) -> Any:
 
 def model_to_mesh(model: Any, comm: Comm, dim: int) -> tuple[DolfinxMesh, MeshTags, MeshTags]:
     """Distribute a gmsh model, given on rank 0 (None elsewhere): mesh, cell tags and facet tags; collective."""
+    partitioner = _partitioner(model) if comm.size > 1 else None
     if VERSION >= (0, 10):
         from dolfinx.io import gmsh as gmsh_io
 
-        data = gmsh_io.model_to_mesh(model, comm, 0, gdim=dim)
+        data = gmsh_io.model_to_mesh(model, comm, 0, gdim=dim, partitioner=partitioner)
         return data.mesh, data.cell_tags, data.facet_tags
     from dolfinx.io import gmshio
 
-    domain, cells, facets = gmshio.model_to_mesh(model, comm, 0, gdim=dim)[:3]
+    if not OLD:
+        domain, cells, facets = gmshio.model_to_mesh(model, comm, 0, gdim=dim, partitioner=partitioner)
+        return domain, cells, facets
+    create = gmshio.create_mesh
+    if partitioner is not None:
+        gmshio.create_mesh = partial(create, partitioner=partitioner)
+    try:
+        domain, cells, facets = gmshio.model_to_mesh(model, comm, 0, gdim=dim)
+    finally:
+        gmshio.create_mesh = create
     return with_compiled_coordinate_element(domain), cells, facets
+
+
+def _partitioner(model: Any) -> Callable[..., Any]:
+    """What dolfinx asks on every rank where its cells go: all are on rank 0 yet, and go by `bisection`.
+
+    SCOTCH, which dolfinx would ask, takes ten times as long: it needs the graph of all cells.
+    """
+
+    def destinations(_comm: Comm, ranks: int, kind: Any, cells: Any, *_: Any) -> Any:
+        if model is None:
+            return cpp.graph.AdjacencyList_int32(np.empty(0, np.int32), np.zeros(1, np.int32))
+        corners = _rows(cells) if hasattr(cells, "links") else cells[0].reshape(-1, cpp.mesh.cell_num_vertices(kind[0]))
+        tags, points, _ = model.mesh.getNodes()  # numbered from 1 without gaps
+        x = np.empty((len(tags), 3))
+        x[np.asarray(tags, np.int64) - 1] = points.reshape(-1, 3)
+        rank = bisection(x[corners].mean(axis=1), ranks)
+        cell, to = np.arange(len(rank)), rank
+        if OLD:  # finds the nodes that ranks share from ghosts: the rank of each cell, then those that get a copy
+            copied, beside = sets_beside(corners, rank, kind)
+            cell, to = np.concatenate([cell, copied]), np.concatenate([rank, beside])
+        first = np.cumsum(np.bincount(cell))
+        to = to[np.argsort(cell, kind="stable")]
+        return cpp.graph.AdjacencyList_int32(to.astype(np.int32), np.append(0, first).astype(np.int32))
+
+    return destinations
 
 
 def vector_space(domain: DolfinxMesh, degree: int) -> FunctionSpace:

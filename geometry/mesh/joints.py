@@ -38,9 +38,8 @@ def find_parts(gmsh: Gmsh, dim: int, unit: float) -> tuple[Ints, Joints]:
         The part of each node, of a shared one the first part, and -1 for a node of no cell; and the shared nodes.
     """
     cell, node, part = _sets_of_cells(gmsh, dim)
-    count = int(part.max()) + 1
-    owner = np.unique(node * count + part[cell])  # nodes increase
-    node, part = np.divmod(owner, count)
+    has = sparse.csr_matrix((np.ones(len(node), np.int32), (node, part[cell]))).tocoo()  # nodes increase
+    node, part = has.row.astype(np.int64), has.col.astype(np.int64)
     shared = {int(n) for n in node[1:][node[1:] == node[:-1]]}
     points = {n: unit * np.asarray(gmsh.model.mesh.getNode(n + 1)[0])[:dim] for n in sorted(shared)}
     part = _merged(node, part, points)

@@ -19,6 +19,7 @@ import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
+from stickslip.geometry.mesh.jacobian import inverse_jacobian
 from stickslip.geometry.protocols import Vec
 from stickslip.solvers.scene.material import Elastic, Material
 from stickslip.solvers.scene.orthotropic import DOUBLED, Orthotropic
@@ -201,22 +202,10 @@ class RecoveredStress:
     def _places(self, nodes: Ints, points: Array, weights: Array) -> _Places:
         basis, slope = dx.reference_basis(self._shape, self._degree, points)
         x = [np.ascontiguousarray(component)[nodes.T] for component in self._points.T]  # d times (n, c)
-        inverse, det = _inverse(np.array([np.tensordot(slope, component, 1) for component in x]))
+        inverse, det = inverse_jacobian(np.array([np.tensordot(slope, component, 1) for component in x]))
         radius = basis @ x[0]
         around = 2 * np.pi * radius if self._axisymmetric else 1.0
         return _Places(basis, slope, inverse, np.abs(det) * weights[:, None] * around, radius)
-
-
-def _inverse(jacobian: Array) -> tuple[Array, Array]:
-    """Inverse (k, i, q, c) and determinant (q, c) of Jacobians dx_i / dX_k (i, k, q, c), by their cofactors."""
-    if len(jacobian) == 2:
-        (a, b), (c, d) = jacobian
-        cofactors = np.array([[d, -b], [-c, a]])
-    else:
-        edges = jacobian.swapaxes(0, 1)
-        cofactors = np.array([np.cross(edges[k - 2], edges[k - 1], axis=0) for k in range(3)])
-    det = (cofactors[0] * jacobian[:, 0]).sum(axis=0)
-    return cofactors / det, det
 
 
 def _energy(body: Elastic, stress: Array, volume: Array, raised: float) -> Array:

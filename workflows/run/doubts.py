@@ -9,6 +9,7 @@ import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Bools, Ints
+from stickslip.geometry.mesh.jacobian import inverse_jacobian
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.resolution import elements_touched, unresolved
 from stickslip.solvers.contact.rows import ContactRows
@@ -97,11 +98,12 @@ def _turn(mesh: MeshData, cells: Ints, displacement: Array) -> float:
     d = mesh.points.shape[1]
     nodes = cells[:, : d + 1] if mesh.shape in ("triangle", "tetrahedron") else cells[:, : 2**d]
     slope = dx.reference_basis(mesh.shape, 1, dx.reference_nodes(mesh.shape, 1).mean(axis=0, keepdims=True))[1][:, 0]
-    jacobian, change = (np.swapaxes(slope @ values[nodes], 1, 2) for values in (mesh.points, displacement))
-    gradient = change @ np.linalg.inv(jacobian)
-    turn = np.linalg.norm(gradient - np.swapaxes(gradient, 1, 2), axis=(1, 2)) / np.sqrt(8)
-    order, volume = np.argsort(turn), np.abs(np.linalg.det(jacobian))
-    filled = np.cumsum(volume[order])
+    jacobian, change = (np.array([slope @ x[nodes.T] for x in values.T]) for values in (mesh.points, displacement))
+    inverse, det = inverse_jacobian(jacobian)
+    gradient = np.einsum("ikc,kjc->ijc", change, inverse)
+    turn = np.linalg.norm(gradient - np.swapaxes(gradient, 0, 1), axis=(0, 1)) / np.sqrt(8)
+    order = np.argsort(turn)
+    filled = np.cumsum(np.abs(det[order]))
     return float(turn[order][np.searchsorted(filled, PART * filled[-1])])
 
 
