@@ -46,7 +46,9 @@ def sets_beside(cells: Ints, sets: Ints, dim: int) -> tuple[Ints, Ints]:
     between[cells[of_corner[cells] != sets[:, None]]] = True
     near = np.flatnonzero(between[cells].any(axis=1))
     row, corner = np.nonzero(between[cells[near]])
-    around = sparse.csr_matrix((np.ones(len(row), np.int64), (row, cells[near][row, corner])), (len(near), len(between)))
+    around = sparse.csr_matrix(
+        (np.ones(len(row), np.int64), (row, cells[near][row, corner])), (len(near), len(between))
+    )
     shared = (around @ around.T).tocoo()
     left, right = near[shared.row], sets[near[shared.col]]
     beside = (shared.data >= dim) & (sets[left] != right)  # no two cells share `dim` corners and no facet
