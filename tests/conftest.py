@@ -1,5 +1,6 @@
 """Property tests draw the same examples on every machine, however slow it is; Ctrl-C is heard in the background too."""
 
+import gc
 import signal
 from typing import Any
 
@@ -13,6 +14,12 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # by nohup, or by a shell
 
 settings.register_profile("repeatable", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("repeatable")
+
+
+def pytest_collection_finish() -> None:
+    """Tests and libraries stay to the end: the many collections of garbage need not look through them."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)
