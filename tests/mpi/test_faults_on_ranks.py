@@ -25,8 +25,9 @@ TESTS = str(Path(__file__).parents[1])
 TOLD = """
 import importlib, os, signal, sys
 
-from stickslip.workflows.commands import start
+from stickslip.workflows.commands import process, start
 
+process.SHORT = 1.0  # s; the other rank does not come
 rank, at = sys.argv.pop(1), sys.argv.pop(1)
 if os.environ["OMPI_COMM_WORLD_RANK"] == rank:
     if at[0].isdigit():
@@ -44,7 +45,7 @@ start.main()
 @pytest.mark.parametrize(
     ("rank", "at"),
     [
-        (1, "0.7"),  # s: within the imports
+        pytest.param(1, "0.7", marks=pytest.mark.slow),  # s: within the imports
         (1, "stickslip.workflows.run.run.wanted"),  # the other waits for it already
         pytest.param(0, "stickslip.workflows.run.run.find_earlier_run", marks=pytest.mark.slow),
         pytest.param(1, "stickslip.workflows.scene_file.read.read", marks=pytest.mark.slow),
@@ -65,7 +66,8 @@ def test_rank_that_is_told_to_stop_while_they_start_ends_the_others(rank: int, a
     ("number", "rank"),
     [
         (signal.SIGUSR1, None),  # as a queue does before its time limit: mpirun passes it on
-        (signal.SIGKILL, 1),  # as a machine without memory does
+        # as a machine without memory does; test_killed does it to one rank
+        pytest.param(signal.SIGKILL, 1, marks=pytest.mark.slow),
         pytest.param(signal.SIGTERM, None, marks=pytest.mark.slow),  # mpirun leaves them little time
         pytest.param(signal.SIGINT, None, marks=pytest.mark.slow),
     ],

@@ -1,7 +1,8 @@
 """The number of ranks changes the seconds, not the answer; and a wrong scene ends on all of them."""
 
 import json
-from collections.abc import Callable, Iterator
+import subprocess
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -100,7 +101,51 @@ def compared(result: Any) -> dict[tuple[str, ...], Any]:
     return dict(leaves({key: value for key, value in result.items() if key not in EXCEPTED}))
 
 
+SEVERAL = """
+import json, logging, sys
+
+from stickslip.workflows.commands import cli, start
+
+*others, last = json.loads(sys.argv.pop())
+logging.getLogger().addHandler(logging.NullHandler())
+with open("/dev/null", "w") as nowhere:
+    told, sys.stdout = sys.stdout, sys.stdout if cli.speaks() else nowhere  # as start does
+    for words, code in others:
+        assert cli.guarded(lambda: cli.app(words, standalone_mode=False)) == code
+    sys.stdout = told
+sys.argv += last
+start.main()
+"""
+
+
+def several(
+    ranks: int, first: Iterable[tuple[list[str], int]], last: list[str], folder: Path
+) -> subprocess.CompletedProcess[str]:
+    """Commands one after the other on the same ranks: to start these takes longer than most runs here.
+
+    Args:
+        ranks: their number.
+        first: words, and the exit code that each rank is to find.
+        last: words of the command that ends the ranks.
+        folder: where they work.
+    """
+    return mpirun(ranks, [json.dumps([*first, last])], folder, ("-c", SEVERAL))
+
+
+def run_of(name: str, folder: str, words: Iterable[str]) -> list[str]:
+    return ["run", name, "-q", "-o", f"{folder}/out", *options([*words, *ALWAYS])]
+
+
 ALWAYS_RUN = {2: ("block", "two_blocks", "sliding"), 3: ("cube",)}
+RATES = ["solver.rates=true"]
+BLOCKS = ["output.error=false", "solver.method=block-uzawa"]
+CUBE = ["geometry.mesh_size=0.25", *ALWAYS, "solver.tolerance=1e-9"]
+ITERATIVE = [*CUBE, "output.linear_reference=true", "solver.method=surface-uzawa", "solver.surface=matrix-free"]
+ON_TWO = {  # by folder: what always runs on two ranks
+    **{f"{name}-2": run_of(name, f"{name}-2", SCENES[name]) for name in ALWAYS_RUN[2]},
+    "rates": run_of("block", "rates", [*SCENES["block"], *RATES, *BLOCKS]),
+    "iterative": ["run", "cube", "-q", "-o", "iterative/out", *options(ITERATIVE)],
+}
 RUNS = [  # the others when there is time
     pytest.param((name, ranks), id=f"{name}-{ranks}", marks=[] if name in ALWAYS_RUN[ranks] else pytest.mark.slow)
     for name in SCENES
@@ -129,17 +174,33 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 
 
 @pytest.fixture(scope="module")
+def on_two(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the folders of `ON_TWO` are."""
+    folder = tmp_path_factory.mktemp("on_two")
+    for name in ON_TWO:
+        (folder / name).mkdir()
+    *first, last = ON_TWO.values()
+    done = several(2, [(words, 0) for words in first], last, folder)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    return folder
+
+
+@pytest.fixture(scope="module")
 def alone(case: tuple[str, int], known: Callable[[str], Path]) -> tuple[str, Path]:
     """A scene's name, and its results on one rank."""
     return case[0], known(case[0])
 
 
 @pytest.fixture(scope="module")
-def together(case: tuple[str, int], tmp_path_factory: pytest.TempPathFactory) -> tuple[int, Path]:
+def together(
+    case: tuple[str, int], tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
+) -> tuple[int, Path]:
     """A number of ranks, and the same scene's results on them."""
     name, ranks = case
-    folder = tmp_path_factory.mktemp(f"{name}_{ranks}")
-    done = mpirun(ranks, ["run", name, "-q", "-o", "out", *options([*SCENES[name], *ALWAYS])], folder)
+    if (kept := f"{name}-{ranks}") in ON_TWO:
+        return ranks, request.getfixturevalue("on_two") / kept / "out"
+    folder = tmp_path_factory.mktemp(kept)
+    done = mpirun(ranks, run_of(name, ".", SCENES[name]), folder)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     return ranks, folder / "out"
 
@@ -206,7 +267,8 @@ def test_volume_is_solved_by_all_ranks_at_the_price_of_one(alone: tuple[str, Pat
 @pytest.mark.parametrize(
     ("override", "said"),
     [
-        ("bodies.block.nu=0.6", "bodies.block.nu = 0.6: must lie above -1"),  # read from the file
+        # read from the file: so is what test_foreign_folder refuses
+        pytest.param("bodies.block.nu=0.6", "bodies.block.nu = 0.6: must lie above -1", marks=pytest.mark.slow),
         pytest.param("solver.method=uzava", "did you mean uzawa?", marks=pytest.mark.slow),
         ("probes.corner.point=[9.0,9.0]", "probes.corner.point = [9.0, 9.0]: lies outside"),  # known when meshed
         pytest.param(
@@ -224,31 +286,44 @@ def test_wrong_scene_ends_on_every_rank_with_one_line(override: str, said: str, 
     assert (done.stdout, list(tmp_path.iterdir())) == ("", [])
 
 
-def test_foreign_folder_is_refused_on_every_rank(tmp_path: Path) -> None:
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "chapter.tex").write_text("years of work")
-    done = mpirun(2, ["run", "block", "-q", "-o", "out", *options(SCENES["block"])], tmp_path)
-    assert done.returncode == 2
+@pytest.fixture(scope="module")
+def spoken(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
+    """A run that speaks, a plan, a foreign folder, a run that does not converge; on two ranks."""
+    folder = tmp_path_factory.mktemp("spoken")
+    (folder / "foreign").mkdir()
+    (folder / "foreign" / "chapter.tex").write_text("years of work")
+    block = options(SCENES["block"])
+    quick = options([*SCENES["block"], *ALWAYS])
+    first = [
+        (["run", "block", "-o", "out", *quick, "--set=output.error=false"], 0),
+        (["plan", "block", "--mesh", "--json", *block], 0),
+        (["run", "block", "-q", "-o", "foreign", *block], 2),
+    ]
+    last = ["run", "block", "-q", "-o", "lost", *quick, *options(["solver.method=uzawa", "solver.max_iterations=1"])]
+    return folder, several(2, first, last, folder)
+
+
+def test_foreign_folder_is_refused_on_every_rank(spoken: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+    folder, done = spoken
     assert done.stderr.count("choose another folder with -o") == 1
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["chapter.tex"]
+    assert [path.name for path in (folder / "foreign").iterdir()] == ["chapter.tex"]
 
 
-def test_run_that_does_not_converge_ends_on_every_rank_with_3(tmp_path: Path) -> None:
-    words = options([*SCENES["block"], *ALWAYS, "solver.method=uzawa", "solver.max_iterations=1"])
-    done = mpirun(2, ["run", "block", "-q", "-o", "out", *words], tmp_path)
-    assert done.returncode == 3
+def test_run_that_does_not_converge_ends_on_every_rank_with_3(
+    spoken: tuple[Path, subprocess.CompletedProcess[str]],
+) -> None:
+    folder, done = spoken
+    assert done.returncode == 3, done.stderr
     assert done.stderr.count("stickslip: not converged") == 1
-    assert json.loads((tmp_path / "out" / "result.json").read_text())["status"] == "not_converged"
+    assert json.loads((folder / "lost" / "result.json").read_text())["status"] == "not_converged"
 
 
-def test_one_rank_speaks(tmp_path: Path) -> None:
-    words = options([*SCENES["block"], *ALWAYS, "output.error=false"])
-    done = mpirun(2, ["run", "block", "-o", "out", *words], tmp_path)
-    assert done.returncode == 0
+def test_one_rank_speaks(spoken: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+    _, done = spoken
     assert done.stdout.count("results in out") == 1
     assert done.stderr.count("t = 2: ") == 1
-    plan = mpirun(2, ["plan", "block", "--mesh", "--json", *options(SCENES["block"])], tmp_path)
-    assert json.loads(plan.stdout)["mesh"]["contacts"]["base"]["normal_points"] == 17  # 4 m, 0.25 m a cell
+    told = json.loads(done.stdout[done.stdout.index("{") :])
+    assert told["mesh"]["contacts"]["base"]["normal_points"] == 17  # 4 m, 0.25 m a cell
 
 
 @pytest.mark.slow  # a cell of each method is in test_cells_on_ranks
@@ -268,7 +343,7 @@ def test_regularised_finds_on_two_ranks_what_it_finds_on_one(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("name", "more"),
     [
-        ("block", ["solver.rates=true"]),
+        ("block", RATES),
         pytest.param("foundation", [], marks=pytest.mark.slow),
         pytest.param("block", ["solver.inner_solves=inexact"], marks=pytest.mark.slow),
         pytest.param("cube", ["solver.outer=ksp"], marks=pytest.mark.slow),
@@ -277,15 +352,19 @@ def test_regularised_finds_on_two_ranks_what_it_finds_on_one(tmp_path: Path) -> 
     ],
 )
 def test_the_block_system_gives_on_two_ranks_what_the_condensed_bodies_give_on_one(
-    name: str, more: list[str], tmp_path: Path
+    name: str, more: list[str], tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
     words = [*SCENES[name], *ALWAYS, "output.error=false"]
     run(read(name, [*words, "solver.method=condensed-newton"]), tmp_path / "one")
-    done = mpirun(2, ["run", name, "-q", "-o", "two", *options([*words, *more, "solver.method=block-uzawa"])], tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
+    if more == RATES:
+        found = request.getfixturevalue("on_two") / "rates" / "out"
+    else:
+        done = mpirun(2, run_of(name, "two", [*SCENES[name], *more, *BLOCKS]), tmp_path)
+        assert (done.returncode, done.stderr) == (0, "")
+        found = tmp_path / "two" / "out"
     steps = json.loads((tmp_path / "one" / "result.json").read_text())["steps"]
     for index in range(1, len(steps) + 1):
-        one, two = (read_step(tmp_path / folder / step_name(index)) for folder in ("one", "two"))
+        one, two = (read_step(folder / step_name(index)) for folder in (tmp_path / "one", found))
         for key in ("displacement", "p", "w"):
             mine, other = getattr(one, key), getattr(two, key)
             allowed = CONDITION.get(name, 10) * SAME * np.abs(mine).max()
@@ -294,15 +373,17 @@ def test_the_block_system_gives_on_two_ranks_what_the_condensed_bodies_give_on_o
 
 @pytest.mark.parametrize("ranks", [pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_iterative_solves_give_on_every_number_of_ranks_what_the_condensed_bodies_give(
-    ranks: int, tmp_path: Path
+    ranks: int, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
-    words = ["geometry.mesh_size=0.25", *ALWAYS, "solver.tolerance=1e-9"]
-    run(read("cube", [*words, "output.error=false", "solver.method=condensed-newton"]), tmp_path / "exact")
-    iterative = [*words, "output.linear_reference=true", "solver.method=surface-uzawa", "solver.surface=matrix-free"]
+    run(read("cube", [*CUBE, "output.error=false", "solver.method=condensed-newton"]), tmp_path / "exact")
     exact = json.loads((tmp_path / "exact" / "result.json").read_text())
-    done = mpirun(ranks, ["run", "cube", "-q", "-o", "out", *options(iterative)], tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    found = json.loads((tmp_path / "out" / "result.json").read_text())
+    if ranks == 2:
+        folder = request.getfixturevalue("on_two") / "iterative" / "out"
+    else:
+        folder = tmp_path / "out"
+        done = mpirun(ranks, ["run", "cube", "-q", "-o", "out", *options(ITERATIVE)], tmp_path)
+        assert (done.returncode, done.stderr) == (0, "")
+    found = json.loads((folder / "result.json").read_text())
     assert found["counters"]["linear_iterations"] > 0
     assert found["error"]["linear_solver"] < 1e-9
     total = found["seconds"].pop("total")
@@ -314,24 +395,24 @@ def test_iterative_solves_give_on_every_number_of_ranks_what_the_condensed_bodie
             assert_allclose(forces[1], forces[0], atol=1e-6 * np.abs(forces[0]).max())  # tolerance times condition
 
 
-def test_fewer_cells_than_ranks_are_refused_on_all_of_them(tmp_path: Path) -> None:
+def test_meshes_that_ranks_cannot_share_are_refused_on_all_of_them(tmp_path: Path) -> None:
+    """One cell for two ranks; and cells that hang together at a point.
+
+    With dolfinx 0.5 each rank would have a node of its own there; later versions share it.
+    """
     coarse = ["geometry.mesh_size=4", "geometry.contact_mesh_size=4", 'geometry.cells="tensor"']
-    ended = mpirun(3, ["run", "block", "-o", "out", *options(coarse)], tmp_path)
-    assert ended.returncode == 2
-    assert "the mesh has 1 cells, too few for 3 ranks; use fewer" in ended.stderr
-    assert not (tmp_path / "out").exists()
-
-
-def test_cells_that_hang_together_at_a_point_are_not_taken_apart(tmp_path: Path) -> None:
-    """With dolfinx 0.5 each rank would have a node of its own there; later versions share it."""
-    held = options(["supports.right={boundary='block.right',displacement={x=0.0,y=0.0}}", ALWAYS[0]])
-    words = ["run", str(write_hinge(tmp_path)), "-q", *held, "-o"]
-    ended = mpirun(2, [*words, "out"], tmp_path)
+    one_cell = (["run", "block", "-o", "coarse", *options(coarse)], 2)
+    held = ["supports.right={boundary='block.right',displacement={x=0.0,y=0.0}}", ALWAYS[0]]
+    scene = str(write_hinge(tmp_path))
+    ended = several(2, [one_cell], ["run", scene, "-q", *options(held), "-o", "out"], tmp_path)
+    assert ended.stderr.count("the mesh has 1 cells, too few for 2 ranks; use fewer") == 1
+    assert not (tmp_path / "coarse").exists()
     if dx.OLD:
         assert ended.returncode == 2
         assert ended.stderr.count("together by points or edges only, where 2 ranks would take them apart") == 1
         assert not (tmp_path / "out").exists()
         return
-    assert (ended.returncode, mpirun(1, [*words, "alone"], tmp_path).returncode) == (0, 0), ended.stderr
+    assert ended.returncode == 0, ended.stderr
+    run(read(scene, held), tmp_path / "alone")
     ours, alone = (result(tmp_path / name)["steps"][-1]["energy"]["stored"] for name in ("out", "alone"))
     assert_allclose(ours, alone, rtol=SAME)
