@@ -1,12 +1,14 @@
 """`stickslip plan SCENE --cost`: prices in a table and in JSON."""
 
 import json
+from collections.abc import Iterable
 
 import pytest
 
 import stickslip.workflows.cost.foresee
 from shared.command import Call
-from stickslip.workflows.cost.foresee import ASKED, Price, Row
+from stickslip.solvers.scene.scene import Scene
+from stickslip.workflows.cost.foresee import ASKED, Coarse, Price, Row
 from stickslip.workflows.cost.progress import print_prices
 
 SMALL = ["--set=geometry.mesh_size=0.4", "--set=geometry.contact_mesh_size=0.2"]
@@ -14,8 +16,14 @@ SMALL = ["--set=geometry.mesh_size=0.4", "--set=geometry.contact_mesh_size=0.2"]
 
 @pytest.fixture(autouse=True)
 def one_second(monkeypatch: pytest.MonkeyPatch) -> None:
-    limited = stickslip.workflows.cost.foresee.coarse_versions
-    monkeypatch.setattr(stickslip.workflows.cost.foresee, "coarse_versions", lambda scene, _: limited(scene, 1.0))
+    """For the coarse versions of a scene; those of a test's first command serve the others."""
+    limited, kept = stickslip.workflows.cost.foresee.coarse_versions, list[Coarse]()
+
+    def versions(scene: Scene, seconds: float) -> Iterable[Coarse]:
+        kept.extend(() if kept else limited(scene, 1.0))
+        return kept
+
+    monkeypatch.setattr(stickslip.workflows.cost.foresee, "coarse_versions", versions)
 
 
 def test_prices_are_told(call: Call) -> None:
