@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from shared.cases import slow
 from shared.ranks import STICKSLIP
 from stickslip.geometry.mesh.msh_file import write_msh
 from stickslip.workflows.pictures.report_page import page
@@ -80,7 +81,7 @@ def test_grids_are_refined_as_a_whole(tmp_path: Path) -> None:
     assert result(tmp_path / "out")["accuracy"]["rounds"][-1]["unknowns"] > 200
 
 
-@pytest.mark.parametrize("cells", ["simplex", "tensor"])
+@pytest.mark.parametrize("cells", ["simplex", *slow("tensor")])  # as the grid above
 def test_the_cells_of_a_mesh_of_ones_own_are_cut(cells: str, tmp_path: Path) -> None:
     scene = read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.5", f"geometry.cells={cells!r}"])
     write_msh(scene.geometry, scene.request(), tmp_path / "mine.msh")

@@ -156,7 +156,7 @@ def test_names_that_no_disk_has_are_refused(name: str, call: Call) -> None:
 
 @pytest.mark.parametrize(
     ("number", "part"),
-    every_nth(3, [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1], [0.0, 0.2, 0.7, 1.4]),
+    every_nth(4, [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1], [0.0, 0.2, 0.7, 1.4]),
 )
 def test_signal_while_it_starts_ends_with_130(
     number: signal.Signals, part: float, folder: Path, command: list[str], environment: dict[str, str]
@@ -195,7 +195,7 @@ def test_ctrl_c_that_is_ignored_is_not_heard_but_other_signals_are(
 @pytest.mark.parametrize(
     ("doing", "number"),
     [
-        ("reading", signal.SIGINT),
+        pytest.param("reading", signal.SIGINT, marks=pytest.mark.slow),
         ("meshing", signal.SIGTERM),
         pytest.param("reading", signal.SIGTERM, marks=pytest.mark.slow),
         pytest.param("meshing", signal.SIGINT, marks=pytest.mark.slow),

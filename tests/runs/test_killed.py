@@ -116,7 +116,7 @@ def _moments(count: int) -> list[float]:
 def test_killed_at_moments_of_writing_it_goes_on(tmp_path: Path, whole: Path) -> None:
     """The last one too, when all is solved and the files of what was learnt are gone."""
     last = operations(tmp_path / "counted")
-    for operation in {*(1 + int(part * last) for part in _moments(2)), last}:
+    for operation in {*(1 + int(part * last) for part in _moments(1)), last}:
         folder = tmp_path / f"{operation}" / "out"
         assert killed_at(operation, folder, resume=False)
         run(read("block", SCENE), folder, resume=True)
@@ -188,7 +188,7 @@ def test_killed_at_any_time_it_goes_on(tmp_path: Path, longer: Path) -> None:
         return in_a_process_of_its_own(lambda: run(read("block", LONGER), place))
 
     pace = pace_of(start(tmp_path / "timed"), tmp_path / "timed")
-    for number, lot in enumerate(map(Lot, _moments(2))):
+    for number, lot in enumerate(map(Lot, _moments(1))):
         folder = tmp_path / f"{number}" / "out"
         lot.kill(start(folder), folder, pace)
         run(read("block", LONGER), folder, resume=True)

@@ -91,7 +91,7 @@ def test_beginning_that_is_nested_or_endless_is_refused(content: str, call: Call
 
 NAMES = [step_name(1), step_name(2), BEGUN, RESULT, "run.log", "fields.h5", "history.csv"]
 KINDS = ["pipe", "device", "folder"]
-OFTEN = {(step_name(1), "pipe"), (RESULT, "device"), ("run.log", "folder"), ("history.csv", "pipe")}
+OFTEN = {(step_name(1), "pipe"), (RESULT, "device"), ("run.log", "folder")}
 
 
 @pytest.mark.parametrize(

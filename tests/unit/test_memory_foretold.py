@@ -142,12 +142,25 @@ def part(memory: dict[str, object], name: str) -> float:
 @pytest.mark.parametrize(
     "case",
     [
-        ("cube", "geometry.mesh_size=0.0625", 'solver={ method = "tangent-cg", surface = "matrix-free" }'),
-        ("cube", "geometry.mesh_size=0.04", "output.error=false", 'solver={ method = "tangent-cg" }'),
-        ("block", "geometry.mesh_size=0.02", "geometry.contact_mesh_size=0.02", "output.error=false"),
-        ("cube", "geometry.mesh_size=0.125", "bodies.block.nu=0.499", "geometry.order=2", "output.error=false"),
+        pytest.param(
+            ("cube", "geometry.mesh_size=0.0625", 'solver={ method = "tangent-cg", surface = "matrix-free" }'),
+            id="cube with errors",
+        ),
+        pytest.param(
+            ("cube", "geometry.mesh_size=0.04", "output.error=false", 'solver={ method = "tangent-cg" }'),
+            id="finer cube without",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            ("block", "geometry.mesh_size=0.02", "geometry.contact_mesh_size=0.02", "output.error=false"),
+            id="block",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(  # condensed
+            ("cube", "geometry.mesh_size=0.125", "bodies.block.nu=0.499", "geometry.order=2", "output.error=false"),
+            id="rubber",
+        ),
     ],
-    ids=["cube with errors", "finer cube without", "block", "rubber"],
 )
 def test_the_peak_of_a_run_is_the_one_that_was_foretold(case: tuple[str, ...]) -> None:
     """In a process of its own: its peak is counted from the beginning."""

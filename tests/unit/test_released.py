@@ -46,12 +46,9 @@ def left(words: list[tuple[str, ...]]) -> str:
     return done.stdout
 
 
-def test_every_method_gives_its_memory_back() -> None:
-    assert left([("cube", COARSE, f'solver.method="{name}"') for name in METHODS]) == ""
-
-
-def test_both_forms_of_the_bodies_give_their_memory_back() -> None:
-    assert left([*FORMS, ("spheres",), ("block", "geometry.order=2")]) == ""
+def test_every_method_and_both_forms_of_the_bodies_give_their_memory_back() -> None:
+    methods = [("cube", COARSE, f'solver.method="{name}"') for name in METHODS]
+    assert left([*methods, *FORMS, ("spheres",), ("block", "geometry.order=2")]) == ""
 
 
 def test_ranks_give_their_memory_back(tmp_path: Path) -> None:
