@@ -45,7 +45,7 @@ def test_ranks_state_the_same_errors_of_stress(tmp_path: Path) -> None:
     assert two["error"]["discretisation"] == pytest.approx(one["error"]["discretisation"], rel=1e-9)
 
 
-@pytest.mark.slow  # test_order_2_on_ranks is its sibling in 2D
+@pytest.mark.slow  # test_scripts_on_ranks has its sibling in 2D
 def test_ranks_state_the_same_errors_of_order_2_in_3d(tmp_path: Path) -> None:
     stated = []
     words = [

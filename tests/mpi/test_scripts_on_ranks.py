@@ -1,0 +1,203 @@
+"""Scripts find on two ranks what they find on one; one mpirun runs them all, for to start it takes longer than most."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from shared.cases import slow
+from shared.ranks import each_told, told
+
+# the audit, also of tractions that are wrong
+AUDIT = """
+import json
+from dataclasses import asdict, replace
+from mpi4py import MPI
+from shared.audited import record_of
+from shared.cells import Cell, solved
+from stickslip.solvers.results.audit import Auditor
+comm, told = MPI.COMM_WORLD, []
+cells = (Cell("condensed-newton", model="3d", more="order 2"), Cell("condensed-newton", more="sliding"),
+         Cell("condensed-newton", model="axisymmetric"), Cell("condensed-newton", "compliance", more="k_T"))
+for cell in cells:
+    simulation, steps = solved(cell.scene(1e-11), comm)
+    audit = Auditor(simulation.problem, simulation.mesh)
+    for step in steps:
+        record = replace(record_of(step), displacement=comm.bcast(step.displacement))
+        found = [asdict(audit(each)) for each in (record, replace(record, p=1.01 * record.p))]
+        told.append([max(found[0].values()), found[1]["equilibrium"]])
+everywhere = comm.gather(told)
+if comm.rank == 0:
+    print(json.dumps(everywhere))
+"""
+
+# springs, bolts and remote points, in both forms of the bodies
+COUPLINGS = """
+import json
+from mpi4py import MPI
+import stickslip
+words = [
+    "springs.side={at='block.left',to='block.right',stiffness=[0.2,0.1]}",
+    "springs.tip={at=[4.0,2.0],stiffness=0.3,direction=[1.0,1.0],displacement=[0.05,0.0]}",
+    "springs.stop={at='block.top',stiffness=0.2,direction=[0.0,1.0],acts='compression',gap=0.005}",
+    "springs.slack={at=[4.0,0.0],stiffness=0.2,direction=[1.0,0.0],acts='compression'}",
+    "geometry={builder='block',length=4.0,height=2.0,mesh_size=0.5,order=ORDER}",
+    "solver={method='surface-uzawa',surface='FORM',tolerance=1e-10}",
+    "steps={end=2.0,count=2}",
+    "supports.top={boundary='block.left',displacement={x=[[0.0,0.0],[1.0,0.01]]}}",
+    "remote_points.lid={boundary='block.top',point=[1.0,5.0],coupling='rigid',force={y=-0.1,x=0.05},moment={z=0.02}}",
+    "bolts.tie={head='block.right',nut='block.left',axis=[1.0,0.0],stiffness=0.05,shortening=0.02}",
+    "remote_points.end={boundary='block.left',point=[0.0,1.5],coupling='distributing',moment={z=0.01}}",
+]
+found = []
+for form, order in (("condensed", 2), ("matrix-free", 1)):
+    own = [word.replace("ORDER", str(order)).replace("FORM", form) for word in words]
+    simulation = stickslip.prepare(stickslip.read("block", own))
+    *_, step = simulation.steps()
+    numbers = [x for kind in (step.springs, step.remote_points) for each in kind.values() for x in each]
+    numbers += [*step.bolts.values()]
+    found.append([*(float(x) for values in numbers for x in values), step.energy.stored])
+everywhere = MPI.COMM_WORLD.gather(found)
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps(everywhere))
+"""
+
+# errors of the mesh with order 2
+ORDER_2 = """
+import json
+import numpy as np
+from mpi4py import MPI
+import stickslip
+sizes = ["geometry.mesh_size=0.3", "geometry.contact_mesh_size=0.15"]
+simulation = stickslip.prepare(stickslip.read("block", ["geometry.order=2", "solver.tolerance=1e-11", *sizes]))
+found = simulation.mesh_errors([*simulation.steps()])
+told = [[float(x) for parts in step.values() if parts.mesh is not None for x in np.ravel(parts.mesh)] for step in found]
+everywhere = MPI.COMM_WORLD.gather(told)
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps(everywhere))
+"""
+
+# orthotropic bodies and their errors
+ORTHOTROPIC = """
+import json
+from mpi4py import MPI
+import stickslip
+from stickslip.solvers.results.error_parts import Quantity
+words = ["geometry.mesh_size=0.01", "steps.count=3", "solver.tolerance=1e-11"]
+found = []
+for order in (1, 2):
+    simulation = stickslip.prepare(stickslip.read("spruce", [*words, f"geometry.order={order}"]))
+    steps = [*simulation.steps()]
+    errors = simulation.errors(steps)
+    for step, error in zip(steps, errors):
+        base = step.contacts["base"]
+        found += [base.normal_force, base.tangential_force, base.stick_area, step.energy.stored]
+        found += [error[Quantity("contacts", "base", key)].mesh for key in ("tangential_force", "dissipation")]
+everywhere = MPI.COMM_WORLD.gather([float(value) for value in found])
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps(everywhere))
+"""
+
+# a history that reads contacts, decides on every rank alike, and goes on
+SCRIPTED = """
+import json
+from mpi4py import MPI
+import stickslip
+scene = stickslip.read("block", ["geometry.mesh_size=0.5", "geometry.contact_mesh_size=0.25", "solver.tolerance=1e-11"])
+script, x, told = stickslip.prepare(scene).script(), 0.0, []
+step = script.step(to=1.0)
+while step.contacts["base"].slip_area < step.contacts["base"].contact_area and x < 0.2:
+    x += 0.03
+    step = script.step(to=script.time + 1.0, supports={"top": {"x": x}})
+    base = step.contacts["base"]
+    told.append([x, *base.force, base.stick_area, *step.energy.dissipation, *step.supports["top"][0]])
+everywhere = MPI.COMM_WORLD.gather(told)
+if MPI.COMM_WORLD.rank == 0:
+    assert len(step.displacement) > 0
+    print(json.dumps(everywhere))
+"""
+
+# a factor with pressures as unknowns: no pivot that is not counted
+RUBBER = """
+import json
+from mpi4py import MPI
+import stickslip
+words = ["bodies.block.nu=0.499", "geometry.order=2", "solver.tolerance=1e-11", 'solver.surface="condensed"']
+found = []
+simulation = stickslip.prepare(stickslip.read("cube", [*words, "geometry.mesh_size=SIZE", "output.error=false"]))
+for step in simulation.steps():
+    base = step.contacts["base"]
+    found += [base.normal_force, base.stick_area, base.max_pressure, step.energy.stored]
+everywhere = MPI.COMM_WORLD.gather([float(value) for value in found])
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps(everywhere))
+"""
+SIZE = "0.2"  # MUMPS divides the last front among ranks, where it may
+SCRIPTS = {
+    "audit": AUDIT,
+    "couplings": COUPLINGS,
+    "order 2": ORDER_2,
+    "orthotropic": ORTHOTROPIC,
+    "scripted": SCRIPTED,
+    "rubber": RUBBER.replace("SIZE", SIZE),
+}
+Both = dict[str, tuple[Any, Any]]
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory: pytest.TempPathFactory) -> Both:
+    """By script, what one rank finds, and both of two."""
+    folder = tmp_path_factory.mktemp("scripts")
+    alone, together = (each_told(SCRIPTS, ranks, folder) for ranks in (1, 2))
+    found = {}
+    for name in SCRIPTS:
+        (one, other) = together[name]
+        assert one == other, name
+        found[name] = (*alone[name], one)
+    return found
+
+
+def test_two_ranks_audit_as_one_does(both: Both) -> None:
+    alone, one = both["audit"]
+    assert len(alone) == len(one) == 8
+    assert max(defect for step in (*alone, *one) for defect in step[:1]) < 1e-9  # the solver's tolerance is 1e-11
+    wrong = [[step[1] for step in steps] for steps in (alone, one)]
+    assert min(wrong[0]) > 1e-6
+    assert_allclose(wrong[1], wrong[0], rtol=1e-7)
+
+
+def test_ranks_agree_on_forces_and_motions_of_couplings(both: Both) -> None:
+    alone, one = both["couplings"]
+    assert_allclose(one, alone, rtol=1e-6, atol=1e-9)
+
+
+def test_ranks_find_the_errors_of_order_2(both: Both) -> None:
+    alone, one = both["order 2"]
+    assert np.shape(alone) == np.shape(one) == (2, len(alone[0]))
+    assert np.min(alone) >= 0
+    assert_allclose(one, alone, rtol=1e-6, atol=1e-9 * np.max(alone))
+
+
+def test_ranks_agree_on_forces_and_errors_of_orthotropic_bodies(both: Both) -> None:
+    alone, one = both["orthotropic"]
+    assert_allclose(one, alone, rtol=1e-6, atol=1e-9 * max(alone))
+
+
+def test_ranks_decide_alike_and_have_the_answer_of_one(both: Both) -> None:
+    alone, one = both["scripted"]
+    assert len(alone) == len(one) == 5  # slips as a whole at x = 0.15
+    assert_allclose(one, alone, rtol=0, atol=1e-9 * np.abs(alone).max())  # two decades above the solver's tolerance
+
+
+def test_ranks_agree_on_nearly_incompressible_bodies(both: Both) -> None:
+    alone, one = both["rubber"]
+    assert_allclose(one, alone, rtol=1e-8)
+
+
+@pytest.mark.parametrize("size", slow(0.25))
+def test_ranks_agree_on_nearly_incompressible_bodies_of_other_sizes(size: float, tmp_path: Path) -> None:
+    (alone,), (one, other) = (told(RUBBER.replace("SIZE", str(size)), ranks, tmp_path) for ranks in (1, 2))
+    assert one == other
+    assert_allclose(one, alone, rtol=1e-8)
