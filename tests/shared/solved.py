@@ -21,6 +21,7 @@ FEWER = {  # steps, of scenes that have many for the accuracy of their dissipati
     "half_ball": 2,
     "half_disc": 8,
     "half_space": 4,
+    "hysteresis": 22,
     "ring": 5,
     "spheres": 2,
     "spruce": 8,

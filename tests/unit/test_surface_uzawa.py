@@ -192,7 +192,7 @@ def test_inexact_volume_solves_give_the_same(scene_of: SceneOf, simulation_of: S
     same_forces(*answers, tolerance=1e-6)
 
 
-@pytest.mark.parametrize("mu", [0.3, 3.0, *slow(0.0, 1.0)])
+@pytest.mark.parametrize("mu", [0.3, *slow(0.0, 1.0, 3.0)])
 def test_volume_solves_do_not_grow_with_the_mesh_in_the_plane(
     mu: float, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:
@@ -201,7 +201,7 @@ def test_volume_solves_do_not_grow_with_the_mesh_in_the_plane(
     assert counts.max() <= 14  # 1e-8
 
 
-@pytest.mark.parametrize("mu", [0.3, 3.0])
+@pytest.mark.parametrize("mu", [3.0, *slow(0.3)])
 def test_volume_solves_do_not_grow_with_the_mesh_in_space(
     mu: float, scene_of: SceneOf, simulation_of: SimulationOf
 ) -> None:

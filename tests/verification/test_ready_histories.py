@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from shared.cases import slow
 from shared.solved import Solved, coarse, solve
 from stickslip.solvers.scene.settings import Steps
 from stickslip.workflows.scene_file.read import read
@@ -17,7 +18,7 @@ FIRST, PERIOD, CYCLES = 2, 4, 5  # [s]
 VALUES = ("pressure", "traction", "slip_increment", "slip", "gap")
 
 
-@pytest.fixture(scope="module", params=["fretting", "hysteresis"])
+@pytest.fixture(scope="module", params=["fretting", *slow("hysteresis")])
 def solved(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Solved:
     return solve(read(request.param, coarse(request.param)), Path(tmp_path_factory.mktemp(request.param)) / "out")
 
