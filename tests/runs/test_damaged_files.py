@@ -19,7 +19,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.workflows.commands.cli import guarded
 from stickslip.workflows.scene_file.read import from_dict
 
-FEW, MANY = 8, 25  # damaged files of each kind, half of them cut short, half with a byte changed
+FEW, MANY = 4, 25  # damaged files of each kind, half of them cut short, half with a byte changed
 SIGNS = b"0123456789.-(){};,\x00\xff"  # what hurts most
 WORKERS = 2
 PATIENCE = 30.0  # s, for a script that a changed byte makes run for ever

@@ -11,11 +11,11 @@ from hypothesis import HealthCheck, settings
 
 from stickslip.geometry.errors import InputError
 
-FEW = 12  # examples of a fuzzer in `make test`
+FEW = 8  # examples of a fuzzer in `make test`
 LONG = int(os.environ.get("FUZZ", "0"))  # in `make fuzz`
 LONGEST_LINE, LONGEST_TIME = 300, 60.0  # characters, seconds
 Result = TypeVar("Result")
-EXAMPLES = LONG or 3  # of whole runs, which take long
+EXAMPLES = LONG or 2  # of whole runs, which take long
 
 
 def fuzzed(share: float = 1.0) -> settings:
