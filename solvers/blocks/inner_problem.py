@@ -189,11 +189,9 @@ class InnerProblem:
 
     def _renew(self, q: Vec) -> None:
         """Assemble and prepare F' at q; collective."""
-        J, volume = self.tangent(q), self.surface.volume
+        J = self.tangent(q)
         if self._solver is None:
-            self._solver = InnerSolver(
-                J, PREFIX, self.counters, iterative=volume.iterative, motions=volume.motions, options=volume.options
-            )
+            self._solver = self.surface.volume.inner_solver(J)
         else:
             self._solver.renew(J)
         self._stiffest = J.getDiagonal().norm(PETSc.NormType.INFINITY)  # springs too: u_n - g has the rounding of u
@@ -214,8 +212,7 @@ class InnerProblem:
             k[face.place.normal] = p / face.nominal.penetration(p)  # secant
         apart = self.problem.relative_displacement(u_c) - self.problem.gap
         force, dq = self.on_contact(self.surface.forces(k * apart)), q.duplicate()
-        stiff, motions = self.with_springs(k), self.surface.volume.motions
-        InnerSolver(stiff, PREFIX, self.counters, iterative=False, motions=motions).solve(rhs - self.K * q - force, dq)
+        InnerSolver(self.with_springs(k), PREFIX, self.counters).solve(rhs - self.K * q - force, dq)
         q += dq
 
     def _springs(self, face: CompliantFace, k: Array) -> Mat:

@@ -13,6 +13,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Mat, Sparse, Vec
 from stickslip.solvers.interface.flexibility import DelassusOperator, Load, T
 from stickslip.solvers.linear.inner_solver import InnerSolver
+from stickslip.solvers.linear.multigrid import multigrid
 from stickslip.solvers.linear.petsc_options import PetscOptions
 from stickslip.solvers.parallel.replicated import Replicated, on_all_ranks
 from stickslip.solvers.parallel.serialise import Plain
@@ -32,14 +33,19 @@ class SparseVolume:
         self.floating = FloatingMotions(system, self.contact, system.interface.rigid_modes)
         self.iterative = False  # inner solves by conjugate gradients with multigrid; set before the first solve
         self.options: PetscOptions | None = None  # of the user; likewise
-        self.motions = partial(near_nullspace, system)  # this rank's part (owned, k) of the rigid modes of all bodies
+        self._multigrid = partial(
+            multigrid, simplicial=system.mesh.simplicial, motions=partial(near_nullspace, system), prefix=PREFIX
+        )
 
     @cached_property
     def solver(self) -> InnerSolver:
         """Of K_B, or of floating bodies on springs; set up at the first access."""
-        return InnerSolver(
-            self._held, PREFIX, self.counters, iterative=self.iterative, motions=self.motions, options=self.options
-        )
+        return self.inner_solver(self._held)
+
+    def inner_solver(self, V: Mat) -> InnerSolver:
+        """Of K_B, or of a matrix of its kind; collective."""
+        cycles = self._multigrid if self.iterative else None
+        return InnerSolver(V, PREFIX, self.counters, multigrid=cycles, options=self.options)
 
     @cached_property
     def _held(self) -> Mat:

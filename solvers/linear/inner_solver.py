@@ -7,10 +7,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from petsc4py import PETSc
 
-from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SolverError
-from stickslip.geometry.protocols import KSP, Mat, Vec
-from stickslip.solvers.linear.multigrid import multigrid
+from stickslip.geometry.protocols import KSP, PC, Mat, Vec
 from stickslip.solvers.linear.petsc_options import PetscOptions
 from stickslip.solvers.parallel.counters import Counters
 
@@ -55,8 +53,7 @@ class InnerSolver:
         prefix: str,
         counters: Counters,
         *,
-        iterative: bool,
-        motions: Callable[[], Array],
+        multigrid: Callable[[Mat], PC] | None = None,
         options: PetscOptions | None = None,
     ) -> None:
         """
@@ -64,12 +61,11 @@ class InnerSolver:
             V: symmetric and positive definite [N/m].
             prefix: of the options, ends with an underscore.
             counters: counts factorisations, volume solves and iterations.
-            iterative: conjugate gradients with multigrid, in place of a factor.
-            motions: this rank's part (owned, k) of the rigid modes, for multigrid.
+            multigrid: makes the preconditioner of conjugate gradients; None: a factor in their place.
             options: of the user.
         """
-        self.prefix, self.counters, self.iterative, self._motions = prefix, counters, iterative, motions
-        self.options = options or PetscOptions("", prefix)
+        self.prefix, self.counters, self._multigrid = prefix, counters, multigrid
+        self.iterative, self.options = multigrid is not None, options or PetscOptions("", prefix)
         self.renew(V)
 
     def renew(self, V: Mat) -> None:
@@ -92,8 +88,8 @@ class InnerSolver:
         self.counters.factorisations += 1
 
     def _set_up(self, ksp: KSP) -> None:
-        if self.iterative:
-            ksp.setPC(multigrid(self.V, self._motions, self.prefix))
+        if self._multigrid is not None:
+            ksp.setPC(self._multigrid(self.V))
             ksp.setType("cg")
         else:
             ksp.setType("preonly")

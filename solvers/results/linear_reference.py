@@ -78,7 +78,7 @@ def _linear_reference(system: System, only: str, rtol: float, now: Callable[[], 
     K, f = _fixed(system)
     motions = near_nullspace(system)
     solvers: dict[str, Callable[[KSP], None]] = {
-        "cg+boomeramg": lambda ksp: ksp.setPC(boomeramg(K, PREFIX)),
+        "cg+boomeramg": lambda ksp: ksp.setPC(boomeramg(K, system.mesh.simplicial, PREFIX)),
         "cg+gamg": lambda ksp: ksp.setPC(gamg(K, motions, PREFIX)),
         "mumps": _cholesky,
     }

@@ -130,7 +130,7 @@ class TangentOperator:
             self.counters.clock.part("tangent"),
             self._without(held) if self._basis is None else self._changed(self._basis, held) as matrix,
         ):
-            return multigrid(matrix, motions, PREFIX, changing=True)
+            return multigrid(matrix, self._system.mesh.simplicial, motions, PREFIX, changing=True)
 
     def cycle(self, r: Array) -> Array:
         """A multigrid cycle for K v = r with v = 0 where nodes are held."""

@@ -19,7 +19,7 @@ def test_it_is_set_up_once_even_if_its_matrix_was_changed_for_a_while(
 ) -> None:
     system = system_of(scene_of(3, contacts=BASE))
     K = system.K_B.copy()  # as `system` keeps its own
-    pc = multigrid(K, lambda: near_nullspace(system), "test_")
+    pc = multigrid(K, False, lambda: near_nullspace(system), "test_")
     r, z = K.createVecLeft(), K.createVecRight()
     r.array[:] = np.random.default_rng(0).standard_normal(r.getLocalSize())
 
