@@ -14,8 +14,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from stickslip.geometry.bisection import bisection, sets_beside
 from stickslip.geometry.form_cache import TURN, find_cache, patient
-from stickslip.geometry.mesh.bisection import bisection, sets_beside
 
 CACHE, CACHE_NOTE = find_cache()  # the note is empty where all is as usual
 try:

@@ -111,6 +111,6 @@ def test_secants_are_shared_by_rows(ranks: int, tmp_path: Path) -> None:
     assert sum(share for share, _ in shapes) == rows
     assert max(share for share, _ in shapes) <= rows / ranks + 1
     assert all(count == shapes[0][1] > 0 for _, count in shapes)
-    assert abs(shapes[0][1] - pairs) <= 2  # which pairs are independent may be decided by rounding
+    assert abs(shapes[0][1] - pairs) <= pairs / 3  # multigrid differs, and with it what volume solves leave
     assert all(one == found[0] for one in found)
     assert_allclose(found[0], alone, rtol=1e-7, atol=1e-9 * max(alone))  # the shear of the first step is zero

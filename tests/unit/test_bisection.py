@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from stickslip.geometry.mesh.bisection import bisection, sets_beside
+from stickslip.geometry.bisection import bisection, sets_beside
 
 
 def grid(*shape: int) -> np.ndarray:

@@ -156,7 +156,7 @@ def test_its_size_is_the_energy_norm_with_a_margin(form: str, scene_of: SceneOf,
     problem, found, _ = perturbed(form, simulation_of(scene))
     energy = -float(found.w @ (problem.surface.W * found.p))
     assert energy > 0
-    off = 1e-9 if form == "condensed" else 0.05  # the last volume solves are inexact
+    off = 1e-9 if form == "condensed" else 0.15  # the last volume solves are inexact
     assert found.size == pytest.approx(correction.MARGIN * np.sqrt(energy), rel=off)
 
 

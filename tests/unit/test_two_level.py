@@ -240,7 +240,8 @@ def test_iterative_volume_solves_give_the_same_errors() -> None:
     direct = last("cube", "geometry.mesh_size=0.25")
     iterative = last("cube", *sets, "solver.surface=matrix-free")
     for key in ("contacts.base.normal_force", "contacts.base.tangential_force", "energy.dissipated"):
-        assert iterative.errors[key].mesh == pytest.approx(direct.errors[key].mesh, rel=0.1)
+        # solves to 1e-2 in energy norm leave up to a fifth of an error, on this mesh and on finer ones
+        assert iterative.errors[key].mesh == pytest.approx(direct.errors[key].mesh, rel=0.25)
 
 
 def test_it_changes_neither_the_answer_nor_its_price() -> None:
