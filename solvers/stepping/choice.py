@@ -35,7 +35,7 @@ BACK = {2: 8e-7, 3: 2e-6}  # of a step's solves with the factor, times N
 INVERSE = 6e-11  # of the inverse of the dense stiffness, times the cube of the number of contact dofs
 NEWTON = 6e-12  # of a step's Newton iterations, times the same
 SET_UP = 6e-8  # of multigrid, for each entry of K_B
-PER_ENTRY = 1.3e-8  # of one iteration of conjugate gradients, for each entry of K_B: products and a multigrid cycle
+PER_ENTRY = 1e-8  # of one iteration of conjugate gradients, for each entry of K_B: products and a multigrid cycle
 # Of conjugate gradients that a step takes, measured 40 to 75 and 20 to 50, and 9 to 31 with little else beside them
 ITERATIONS = {(2, "surface-uzawa"): 60, (3, "surface-uzawa"): 40, (3, "tangent-cg"): 15}
 # more by the power SLOWER where 1 - 2 nu of a body is below GIVE: 3.6, 14, 57 times for nu = .49, .499, .4999, where
@@ -44,7 +44,7 @@ GIVE, SLOWER = 0.17, 0.6
 COMPACT = 2.0  # a floating body more slender than this takes more, in proportion to the square
 METRIC, PER_DOF = 0.03, 1e-4  # of a step's problems on the surface: the least, and for each contact dof
 SWEEPS, PER_SLAVE = 1.5e-3, 1.5e-6  # of an iteration of tangent-cg at the contact, likewise
-TANGENT_ENTRY = 1e-8  # of one beside that, as PER_ENTRY
+TANGENT_ENTRY = 9e-9  # of one beside that, as PER_ENTRY
 COPIES = 5  # copies of the dense stiffness that are in memory at the same time
 FACTOR = {2: 40.0, 3: 60.0}  # entries of a factor, to be multiplied by N and N^(4/3)
 SHARE = 0.7  # of the available memory that the condensed form may take

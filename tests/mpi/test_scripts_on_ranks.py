@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 from shared.cases import slow
 from shared.ranks import each_told, told
+from stickslip.solvers.linear.multigrid import HYPRE
 
 # the audit, also of tractions that are wrong
 AUDIT = """
@@ -134,6 +135,19 @@ everywhere = MPI.COMM_WORLD.gather([float(value) for value in found])
 if MPI.COMM_WORLD.rank == 0:
     print(json.dumps(everywhere))
 """
+
+# multigrid of tetrahedra: cuts between ranks run through cells of a layer like a comb
+MULTIGRID = """
+import json
+import stickslip
+from mpi4py import MPI
+from stickslip.solvers.results.linear_reference import linear_reference
+simulation = stickslip.prepare(stickslip.read("cube", ['geometry.cells="simplex"', "geometry.mesh_size=0.07"]))
+found = linear_reference(simulation.system, "cg+boomeramg").solvers["cg+boomeramg"]
+everywhere = MPI.COMM_WORLD.gather([found.iterations, found.residual])
+if MPI.COMM_WORLD.rank == 0:
+    print(json.dumps(everywhere))
+"""
 SIZE = "0.2"  # MUMPS divides the last front among ranks, where it may
 SCRIPTS = {
     "audit": AUDIT,
@@ -142,6 +156,7 @@ SCRIPTS = {
     "orthotropic": ORTHOTROPIC,
     "scripted": SCRIPTED,
     "rubber": RUBBER.replace("SIZE", SIZE),
+    "multigrid": MULTIGRID,
 }
 Both = dict[str, tuple[Any, Any]]
 
@@ -194,6 +209,13 @@ def test_ranks_decide_alike_and_have_the_answer_of_one(both: Both) -> None:
 def test_ranks_agree_on_nearly_incompressible_bodies(both: Both) -> None:
     alone, one = both["rubber"]
     assert_allclose(one, alone, rtol=1e-8)
+
+
+@pytest.mark.skipif(not HYPRE, reason="GAMG smooths by Chebyshev polynomials, which know no ranks")
+def test_multigrid_converges_however_cells_are_shared(both: Both) -> None:
+    (iterations, residual), (of_two, left) = both["multigrid"]
+    assert max(residual, left) <= 1e-8
+    assert of_two <= 1.25 * iterations
 
 
 @pytest.mark.parametrize("size", slow(0.25))
