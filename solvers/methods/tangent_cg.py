@@ -26,6 +26,7 @@ from stickslip.solvers.tangent.loads import LoadScale
 from stickslip.solvers.tangent.operator import TangentOperator
 
 SWEEPS = 2  # over the contact points alone, before each iteration
+SMOOTHING = 4  # at slave nodes, before and after a multigrid cycle: with two, points that slip take a fifth more
 SHORTEST = 1e-3  # step that is halved no more
 PATIENCE = 150  # iterations of a step, if another form of the bodies can take over
 STALL_WINDOW = 40  # iterations in which the error must halve; usual are 7 to 20 in all
@@ -289,21 +290,37 @@ class Iteration:
         found[at] = self.points.apply(tangent, found[at], d[at], closing / self.problem.surface.W)
         return found
 
+    def _smooth(self, tangent: Tangent, inverse: Array, r: Array, z: Array, K_z: Array, motion: Array) -> Array:
+        """A motion (m d,) at slave nodes after sweeps over them, the others at rest.
+
+        Args:
+            inverse: see `ContactPoints.inverse_blocks`.
+            r, z, K_z: at slave nodes (m d,): the residual, the motion, and K times the motion of all nodes.
+            motion: of compliant faces (rows,) by the motion of all nodes.
+        """
+        operator, W = self.operator, self.problem.surface.W
+        for _ in range(SMOOTHING):
+            closing = tangent.pressed.stiffness * motion
+            forces = K_z + self.faces.forces(closing)[operator.at]
+            left = r - self.points.apply(tangent, forces, z, closing / W)
+            more = np.einsum("mij,mj->mi", inverse, left.reshape(inverse.shape[:2])).ravel()
+            z, K_z = z + more, K_z + operator.of_slaves_there(more)
+            motion = motion + self.faces.motion(operator.on_slaves(more))
+        return z
+
     def _direction(self, tangent: Tangent, r: Array) -> tuple[Array, Array]:
         """An approximate solution of the tangent problem, and K times it: multigrid between sweeps at the contact."""
-        operator, inverse = self.operator, self.points.inverse_blocks(tangent)
-
-        def sweep(z: Array, K_z: Array) -> tuple[Array, Array]:
-            left = (r - self._answer(tangent, z, K_z))[operator.at].reshape(inverse.shape[:2])
-            more = np.einsum("mij,mj->mi", inverse, left).ravel()
-            return z + self.operator.on_slaves(more), K_z + operator.of_slaves(more)
-
-        z, K_z = sweep(*sweep(np.zeros_like(r), np.zeros_like(r)))
+        operator, at, inverse = self.operator, self.operator.at, self.points.inverse_blocks(tangent)
+        smooth, none = partial(self._smooth, tangent, inverse, r[at]), np.zeros(len(at))
+        z_s = smooth(none, none, np.zeros(len(self.problem.gap)))
+        z, K_z = operator.on_slaves(z_s), operator.of_slaves(z_s)
         left = r - self._answer(tangent, z, K_z)
-        left[operator.at] = self.points.truncated(tangent, left[operator.at])
+        left[at] = self.points.truncated(tangent, left[at])
         e = operator.cycle(left)
-        e[operator.at] = self.points.truncated(tangent, e[operator.at])
-        return sweep(*sweep(z + e, K_z + operator.product(e)))
+        e[at] = self.points.truncated(tangent, e[at])
+        z, K_z = z + e, K_z + operator.product(e)
+        more = smooth(z[at], K_z[at], self.faces.motion(z)) - z[at]
+        return z + operator.on_slaves(more), K_z + operator.of_slaves(more)
 
     def _advance(self, tangent: Tangent, r: Array, z: Array, K_z: Array) -> tuple[Array, Array]:
         """Take the best step in the span of z, of the last correction, and of coarse motions; returns it, and K it."""

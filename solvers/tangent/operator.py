@@ -53,12 +53,13 @@ class TangentOperator:
         self._every = PETSc.IS().createGeneral(np.arange(low, high, dtype=PETSc.IntType), comm=self.K_B.comm)
         T_s = self.T.createSubMatrix(self._slaves, self._slaves)  # all that relative displacements move
         self._columns = self.T.transposeMatMult(self._of_slaves().matMult(T_s))
+        self._block = self._columns.createSubMatrix(self._slaves, None)
         self.dim: int = system.mesh.dim
         self.diagonal = self._diagonal(self.dim)
         self._system = system
         self._in, self._out = self.K_B.createVecRight(), self.K_B.createVecRight()
         self._more = self.K_B.createVecRight()
-        self._slave = self._columns.createVecRight()
+        self._slave, self._at_slaves = self._block.createVecs()
         self._multigrid = PETSc.PC()  # none yet
         self.hold(*(holding or (coordinates, coordinates.blocks.ravel())))
 
@@ -75,6 +76,12 @@ class TangentOperator:
         self._slave.array[:] = v_s
         self._columns.mult(self._slave, self._out)
         return self._out.array_r.copy()
+
+    def of_slaves_there(self, v_s: Array) -> Array:
+        """The same at slave nodes alone (m d,)."""
+        self._slave.array[:] = v_s
+        self._block.mult(self._slave, self._at_slaves)
+        return self._at_slaves.array_r.copy()
 
     def on_slaves(self, v_s: Array) -> Array:
         """The coordinates (owned,) that are v_s (m d,) at slave nodes, and zero elsewhere."""
@@ -229,9 +236,8 @@ class TangentOperator:
         matrix.destroy()
 
     def _diagonal(self, dim: int) -> Array:
-        block = self._columns.createSubMatrix(self._slaves, None)
-        pointer, columns, values = block.getValuesCSR()
-        low = block.getOwnershipRange()[0]
+        pointer, columns, values = self._block.getValuesCSR()
+        low = self._block.getOwnershipRange()[0]
         row = np.repeat(np.arange(len(pointer) - 1), np.diff(pointer))
         own = (columns - low) // dim == row // dim
         found = np.zeros((len(self.at) // dim, dim, dim))
