@@ -301,11 +301,11 @@ class Iteration:
         operator, W = self.operator, self.problem.surface.W
         for _ in range(SMOOTHING):
             closing = tangent.pressed.stiffness * motion
-            forces = K_z + self.faces.forces(closing)[operator.at]
+            forces = K_z + self.faces.forces_on_slaves(closing)
             left = r - self.points.apply(tangent, forces, z, closing / W)
             more = np.einsum("mij,mj->mi", inverse, left.reshape(inverse.shape[:2])).ravel()
             z, K_z = z + more, K_z + operator.of_slaves_there(more)
-            motion = motion + self.faces.motion(operator.on_slaves(more))
+            motion = motion + self.faces.motion_of_slaves(more)
         return z
 
     def _direction(self, tangent: Tangent, r: Array) -> tuple[Array, Array]:

@@ -78,6 +78,14 @@ class CompliantFaces:
         self.scatter.write(self._vector, self.N.T @ weighted)
         return self._vector.array_r.copy()
 
+    def motion_of_slaves(self, v_s: Array) -> Array:
+        """Closing motion (rows,) [m] of coordinates that are v_s (m d,) at slave nodes, the others zero; collective."""
+        return self.motion(self.operator.on_slaves(v_s)) if self.places else np.zeros(len(self.problem.gap))
+
+    def forces_on_slaves(self, weighted: Array) -> Array:
+        """As `forces`, at slave nodes alone (m d,)."""
+        return self.forces(weighted)[self.operator.at] if self.places else np.zeros(len(self.operator.at))
+
     def growth(self, was: Pressed, now: Pressed) -> float:
         """Growth of the energy stored in the faces [J]."""
         energy, W = self.problem.cone.energy, self.problem.surface.W
