@@ -31,8 +31,8 @@ BOOMERAMG: dict[str, str | float] = {
 }
 STRONG = {2: 0.25, 3: 0.7}  # threshold of strong couplings, by dimension
 # Of tetrahedra coarse levels keep whole nodes, or they become dense: a cycle takes half the time, set-up a third to a
-# half, and iterations are as many or a fifth more. Hexahedra would take up to four times as many. By row sums of blocks.
-NODAL: dict[str, str | float] = {"boomeramg_nodal_coarsen": 4, "boomeramg_strong_threshold": 0.5}
+# half, and iterations are as many or a fifth more. Hexahedra would take up to four times as many.
+NODAL: dict[str, str | float] = {"boomeramg_nodal_coarsen": 4, "boomeramg_strong_threshold": 0.5}  # by row sums
 GAMG: Mapping[str, str | int] = {"ksp_max_it": 1}  # of the smoother: more, but cheaper, iterations
 
 
