@@ -107,6 +107,8 @@ class TangentOperator:
         every, whole = bool(by_node.all()), bool((by_node.all(axis=1) == by_node.any(axis=1)).all())
         every, whole = (all(each) for each in zip(*self.comm.allgather((every, whole)), strict=True))
         self._plain, self.sliding = every, not whole
+        # two bodies that are held in one motion alone are no tetrahedra to multigrid: iterations would be twice as many
+        self._nodal = self._system.mesh.simplicial and (whole or coordinates.alone)
         self._change: Mat | None = None if every or (coordinates.alone and whole) else coordinates.T
         if self._change is not None and self.sliding:  # what multigrid compares points the same way
             signs = self.K_B.createVecRight()
@@ -137,7 +139,7 @@ class TangentOperator:
             self.counters.clock.part("tangent"),
             self._without(held) if self._basis is None else self._changed(self._basis, held) as matrix,
         ):
-            return multigrid(matrix, self._system.mesh.simplicial, motions, PREFIX, changing=True)
+            return multigrid(matrix, self._nodal, motions, PREFIX, changing=True)
 
     def cycle(self, r: Array) -> Array:
         """A multigrid cycle for K v = r with v = 0 where nodes are held."""
