@@ -133,8 +133,8 @@ class _FloatingMultigrid:
     @cached_property
     def _multigrid(self) -> PC:
         """Set up at the first solve: a method that needs none does without."""
-        K, simplicial = self._bedded(self._system.K_B), self._system.mesh.simplicial
-        return multigrid(K, simplicial, lambda: near_nullspace(self._system), "volume_")
+        K, nodal = self._bedded(self._system.K_B), self._system.mesh.simplicial
+        return multigrid(K, nodal, lambda: near_nullspace(self._system), "volume_")
 
     def _bedded(self, K: Mat) -> Mat:
         """K_B itself; if bodies float, a copy with springs at the contact dofs."""

@@ -34,7 +34,7 @@ class SparseVolume:
         self.iterative = False  # inner solves by conjugate gradients with multigrid; set before the first solve
         self.options: PetscOptions | None = None  # of the user; likewise
         self._multigrid = partial(
-            multigrid, simplicial=system.mesh.simplicial, motions=partial(near_nullspace, system), prefix=PREFIX
+            multigrid, nodal=system.mesh.simplicial, motions=partial(near_nullspace, system), prefix=PREFIX
         )
 
     @cached_property

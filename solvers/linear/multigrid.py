@@ -36,7 +36,7 @@ NODAL: dict[str, str | float] = {"boomeramg_nodal_coarsen": 4, "boomeramg_strong
 GAMG: Mapping[str, str | int] = {"ksp_max_it": 1}  # of the smoother: more, but cheaper, iterations
 
 
-def multigrid(K: Mat, simplicial: bool, motions: Callable[[], Array], prefix: str, changing: bool = False) -> PC:
+def multigrid(K: Mat, nodal: bool, motions: Callable[[], Array], prefix: str, changing: bool = False) -> PC:
     """BoomerAMG where PETSc has hypre, else GAMG; arguments as theirs; collective.
 
     Args:
@@ -47,19 +47,19 @@ def multigrid(K: Mat, simplicial: bool, motions: Callable[[], Array], prefix: st
     if changing:  # in hypre's own storage, of which multigrid takes no copy
         size, K = K.block_size, K.convert(PETSc.Mat.Type.HYPRE, PETSc.Mat())
         K.setBlockSize(size)
-    return boomeramg(K, simplicial, prefix)
+    return boomeramg(K, nodal, prefix)
 
 
-def boomeramg(K: Mat, simplicial: bool, prefix: str) -> PC:
+def boomeramg(K: Mat, nodal: bool, prefix: str) -> PC:
     """Classical multigrid (hypre) as a PETSc preconditioner, set up; collective.
 
     Args:
         K: stiffness matrix; its block size is the dimension.
-        simplicial: whether cells are triangles or tetrahedra.
+        nodal: in 3D, whether coarse levels keep whole nodes, as is best for tetrahedra.
         prefix: of the PETSc options of this preconditioner, ends with an underscore.
     """
     options = BOOMERAMG | {"boomeramg_strong_threshold": STRONG[K.block_size]}
-    options |= NODAL if simplicial and K.block_size == 3 else {}
+    options |= NODAL if nodal and K.block_size == 3 else {}
     return _set_up(K, "hypre", prefix, {f"pc_hypre_{key}": value for key, value in options.items()})
 
 

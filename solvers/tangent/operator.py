@@ -107,7 +107,7 @@ class TangentOperator:
         every, whole = bool(by_node.all()), bool((by_node.all(axis=1) == by_node.any(axis=1)).all())
         every, whole = (all(each) for each in zip(*self.comm.allgather((every, whole)), strict=True))
         self._plain, self.sliding = every, not whole
-        # two bodies that are held in one motion alone are no tetrahedra to multigrid: iterations would be twice as many
+        # two bodies that are held in one motion alone would take twice the iterations with whole nodes
         self._nodal = self._system.mesh.simplicial and (whole or coordinates.alone)
         self._change: Mat | None = None if every or (coordinates.alone and whole) else coordinates.T
         if self._change is not None and self.sliding:  # what multigrid compares points the same way
