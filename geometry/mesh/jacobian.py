@@ -1,4 +1,4 @@
-"""Jacobians of cells: their inverse, and their determinants in curved cells: a mesh with an inverted one is refused.
+"""Jacobian determinants of curved cells: a mesh with an inverted one is refused.
 
 Curving the sides of a mesh may turn thin cells inside out.
 """
@@ -40,15 +40,3 @@ def refuse_inverted_cells(domain: DolfinxMesh, degree: int) -> None:
     if worst <= 0:
         where = ", ".join(f"{value:.3g}" for value in place)
         raise GeometryError(f"geometry: a curved cell at ({where}) is turned inside out; make the cells there smaller")
-
-
-def inverse_jacobian(jacobian: Array) -> tuple[Array, Array]:
-    """Inverse (k, i, ...) and determinant (...) of Jacobians dx_i / dX_k (i, k, ...), by their cofactors."""
-    if len(jacobian) == 2:
-        (a, b), (c, d) = jacobian
-        cofactors = np.array([[d, -b], [-c, a]])
-    else:
-        edges = jacobian.swapaxes(0, 1)
-        cofactors = np.array([np.cross(edges[k - 2], edges[k - 1], axis=0) for k in range(3)])
-    det = (cofactors[0] * jacobian[:, 0]).sum(axis=0)
-    return cofactors / det, det

@@ -18,6 +18,7 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import CompiledForm, Function, Sparse, UflForm, Vec
+from stickslip.geometry.small_matrices import inverse_and_determinant, inverses
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.fem.supports import find_constraints
@@ -201,7 +202,7 @@ class Bubbles:
             inside[~self._between[some]] = 0.0
             held = inside[:, axes, axes] <= 0  # their rows and columns are zero, too
             inside[:, axes, axes] += held
-            inverse = np.linalg.inv(inside)
+            inverse = inverses(inside)
             inverse[:, axes, axes] -= held
             found[some] = inverse
         return found
@@ -220,7 +221,8 @@ class Bubbles:
         x = mesh.domain.geometry.x[:, :d][dx.cell_nodes(mesh.domain)]
         middle, gradient = dx.reference_basis(shape, mesh.degree, dx.midpoint(mesh.domain))
         jacobian = np.einsum("an,cni->cia", gradient[:, 0], x)
-        inverse, volume = np.linalg.inv(jacobian), np.abs(np.linalg.det(jacobian))
+        found, determinant = inverse_and_determinant(np.moveaxis(jacobian, 0, -1))
+        inverse, volume = np.moveaxis(found, -1, 0), np.abs(determinant)
         radius = x[:, :, 0] @ middle[0]
         if mesh.axisymmetric:
             volume = volume * 2 * np.pi * radius

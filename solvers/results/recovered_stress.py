@@ -19,8 +19,8 @@ import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Ints
-from stickslip.geometry.mesh.jacobian import inverse_jacobian
 from stickslip.geometry.protocols import Vec
+from stickslip.geometry.small_matrices import inverse_and_determinant
 from stickslip.solvers.scene.material import Elastic, Material
 from stickslip.solvers.scene.orthotropic import DOUBLED, Orthotropic
 from stickslip.solvers.system.system import System
@@ -202,7 +202,7 @@ class RecoveredStress:
     def _places(self, nodes: Ints, points: Array, weights: Array) -> _Places:
         basis, slope = dx.reference_basis(self._shape, self._degree, points)
         x = [np.ascontiguousarray(component)[nodes.T] for component in self._points.T]  # d times (n, c)
-        inverse, det = inverse_jacobian(np.array([np.tensordot(slope, component, 1) for component in x]))
+        inverse, det = inverse_and_determinant(np.array([np.tensordot(slope, component, 1) for component in x]))
         radius = basis @ x[0]
         around = 2 * np.pi * radius if self._axisymmetric else 1.0
         return _Places(basis, slope, inverse, np.abs(det) * weights[:, None] * around, radius)

@@ -9,6 +9,7 @@ import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import AnyArray, Array
+from stickslip.geometry.small_matrices import inverses
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.fem.own_axes import stress_by_compliance
 from stickslip.solvers.scene.material import Material
@@ -114,7 +115,7 @@ def stress_difference(system: System, displacement: Array, time: float, stored: 
     x, u = system.nodes.points[dofs], displacement[system.nodes.input[dofs]]
     jacobian, change = (np.swapaxes(slope[:, 0] @ values, 1, 2) for values in (x, u))
     strain, reach = np.zeros((count, 3, 3)), np.abs(u).max(axis=(1, 2), initial=0.0)
-    inverse = np.linalg.inv(jacobian)
+    inverse = inverses(jacobian)
     strain[:, :d, :d] = change @ inverse
     if mesh.axisymmetric:
         strain[:, 2, 2] = (u[:, :, 0] @ basis[0]) / (x[:, :, 0] @ basis[0])

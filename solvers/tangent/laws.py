@@ -14,6 +14,7 @@ import numpy as np
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import Sparse
+from stickslip.geometry.small_matrices import inverses
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -217,7 +218,7 @@ class ContactPoints:
         both = free[:, :, None] * free[:, None, :]
         D *= both
         D[:, range(dim), range(dim)] += 1 - free
-        return np.asarray(np.linalg.inv(D) * both / SMOOTHED)
+        return inverses(D) * both / SMOOTHED
 
     def sticking(self, tangent: Tangent) -> float:
         """Share of the closed area that sticks; collective."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array, Bools, Ints
-from stickslip.geometry.mesh.jacobian import inverse_jacobian
+from stickslip.geometry.small_matrices import inverse_and_determinant
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.accuracy.resolution import elements_touched, unresolved
 from stickslip.solvers.contact.rows import ContactRows
@@ -99,7 +99,7 @@ def _turn(mesh: MeshData, cells: Ints, displacement: Array) -> float:
     nodes = cells[:, : d + 1] if mesh.shape in ("triangle", "tetrahedron") else cells[:, : 2**d]
     slope = dx.reference_basis(mesh.shape, 1, dx.reference_nodes(mesh.shape, 1).mean(axis=0, keepdims=True))[1][:, 0]
     jacobian, change = (np.array([slope @ x[nodes.T] for x in values.T]) for values in (mesh.points, displacement))
-    inverse, det = inverse_jacobian(jacobian)
+    inverse, det = inverse_and_determinant(jacobian)
     gradient = np.einsum("ikc,kjc->ijc", change, inverse)
     turn = np.linalg.norm(gradient - np.swapaxes(gradient, 0, 1), axis=(0, 1)) / np.sqrt(8)
     order = np.argsort(turn)
