@@ -14,6 +14,8 @@ from stickslip.geometry.mesh.mesh import Mesh
 from stickslip.geometry.mesh.nodes import Nodes
 from stickslip.geometry.protocols import Comm
 
+TAG = 7402  # of its messages: that by which a rank says that it ends is not one of them
+
 
 class Gather:
     """Gather of arrays whose rows the ranks own; its inverse is `scatter`. All calls are collective.
@@ -48,13 +50,13 @@ class Gather:
         """
         own = np.ascontiguousarray(values)
         if self._comm.rank:
-            self._comm.Send(own, 0)
+            self._comm.Send(own, 0, TAG)
             return np.empty((0, *own.shape[1:]), own.dtype)
         every = np.empty((self._shares[-1].stop, *own.shape[1:]), own.dtype)
         for rank, share in enumerate(self._shares):
             if rank:
                 own = np.empty((share.stop - share.start, *own.shape[1:]), own.dtype)
-                self._comm.Recv(own, rank)
+                self._comm.Recv(own, rank, TAG)
             every[self._places[share]] = own
         return every
 
@@ -69,10 +71,10 @@ class Gather:
         """
         if self._comm.rank:
             found = np.empty((self._own, *values.shape[1:]), values.dtype)
-            self._comm.Recv(found, 0)
+            self._comm.Recv(found, 0, TAG)
             return found
         for rank, share in enumerate(self._shares[1:], 1):
-            self._comm.Send(values[self._places[share]], rank)
+            self._comm.Send(values[self._places[share]], rank, TAG)
         return np.asarray(values[self._places[self._shares[0]]])
 
 
