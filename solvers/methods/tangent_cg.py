@@ -127,7 +127,7 @@ class OnTangent(Ready):
     def step(self, u: Vec, problem: SurfaceProblem, p: Array, on_step: OnStep = ignore) -> Solution:
         """Solve one step from displacement u [m] of all dofs; see `SameEveryStep`; collective."""
         operator, iteration = self.operator, Iteration(self, problem, u)
-        start = iteration.v
+        start = iteration.v.copy()
         if self.moved is not None:
             again = operator.coordinates_of(self.moved)
             iteration.last = again, operator.product(again)
@@ -191,12 +191,12 @@ class Iteration:
         self.pressed = self.faces.pressed(self.v)
         self.q: Vec = system.T.createVecRight()
         self.last: tuple[Array, Array] | None = None  # the last correction, and K times it
-        self.pulled, self.stored = np.zeros_like(self.f), 0.0  # by supports: T^T K u_s [N], and u_s . K u_s [J]
+        self.pull, self.stored = self.f, 0.0  # f + 2 T^T K u_s [N] and u_s . K u_s [J] of the motion u_s of supports
         if system.rigid_motion(time) is None:
             u_s = system.prescribed(time)
             forces, free = system.K * u_s, system.T.createVecRight()
             system.T.multTranspose(forces, free)
-            self.pulled, self.stored = self.operator.forces(free), float(forces.dot(u_s))
+            self.pull, self.stored = self.f + 2 * self.operator.forces(free), float(forces.dot(u_s))
 
     def solve(self, on_step: OnStep) -> Solution:
         """Iterate until the error that is expected is small enough; collective."""
@@ -205,7 +205,7 @@ class Iteration:
         status: Status | None = None
         stalled = Stall(STALL_WINDOW, 0.5)
         before, expected, slow = np.inf, np.inf, 0
-        left = np.zeros_like(self.v), np.zeros_like(self.v)
+        moved, K_moved, contraction = np.zeros_like(self.v), np.zeros_like(self.v), 0.0
         for k in range(self.ready.method.max_it + 1):
             trial = self._relax()
             tangent = self._tangent(trial)
@@ -236,7 +236,7 @@ class Iteration:
             moved, K_moved = self._advance(tangent, r, z, K_z)
             step = float(np.sqrt(max(operator.dot(moved, r), 0.0))) / scale
             expected, before = contraction / (1 - contraction) * max(residual, step), residual
-            left = contraction * moved, contraction * K_moved
+        left = contraction * moved, contraction * K_moved
         return self._solution(tangent, trial, left, status or Status.MAX_IT, expected, history)
 
     def _adapt(self, tangent: Tangent) -> None:
@@ -262,17 +262,21 @@ class Iteration:
 
     def _forces(self) -> Array:
         """Forces (m d,) [N] at slave nodes that bodies and compliant faces leave to the points."""
-        return np.asarray((self.g - self.pressed.force)[self.operator.at])
+        at = self.operator.at
+        return np.asarray(self.g[at] - self.pressed.force[at])
 
     def _relax(self) -> Array:
         """Sweeps over the contact points; the trial tractions (rows,) [Pa] of the last one."""
         for _ in range(SWEEPS):
             change, trial = self.points.relax(self.v[self.operator.at], self._forces(), self.pressed)
-            self._move(self.operator.on_slaves(change), self.operator.of_slaves(change))
+            self.v[self.operator.at] += change
+            self.g[self.operator.near] -= self.operator.of_slaves(change)
+            self.pressed = self.faces.pressed(self.v)
         return trial
 
     def _move(self, moved: Array, K_moved: Array) -> None:
-        self.v, self.g = self.v + moved, self.g - K_moved
+        self.v += moved
+        self.g -= K_moved
         self.pressed = self.faces.pressed(self.v)
 
     def _tangent(self, trial: Array) -> Tangent:
@@ -286,7 +290,7 @@ class Iteration:
     def _answer(self, tangent: Tangent, d: Array, K_d: Array) -> Array:
         """The tangent operator on a motion d (owned,), given K d."""
         at, closing = self.operator.at, tangent.pressed.stiffness * self.faces.motion(d)
-        found = K_d + self.faces.forces(closing)
+        found = K_d + self.faces.forces(closing) if self.faces.places else K_d.copy()
         found[at] = self.points.apply(tangent, found[at], d[at], closing / self.problem.surface.W)
         return found
 
@@ -313,14 +317,16 @@ class Iteration:
         operator, at, inverse = self.operator, self.operator.at, self.points.inverse_blocks(tangent)
         smooth, none = partial(self._smooth, tangent, inverse, r[at]), np.zeros(len(at))
         z_s = smooth(none, none, np.zeros(len(self.problem.gap)))
-        z, K_z = operator.on_slaves(z_s), operator.of_slaves(z_s)
+        z, K_z = np.zeros((2, len(r)))
+        operator.move(z_s, z, K_z)
         left = r - self._answer(tangent, z, K_z)
         left[at] = self.points.truncated(tangent, left[at])
         e = operator.cycle(left)
         e[at] = self.points.truncated(tangent, e[at])
-        z, K_z = z + e, K_z + operator.product(e)
-        more = smooth(z[at], K_z[at], self.faces.motion(z)) - z[at]
-        return z + operator.on_slaves(more), K_z + operator.of_slaves(more)
+        z += e
+        K_z += operator.product(e)
+        operator.move(smooth(z[at], K_z[at], self.faces.motion(z)) - z[at], z, K_z)
+        return z, K_z
 
     def _advance(self, tangent: Tangent, r: Array, z: Array, K_z: Array) -> tuple[Array, Array]:
         """Take the best step in the span of z, of the last correction, and of coarse motions; returns it, and K it."""
@@ -331,10 +337,10 @@ class Iteration:
         if self.ready.coarse is not None:
             for d, K_d in zip(self.ready.coarse.D, self.ready.coarse.K_D, strict=True):
                 self._add(tangent, d, K_d, D, K_D)
-        answers = np.array([self._answer(tangent, *x) for x in zip(D, K_D, strict=True)])
+        answers = [self._answer(tangent, *x) for x in zip(D, K_D, strict=True)]
         for count in (len(D), fine)[: 1 + (fine < len(D))]:
-            share = self._galerkin(np.array(D[:count]), answers[:count], r)
-            c, K_c = share @ np.array(D[:count]), share @ np.array(K_D[:count])
+            share = self._galerkin(D[:count], answers[:count], r)
+            c, K_c = (sum(a * x for a, x in zip(share, every, strict=False)) for every in (D, K_D))
             moved, K_moved, lower = self._tried(tangent, c, K_c, 1.0)
             if lower:
                 break
@@ -348,21 +354,22 @@ class Iteration:
     def _add(self, tangent: Tangent, d: Array, K_d: Array, D: list[Array], K_D: list[Array]) -> None:
         """Add a direction (owned,), without what is held, to those of a step."""
         at = self.operator.at
-        less = self.points.truncated(tangent, d[at]) - d[at]
-        D.append(d + self.operator.on_slaves(less))
-        K_D.append(K_d + self.operator.of_slaves(less))
+        D.append(d.copy())
+        K_D.append(K_d.copy())
+        self.operator.move(self.points.truncated(tangent, d[at]) - d[at], D[-1], K_D[-1])
 
     def _tried(self, tangent: Tangent, c: Array, K_c: Array, step: float) -> tuple[Array, Array, bool]:
         """The admissible motion next to a step along c, K times it, and whether the energy does not grow."""
         operator, v = self.operator, self.v[self.operator.at]
         beside = self.points.project(tangent, v, v + step * c[operator.at]) - v - step * c[operator.at]
-        moved, K_moved = step * c + operator.on_slaves(beside), step * K_c + operator.of_slaves(beside)
-        allowed = ROUNDING * abs(operator.dot(self.v, self.f + self.g)) / 2
+        moved, K_moved = step * c, step * K_c
+        operator.move(beside, moved, K_moved)
+        allowed = ROUNDING * abs(operator.dot(self.v, self.f) + operator.dot(self.v, self.g)) / 2
         return moved, K_moved, self._growth(tangent, moved, K_moved) <= allowed
 
-    def _galerkin(self, D: Array, AD: Array, r: Array) -> Array:
-        """Shares (k,) of the directions D (k, owned) in the solution of A x = r in their span; collective."""
-        found = self.operator.comm.allreduce(D @ np.vstack([AD, r]).T)
+    def _galerkin(self, D: list[Array], AD: list[Array], r: Array) -> Array:
+        """Shares (k,) of the k directions D (owned,) in the solution of A x = r in their span; collective."""
+        found = self.operator.comm.allreduce(np.array([[d @ x for x in (*AD, r)] for d in D]))
         G, rhs = found[:, :-1], found[:, -1]
         scale = 1 / np.sqrt(np.where(np.diag(G) > 0, np.diag(G), 1.0))
         return np.asarray(scale * np.linalg.lstsq(G * scale[:, None] * scale, rhs * scale, rcond=1e-12)[0])
@@ -371,14 +378,14 @@ class Iteration:
         """Growth of the energy [J] by a motion, friction bounds frozen; collective."""
         v = self.v[self.operator.at]
         friction = self.points.friction_work(tangent, v, v + moved[self.operator.at])
-        bodies = float(moved @ (K_moved / 2 - self.g))
-        faces = self.faces.growth(self.pressed, self.faces.pressed(self.v + moved))
+        bodies = float(moved @ K_moved / 2 - moved @ self.g)
+        faces = self.faces.growth(self.pressed, self.v, moved)
         comm = self.operator.comm
         return float(comm.allreduce(bodies + friction + (faces if comm.rank == 0 else 0.0)))  # every rank has the faces
 
     def _size(self) -> float:
         """Energy norm of the displacement [J^(1/2)]."""
-        energy = self.operator.dot(self.v, self.f - self.g + 2 * self.pulled) + self.stored
+        energy = self.operator.dot(self.v, self.pull) - self.operator.dot(self.v, self.g) + self.stored
         return float(np.sqrt(max(energy, 0.0)))
 
     def _tractions(self, tangent: Tangent) -> tuple[Array, Array]:

@@ -51,8 +51,8 @@ class CoarseMotions:
     def _extended(self, side: Array) -> tuple[Array, Array]:
         """The motion of a side with that of the bodies behind it, and K times it: a few conjugate gradients."""
         operator = self.operator
-        x, K_x = operator.on_slaves(side), operator.of_slaves(side)
-        d = K_d = np.zeros_like(x)
+        x, K_x, d, K_d = np.zeros((4, operator.count))
+        operator.move(side, x, K_x)
         before = 0.0
         for _ in range(CYCLES):
             z = operator.cycle(-K_x)

@@ -71,9 +71,7 @@ class CompliantFaces:
         return Pressed(p, x, stiffness, self.forces(self.problem.surface.W * p), diagonal)
 
     def forces(self, weighted: Array) -> Array:
-        """Forces N^T f (owned,) [N] of forces f (rows,) [N] of the points."""
-        if not self.places:
-            return np.zeros(self._vector.getLocalSize())
+        """Forces N^T f (owned,) [N] of forces f (rows,) [N] of the points; collective."""
         self._vector.array[:] = 0.0
         self.scatter.write(self._vector, self.N.T @ weighted)
         return self._vector.array_r.copy()
@@ -86,7 +84,9 @@ class CompliantFaces:
         """As `forces`, at slave nodes alone (m d,)."""
         return self.forces(weighted)[self.operator.at] if self.places else np.zeros(len(self.operator.at))
 
-    def growth(self, was: Pressed, now: Pressed) -> float:
-        """Growth of the energy stored in the faces [J]."""
+    def growth(self, was: Pressed, v: Array, moved: Array) -> float:
+        """Growth of the energy stored in the faces [J] by a motion from v; collective."""
+        if not self.places:
+            return 0.0
         energy, W = self.problem.cone.energy, self.problem.surface.W
-        return float(W @ (energy(now.p) - energy(was.p))) if self.places else 0.0
+        return float(W @ (energy(self.pressed(v + moved).p) - energy(was.p)))

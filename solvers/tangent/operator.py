@@ -29,7 +29,9 @@ class TangentOperator:
     """K = T^T K_B T; vectors are this rank's part (owned,), those at slave nodes its (m d,) entries there.
 
     Attributes:
+        count: number of entries of this rank's part.
         at: positions (m d,) of this rank's entries at slave nodes in its part of a vector.
+        near: positions (k,) of its entries of K v, of a v that is zero but at slave nodes, that can be other than zero.
         diagonal: blocks (m, d, d) of K at slave nodes.
         held: which of these entries (m d,) multigrid holds.
         sliding: whether it holds a part of the motions of a node only.
@@ -47,19 +49,25 @@ class TangentOperator:
         self.counters: Counters = system.counters
         self.comm = self.K_B.comm.tompi4py()
         low, high = self.K_B.getOwnershipRange()
+        self.count: int = high - low
         mine = (coordinates.blocks[:, 0] >= low) & (coordinates.blocks[:, 0] < high)
         self.at = (coordinates.blocks[mine] - low).ravel()
         self._slaves = PETSc.IS().createGeneral((self.at + low).astype(PETSc.IntType), comm=self.K_B.comm)
         self._every = PETSc.IS().createGeneral(np.arange(low, high, dtype=PETSc.IntType), comm=self.K_B.comm)
         T_s = self.T.createSubMatrix(self._slaves, self._slaves)  # all that relative displacements move
-        self._columns = self.T.transposeMatMult(self._of_slaves().matMult(T_s))
-        self._block = self._columns.createSubMatrix(self._slaves, None)
+        columns = self.T.transposeMatMult(self._of_slaves().matMult(T_s))
+        self.near = np.flatnonzero(np.diff(columns.getValuesCSR()[0]))
+        rows = PETSc.IS().createGeneral((self.near + low).astype(PETSc.IntType), comm=self.K_B.comm)
+        self._columns = columns.createSubMatrix(rows, None)
+        self._block = columns.createSubMatrix(self._slaves, None)
+        columns.destroy()
         self.dim: int = system.mesh.dim
         self.diagonal = self._diagonal(self.dim)
         self._system = system
         self._in, self._out = self.K_B.createVecRight(), self.K_B.createVecRight()
         self._more = self.K_B.createVecRight()
         self._slave, self._at_slaves = self._block.createVecs()
+        self._near = self._columns.createVecLeft()
         self._multigrid = PETSc.PC()  # none yet
         self.hold(*(holding or (coordinates, coordinates.blocks.ravel())))
 
@@ -72,10 +80,15 @@ class TangentOperator:
         return self._out.array_r.copy()
 
     def of_slaves(self, v_s: Array) -> Array:
-        """K v of a v (m d,) that is zero but at slave nodes."""
+        """K v at `near` (k,) of a v (m d,) that is zero but at slave nodes."""
         self._slave.array[:] = v_s
-        self._columns.mult(self._slave, self._out)
-        return self._out.array_r.copy()
+        self._columns.mult(self._slave, self._near)
+        return self._near.array_r.copy()
+
+    def move(self, v_s: Array, v: Array, K_v: Array) -> None:
+        """Add a motion v_s (m d,) of the slave nodes to v (owned,), and what it does to K v; in place."""
+        v[self.at] += v_s
+        K_v[self.near] += self.of_slaves(v_s)
 
     def of_slaves_there(self, v_s: Array) -> Array:
         """The same at slave nodes alone (m d,)."""
@@ -85,7 +98,7 @@ class TangentOperator:
 
     def on_slaves(self, v_s: Array) -> Array:
         """The coordinates (owned,) that are v_s (m d,) at slave nodes, and zero elsewhere."""
-        found = np.zeros(self._in.getLocalSize())
+        found = np.zeros(self.count)
         found[self.at] = v_s
         return found
 
