@@ -238,7 +238,7 @@ class VolumeNewton:
         R += self.method.contact.forces(q)
 
     def _jacobian(self, snes: Any, q: Any, J: Any, preconditioner: Any) -> None:
-        self.method.system.K_B.copy(J, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        self.method.system.K_B.copy(J, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)  # J has those of contact, too
         self.method.contact.add_tangent(q, J)
         self.method.system.counters.factorisations += 1
         self.method.system.counters.volume_solves += 1

@@ -151,5 +151,5 @@ class FormOfPart:
         self.P.multTransposeAdd(dx.assemble_vector(self.work), total, total)
 
     def add_tangent(self, J: Mat) -> None:
-        """J += d forces / d q; contact only couples displacements of the same cell, so the pattern of J suffices."""
-        J.axpy(1.0, dx.assemble_matrix(self.tangent).PtAP(self.P), PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        """J += d forces / d q."""
+        J.axpy(1.0, dx.assemble_matrix(self.tangent).PtAP(self.P), PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)

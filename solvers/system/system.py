@@ -224,7 +224,8 @@ def _assembled(
     """The stiffness; collective."""
 
     def matrix(*averages: MeanDilatation) -> Stiffness:
-        return Stiffness.of(whole_stiffness(problem, weak, constraints.links, *averages), T, constraints)
+        K = whole_stiffness(problem, weak, constraints.links, *averages)
+        return Stiffness.of(K, T, constraints, held=not problem.rigid_modes.shape[1])
 
     return AveragedStiffness(matrix(), dilatation, T, lambda: matrix(dilatation)) if dilatation else matrix()
 
