@@ -1,7 +1,7 @@
 """A stiffness without the entries that rounding alone has left.
 
-Where cells are boxes, of a hexahedral mesh a third: what one cell couples by shear, its neighbour takes back. Products
-and multigrid cycles then take half the time.
+Where cells are boxes, of a hexahedral mesh a third: what one cell couples by shear, its neighbour takes back. It takes
+as long as 15 iterations of conjugate gradients, after which products and multigrid cycles take half the time.
 """
 
 from __future__ import annotations
@@ -11,11 +11,13 @@ from itertools import pairwise
 import numpy as np
 from petsc4py import PETSc
 
+from stickslip.geometry.arrays import Array
 from stickslip.geometry.protocols import Mat
 
 ROUNDED = 1e-14  # of the diagonal
 WORTH = 0.1  # share of the entries that pays for another matrix
-CHUNK = 100_000  # rows at a time: memory
+LOOKED_AT = 300  # rows of each rank that tell the share
+CHUNK = 5000  # rows at a time: memory
 
 
 def without_rounding(K: Mat) -> Mat:
@@ -24,26 +26,25 @@ def without_rounding(K: Mat) -> Mat:
     They are added to the entries of their node, so that a body that moves as a whole feels no more forces than before;
     but columns get other sums.
     """
-    dim, low = K.block_size, K.getOwnershipRange()[0]
     size = ROUNDED * np.abs(K.getDiagonal().array_r)
+    if _share(K, size) < WORTH:
+        return K
+    dim, low = K.block_size, K.getOwnershipRange()[0]
     pointer, column, value = K.getValuesCSR()
-    counts, end = np.zeros(len(size), np.int64), 0
+    counts, end = np.diff(pointer).astype(np.int64), 0
     for first, last in pairwise([*range(0, len(size), CHUNK), len(size)]):
-        part = slice(pointer[first], pointer[last])
-        j, x = column[part], value[part]
-        i = np.repeat(np.arange(first, last), np.diff(pointer[first : last + 1]))
-        own = j // dim == (i + low) // dim
-        kept = own | (np.abs(x) > size[i])
-        at = (i - first) * dim + j % dim
-        left = np.bincount(at, np.where(kept, 0.0, x), (last - first) * dim)
-        x[own] += left[at[own]]
-        counts[first:last] = np.bincount(i[kept] - first, minlength=last - first)
-        count = np.count_nonzero(kept)
+        part, each, rows = slice(pointer[first], pointer[last]), counts[first:last].copy(), np.arange(last - first)
+        j, x, row = column[part], value[part], np.repeat(rows, each)
+        from_node = j - np.repeat(((rows + first + low) // dim * dim).astype(j.dtype), each)
+        own = (from_node >= 0) & (from_node < dim)
+        kept = own | (np.abs(x) > np.repeat(size[first:last], each))
+        gone = np.flatnonzero(~kept)
+        left = np.bincount(row[gone] * dim + j[gone] % dim, x[gone], len(rows) * dim)
+        x[own] += left[row[own] * dim + from_node[own]]
+        counts[first:last] -= np.bincount(row[gone], minlength=len(rows))
+        count = len(x) - len(gone)
         column[end : end + count], value[end : end + count] = j[kept], x[kept]  # to the front, in place
         end += count
-    few, many = K.comm.tompi4py().allreduce(np.array([end, len(value)]))
-    if few > (1 - WORTH) * many:
-        return K
     sizes, comm, form = K.getSizes(), K.comm, K.getAttr("form")
     K.destroy()
     csr = (np.append(0, np.cumsum(counts)).astype(PETSc.IntType), column[:end], value[:end])
@@ -51,3 +52,12 @@ def without_rounding(K: Mat) -> Mat:
     found.assemble()
     found.setAttr("form", form)
     return found
+
+
+def _share(K: Mat, size: Array) -> float:
+    """Share of the entries of K that are not larger than `size` (owned,) of their row, of some rows; collective."""
+    low, high = K.getOwnershipRange()
+    rows = np.unique(np.linspace(low, high - 1, LOOKED_AT).astype(int)) if high > low else []
+    found = [(np.count_nonzero(np.abs(x) <= size[i - low]), len(x)) for i in rows for x in [K.getRow(i)[1]]]
+    few, many = K.comm.tompi4py().allreduce(np.array(found, np.int64).reshape(-1, 2).sum(axis=0))
+    return float(few / many) if many else 0.0

@@ -67,17 +67,16 @@ class Stiffness:
         return None
 
     @staticmethod
-    def of(K: Mat, T: Mat, constraints: Constraints, held: bool = False) -> Stiffness:
+    def of(K: Mat, T: Mat, constraints: Constraints, clean: bool = False) -> Stiffness:
         """Both from K, which becomes the free one where T selects; collective.
 
         Args:
-            held: whether supports hold all bodies. What rounding has left in K is then left out; else it sees to it
-                that the forces of a body that moves as a whole are in balance.
+            clean: leave out what rounding has left in the free one, see `without_rounding`.
         """
         low, high = T.getOwnershipRange()
         own = constraints.eliminated().astype(PETSc.IntType)
         if constraints.selects:
-            return _selected(K, own, constraints.free_total, held)
+            return _selected(K, own, constraints.free_total, clean)
         free = K.PtAP(T)
         mean = free.getDiagonal().sum() / constraints.free_total
         diagonal = PETSc.Mat().createAIJ(free.getSizes(), bsize=constraints.dim, nnz=(1, 0), comm=free.comm)
@@ -85,7 +84,7 @@ class Stiffness:
         diagonal.setValuesCSR(pointer, own, np.full(len(own), mean))
         diagonal.assemble()
         free.axpy(1.0, diagonal, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        return Stiffness(K, without_rounding(free) if held else free)
+        return Stiffness(K, without_rounding(free) if clean else free)
 
 
 class AveragedStiffness:
@@ -144,22 +143,22 @@ class _Sum:
         (self * u).copy(found)
 
 
-def _selected(K: Mat, own: Ints, free_total: int, held: bool) -> Stiffness:
+def _selected(K: Mat, own: Ints, free_total: int, clean: bool) -> Stiffness:
     """K without its eliminated rows and columns, in place; and K as their sum, the columns stored.
 
     Args:
         K: stiffness of all displacements.
         own: eliminated numbers of this rank.
         free_total: free displacements of all ranks.
-        held: see `Stiffness.of`.
+        clean: see `Stiffness.of`.
     """
     if free_total == K.getSize()[0]:
-        free = without_rounding(K) if held else K
+        free = without_rounding(K) if clean else K
         return Stiffness(free, free)
     (low, high), diagonal = K.getOwnershipRange(), K.getDiagonal()
     diagonal.array[own - low] = 0.0
     every = PETSc.IS().createStride(high - low, first=low, step=1, comm=K.comm)
     columns = K.createSubMatrix(every, PETSc.IS().createGeneral(own, comm=K.comm))
     K.zeroRowsColumns(own, diag=diagonal.sum() / free_total)
-    free = without_rounding(K) if held else K
+    free = without_rounding(K) if clean else K
     return Stiffness(Restored(free, columns, own - low), free)

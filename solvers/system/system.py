@@ -222,10 +222,12 @@ def _assembled(
     problem: Problem, weak: WeakForms, constraints: Constraints, dilatation: MeanDilatation, T: Mat
 ) -> Stiffness | AveragedStiffness:
     """The stiffness; collective."""
+    # of bodies that float rounding sees to it that forces are in balance; in 2D factors take the time, not products
+    rounded = constraints.dim == 2 or dilatation or problem.rigid_modes.shape[1]
 
     def matrix(*averages: MeanDilatation) -> Stiffness:
         K = whole_stiffness(problem, weak, constraints.links, *averages)
-        return Stiffness.of(K, T, constraints, held=not problem.rigid_modes.shape[1])
+        return Stiffness.of(K, T, constraints, clean=not rounded)
 
     return AveragedStiffness(matrix(), dilatation, T, lambda: matrix(dilatation)) if dilatation else matrix()
 
