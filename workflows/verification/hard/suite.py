@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
@@ -211,6 +212,7 @@ class Worker:
 def _work(pipe: Connection) -> None:
     """Perform tasks until the pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    logging.getLogger().addHandler(logging.NullHandler())  # FFCx would set up the root logger, and lines be printed
     while True:
         try:
             task = pipe.recv()
