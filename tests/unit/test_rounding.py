@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy import sparse
 
-from shared.matrices import dense, whole
+from shared.matrices import whole
+from stickslip.geometry.protocols import Mat, Sparse
 from stickslip.solvers.fem.rigid_fields import rigid_fields
 from stickslip.solvers.linear.rounding import without_rounding
 from stickslip.solvers.scene.scene import Scene
@@ -18,23 +20,29 @@ TOP = {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0, "z"
 BASE = {"base": {"surface": "block.bottom", "against": "foundation"}}
 
 
+def entries(matrix: Mat) -> Sparse:
+    """A PETSc matrix of one rank, of scipy."""
+    indptr, indices, data = matrix.getValuesCSR()
+    found: Sparse = sparse.csr_matrix((data, indices, indptr), shape=matrix.size)
+    return found
+
+
 def test_boxes_lose_a_third_of_their_entries_and_no_accuracy(
     scene_of: Callable[..., Scene], system_of: SystemOf
 ) -> None:
-    system = system_of(scene_of(3, {"cells": "tensor", "mesh_size": 0.25}, contacts=BASE, supports=TOP))
+    system = system_of(scene_of(3, {"cells": "tensor", "mesh_size": 0.125}, contacts=BASE, supports=TOP))
     K = whole(system)
-    before, many, size = dense(K), K.getInfo()["nz_used"], K.getDiagonal().array.max()
+    before, size = entries(K), K.getDiagonal().array.max()
     found = without_rounding(K)
     assert found.block_size == 3
-    assert found.getInfo()["nz_used"] < 0.75 * many
-    after = dense(found)
-    assert_allclose(after, before, rtol=0, atol=3e-14 * size)
-    assert np.count_nonzero(after) <= found.getInfo()["nz_used"]
+    after = entries(found)
+    assert after.nnz < 0.75 * before.nnz
+    assert abs(after - before).max() < 3e-14 * size
 
     points = system.nodes.points
-    rigid = rigid_fields(points, points.mean(axis=0), 1.0, False).reshape(len(before), -1)
-    assert np.abs(before @ rigid).max() < 3e-15 * size
-    assert np.abs(after @ rigid).max() < 3e-15 * size
+    rigid = rigid_fields(points, points.mean(axis=0), 1.0, False).reshape(before.shape[0], -1)
+    forces_before, forces_after = (np.linalg.norm(K_u) for K_u in (before @ rigid, after @ rigid))
+    assert forces_after < 1.2 * forces_before  # 1.9 if what is left out were not added to the node's own entries
 
 
 @pytest.mark.parametrize(
@@ -48,7 +56,7 @@ def test_only_held_bodies_of_boxes_are_changed(
     system = system_of(scene_of(3, shape, contacts=BASE, supports=changes.get("supports", TOP)))
     K = whole(system)
     free = np.setdiff1d(np.arange(K.size[0]), system.constraints.eliminated())
-    kept, every = (np.count_nonzero(dense(matrix)[np.ix_(free, free)]) for matrix in (system.K_B, K))
+    kept, every = (entries(matrix)[free][:, free].count_nonzero() for matrix in (system.K_B, K))
     assert (kept < 0.8 * every) is less
     u = K.createVecRight()
     u.array[:] = np.random.default_rng(0).standard_normal(u.getLocalSize())

@@ -38,6 +38,7 @@ QUICK = [
     ("stick_slip", "surface-uzawa, matrix-free", 1e-3),
     ("stick_slip", "condensed-newton", 1e-3),  # all of the error is that of mu and slip by turns
     ("stick_slip", "nsgs", 1e-3),
+    ("lap_joint", "tangent-cg", 1e-3),  # errors fall unevenly, and steps begin with a good guess
 ]
 
 
