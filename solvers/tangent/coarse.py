@@ -52,7 +52,7 @@ class CoarseMotions:
         """The motion of a side with that of the bodies behind it, and K times it: a few conjugate gradients."""
         operator = self.operator
         x, K_x, d, K_d = np.zeros((4, operator.count))
-        operator.move(side, x, K_x)
+        operator.slaves.move(side, x, K_x)
         before = 0.0
         for _ in range(CYCLES):
             z = operator.cycle(-K_x)

@@ -26,7 +26,7 @@ class Pressed:
     penetration: Array  # (rows,) [m]
     stiffness: Array  # (rows,) W dp/d(penetration) [N/m]
     force: Array  # (owned,) on the coordinates [N]
-    diagonal: Array  # (m d,) sums of the rows of their stiffness at slave nodes [N/m]
+    diagonal: Array  # (owned,) sums of the rows of their stiffness [N/m]
 
 
 class CompliantFaces:
@@ -38,15 +38,13 @@ class CompliantFaces:
         self.places = [block for block in problem.cone.places if block.rows.normal.at_quadrature]
         self._vector = operator.K_B.createVecRight()
         none, size = np.zeros(len(problem.gap)), self._vector.getLocalSize()
-        self._nothing = Pressed(none, none, none, np.zeros(size), np.zeros(len(operator.at)))
+        self._nothing = Pressed(none, none, none, *np.zeros((2, size)))
         if self.places:
             compliant = np.zeros(len(problem.gap))
             for block in self.places:
                 compliant[block.normal] = 1.0
             self.N: Sparse = (sparse.diags(compliant) @ coordinates.rows).tocsr()
             self.scatter = Replicated(self._vector, coordinates.numbers)
-            low = operator.K_B.getOwnershipRange()[0]
-            self.slaves = np.searchsorted(coordinates.numbers, operator.at + low)
 
     def motion(self, v: Array) -> Array:
         """Closing motion N v (rows,) [m] of coordinates v (owned,); collective."""
@@ -67,22 +65,18 @@ class CompliantFaces:
             p[n] = law.pressure(x[n])
             stiffness[n] = self.problem.surface.W[n] * law.stiffness(p[n], x[n])
         size = abs(self.N)
-        diagonal = (size.T @ (stiffness * (size @ np.ones(size.shape[1]))))[self.slaves]
+        diagonal = self._written(size.T @ (stiffness * (size @ np.ones(size.shape[1]))))
         return Pressed(p, x, stiffness, self.forces(self.problem.surface.W * p), diagonal)
 
     def forces(self, weighted: Array) -> Array:
         """Forces N^T f (owned,) [N] of forces f (rows,) [N] of the points; collective."""
+        return self._written(self.N.T @ weighted)
+
+    def _written(self, values: Array) -> Array:
+        """Values (owned,) of those of all coordinates of contact nodes (n d,); collective."""
         self._vector.array[:] = 0.0
-        self.scatter.write(self._vector, self.N.T @ weighted)
+        self.scatter.write(self._vector, values)
         return self._vector.array_r.copy()
-
-    def motion_of_slaves(self, v_s: Array) -> Array:
-        """Closing motion (rows,) [m] of coordinates that are v_s (m d,) at slave nodes, the others zero; collective."""
-        return self.motion(self.operator.on_slaves(v_s)) if self.places else np.zeros(len(self.problem.gap))
-
-    def forces_on_slaves(self, weighted: Array) -> Array:
-        """As `forces`, at slave nodes alone (m d,)."""
-        return self.forces(weighted)[self.operator.at] if self.places else np.zeros(len(self.operator.at))
 
     def growth(self, was: Pressed, v: Array, moved: Array) -> float:
         """Growth of the energy stored in the faces [J] by a motion from v; collective."""

@@ -24,7 +24,6 @@ from stickslip.solvers.tangent.faces import CompliantFaces, Pressed
 from stickslip.solvers.tangent.operator import TangentOperator
 
 DAMPED = 1.8  # factor on the diagonal of K in a sweep: all nodes move at the same time
-SMOOTHED = 1.5  # likewise, on the blocks of the tangent
 STEEP = 1e6  # times the diagonal: largest stiffness across the slip
 
 
@@ -81,7 +80,7 @@ class ContactPoints:
         self.scatter = Replicated(self._vector, at[self.rows]) if self.comm.size > 1 else None
         self.is_row = np.zeros(len(operator.at), bool)
         self.is_row[self.place[self.own]] = True
-        self.k_s = DAMPED * np.einsum("mii->mi", operator.diagonal).ravel()
+        self.k_s = DAMPED * np.einsum("mii->mi", operator.slaves.diagonal).ravel()
         self.k = self.read(self.k_s)
         self.k[self.k == 0] = 1.0  # rows that carry nothing, or are compliant
         for block in self.cone.with_friction():
@@ -129,7 +128,7 @@ class ContactPoints:
         moved = (force - self.W * p) / self.k
         held = (p == trial) & (self.cone.softness == 0)
         moved[held] = (self.target - at)[held]
-        return self.write(moved, g / (self.k_s + DAMPED * pressed.diagonal)), trial
+        return self.write(moved, g / (self.k_s + DAMPED * pressed.diagonal[self.operator.at])), trial
 
     def tangent(self, v: Array, g: Array, trial: Array, pressed: Pressed) -> Tangent:
         """The laws linearised where `relax` has led, friction bounds by the pressures that equilibrium asks for."""
@@ -195,8 +194,9 @@ class ContactPoints:
         return self.write(np.where(tangent.free, self.read(d), 0.0), d)
 
     def inverse_blocks(self, tangent: Tangent) -> Array:
-        """Damped inverses (m, d, d) of the tangent's blocks at this rank's slave nodes, zero on what is held."""
-        K, dim = self.operator.diagonal, self.operator.diagonal.shape[1]
+        """Inverses (k, d, d) of the tangent's blocks at this rank's nodes around, zero on what is held."""
+        K, dim, around = self.operator.slaves.diagonal, self.operator.dim, self.operator.around
+        slaves, pressed = self.operator.at, tangent.pressed.diagonal
         D = K.copy()
         lines, of_K = D.reshape(-1, dim), K.reshape(-1, dim)
         for slip in tangent.slips:
@@ -211,14 +211,17 @@ class ContactPoints:
                     own = slip.place.rows.free[:, c][(slip.rows[:, 0] - slip.place.tangential.start) // at.shape[1]]
                     turned = slip.across * ((c == b) - slip.e[:, c] * slip.e[:, b])
                     lines[at[own, c], at[own, b] % dim] += turned[own]
-        D[:, range(dim), range(dim)] += (
-            self.write(tangent.spring, np.zeros(len(self.k_s))) + tangent.pressed.diagonal
-        ).reshape(-1, dim)
+        D[:, range(dim), range(dim)] += self.write(tangent.spring, pressed[slaves]).reshape(-1, dim)
         free = self.write(tangent.free.astype(float), np.ones(len(self.k_s))).reshape(-1, dim)
         both = free[:, :, None] * free[:, None, :]
         D *= both
         D[:, range(dim), range(dim)] += 1 - free
-        return inverses(D) * both / SMOOTHED
+        every, here = around.diagonal.copy(), np.searchsorted(around.at[::dim], slaves[::dim])
+        every[:, range(dim), range(dim)] += pressed[around.at].reshape(-1, dim)
+        every[here] = D
+        every = inverses(every)
+        every[here] *= both
+        return every
 
     def sticking(self, tangent: Tangent) -> float:
         """Share of the closed area that sticks; collective."""

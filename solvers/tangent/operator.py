@@ -20,9 +20,11 @@ from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.parallel.released import destroy_released
 from stickslip.solvers.system.floating_modes import near_nullspace
 from stickslip.solvers.system.system import System
+from stickslip.solvers.tangent.columns import Columns
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
 
 PREFIX = "tangent_"  # of PETSc's options
+HIGHEST = 1.2  # times the largest eigenvalue that is found: what power iteration and contact may add
 
 
 class TangentOperator:
@@ -31,8 +33,9 @@ class TangentOperator:
     Attributes:
         count: number of entries of this rank's part.
         at: positions (m d,) of this rank's entries at slave nodes in its part of a vector.
-        near: positions (k,) of its entries of K v, of a v that is zero but at slave nodes, that can be other than zero.
-        diagonal: blocks (m, d, d) of K at slave nodes.
+        slaves: columns of K there.
+        around: the same of slave nodes with their neighbours in the same body.
+        highest: limit of the eigenvalues of their block, times the inverses of the nodes' own blocks, in contact too.
         held: which of these entries (m d,) multigrid holds.
         sliding: whether it holds a part of the motions of a node only.
     """
@@ -45,6 +48,7 @@ class TangentOperator:
         Args:
             holding: arguments of `hold`; None: all coordinates are held.
         """
+        self.dim: int = system.mesh.dim
         self.K_B, self.T, self._inverse = system.K_B, coordinates.T, coordinates.inverse
         self.counters: Counters = system.counters
         self.comm = self.K_B.comm.tompi4py()
@@ -54,20 +58,12 @@ class TangentOperator:
         self.at = (coordinates.blocks[mine] - low).ravel()
         self._slaves = PETSc.IS().createGeneral((self.at + low).astype(PETSc.IntType), comm=self.K_B.comm)
         self._every = PETSc.IS().createGeneral(np.arange(low, high, dtype=PETSc.IntType), comm=self.K_B.comm)
-        T_s = self.T.createSubMatrix(self._slaves, self._slaves)  # all that relative displacements move
-        columns = self.T.transposeMatMult(self._of_slaves().matMult(T_s))
-        self.near = np.flatnonzero(np.diff(columns.getValuesCSR()[0]))
-        rows = PETSc.IS().createGeneral((self.near + low).astype(PETSc.IntType), comm=self.K_B.comm)
-        self._columns = columns.createSubMatrix(rows, None)
-        self._block = columns.createSubMatrix(self._slaves, None)
-        columns.destroy()
-        self.dim: int = system.mesh.dim
-        self.diagonal = self._diagonal(self.dim)
+        self.slaves = Columns(self.K_B, self.T, self.at)
+        self.around = Columns(self.K_B, self.T, self._with_neighbours())
+        self.highest = HIGHEST * self.around.largest_eigenvalue()
         self._system = system
         self._in, self._out = self.K_B.createVecRight(), self.K_B.createVecRight()
         self._more = self.K_B.createVecRight()
-        self._slave, self._at_slaves = self._block.createVecs()
-        self._near = self._columns.createVecLeft()
         self._multigrid = PETSc.PC()  # none yet
         self.hold(*(holding or (coordinates, coordinates.blocks.ravel())))
 
@@ -78,29 +74,6 @@ class TangentOperator:
         self.K_B.mult(self._out, self._more)
         self.T.multTranspose(self._more, self._out)
         return self._out.array_r.copy()
-
-    def of_slaves(self, v_s: Array) -> Array:
-        """K v at `near` (k,) of a v (m d,) that is zero but at slave nodes."""
-        self._slave.array[:] = v_s
-        self._columns.mult(self._slave, self._near)
-        return self._near.array_r.copy()
-
-    def move(self, v_s: Array, v: Array, K_v: Array) -> None:
-        """Add a motion v_s (m d,) of the slave nodes to v (owned,), and what it does to K v; in place."""
-        v[self.at] += v_s
-        K_v[self.near] += self.of_slaves(v_s)
-
-    def of_slaves_there(self, v_s: Array) -> Array:
-        """The same at slave nodes alone (m d,)."""
-        self._slave.array[:] = v_s
-        self._block.mult(self._slave, self._at_slaves)
-        return self._at_slaves.array_r.copy()
-
-    def on_slaves(self, v_s: Array) -> Array:
-        """The coordinates (owned,) that are v_s (m d,) at slave nodes, and zero elsewhere."""
-        found = np.zeros(self.count)
-        found[self.at] = v_s
-        return found
 
     def jump(self, u: Array) -> Array:
         """Coordinates (m d,) at slave nodes of free displacements u (owned,) [m]."""
@@ -181,7 +154,7 @@ class TangentOperator:
         """The best multiple of a multigrid cycle for the displacement under forces f over the free displacements."""
         r = self.forces(f)
         z = self.cycle(r)
-        z[self.at] = r[self.at] / np.einsum("mii->mi", self.diagonal).ravel()
+        z[self.at] = r[self.at] / np.einsum("mii->mi", self.slaves.diagonal).ravel()
         energy = self.dot(z, self.product(z))
         return self.displacement(z * (self.dot(z, r) / energy if energy else 0.0))
 
@@ -210,6 +183,13 @@ class TangentOperator:
     def dot(self, a: Array, b: Array) -> float:
         """Scalar product over all ranks; collective."""
         return float(self.comm.allreduce(a @ b))
+
+    def _with_neighbours(self) -> Ints:
+        """Positions (k,) of the entries at slave nodes and at those that K_B couples to them; collective."""
+        movers = self.T.createSubMatrix(self._slaves, self._every).transpose(PETSc.Mat())
+        masters = np.flatnonzero(np.diff(movers.getValuesCSR()[0])) // self.dim
+        found = np.union1d(np.setdiff1d(self.slaves.near // self.dim, masters), self.at // self.dim)
+        return (found[:, None] * self.dim + np.arange(self.dim)).ravel()
 
     def _of_slaves(self) -> Mat:
         """Columns (owned, m d) of K_B at slave nodes."""
@@ -249,15 +229,6 @@ class TangentOperator:
         matrix.axpy(1.0, change, other)
         yield _cleared(matrix, held)
         matrix.destroy()
-
-    def _diagonal(self, dim: int) -> Array:
-        pointer, columns, values = self._block.getValuesCSR()
-        low = self._block.getOwnershipRange()[0]
-        row = np.repeat(np.arange(len(pointer) - 1), np.diff(pointer))
-        own = (columns - low) // dim == row // dim
-        found = np.zeros((len(self.at) // dim, dim, dim))
-        found[row[own] // dim, row[own] % dim, (columns[own] - low) % dim] = values[own]
-        return found
 
 
 def _cleared(K: Mat, held: Ints) -> Mat:

@@ -15,7 +15,7 @@ from stickslip.geometry.errors import SolverError
 from stickslip.geometry.protocols import PC, Mat
 from stickslip.solvers.interface.prepare import Form
 from stickslip.solvers.linear import multigrid
-from stickslip.solvers.methods.tangent_cg import GROWN, OnTangent
+from stickslip.solvers.methods.tangent_cg import GROWN, Iteration, OnTangent
 from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
@@ -23,6 +23,7 @@ from stickslip.solvers.stepping import method_chain
 from stickslip.solvers.system.system import System
 from stickslip.solvers.tangent import operator as operator_module
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
+from stickslip.solvers.tangent.laws import Tangent
 from stickslip.solvers.tangent.operator import TangentOperator
 from stickslip.workflows.scene_file.read import read
 from stickslip.workflows.verification.prepared import prepare
@@ -86,13 +87,48 @@ def test_relative_displacements_are_coordinates(operator: str) -> None:
     assert_allclose(at.displacement(v).array, u.array, atol=1e-12)  # T T^-1
     K_u = at.forces(system.K_B * u)
     assert_allclose(at.product(v), K_u, atol=1e-12)  # (T^T K T) T^-1 u
-    alone = np.zeros_like(v)
-    alone[at.at] = v[at.at]
-    moved, K_moved = np.zeros((2, at.count))
-    at.move(v[at.at], moved, K_moved)
-    assert np.array_equal(moved, alone)
-    assert_allclose(K_moved, at.product(alone), atol=1e-12)
+    for columns in (at.slaves, at.around):
+        alone = columns.whole(v[columns.at], at.count)
+        moved, K_moved = np.zeros((2, at.count))
+        columns.move(v[columns.at], moved, K_moved)
+        assert np.array_equal(moved, alone)
+        assert_allclose(K_moved, at.product(alone), atol=1e-12)
+        assert_allclose(columns.block(v[columns.at]), K_moved[columns.at], atol=1e-12)
     assert coordinates.alone == (operator == "rigid")
+
+
+def test_nodes_around_are_the_two_layers_at_the_contact() -> None:
+    operator = ready_of(prepare(cube("geometry.mesh_size=0.25"), MPI.COMM_SELF)).operator
+    assert (len(operator.at), len(operator.around.at)) == (3 * 25, 3 * 50)
+
+
+def test_sweeps_know_the_largest_eigenvalue_of_the_nodes_around() -> None:
+    simulation = prepare(Cell("tangent-cg", operator="mortar", model="3d").scene(1e-9), MPI.COMM_SELF)
+    around = ready_of(simulation).operator.around
+    K = np.column_stack([around.block(unit) for unit in np.eye(len(around.at))])
+    of_nodes = np.kron(np.eye(len(around.diagonal)), np.ones((3, 3))) * K
+    largest_one = np.linalg.eigvals(np.linalg.solve(of_nodes, K)).real.max()
+    assert 0.9 * largest_one < around.largest_eigenvalue() <= largest_one * (1 + 1e-12)
+
+
+def test_corrections_are_conjugate_while_contact_does_not_change(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To all that came after the last change, not only to the one before."""
+    advance, taken = Iteration._advance, list[tuple[bool, np.ndarray, np.ndarray]]()
+
+    def kept(self: Iteration, tangent: Tangent, *others: Any) -> tuple[np.ndarray, np.ndarray]:
+        changed = self.free is None or not np.array_equal(self.free, tangent.free)
+        taken.append((changed, *advance(self, tangent, *others)))
+        return taken[-1][1:]
+
+    monkeypatch.setattr(Iteration, "_advance", kept)
+    ran(cube("geometry.mesh_size=0.125", "contacts.base.friction.mu=10.0", "steps={ end = 1.0, count = 1 }"))
+    last = max(k for k, (changed, *_) in enumerate(taken) if changed)
+    assert last > 0
+    D, K_D = (np.array(each) for each in zip(*(step[1:] for step in taken[last:]), strict=True))
+    G = D @ K_D.T
+    sizes = np.sqrt(np.diag(G))
+    assert len(D) > 5
+    assert np.abs(G / sizes / sizes[:, None] - np.eye(len(D))).max() < 1e-6
 
 
 @pytest.mark.parametrize("of_nodes", ["all", "normal"])  # of their motions
@@ -222,7 +258,8 @@ def test_a_step_like_the_one_before_begins_with_its_motion(by: str) -> None:
     assert simulation.counters.linear_iterations == sum(iterations) + scale
 
 
-def test_multigrid_follows_a_contact_that_grows() -> None:
+def test_multigrid_follows_a_contact_that_grows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stickslip.solvers.methods.tangent_cg.SLOW", 0.0)
     more = ["geometry.contact_mesh_size=0.04", "geometry.order=1", "steps.count=6"]
     simulation = prepare(read("half_ball", [*METHOD, *more]), MPI.COMM_SELF)
     (*_, last) = simulation.steps()

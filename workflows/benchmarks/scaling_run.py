@@ -43,7 +43,7 @@ EVENTS = ("MatMult", "PCApply", "VecScatterBegin")
 PARTS = {  # of an iteration, by the functions whose time they are, what these call included
     "product": (("operator.py", "product"),),
     "cycle": (("operator.py", "cycle"),),
-    "columns": (("operator.py", "of_slaves"), ("operator.py", "of_slaves_there")),
+    "columns": (("columns.py", "product"), ("columns.py", "block")),
     "contact": tuple(
         ("laws.py", name)
         for name in ("relax", "tangent", "residual", "apply", "inverse_blocks", "truncated", "project", "friction_work")
