@@ -41,7 +41,7 @@ SLOW = 0.55  # contraction at which, for the second time, multigrid may be adapt
 OTHERS, GROWN = 0.1, 0.4  # of the slave nodes, and of those that touch; with fewer changes multigrid stays
 FEW, MANY = 0.05, 0.3  # sticking shares of the closed area below which, and up to which, multigrid lets it slide
 COARSE = 0.25  # the same below which coarse motions are made
-MARGIN = 2.9  # of the error that is stated: over all ready scenes it is 1 to 10 times the true one then, most often 5
+MARGIN = 2.9  # of the error that is stated: over all ready scenes it is 1.2 to 15 times the true one then, most often 5
 
 
 @dataclass(frozen=True, kw_only=True)
