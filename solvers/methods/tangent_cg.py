@@ -34,7 +34,7 @@ SHORTEST = 1e-3  # step that is halved no more
 PATIENCE = 150  # iterations of a step, if another form of the bodies can take over
 STALL_WINDOW = 40  # iterations in which the error must halve; usual are 7 to 20 in all
 ROUNDING = 1e-12  # of the energy: a growth that counts as none
-FASTEST, SLOWEST = 0.3, 0.9  # limits of the contraction of an iteration that is counted on
+FASTEST, SLOWEST = 0.2, 0.9  # limits of the contraction of an iteration that is counted on
 UNKNOWN = 0.75  # contraction that is counted on before one is seen
 SEVERAL = 5  # iterations: errors that fall unevenly say little by the last one alone
 SLOW = 0.55  # contraction at which, for the second time, multigrid may be adapted to the state of contact
@@ -311,9 +311,8 @@ class Iteration:
             r, z, K_z: at these nodes (k,): the residual, the motion, and K times the motion of all nodes.
             motion: of compliant faces (rows,) by the motion of all nodes.
         """
-        around, highest, faces, W = self.operator.around, self.operator.highest, self.faces, self.problem.surface.W
-        here = np.searchsorted(around.at, self.operator.at)
-        more = np.zeros_like(z)
+        around, here, highest = self.operator.around, self.operator.here, self.operator.highest
+        faces, W, more = self.faces, self.problem.surface.W, np.zeros_like(z)
         for k, (again, share) in enumerate(chebyshev(LOWEST * highest, highest, SMOOTHING), 1):
             closing = tangent.pressed.stiffness * motion
             forces = K_z + faces.forces(closing)[around.at] if faces.places else K_z

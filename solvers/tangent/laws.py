@@ -195,8 +195,8 @@ class ContactPoints:
 
     def inverse_blocks(self, tangent: Tangent) -> Array:
         """Inverses (k, d, d) of the tangent's blocks at this rank's nodes around, zero on what is held."""
-        K, dim, around = self.operator.slaves.diagonal, self.operator.dim, self.operator.around
-        slaves, pressed = self.operator.at, tangent.pressed.diagonal
+        operator, dim, pressed = self.operator, self.operator.dim, tangent.pressed.diagonal
+        K, every = operator.slaves.diagonal, operator.around.diagonal.copy()
         D = K.copy()
         lines, of_K = D.reshape(-1, dim), K.reshape(-1, dim)
         for slip in tangent.slips:
@@ -211,13 +211,14 @@ class ContactPoints:
                     own = slip.place.rows.free[:, c][(slip.rows[:, 0] - slip.place.tangential.start) // at.shape[1]]
                     turned = slip.across * ((c == b) - slip.e[:, c] * slip.e[:, b])
                     lines[at[own, c], at[own, b] % dim] += turned[own]
-        D[:, range(dim), range(dim)] += self.write(tangent.spring, pressed[slaves]).reshape(-1, dim)
+        spring = self.write(tangent.spring, np.zeros(len(self.k_s)))
+        D[:, range(dim), range(dim)] += (spring + pressed[operator.at]).reshape(-1, dim)
         free = self.write(tangent.free.astype(float), np.ones(len(self.k_s))).reshape(-1, dim)
         both = free[:, :, None] * free[:, None, :]
         D *= both
         D[:, range(dim), range(dim)] += 1 - free
-        every, here = around.diagonal.copy(), np.searchsorted(around.at[::dim], slaves[::dim])
-        every[:, range(dim), range(dim)] += pressed[around.at].reshape(-1, dim)
+        every[:, range(dim), range(dim)] += pressed[operator.around.at].reshape(-1, dim)
+        here = operator.here[::dim] // dim
         every[here] = D
         every = inverses(every)
         every[here] *= both

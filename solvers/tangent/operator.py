@@ -35,6 +35,7 @@ class TangentOperator:
         at: positions (m d,) of this rank's entries at slave nodes in its part of a vector.
         slaves: columns of K there.
         around: the same of slave nodes with their neighbours in the same body.
+        here: positions (m d,) of the entries at slave nodes among those of `around`.
         highest: limit of the eigenvalues of their block, times the inverses of the nodes' own blocks, in contact too.
         held: which of these entries (m d,) multigrid holds.
         sliding: whether it holds a part of the motions of a node only.
@@ -60,6 +61,7 @@ class TangentOperator:
         self._every = PETSc.IS().createGeneral(np.arange(low, high, dtype=PETSc.IntType), comm=self.K_B.comm)
         self.slaves = Columns(self.K_B, self.T, self.at)
         self.around = Columns(self.K_B, self.T, self._with_neighbours())
+        self.here = np.searchsorted(self.around.at, self.at)
         self.highest = HIGHEST * self.around.largest_eigenvalue()
         self._system = system
         self._in, self._out = self.K_B.createVecRight(), self.K_B.createVecRight()

@@ -81,6 +81,7 @@ def test_what_was_measured_is_not_measured_again(folder: Path, rows: Rows, monke
     assert found["alpha"] == rows["alpha"]
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # within a callback it comes again
 def test_a_measurement_that_takes_too_long_is_a_row_that_says_so() -> None:
     case = Case(dim=2, n=8, method=MASS)
     row = measure.measure(case, 0.01)
