@@ -1,4 +1,4 @@
-"""`error.iteration` is a bound on the distance to the exact discrete solution, and most often less than ten times it."""
+"""`error.iteration` is a bound on the distance to the exact discrete solution, most often less than ten times it."""
 
 import pytest
 
