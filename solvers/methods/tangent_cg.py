@@ -346,7 +346,7 @@ class Iteration:
 
         The earlier ones are the last, and that of the iteration in which contact changed: it is none of conjugate
         gradients, and without it all later ones would be conjugate to the one before only (Beale, in Numerical Methods
-        for Nonlinear Optimization, 1972): two cubes of 20 cells a side would take 49 iterations in place of 34.
+        for Nonlinear Optimization, 1972): two cubes of tetrahedra would take 49 iterations in place of 34.
         """
         D, K_D = [z], [K_z]
         changed = self._changed(tangent)
