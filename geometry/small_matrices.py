@@ -1,4 +1,4 @@
-"""Inverses of many matrices of order 2 or 3 at once."""
+"""Inverses and products of many matrices of order 2 or 3 at once."""
 
 from __future__ import annotations
 
@@ -25,3 +25,12 @@ def inverse_and_determinant(matrices: Array) -> tuple[Array, Array]:
 def inverses(matrices: Array) -> Array:
     """Inverses (m, d, d) of matrices (m, d, d)."""
     return np.moveaxis(inverse_and_determinant(np.moveaxis(matrices, 0, -1))[0], -1, 0)
+
+
+def products(matrices: Array, x: Array) -> Array:
+    """Products (m d,) of matrices (m, d, d) with the parts of x (m d,).
+
+    >>> products(np.array([[[0.0, 1.0], [1.0, 0.0]]]), np.array([2.0, 3.0]))
+    array([3., 2.])
+    """
+    return np.asarray(np.einsum("mij,mj->mi", matrices, x.reshape(matrices.shape[:2])).ravel())

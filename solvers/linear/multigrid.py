@@ -37,9 +37,11 @@ GAMG: Mapping[str, str | int] = {"ksp_max_it": 1}  # of the smoother: more, but 
 
 
 def multigrid(K: Mat, nodal: bool, motions: Callable[[], Array], prefix: str, changing: bool = False) -> PC:
-    """BoomerAMG where PETSc has hypre, else GAMG; arguments as theirs; collective.
+    """BoomerAMG where PETSc has hypre, else GAMG; collective.
 
     Args:
+        K, nodal, prefix: see `boomeramg`.
+        motions: makes those of `gamg` where they are needed.
         changing: whether K changes later: multigrid then keeps a matrix of its own.
     """
     if not HYPRE:
@@ -89,9 +91,11 @@ def _set_up(K: Mat, kind: str, prefix: str, options: Mapping[str, str | int | fl
     pc.setOptionsPrefix(prefix)
     pc.setType(kind)
     pc.setOperators(K)
-    pc.setFromOptions()
-    pc.setUp()
+    try:
+        pc.setFromOptions()
+        pc.setUp()
+    finally:
+        for name in ours:
+            del known[name]
     pc.setReusePreconditioner(True)  # also where another multigrid changes K in place, and restores it
-    for name in ours:
-        del known[name]
     return pc

@@ -12,6 +12,7 @@ from mpi4py import MPI
 from stickslip.geometry.arrays import Array, Bools, Ints
 from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import Vec
+from stickslip.geometry.small_matrices import products
 from stickslip.solvers.interface.flexibility import DelassusOperator
 from stickslip.solvers.interface.prepare import matrix_free
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -41,6 +42,7 @@ SLOW = 0.55  # contraction at which, for the second time, multigrid may be adapt
 OTHERS, GROWN = 0.1, 0.4  # of the slave nodes, and of those that touch; with fewer changes multigrid stays
 FEW, MANY = 0.05, 0.3  # sticking shares of the closed area below which, and up to which, multigrid lets it slide
 COARSE = 0.25  # the same below which coarse motions are made
+RESISTED = 1e-6  # squared jumps of the rigid motion that nodes resist least, relative to that they resist most
 MARGIN = 2.9  # of the error that is stated: over all ready scenes it is 1.2 to 15 times the true one then, most often 5
 
 
@@ -53,8 +55,8 @@ class TangentCG(Method):
     cycle of the bodies with their contact nodes held, between sweeps over the contact nodes and their neighbours,
     gives a direction; (4) the step is the best in the span of it and of earlier corrections, which makes conjugate
     gradients while contact does not change (in the first iteration: of the motion of the time step before, most of this
-    one under loads that grow); (5) it is projected, and halved until the energy with frozen friction bounds does not
-    grow.
+    one under loads that grow); (5) it is projected, and halved, ten times at the most, until the energy with frozen
+    friction bounds does not grow.
 
     What stops it is the natural residual, and the error in the energy norm, (r . z)^(1/2), r the tangent residual and z
     the direction, relative to the displacement.
@@ -81,7 +83,7 @@ class OnTangent(Ready):
     Attributes:
         held: numbers of the coordinates that multigrid holds; None: of all slave nodes.
         coarse: motions that are added to the iteration, made when they are needed.
-        moved: free displacements (owned,) that the last step needed: under loads that grow they are most of the next.
+        moved: free displacements (owned,) of about the last step: under loads that grow they are most of the next.
         scale: of the last loads; the surface has it too.
     """
 
@@ -117,7 +119,9 @@ class OnTangent(Ready):
         if snapshot["held"] is not None:
             self.hold(snapshot["held"])
         if snapshot["coarse"]:
+            counted = self.operator.counters.linear_iterations  # when they were first made
             self.make_coarse()
+            self.operator.counters.linear_iterations = counted
         self.moved, self.scale.loads = snapshot["moved"], [(f, u) for f, u in snapshot["loads"]]
 
     def release(self) -> None:
@@ -163,6 +167,18 @@ class OnTangent(Ready):
     def _holding(self, numbers: Ints) -> tuple[ContactCoordinates, Ints]:
         """Arguments of `TangentOperator.hold`; collective."""
         return ContactCoordinates.of(self.system, self.surface, numbers), numbers
+
+    def resists(self, nodes: Bools) -> bool:
+        """Whether bodies that float can no longer move once these slave nodes (m,) are held; collective."""
+        if not self.surface.floating:
+            return True
+        operator, surface, jumps = self.operator, matrix_free(self.surface), list[Array]()
+        for column in surface.R.T:
+            motion = operator.K_B.createVecRight()
+            surface.volume.contact.write(motion, column)
+            jumps.append(operator.coordinates(motion)[operator.at] * nodes.repeat(operator.dim))
+        sizes = np.linalg.eigvalsh(operator.comm.allreduce(np.array(jumps) @ np.array(jumps).T))
+        return bool(sizes[0] > RESISTED * sizes[-1])
 
     def held_here(self, coordinates: ContactCoordinates) -> Ints | None:
         """As `held`, of the same nodes with the contact rows of other coordinates; collective."""
@@ -220,14 +236,13 @@ class Iteration:
             r = self._residual(tangent)
             if k == 0 and self.drop:
                 natural = max(natural, self.drop * self._natural(tangent))
-            enough = expected <= rtol and self._natural(tangent) <= natural
-            if enough:
-                residual, status = expected, Status.CONVERGED
+            if expected <= rtol and (residual := self._natural(tangent)) <= natural:
+                status = Status.CONVERGED
             else:
                 z, K_z = self._direction(tangent, r)
                 error = float(np.sqrt(abs(operator.dot(r, z))))
                 scale = max(self._size(), error)
-                residual = error / scale if scale else 0.0
+                residual = error / scale if scale else error  # which is zero then, or no number
                 rtol = max(rtol, self.drop * residual) if k == 0 else rtol
                 status = ending(residual, 0.0, stalled(k, residual))
                 if status is None and self.ready.hurried and k == PATIENCE:
@@ -252,7 +267,7 @@ class Iteration:
         """Hold in multigrid the nodes that are in contact now, if they are others than before; collective.
 
         Where hardly a point sticks, their normal motions alone are held; or coarse motions are added if bodies float,
-        whose rigid motions multigrid would not resist then.
+        whose rigid motions multigrid would not resist then. Nodes that would leave a body free are not held alone.
         """
         operator, ready, sticking = self.operator, self.ready, self.points.sticking(tangent)
         if ready.surface.floating and ready.coarse is None and sticking < COARSE:
@@ -263,7 +278,8 @@ class Iteration:
         was = operator.held.reshape(-1, operator.dim).any(axis=1)
         sums = np.array([(touch != was).sum(), len(was), touch.sum(), was.sum()])
         changed, count, now, before = operator.comm.allreduce(sums)
-        if sliding != operator.sliding or changed > min(OTHERS * count, GROWN * max(now, before)):
+        others = sliding != operator.sliding or changed > min(OTHERS * count, GROWN * max(now, before))
+        if others and ready.resists(touch):
             held = operator.at[touch.repeat(operator.dim)] + operator.K_B.getOwnershipRange()[0]
             held = of_all_ranks(operator.comm, held)
             ready.hold(np.intersect1d(held, ready.coordinates.normal) if sliding else held)
@@ -318,7 +334,7 @@ class Iteration:
             forces = K_z + faces.forces(closing)[around.at] if faces.places else K_z
             left = r - forces
             left[here] = r[here] - self.points.apply(tangent, forces[here], z[here], closing / W)
-            more = again * more + share * np.einsum("mij,mj->mi", inverse, left.reshape(inverse.shape[:2])).ravel()
+            more = again * more + share * products(inverse, left)
             z = z + more
             if k < SMOOTHING:
                 K_z = K_z + around.block(more)
@@ -422,7 +438,7 @@ class Iteration:
     def _natural(self, tangent: Tangent) -> float:
         """The natural residual, or the imbalance of bodies that float if that is larger; collective."""
         p, w = self._tractions(tangent)
-        return max(self.problem.natural_residual(p, w), self.problem.imbalance(p))
+        return self.problem.surface.agreed(max(self.problem.natural_residual(p, w), self.problem.imbalance(p)))
 
     def _solution(
         self,
@@ -437,7 +453,8 @@ class Iteration:
         problem, surface = self.problem, matrix_free(self.problem.surface)
         p, w = self._tractions(tangent)
         p = problem.project(p + problem.weight * (w - problem.gap), problem.weight)
-        surface.found(p, self.q.copy())
+        if status is not Status.NOT_FINITE:
+            surface.found(p, self.q.copy())
         u_c, size = surface.volume.contact.read(self.q), self._size()
         self._move(*left)
         after, w_after = self._tractions(self._tangent(trial))

@@ -7,7 +7,7 @@ from petsc4py import PETSc
 
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.protocols import Mat
-from stickslip.geometry.small_matrices import inverses
+from stickslip.geometry.small_matrices import inverses, products
 
 POWER = 10  # iterations for the largest eigenvalue, which they miss by less than a tenth in the tests
 
@@ -76,10 +76,9 @@ class Columns:
         x = np.random.default_rng(comm.rank).normal(size=len(self.at))
         for _ in range(POWER):
             y = self.block(x)
-            own = np.einsum("mij,mj->mi", self.diagonal, x.reshape(-1, self.dim)).ravel()
-            above, below = comm.allreduce(np.array([x @ y, x @ own]))
+            above, below = comm.allreduce(np.array([x @ y, x @ products(self.diagonal, x)]))
             value = above / below if below else 1.0
-            x = np.einsum("mij,mj->mi", inverse, y.reshape(-1, self.dim)).ravel() / value
+            x = products(inverse, y) / value
         return float(value)
 
     def _diagonal(self) -> Array:

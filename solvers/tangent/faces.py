@@ -44,6 +44,8 @@ class CompliantFaces:
             for block in self.places:
                 compliant[block.normal] = 1.0
             self.N: Sparse = (sparse.diags(compliant) @ coordinates.rows).tocsr()
+            self._size = abs(self.N)
+            self._sums = self._size @ np.ones(self.N.shape[1])
             self.scatter = Replicated(self._vector, coordinates.numbers)
 
     def motion(self, v: Array) -> Array:
@@ -57,19 +59,23 @@ class CompliantFaces:
         """The faces at coordinates v (owned,) [m]; collective."""
         if not self.places:
             return self._nothing
-        rows = len(self.problem.gap)
-        p, stiffness = np.zeros(rows), np.zeros(rows)
-        x = self.motion(v) + self.problem.offset - self.problem.gap
+        p, x = self._pressures(v)
+        stiffness = np.zeros(len(p))
         for block in self.places:
-            n, law = block.normal, block.rows.normal
-            p[n] = law.pressure(x[n])
-            stiffness[n] = self.problem.surface.W[n] * law.stiffness(p[n], x[n])
-        size = abs(self.N)
-        diagonal = self._written(size.T @ (stiffness * (size @ np.ones(size.shape[1]))))
+            n = block.normal
+            stiffness[n] = self.problem.surface.W[n] * block.rows.normal.stiffness(p[n], x[n])
+        diagonal = self._written(self._size.T @ (stiffness * self._sums))
         return Pressed(p, x, stiffness, self.forces(self.problem.surface.W * p), diagonal)
 
+    def _pressures(self, v: Array) -> tuple[Array, Array]:
+        """Pressures (rows,) [Pa] and penetrations (rows,) [m] at coordinates v (owned,) [m]; collective."""
+        p, x = np.zeros(len(self.problem.gap)), self.motion(v) + self.problem.offset - self.problem.gap
+        for block in self.places:
+            p[block.normal] = block.rows.normal.pressure(x[block.normal])
+        return p, x
+
     def forces(self, weighted: Array) -> Array:
-        """Forces N^T f (owned,) [N] of forces f (rows,) [N] of the points; collective."""
+        """Forces N^T f (owned,) [N] of forces f (rows,) [N] of the points, if faces are compliant; collective."""
         return self._written(self.N.T @ weighted)
 
     def _written(self, values: Array) -> Array:
@@ -83,4 +89,4 @@ class CompliantFaces:
         if not self.places:
             return 0.0
         energy, W = self.problem.cone.energy, self.problem.surface.W
-        return float(W @ (energy(self.pressed(v + moved).p) - energy(was.p)))
+        return float(W @ (energy(self._pressures(v + moved)[0]) - energy(was.p)))

@@ -78,8 +78,6 @@ class ContactPoints:
         self.place[self.own] = place[at[self.own] - low]
         self._vector = operator.K_B.createVecRight()
         self.scatter = Replicated(self._vector, at[self.rows]) if self.comm.size > 1 else None
-        self.is_row = np.zeros(len(operator.at), bool)
-        self.is_row[self.place[self.own]] = True
         self.k_s = DAMPED * np.einsum("mii->mi", operator.slaves.diagonal).ravel()
         self.k = self.read(self.k_s)
         self.k[self.k == 0] = 1.0  # rows that carry nothing, or are compliant

@@ -1,7 +1,8 @@
 """The stiffness in contact coordinates, and multigrid of the bodies with their contact nodes held.
 
-Both are set up once: what contact does to them in a step are changes at the slave nodes alone, whose columns are
-stored. So an iteration takes one product with K_B and one multigrid cycle, however often contact is looked at.
+What contact does to them in a step are changes at the slave nodes alone, whose columns are stored. So an iteration
+takes one product with K_B and one multigrid cycle, however often contact is looked at; multigrid is set up again only
+where other nodes are to be held.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from stickslip.solvers.tangent.columns import Columns
 from stickslip.solvers.tangent.coordinates import ContactCoordinates
 
 PREFIX = "tangent_"  # of PETSc's options
-HIGHEST = 1.2  # times the largest eigenvalue that is found: what power iteration and contact may add
+HIGHEST = 1.2  # times the largest eigenvalue that is found: what power iteration and contact add in all tests
 
 
 class TangentOperator:
@@ -36,7 +37,7 @@ class TangentOperator:
         slaves: columns of K there.
         around: the same of slave nodes with their neighbours in the same body.
         here: positions (m d,) of the entries at slave nodes among those of `around`.
-        highest: limit of the eigenvalues of their block, times the inverses of the nodes' own blocks, in contact too.
+        highest: what no eigenvalue of their block, times the inverses of the nodes' own blocks, should pass.
         held: which of these entries (m d,) multigrid holds.
         sliding: whether it holds a part of the motions of a node only.
     """
@@ -55,8 +56,7 @@ class TangentOperator:
         self.comm = self.K_B.comm.tompi4py()
         low, high = self.K_B.getOwnershipRange()
         self.count: int = high - low
-        mine = (coordinates.blocks[:, 0] >= low) & (coordinates.blocks[:, 0] < high)
-        self.at = (coordinates.blocks[mine] - low).ravel()
+        self.at = (coordinates.blocks - low).ravel()
         self._slaves = PETSc.IS().createGeneral((self.at + low).astype(PETSc.IntType), comm=self.K_B.comm)
         self._every = PETSc.IS().createGeneral(np.arange(low, high, dtype=PETSc.IntType), comm=self.K_B.comm)
         self.slaves = Columns(self.K_B, self.T, self.at)
@@ -85,11 +85,12 @@ class TangentOperator:
         """Set up multigrid with these coordinates held, and with all others as they are; collective.
 
         Args:
-            coordinates: of the slave nodes that are held, or a part of their coordinates, alone.
+            coordinates: of the slave nodes that are held, or a part of their coordinates, alone. They are taken over:
+                the signs of their T may change.
             numbers: of the coordinates that are held.
         """
         self.release()  # there is memory for one
-        low, high = self.K_B.getOwnershipRange()
+        low = self.K_B.getOwnershipRange()[0]
         self.held = np.isin(self.at + low, numbers)
         by_node = self.held.reshape(-1, self.dim)
         every, whole = bool(by_node.all()), bool((by_node.all(axis=1) == by_node.any(axis=1)).all())
@@ -101,8 +102,7 @@ class TangentOperator:
         if self._change is not None and self.sliding:  # what multigrid compares points the same way
             signs = self.K_B.createVecRight()
             signs.array[:] = 1.0
-            own = (coordinates.blocks >= low) & (coordinates.blocks < high)
-            signs.array[coordinates.blocks[own] - low] = coordinates.signs[own]
+            signs.array[coordinates.blocks - low] = coordinates.signs
             self._change.diagonalScale(R=signs)
         self._basis = self.T if every and not coordinates.alone else self._change  # of multigrid's matrix
         self._multigrid = self._set_up()
@@ -187,7 +187,8 @@ class TangentOperator:
         return float(self.comm.allreduce(a @ b))
 
     def _with_neighbours(self) -> Ints:
-        """Positions (k,) of the entries at slave nodes and at those that K_B couples to them; collective."""
+        """Positions (k,) of the entries at slave nodes, and at those that K_B couples to them and that no slave node
+        moves with; collective."""
         movers = self.T.createSubMatrix(self._slaves, self._every).transpose(PETSc.Mat())
         masters = np.flatnonzero(np.diff(movers.getValuesCSR()[0])) // self.dim
         found = np.union1d(np.setdiff1d(self.slaves.near // self.dim, masters), self.at // self.dim)
@@ -229,8 +230,10 @@ class TangentOperator:
         change.axpy(1.0, F.transposeMatMult(C.createSubMatrix(self._slaves, None).matMult(F)), other)
         matrix = self.K_B.copy()
         matrix.axpy(1.0, change, other)
-        yield _cleared(matrix, held)
-        matrix.destroy()
+        try:
+            yield _cleared(matrix, held)
+        finally:
+            matrix.destroy()
 
 
 def _cleared(K: Mat, held: Ints) -> Mat:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy import sparse
 
 from shared.matrices import whole
@@ -43,6 +43,17 @@ def test_boxes_lose_a_third_of_their_entries_and_no_accuracy(
     rigid = rigid_fields(points, points.mean(axis=0), 1.0, False).reshape(before.shape[0], -1)
     forces_before, forces_after = (np.linalg.norm(K_u) for K_u in (before @ rigid, after @ rigid))
     assert forces_after < 1.2 * forces_before  # 1.9 if what is left out were not added to the node's own entries
+
+
+def test_rows_are_looked_at_in_parts(
+    monkeypatch: pytest.MonkeyPatch, scene_of: Callable[..., Scene], system_of: SystemOf
+) -> None:
+    K = whole(system_of(scene_of(3, {"cells": "tensor", "mesh_size": 0.25}, contacts=BASE, supports=TOP)))
+    parts = K.copy()
+    expected = without_rounding(K).getValuesCSR()
+    monkeypatch.setattr("stickslip.solvers.linear.rounding.CHUNK", 7)
+    for found, wanted in zip(without_rounding(parts).getValuesCSR(), expected, strict=True):
+        assert_array_equal(found, wanted)
 
 
 @pytest.mark.parametrize(

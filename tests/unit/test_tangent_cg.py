@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal, assert_equal
 from petsc4py import PETSc
 
 from shared.cells import REFERENCE, Cell, largest, reference, refused, solved
@@ -16,6 +16,7 @@ from stickslip.geometry.protocols import PC, Mat
 from stickslip.solvers.interface.prepare import Form
 from stickslip.solvers.linear import multigrid
 from stickslip.solvers.methods.tangent_cg import GROWN, Iteration, OnTangent
+from stickslip.solvers.parallel.serialise import serialise
 from stickslip.solvers.results.linear_reference import linear_reference
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.simulation import Simulation
@@ -38,6 +39,7 @@ CELLS = [
     Cell("tangent-cg", operator="mortar", model="3d", more="floating"),
     Cell("tangent-cg", operator="node-to-segment", more="k_T"),
 ]
+MATRIX_FREE = ["solver.surface=matrix-free", "output.error=false"]
 METHOD = ['solver={ method = "tangent-cg", tolerance = 1e-8 }', "output.error=false"]
 BACK = "supports.top.displacement={ x = [[0, 0], [1, 0], [2, 0.02], [3, -0.01]], y = 0.0, z = [[0, 0], [1, -0.05]] }"
 
@@ -324,7 +326,7 @@ def test_driven_obstacles_are_refused() -> None:
 
 
 def test_auto_goes_on_without_it_where_rows_depend_on_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = read("cube", ["geometry.mesh_size=0.25", "solver.surface=matrix-free", "output.error=false"])
+    scene = read("cube", ["geometry.mesh_size=0.25", *MATRIX_FREE])
     expected = ran(scene)
 
     def refuse(*_: object) -> ContactCoordinates:
@@ -337,3 +339,81 @@ def test_auto_goes_on_without_it_where_rows_depend_on_each_other(monkeypatch: py
     assert (switch.before, switch.after) == ("tangent-cg (matrix-free)", "surface-uzawa (matrix-free)")
     assert "nearly the same" in switch.because
     assert not expected[0].stepper.chain.switches
+
+
+@pytest.mark.parametrize("by", ["motion", "force"])  # by a force alone, the first step begins where nothing moves
+def test_auto_goes_on_without_it_where_it_finds_no_numbers(by: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    push = ['loads.top={ boundary = "block.top", traction = [0.0, 0.0, -0.05] }', "steps={ end = 1.0, count = 1 }"]
+    scene = read("cube", ["geometry.mesh_size=0.25", *MATRIX_FREE, *(["supports={}", *push] if by == "force" else [])])
+    expected = ran(scene)
+    direction, calls = Iteration._direction, list[None]()
+
+    def once_none(self: Iteration, *arguments: Any) -> tuple[np.ndarray, np.ndarray]:
+        calls.append(None)
+        found = direction(self, *arguments)
+        return (found[0] * np.nan, found[1] * np.nan) if len(calls) == 1 else found
+
+    monkeypatch.setattr(Iteration, "_direction", once_none)
+    found = ran(scene)
+    assert_allclose(found[1], expected[1], rtol=0, atol=1e-5 * np.abs(expected[1]).max())
+    (switch,) = found[0].stepper.chain.switches
+    assert (switch.before, switch.after) == ("tangent-cg (matrix-free)", "surface-uzawa (matrix-free)")
+    assert "range of numbers" in switch.because
+
+
+def test_its_residual_is_that_of_the_laws() -> None:
+    """Not the error that it stops on, which is larger."""
+    simulation = prepare(cube("geometry.mesh_size=0.25", "steps={ end = 1.0, count = 1 }"), MPI.COMM_SELF)
+    accepted = simulation.stepper.reach(simulation.stepper.start(), 1.0, lambda row: None)
+    problem, state = accepted.problem, accepted.state
+    assert accepted.residual == pytest.approx(problem.natural_residual(state.p, state.w), abs=1e-10)
+
+
+def floating() -> Simulation:
+    return prepare(Cell("tangent-cg", operator="mortar", model="3d", more="floating").scene(1e-9), MPI.COMM_SELF)
+
+
+def test_coarse_motions_slide_the_sides_and_know_their_forces() -> None:
+    ready = ready_of(floating())
+    ready.make_coarse()
+    assert ready.coarse is not None
+    operator, D, K_D = ready.operator, ready.coarse.D, ready.coarse.K_D
+    assert len(D) > 2
+    assert_allclose(D[:, operator.at] @ D[:, operator.at].T, np.eye(len(D)), atol=1e-12)
+    for d, K_d in zip(D, K_D, strict=True):
+        assert_allclose(K_d, operator.product(d), rtol=0, atol=1e-12 * np.abs(K_d).max())
+
+
+def test_what_is_restored_was_counted_before() -> None:
+    first, second = floating(), floating()
+    before, after = ready_of(first), ready_of(second)
+    before.make_coarse()
+    after.restore(before.snapshot(), second.stepper.surface)
+    assert before.coarse is not None
+    assert after.coarse is not None
+    assert_array_equal(after.coarse.D, before.coarse.D)
+    assert first.counters.linear_iterations > 0
+    assert second.counters.linear_iterations == 0
+
+
+def test_a_body_that_floats_is_held_by_three_nodes() -> None:
+    ready = ready_of(floating())
+    count = len(ready.operator.at) // 3
+    some = np.zeros((4, count), bool)
+    some[1, :2], some[2, [0, 1, count - 1]], some[3] = True, True, True
+    assert [ready.resists(nodes) for nodes in some] == [False, False, True, True]
+
+
+def test_a_solver_apart_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -> None:
+    solve, asked = Iteration.solve, list[Iteration]()
+
+    def kept(self: Iteration, *arguments: Any) -> Any:
+        asked.append(self)
+        return solve(self, *arguments)
+
+    monkeypatch.setattr(Iteration, "solve", kept)
+    simulation, _ = ran(cube("geometry.mesh_size=0.25", "contacts.base.friction.mu=0.05"))
+    ready, problem, u = ready_of(simulation), asked[-1].problem, simulation.stepper.start().u
+    before = serialise(ready.snapshot(), lambda own: own.values)
+    assert ready.apart(u, 1e-3)(problem, np.zeros(len(problem.gap)), lambda step: None).history
+    assert_equal(serialise(ready.snapshot(), lambda own: own.values), before)
