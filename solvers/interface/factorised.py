@@ -31,7 +31,10 @@ NEGATIVE = 12  # INFOG: number of negative pivots
 SINGULAR = (-10, -40)  # a pivot is zero, or negative
 LOW_RANK = {35: 2, 36: 1}  # blocks of large fronts as products of low rank (BLR), compressed before they update others
 DROPPED = 1e-14  # CNTL(7), relative to the front: so S and solutions differ from those of full blocks by rounding
-METIS = 5  # ordering; the one MUMPS chooses by itself cost 2.7 times the flops on two ranks
+# Ordering; the one MUMPS chooses by itself cost 2.7 times the flops on two ranks. Debian builds MUMPS without METIS: it
+# takes PORD, but minimum degree where it forms S, in 3D for up to five times the flops. Bodies cut by hand into pieces,
+# for a third of these, took as long.
+METIS = 5
 
 
 class FactorisedVolume:
