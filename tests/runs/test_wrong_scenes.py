@@ -1,15 +1,11 @@
 """A wrong scene is refused with one line: the key, what was found, what is expected. Nothing is written."""
 
-import re
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from stickslip.workflows.scene_file.read import READY
-
-Spoken = tuple[int, str, str]
-Call = Callable[..., Spoken]
+from shared.command import Call, assert_refused
+from shared.ranks import options
 
 ROLLER = "shape='cylinder',point=[2.0,-5.0],radius=5.0"
 BALL = "shape='sphere',center=[2.0,-5.0],radius=5.0"
@@ -463,30 +459,14 @@ WRONG = {
     "override below a number": (["geometry.length.x=3"], r"--set geometry\.length\.x=3: length is not a table"),
     "two lines in a name": (["solver.method='''a\nb'''"], r"solver\.method = a.b: known: auto"),
 }
-COARSE = ["geometry.mesh_size=1.0", "geometry.contact_mesh_size=1.0"]
-
-
-def words(overrides: list[str]) -> list[str]:
-    """The command line's options for overrides."""
-    return [word for override in overrides for word in ("--set", override)]
-
-
+COARSE = options(["geometry.mesh_size=1.0", "geometry.contact_mesh_size=1.0"])
 SEVERAL = ("no width in space", "cylinder without an axis in space", "sphere with half a centre")  # of other tables too
-
-
-def assert_refused(spoken: Spoken, pattern: str, folder: Path, before: list[str]) -> None:
-    """Exit code 2, a line for each mistake of which one says `pattern`, and the folder as it was."""
-    code, out, err = spoken
-    assert (code, out) == (2, ""), (code, out, err)
-    assert all(line.startswith("stickslip: ") for line in err.splitlines())
-    assert re.search(pattern, err), err
-    assert sorted(str(path.relative_to(folder)) for path in folder.rglob("*")) == before
 
 
 @pytest.mark.parametrize("name", WRONG)
 def test_wrong_scene_is_refused_with_one_line_and_nothing_is_written(name: str, call: Call, folder: Path) -> None:
     overrides, pattern = WRONG[name]
-    spoken = call("run", "block", "-q", "-o", "out", *words(COARSE), *words(overrides))
+    spoken = call("run", "block", "-q", "-o", "out", *COARSE, *options(overrides))
     assert_refused(spoken, pattern, folder, [])
     assert spoken[2].count("\n") == 1 or name in SEVERAL
 
@@ -494,119 +474,11 @@ def test_wrong_scene_is_refused_with_one_line_and_nothing_is_written(name: str, 
 @pytest.mark.parametrize("name", ["unknown key", "incompressible", "body that nothing holds", "Uzawa for a body held"])
 def test_plan_refuses_what_run_refuses(name: str, call: Call, folder: Path) -> None:
     overrides, pattern = next(case for known, case in WRONG.items() if known.startswith(name))
-    assert_refused(call("plan", "block", *words(overrides)), pattern, folder, [])
+    assert_refused(call("plan", "block", *options(overrides)), pattern, folder, [])
 
 
 @pytest.mark.parametrize("name", ["unknown key of the solver", "probe outside", "contradictory supports"])
 def test_a_process_refuses_as_the_function_does(name: str, spawn: Call, folder: Path) -> None:
     overrides, pattern = WRONG[name]
-    spoken = spawn("run", "block", "-q", "-o", "out", *words(COARSE), *words(overrides))
+    spoken = spawn("run", "block", "-q", "-o", "out", *COARSE, *options(overrides))
     assert_refused(spoken, pattern, folder, [])
-
-
-@pytest.mark.parametrize(
-    ("text", "pattern"),
-    [
-        ("model = 'plane strain\n", r"scene\.toml: not valid TOML: Expected"),
-        ("title = 'a'\ntitle = 'b'\n", r"scene\.toml: not valid TOML: .*line 2"),
-        ("", r"scene\.toml: .*missing"),
-        ("model = '3d'\n[geometry]\nbuilder = 'block'", r"scene\.toml:2: geometry\.[a-z_]+: missing"),
-        ("a = " + "[" * 40 + "]" * 40, r"scene\.toml:1: a\.0\.0.*: tables and lists more than 20 deep"),
-    ],
-    ids=["quote left open", "key twice", "empty", "little", "nested"],
-)
-def test_file_that_is_no_scene_is_refused(text: str, pattern: str, call: Call, folder: Path) -> None:
-    (folder / "scene.toml").write_text(text)
-    assert_refused(call("run", "scene.toml", "-q"), pattern, folder, ["scene.toml"])
-
-
-def test_bytes_that_are_no_text_are_refused(call: Call, folder: Path) -> None:
-    (folder / "scene.toml").write_bytes(b"title = '\xff\xfe'")
-    assert_refused(call("run", "scene.toml", "-q"), r"scene\.toml: is not a text file", folder, ["scene.toml"])
-
-
-def test_missing_file_is_refused_with_the_nearest_ready_scene(call: Call, folder: Path) -> None:
-    assert_refused(
-        call("run", "blok", "-q"), r"blok: no such file, nor a ready scene; did you mean block\?", folder, []
-    )
-
-
-def test_folder_in_place_of_a_file_is_refused(call: Call, folder: Path) -> None:
-    (folder / "mine").mkdir()
-    assert_refused(call("run", "mine", "-q"), r"mine: is a folder; name a scene file", folder, ["mine"])
-
-
-def test_error_names_the_scene_file(call: Call, folder: Path) -> None:
-    text = (READY / "block.toml").read_text().replace("nu = 0.3", "nu = 0.7")
-    (folder / "mine.toml").write_text(text)
-    assert_refused(call("run", "mine.toml", "-q"), r"mine\.toml:\d+: bodies\.block\.nu = 0\.7", folder, ["mine.toml"])
-
-
-MISTAKES = {  # in the ready scene `block` -> what is said of it
-    ("title = ", "titel = "): r"titel: unknown key; did you mean title\?",
-    ("height = 2.0", "height = -2.0"): r"geometry\.height = -2\.0: must be positive",
-    ("E = 1.0", 'E = "steel"'): r'bodies\.block\.E = "steel": expected a number',
-    ("nu = 0.3", ""): r"bodies\.block\.nu: missing",
-    ("surface = ", "surfce = "): r"contacts\.base\.surfce: unknown key; did you mean surface\?",
-    ("mu = 0.3", "mu = 0.3, eta = 2"): r"contacts\.base\.friction\.eta: unknown key",
-    ("[1, 0], [2, 0.05]", "[1], [2, 0.05]"): r"supports\.top\.displacement\.x\.1 = \[1\]: expected a pair",
-    ("count = 2", "count = 2.5"): r"steps\.count = 2\.5: expected a whole number",
-}
-UNKNOWN_NAMES = {
-    ("block.bottom", "block.botom"): r"contacts\.base\.surface = block\.botom: no such side",
-    ('"foundation"', '"foundatoin"'): r"contacts\.base\.against = foundatoin: no such obstacle or side",
-    ('"block.top"', '"block.tp"'): r"supports\.top\.boundary = block\.tp: no such side",
-}
-
-
-@pytest.mark.parametrize("mistakes", [MISTAKES, UNKNOWN_NAMES])
-def test_all_mistakes_are_said_at_once_with_their_lines(
-    mistakes: dict[tuple[str, str], str], call: Call, folder: Path
-) -> None:
-    text = (READY / "block.toml").read_text()
-    expected = []
-    for (right, wrong), said in mistakes.items():
-        assert text.count(right) == 1
-        line = 1 + text[: text.index(right)].count("\n")
-        text = text.replace(right, wrong)
-        lacks = "missing" in said  # then it is the line of the table
-        expected.append((line - 2 if lacks else line, said))
-    (folder / "mine.toml").write_text(text)
-    code, _, err = call("plan", "mine.toml")
-    assert code == 2
-    found = err.splitlines()
-    assert len(found) == len(expected), err
-    for one, (line, said) in zip(found, sorted(expected), strict=True):
-        assert re.match(rf"stickslip: mine\.toml:{line}: {said}", one), one
-
-
-def test_a_key_of_set_has_no_line(call: Call, folder: Path) -> None:
-    (folder / "mine.toml").write_text((READY / "block.toml").read_text().replace("nu = 0.3", "nu = 0.7"))
-    _, _, err = call("plan", "mine.toml", "--set", "bodies.block.nu=0.8")
-    assert err.startswith("stickslip: mine.toml: bodies.block.nu = 0.8: ")
-
-
-def test_foreign_folder_is_not_written_to(call: Call, folder: Path) -> None:
-    (folder / "thesis").mkdir()
-    (folder / "thesis" / "chapter.tex").write_text("years of work")
-    spoken = call("run", "block", "-q", "-o", "thesis", *words(COARSE))
-    assert_refused(spoken, r"thesis: .*choose another folder with -o", folder, ["thesis", "thesis/chapter.tex"])
-    assert (folder / "thesis" / "chapter.tex").read_text() == "years of work"
-
-
-def test_a_geometry_file_is_no_scene(call: Call, folder: Path) -> None:
-    (folder / "x.step").write_text("ISO-10303-21;")
-    said = r"x\.step: is a geometry file; for a scene: stickslip new --from x\.step$"
-    assert_refused(call("run", "x.step", "-q"), said, folder, ["x.step"])
-
-
-def test_overrides_add_a_whole_noun(call: Call, folder: Path) -> None:
-    keys = ("boundary=block.left", "pressure=.1")
-    assert call("plan", "block", *(f"--set=loads.side.{key}" for key in keys))[0] == 0
-
-
-def test_file_in_place_of_the_results_folder_is_not_overwritten(call: Call, folder: Path) -> None:
-    (folder / "out").write_text("mine")
-    spoken = call("run", "block", "-q", "-o", "out", *words(COARSE))
-    assert_refused(spoken, r"out: .*choose another folder with -o", folder, ["out"])
-    assert (folder / "out").read_text() == "mine"

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -35,6 +36,15 @@ COARSE = [
     "--set=output.pictures=false",
     "--set=output.error=false",
 ]
+
+
+def assert_refused(spoken: Spoken, pattern: str, folder: Path, before: list[str]) -> None:
+    """Exit code 2, a line for each mistake of which one says `pattern`, and the folder as it was."""
+    code, out, err = spoken
+    assert (code, out) == (2, ""), (code, out, err)
+    assert all(line.startswith("stickslip: ") for line in err.splitlines())
+    assert re.search(pattern, err), err
+    assert sorted(str(path.relative_to(folder)) for path in folder.rglob("*")) == before
 
 
 def result(folder: Path) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from shared.audited import record_of, stored_by
 from stickslip.solvers.parallel.gather import nodes_of
-from stickslip.solvers.results.audit import Audit, Auditor, Record
+from stickslip.solvers.results.audit import Audit, Auditor, Record, _largest
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, StepResult
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
@@ -306,3 +306,9 @@ def test_rounding_is_no_traction_beyond_friction(case: Case) -> None:
     case.defects(case.record)  # the step before was pressed
     p = 1e-16 * case.step.p_ref * np.random.default_rng(3).normal(size=len(case.record.p))
     assert case.defects(replace(case.record, p=p))["cone"] < CLEAN
+
+
+def test_the_largest_of_nothing_is_zero() -> None:
+    assert _largest(np.zeros(0)) == 0.0
+    assert _largest(np.array([-3.0])) == 0.0
+    assert str(_largest(np.array([-0.0]))) == "0.0"

@@ -80,11 +80,10 @@ OVERHANG_3D = OVERHANG | {
 SCENES |= {"overhang": OVERHANG, "overhang in 3D": OVERHANG_3D}
 
 
-WALL = {"shape": "plane", "point": [2.005, 0.0], "normal": [-1.0, 0.0]}
 SCENES["on two sides"] = table(
     {"friction": SPRINGS}, thermal={"block": {"expansion": 1e-3, "temperature": [[0, 0], [1, 20.0], [2, -10.0]]}}
 )
-SCENES["on two sides"]["obstacles"]["wall"] = WALL
+SCENES["on two sides"]["obstacles"]["wall"] = {"shape": "plane", "point": [2.005, 0.0], "normal": [-1.0, 0.0]}
 SCENES["on two sides"]["contacts"]["side"] = {"surface": "block.right", "against": "wall"}
 
 
@@ -377,12 +376,6 @@ def test_stiffness_of_laws_is_that_of_springs_alone(scene_of: SceneOf, simulatio
         assert (p > 0).any()
         expected = float(place.rows.W_n @ slope) if law == "compliance" else 0.0
         assert module._law_stiffness(place, record.p) == pytest.approx(expected)
-
-
-def test_the_largest_of_nothing_is_zero() -> None:
-    assert module._largest(np.zeros(0)) == 0.0
-    assert module._largest(np.array([-3.0])) == 0.0
-    assert str(module._largest(np.array([-0.0]))) == "0.0"
 
 
 def test_equilibrium_is_relative_to_the_sum_of_all_forces(scene_of: SceneOf, simulation_of: SimulationOf) -> None:
