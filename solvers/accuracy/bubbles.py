@@ -22,7 +22,7 @@ from stickslip.geometry.small_matrices import inverse_and_determinant, inverses
 from stickslip.solvers.effects import active
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.fem.supports import find_constraints
-from stickslip.solvers.parallel.released import destroy_released
+from stickslip.solvers.parallel.released import return_memory
 from stickslip.solvers.results.recovered_stress import InCell
 from stickslip.solvers.scene.problem import Problem
 from stickslip.solvers.system.system import System, applied_loads
@@ -87,7 +87,7 @@ class Bubbles:
 
         It destroys what Python has released: vectors of the next order are up to eight times as long as others.
         """
-        destroy_released(self.system.mesh.comm)
+        return_memory(self.system.mesh.comm)
         self._add_up(u, x)
         elongation = self.system.constraints.links.elongation(u) + self.elongation(x)
         return self.constraints.links.added(_assembled(self._inner), elongation)
@@ -148,7 +148,7 @@ class Bubbles:
 
     def pull(self, x: Vec) -> Vec:
         """Inner forces a(x, .) [N] of bubbles on the dofs of the mesh; releases as `inner`; collective."""
-        destroy_released(self.system.mesh.comm)
+        return_memory(self.system.mesh.comm)
         dx.fill(self._alone, x.array_r)
         return self.system.constraints.links.added(_assembled(self._pull), self.elongation(x))
 

@@ -15,7 +15,7 @@ from stickslip.solvers.accuracy.time_steps import TimeStepErrors
 from stickslip.solvers.accuracy.two_level import MeshCorrection
 from stickslip.solvers.parallel.clock import Clock
 from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.parallel.released import destroy_released
+from stickslip.solvers.parallel.released import return_memory
 from stickslip.solvers.results.error_parts import Errors
 from stickslip.solvers.results.observe import Observer, mesh_data
 from stickslip.solvers.results.step_result import MeshData, StepResult
@@ -209,7 +209,7 @@ class Simulation:
         """
         self.stepper.companion = None
         self.stepper.chain.release()
-        destroy_released(self.mesh.comm)
+        return_memory(self.mesh.comm)
 
     def script(self) -> Script:
         """A history whose steps are decided one by one, from rest at t = 0; nothing is prepared again.
@@ -251,7 +251,7 @@ def prepare(
     counters = counters or Counters()
     with counters.clock.phase("prepare"):
         problem = planned(scene)
-        destroy_released(comm or MPI.COMM_WORLD)
+        return_memory(comm or MPI.COMM_WORLD)
     with counters.clock.phase("mesh"):
         mesh = bodies.mesh_for(problem) if bodies and sizes is None else None
         mesh = mesh or build_mesh(problem.shape, replace(problem.request, sizes=sizes), comm or MPI.COMM_WORLD)

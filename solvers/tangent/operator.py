@@ -18,7 +18,7 @@ from stickslip.geometry.mesh.ranks import of_all_ranks
 from stickslip.geometry.protocols import PC, Mat, Vec
 from stickslip.solvers.linear.multigrid import multigrid
 from stickslip.solvers.parallel.counters import Counters
-from stickslip.solvers.parallel.released import destroy_released
+from stickslip.solvers.parallel.released import return_memory
 from stickslip.solvers.system.floating_modes import near_nullspace
 from stickslip.solvers.system.system import System
 from stickslip.solvers.tangent.columns import Columns
@@ -111,7 +111,7 @@ class TangentOperator:
         """Free the memory of multigrid; the next cycle sets it up again; collective."""
         if self._multigrid:
             self._multigrid.destroy()
-            destroy_released(self.comm)  # its matrix
+            return_memory(self.comm)  # its matrix
 
     def _set_up(self) -> PC:
         low = self.K_B.getOwnershipRange()[0]
