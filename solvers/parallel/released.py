@@ -63,11 +63,11 @@ def destroy_released(comm: Comm) -> None:
 
 
 def return_memory(comm: Comm) -> None:
-    """Destroy what Python has released, and return to the system what is free (glibc), where much is; collective.
+    """Destroy what Python has released, and return to the system what is free (glibc); collective.
 
     SuperLU_DIST, which PETSc loads, forbids mmap and trimming in the whole process: what a matrix or a factor leaves
-    would stay with it. In each step it would not pay: the system clears each page again that the next one takes, a
-    sixth to a third of a step in 2D.
+    would stay with it. Not in each step: the system would clear each page again that the next one takes, a tenth of
+    a step in 2D.
     """
     destroy_released(comm)
     libc = ctypes.CDLL(None)
