@@ -79,9 +79,10 @@ run: install
 lint: install
 	.venv/bin/ruff check
 	.venv/bin/ruff format --check
+	.venv/bin/bandit -q -r -c pyproject.toml geometry solvers workflows stickslip & safe=$$!
 	if [[ $$(.venv/bin/python -c 'import numpy; print(numpy.__version__)') = 1.* ]]; then .venv/bin/mypy $(SOURCES)
 	else echo 'make lint: mypy is left out, for numpy 2 has other types than the numpy 1 of Debian 12'; fi
-	.venv/bin/bandit -q -r -c pyproject.toml geometry solvers workflows stickslip
+	wait $$safe
 
 test: lint
 	.venv/bin/python -m pytest -n $(WORKERS) -m 'not slow'
@@ -100,7 +101,6 @@ browser:
 debian13: install
 	tests/platforms/debian13.sh
 
-N ?= 1000
 dist: install
 	rm -rf dist build/lib
 	.venv/bin/python -m pip wheel -q --disable-pip-version-check --no-index --no-build-isolation --no-deps -w dist .

@@ -48,7 +48,8 @@ def left(words: list[tuple[str, ...]]) -> str:
 
 def test_every_method_and_both_forms_of_the_bodies_give_their_memory_back() -> None:
     methods = [("cube", COARSE, f'solver.method="{name}"') for name in METHODS]
-    assert left([*methods, *FORMS, ("spheres",), ("block", "geometry.order=2")]) == ""
+    spheres = ("spheres", COARSE, "geometry.contact_mesh_size=0.2")
+    assert left([*methods, *FORMS, spheres, ("block", "geometry.order=2")]) == ""
 
 
 def test_ranks_give_their_memory_back(tmp_path: Path) -> None:
